@@ -1,0 +1,17 @@
+//! Words that everybody uses: monotonic time, what travels on the busses, error reports, bounded queues.
+//!
+//! Knows no clock, no port and no protocol. Needs an allocator for the text of a [`Report`] only.
+#![no_std]
+#![forbid(unsafe_code)]
+
+extern crate alloc;
+
+pub mod can;
+mod queue;
+mod report;
+pub mod serial;
+mod time;
+
+pub use queue::Queue;
+pub use report::{Fault, Kind, Report, Severity};
+pub use time::{Duration, Epoch, Instant, Ticker};

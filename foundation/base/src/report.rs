@@ -1,0 +1,151 @@
+//! Error reports, the thesis's *liberror*: what the operator reads and the watchdog acts on.
+
+use alloc::string::String;
+use core::panic::Location;
+
+/// How grave a report is. Values are those of `common.error_t`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(i8)]
+pub enum Severity {
+    /// News: something is as it should be, or is so again.
+    Notice = 0,
+    /// Something is not as it should be; the work goes on.
+    Warning = 1,
+    /// Work that was asked for is not being done.
+    Error = 2,
+}
+
+/// What a report is about. Values are those of `common.error_t`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(i8)]
+pub enum Kind {
+    /// None of the others.
+    Unknown = 0,
+    /// Something did not come in time.
+    Timeout = 1,
+    /// The machine refused something: memory, a file, a right.
+    Resource = 2,
+    /// A device or its bus.
+    Device = 3,
+}
+
+macro_rules! faults {
+    ($($(#[$doc:meta])* $name:ident = $number:literal, $kind:ident;)*) => {
+        /// What can go wrong, by number. Numbers are never reused; the list for people is `docs/faults.md`, and a
+        /// test holds the two together.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[repr(u16)]
+        pub enum Fault { $($(#[$doc])* $name = $number),* }
+
+        impl Fault {
+            /// All of them, in order of their numbers.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+
+            /// Its name as it stands in `docs/faults.md`.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$name => stringify!($name)),* }
+            }
+
+            /// What it is about.
+            #[must_use]
+            pub const fn kind(self) -> Kind {
+                match self { $(Self::$name => Kind::$kind),* }
+            }
+        }
+    };
+}
+
+faults! {
+    /// A state command that the transition table forbids; nothing changed.
+    CommandForbidden = 0x0001, Unknown;
+    /// A message on a channel of ours could not be decoded; it was dropped.
+    MessageMalformed = 0x0002, Unknown;
+    /// A port could not be opened, or was lost.
+    PortDown = 0x0003, Device;
+    /// A port lost data: a queue or a kernel buffer was full.
+    PortOverrun = 0x0004, Resource;
+
+    /// A board fails to answer now and then (error counter at 96).
+    BoardDegraded = 0x0101, Device;
+    /// A board does not answer (error counter at 128): it is asked once a second only.
+    BoardLost = 0x0102, Device;
+    /// A board does not know an instruction of its kind.
+    BoardRefused = 0x0103, Device;
+    /// A board answered what its kind cannot answer.
+    BoardImplausible = 0x0104, Device;
+
+    /// A drive does not answer, or its heartbeat is missing.
+    DriveLost = 0x0201, Device;
+    /// A drive sent an emergency message.
+    DriveEmergency = 0x0202, Device;
+    /// A drive could not be brought up: a step of its boot-up failed.
+    DriveBootFailed = 0x0203, Device;
+    /// A drive is not the one that the configuration names.
+    DriveMismatch = 0x0204, Device;
+    /// A drive is in its fault state.
+    DriveFault = 0x0205, Device;
+    /// Homing an axis failed.
+    HomingFailed = 0x0206, Device;
+    /// A motion command was out of limits or not a number: the robot stops.
+    MotionRefused = 0x0207, Unknown;
+    /// Two sources of the same priority command the motion; the first holds.
+    MotionContested = 0x0208, Unknown;
+    /// A module that the motion depends on is not running: the robot stops.
+    CriticalModule = 0x0209, Timeout;
+    /// The watchdog is not heard: the robot stops.
+    WatchdogSilent = 0x020A, Timeout;
+    /// A CAN frame that CANopen does not allow came from a node.
+    CanMalformed = 0x020B, Device;
+
+    /// A module's process ended unasked and is started again.
+    ModuleDied = 0x0301, Unknown;
+    /// A module does not announce its state: it is ended and started again.
+    ModuleHung = 0x0302, Timeout;
+    /// A module's process could not be started.
+    ModuleUnstartable = 0x0303, Resource;
+
+    /// A simulated fault was asked for that the simulator does not know.
+    FaultUnknown = 0x0401, Unknown;
+}
+
+/// One report, as a module makes it; its host prints it and sends it as `common.error_t`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Report {
+    /// What it is.
+    pub fault: Fault,
+    /// Which of several: a board, a drive, a module, a channel; may be empty. Together with `fault` it tells one
+    /// lasting fault from another, so it holds nothing that changes from report to report.
+    pub subject: String,
+    /// How grave.
+    pub severity: Severity,
+    /// One line for people: what, where, what is done about it.
+    pub message: String,
+    /// Whether the module ends because of it.
+    pub fatal: bool,
+    /// Where in the source it was made.
+    pub location: &'static Location<'static>,
+}
+
+impl Report {
+    /// A report that is not fatal, made where it is called.
+    #[must_use]
+    #[track_caller]
+    pub fn new(severity: Severity, fault: Fault, subject: impl Into<String>, message: impl Into<String>) -> Self {
+        Self {
+            fault,
+            subject: subject.into(),
+            severity,
+            message: message.into(),
+            fatal: false,
+            location: Location::caller(),
+        }
+    }
+
+    /// The same, fatal.
+    #[must_use]
+    pub fn fatal(mut self) -> Self {
+        self.fatal = true;
+        self
+    }
+}

@@ -1,0 +1,1 @@
+//! The LCM type language: parser, fingerprints, Rust generator.

@@ -1,0 +1,1 @@
+//! Rust types of messages/*.lcm and the table of channels.

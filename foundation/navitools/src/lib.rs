@@ -1,0 +1,1 @@
+//! Angles, poses, Ackermann kinematics, odometry: pure maths.

@@ -1,0 +1,1 @@
+//! Modules that drive the robot's busses.

@@ -1,0 +1,1 @@
+//! What a module is: events in, actions out; states, commands, reports.

@@ -1,0 +1,1 @@
+//! The module that starts and guards all modules.

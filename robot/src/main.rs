@@ -1,0 +1,2 @@
+//! The `advee` executable.
+fn main() {}
