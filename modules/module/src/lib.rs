@@ -1,1 +1,44 @@
-//! What a module is: events in, actions out; states, commands, reports.
+//! What a module is, not how it runs: events in, actions out, time handed in.
+//!
+//! A [`Module`] is a pure state machine. Hosts run it inside a [`Shell`], which does what all modules share: it
+//! announces the state, obeys state commands by the transition table, reports faults once, ends in good order.
+//! The live host (`robot`) and the virtual one (`sim`) see nothing but the shell. This crate has never heard of
+//! sockets, processes or any single module.
+#![forbid(unsafe_code)]
+
+mod action;
+pub mod bench;
+mod event;
+pub mod exit;
+mod shell;
+mod state;
+
+pub use action::{Action, Actions, Condition, Output, ProcessCommand};
+pub use event::{Event, ExitStatus, Input, Line, PortId, PortSpec, ProcessEvent};
+pub use messages::{Channel, Message};
+pub use shell::{Shell, ShellConfig};
+pub use state::{Cause, State};
+
+use base::Instant;
+
+/// A module: sensors' and drives' drivers, the watchdog, the simulator.
+///
+/// After any call its host drains the actions and arms one timer for [`Module::poll_timeout`].
+pub trait Module {
+    /// Channels whose messages it wants, besides `CM_CMD_STATE`, which the shell obeys for it.
+    fn subscriptions(&self) -> &[Channel] {
+        &[]
+    }
+
+    /// The ports it needs, in the order of their [`PortId`]s. The host opens them before `Event::Start` and again
+    /// whenever they are lost.
+    fn ports(&self) -> &[PortSpec] {
+        &[]
+    }
+
+    /// Takes one event; pushes what follows from it. `now` is the host's monotonic time and never goes back.
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions);
+
+    /// When it wants the next `Event::Timer`; a past moment means at once. After a drain nothing is due at `now`.
+    fn poll_timeout(&self) -> Option<Instant>;
+}

@@ -1,0 +1,155 @@
+//! Every effect of a module on the world, on one page.
+
+use crate::{PortId, State};
+use base::serial::Word;
+use base::{Epoch, Fault, Instant, Report, Severity, can};
+use messages::Message;
+
+/// What a module wants done.
+#[derive(Clone, Debug)]
+pub enum Action {
+    /// Send a message on its channel.
+    Publish(Message),
+    /// Send on a port.
+    Send(PortId, Output),
+    /// To the shell: a fault stands from now on. It is reported once until it is cleared.
+    Raise(Report),
+    /// To the shell: a fault of this subject stands no more.
+    Clear(Report),
+    /// Something happened, once. From the shell to the host: print this.
+    Report(Report),
+    /// To the shell: whether the module can do its work.
+    Condition(Condition),
+    /// Start or end a process; the watchdog alone.
+    Process(ProcessCommand),
+    /// From the shell to the host: the state from now on.
+    State(State),
+    /// End the process with this code (see [`crate::exit`]), after everything before it has left.
+    Exit(u8),
+}
+
+/// Whether a module can do its work; the shell makes states of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Condition {
+    /// Its devices are there: leads out of INIT into the wanted state, and out of ERROR to where it came from.
+    Working,
+    /// A device that its work needs is not there: leads into ERROR.
+    Failed,
+}
+
+/// What is sent on a port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// A CAN frame.
+    Can(can::Frame),
+    /// Words of a 9-bit line; the host answers with `Input::Sent` when the last has left the wire.
+    Words(Vec<Word>),
+}
+
+/// What the watchdog asks of the host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ProcessCommand {
+    /// Start the module's process; it goes to `wanted` when it is ready.
+    Spawn {
+        /// Which module.
+        module: String,
+        /// Its first state after INIT.
+        wanted: State,
+    },
+    /// Ask the process and its group to end (SIGTERM).
+    Terminate {
+        /// Which.
+        pid: u32,
+    },
+    /// End the process and its group now (SIGKILL).
+    Kill {
+        /// Which.
+        pid: u32,
+    },
+}
+
+/// Where a module puts its actions; the host drains it after every call.
+#[derive(Debug, Default)]
+pub struct Actions {
+    epoch: Epoch,
+    list: Vec<Action>,
+}
+
+impl Actions {
+    /// An empty list for a process that counts time from `epoch`.
+    #[must_use]
+    pub fn new(epoch: Epoch) -> Self {
+        Self { epoch, list: Vec::new() }
+    }
+
+    /// The process's epoch.
+    #[must_use]
+    pub fn epoch(&self) -> Epoch {
+        self.epoch
+    }
+
+    /// The message timestamp of a moment, microseconds since the UNIX epoch.
+    #[must_use]
+    pub fn timestamp(&self, at: Instant) -> i64 {
+        self.epoch.timestamp(at)
+    }
+
+    /// Appends any action.
+    pub fn push(&mut self, action: Action) {
+        self.list.push(action);
+    }
+
+    /// Sends a message on its channel.
+    pub fn publish(&mut self, message: impl Into<Message>) {
+        self.push(Action::Publish(message.into()));
+    }
+
+    /// Sends a CAN frame.
+    pub fn send_can(&mut self, port: PortId, frame: can::Frame) {
+        self.push(Action::Send(port, Output::Can(frame)));
+    }
+
+    /// Sends words of a 9-bit line.
+    pub fn send_words(&mut self, port: PortId, words: &[Word]) {
+        self.push(Action::Send(port, Output::Words(words.to_vec())));
+    }
+
+    /// A fault stands from now on; reported once until cleared.
+    #[track_caller]
+    pub fn raise(&mut self, severity: Severity, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
+        self.push(Action::Raise(Report::new(severity, fault, subject, message)));
+    }
+
+    /// The fault of this subject stands no more; reported as a notice if it stood.
+    #[track_caller]
+    pub fn clear(&mut self, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
+        self.push(Action::Clear(Report::new(Severity::Notice, fault, subject, message)));
+    }
+
+    /// Something happened, once.
+    #[track_caller]
+    pub fn report(&mut self, severity: Severity, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
+        self.push(Action::Report(Report::new(severity, fault, subject, message)));
+    }
+
+    /// The module can do its work.
+    pub fn working(&mut self) {
+        self.push(Action::Condition(Condition::Working));
+    }
+
+    /// The module cannot do its work.
+    pub fn failed(&mut self) {
+        self.push(Action::Condition(Condition::Failed));
+    }
+
+    /// Takes all actions, in order.
+    pub fn drain(&mut self) -> impl Iterator<Item = Action> + '_ {
+        self.list.drain(..)
+    }
+
+    /// What was pushed and not drained yet.
+    #[must_use]
+    pub fn as_slice(&self) -> &[Action] {
+        &self.list
+    }
+}

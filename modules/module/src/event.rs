@@ -1,0 +1,133 @@
+//! Every reason for a module to wake, on one page.
+
+use crate::State;
+use base::serial::Word;
+use base::{Instant, can};
+use messages::Message;
+
+/// What happened.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// The first event: the process is up, its ports are being opened.
+    Start,
+    /// A message on one of the module's channels. `at` is when the kernel received it, on the scale of `now`: a
+    /// message that waited while the process was frozen is old.
+    Message {
+        /// When it was received.
+        at: Instant,
+        /// What it says.
+        message: &'a Message,
+    },
+    /// Something from a port.
+    Port {
+        /// Which.
+        port: PortId,
+        /// What.
+        input: Input<'a>,
+    },
+    /// News of a process; for the watchdog alone.
+    Process(ProcessEvent<'a>),
+    /// `Module::poll_timeout` has come.
+    Timer,
+    /// The module is in this state from now on. TERMINATE is the last event: what is sent then still leaves.
+    State(State),
+}
+
+/// The place of a port in [`crate::Module::ports`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PortId(pub u8);
+
+/// A port that a module needs: which bus, and what a word on it costs. Where the bus is to be found (an interface, a
+/// device file, a simulated wire) is the host's topology.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PortSpec {
+    /// The bus as the configuration names it: `can.main`, `rs485.a`.
+    pub bus: String,
+    /// What kind of line it is.
+    pub line: Line,
+}
+
+/// Kinds of lines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// A CAN bus, at so many bit/s.
+    Can {
+        /// bit/s.
+        bitrate: u32,
+    },
+    /// A serial line of 9-bit words, 11 bits each on the wire.
+    Serial {
+        /// Bd.
+        baud: u32,
+    },
+}
+
+/// What a port says.
+#[derive(Debug)]
+pub enum Input<'a> {
+    /// It is open: what is sent now leaves.
+    Up,
+    /// It could not be opened, or is lost; the host goes on trying. One line why.
+    Down(&'a str),
+    /// A frame was received. On a bus with echo this may be one's own.
+    Can(can::Frame),
+    /// Words were received, in order.
+    Words(&'a [Word]),
+    /// The last word of what was sent has left the wire.
+    Sent,
+}
+
+/// News of the processes that the watchdog asked for.
+#[derive(Debug)]
+pub enum ProcessEvent<'a> {
+    /// A module's process runs.
+    Started {
+        /// Which module.
+        module: &'a str,
+        /// Its process.
+        pid: u32,
+    },
+    /// A module's process could not be started.
+    Unstartable {
+        /// Which module.
+        module: &'a str,
+        /// One line why.
+        reason: &'a str,
+    },
+    /// A process is gone.
+    Exited {
+        /// Which.
+        pid: u32,
+        /// How it ended.
+        status: ExitStatus,
+    },
+    /// What a process uses; about once a second.
+    Usage {
+        /// Which.
+        pid: u32,
+        /// Cores: 0.01 is one percent of one.
+        cpu: f64,
+        /// Resident memory, bytes.
+        rss: i64,
+    },
+}
+
+/// How a process ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExitStatus {
+    /// By itself, with a code.
+    Code(i32),
+    /// By a signal.
+    Signal(i32),
+}
+
+impl ExitStatus {
+    /// The one number of `process_t.last_exit`: the code, or 128 + the signal.
+    #[must_use]
+    pub const fn number(self) -> i32 {
+        match self {
+            Self::Code(code) => code,
+            Self::Signal(signal) => 128 + signal,
+        }
+    }
+}

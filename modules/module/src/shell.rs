@@ -1,0 +1,249 @@
+//! What all modules share, done around them once: the state machine, its announcement, commands, reports, the end.
+
+use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
+use base::{Duration, Fault, Instant, Report, Severity, Ticker};
+use messages::{Channel, Message, common};
+use std::collections::BTreeSet;
+use std::mem;
+
+/// The state is announced this often, and at every change.
+const ANNOUNCE: Duration = Duration::from_secs(1);
+/// More different faults than this at once are not told apart: the oldest stay, further ones are not sent.
+const FAULTS_MAX: usize = 256;
+
+/// How a shell treats its module.
+#[derive(Clone, Debug)]
+pub struct ShellConfig {
+    /// The module's name: `driver_canbus`.
+    pub name: String,
+    /// The state after INIT: RUN, or what an operator wanted before a restart. Others count as RUN.
+    pub wanted: State,
+    /// Reports of at least this severity are sent on `CM_EVENT_ERROR`.
+    pub send_from: Severity,
+    /// Whether commands to module `*` are for it (for the watchdog they are not).
+    pub obeys_all: bool,
+}
+
+impl ShellConfig {
+    /// A module that wants to RUN, sends all reports and obeys commands to all.
+    #[must_use]
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), wanted: State::Run, send_from: Severity::Notice, obeys_all: true }
+    }
+}
+
+/// A module with what all modules share around it; what a host runs.
+pub struct Shell {
+    config: ShellConfig,
+    module: Box<dyn Module>,
+    state: State,
+    /// Where ERROR was entered from.
+    before_error: State,
+    announce: Ticker,
+    faults: BTreeSet<(Fault, String)>,
+    inner: Actions,
+}
+
+impl Shell {
+    /// A shell around `module`, in INIT. `out` of later calls must have the same epoch as the first.
+    #[must_use]
+    pub fn new(config: ShellConfig, module: Box<dyn Module>) -> Self {
+        Self {
+            config,
+            module,
+            state: State::Init,
+            before_error: State::Init,
+            announce: Ticker::new(Instant::ZERO, ANNOUNCE),
+            faults: BTreeSet::new(),
+            inner: Actions::default(),
+        }
+    }
+
+    /// The module's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.config.name
+    }
+
+    /// The state it is in.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The module inside, for its ports and subscriptions.
+    #[must_use]
+    pub fn module(&self) -> &dyn Module {
+        &*self.module
+    }
+
+    /// Whether it wants messages of this channel.
+    #[must_use]
+    pub fn wants(&self, channel: Channel) -> bool {
+        channel == Channel::CmCmdState || self.module.subscriptions().contains(&channel)
+    }
+
+    /// Takes one event; pushes what the host is to do: `Publish`, `Send`, `Report`, `Process`, `State`, `Exit`.
+    pub fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        if self.state == State::Terminate {
+            return;
+        }
+        match event {
+            Event::Start => {
+                self.inner = Actions::new(out.epoch());
+                self.announce = Ticker::new(now + ANNOUNCE, ANNOUNCE);
+                out.push(Action::State(self.state));
+                self.announce(now, out);
+                self.pass(now, Event::Start, out);
+            }
+            Event::Timer => {
+                if self.announce.due(now) {
+                    self.announce(now, out);
+                }
+                if self.module.poll_timeout().is_some_and(|due| due <= now) {
+                    self.pass(now, Event::Timer, out);
+                }
+            }
+            Event::Message { at, message } => {
+                if self.module.subscriptions().contains(&message.channel()) {
+                    self.pass(now, Event::Message { at, message }, out);
+                }
+                if let Message::CmCmdState(command) = message {
+                    self.obey(now, command, out);
+                }
+            }
+            other => self.pass(now, other, out),
+        }
+    }
+
+    /// The process was asked to end (SIGTERM, Ctrl-C): as a TERMINATE command.
+    pub fn terminate(&mut self, now: Instant, out: &mut Actions) {
+        if self.state != State::Terminate {
+            self.enter(now, State::Terminate, out);
+        }
+    }
+
+    /// A fault that the host found: reported once until [`Shell::clear`].
+    pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
+        if self.faults.len() < FAULTS_MAX && self.faults.insert((report.fault, report.subject.clone())) {
+            self.send(now, report, out);
+        }
+    }
+
+    /// A fault that the host found stands no more.
+    pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
+        if self.faults.remove(&(report.fault, report.subject.clone())) {
+            self.send(now, report, out);
+        }
+    }
+
+    /// When it wants the next `Event::Timer`.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        if self.state == State::Terminate {
+            return None;
+        }
+        let announce = self.announce.next();
+        Some(self.module.poll_timeout().map_or(announce, |due| due.min(announce)))
+    }
+
+    fn pass(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        // Entering a state on the way calls the module again, with a list of its own.
+        let mut inner = mem::replace(&mut self.inner, Actions::new(out.epoch()));
+        self.module.handle(now, event, &mut inner);
+        for action in inner.drain() {
+            match action {
+                Action::Raise(report) => self.raise(now, report, out),
+                Action::Clear(report) => self.clear(now, report, out),
+                Action::Report(report) => self.send(now, report, out),
+                Action::Condition(condition) => self.condition(now, condition, out),
+                other => out.push(other),
+            }
+        }
+        self.inner = inner;
+    }
+
+    fn condition(&mut self, now: Instant, condition: Condition, out: &mut Actions) {
+        let next = match (condition, self.state) {
+            (Condition::Working, State::Init) => self.wanted(),
+            (Condition::Working, State::Error) => match self.before_error {
+                State::Init => self.wanted(),
+                before => before,
+            },
+            (Condition::Failed, state) if state.allows(State::Error, Cause::Itself) => {
+                self.before_error = state;
+                State::Error
+            }
+            _ => return,
+        };
+        self.enter(now, next, out);
+    }
+
+    fn wanted(&self) -> State {
+        match self.config.wanted {
+            wanted @ (State::Pause | State::Stop) => wanted,
+            _ => State::Run,
+        }
+    }
+
+    fn obey(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
+        let all = command.module == "*" && self.config.obeys_all;
+        if !all && command.module != self.config.name {
+            return;
+        }
+        let cause = if command.manual { Cause::Manual } else { Cause::Command };
+        match State::from_value(command.state) {
+            Some(to) if to == self.state => {}
+            Some(to) if self.state.allows(to, cause) => {
+                if self.state == State::Init {
+                    self.config.wanted = to;
+                }
+                self.enter(now, to, out);
+            }
+            Some(to) => {
+                let manner = if command.manual { "manual " } else { "" };
+                let message = format!("{manner}command {to} from {} refused in {}", command.source, self.state);
+                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+            }
+            None => {
+                let message = format!("command from {} refused: {} is no state", command.source, command.state);
+                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+            }
+        }
+    }
+
+    fn enter(&mut self, now: Instant, state: State, out: &mut Actions) {
+        self.state = state;
+        out.push(Action::State(state));
+        self.pass(now, Event::State(state), out);
+        self.announce(now, out);
+        if self.state == State::Terminate {
+            out.push(Action::Exit(exit::OK));
+        }
+    }
+
+    fn announce(&self, now: Instant, out: &mut Actions) {
+        out.publish(common::DataState {
+            timestamp: out.timestamp(now),
+            module: self.config.name.clone(),
+            state: self.state as i8,
+        });
+    }
+
+    fn send(&self, now: Instant, report: Report, out: &mut Actions) {
+        if report.severity >= self.config.send_from {
+            out.publish(common::Error {
+                timestamp: out.timestamp(now),
+                module: self.config.name.clone(),
+                number: i32::from(report.fault as u16),
+                message: report.message.clone(),
+                fatal: report.fatal,
+                r#type: report.fault.kind() as i8,
+                severity: report.severity as i8,
+                file: report.location.file().into(),
+                line: i32::try_from(report.location.line()).unwrap_or(i32::MAX),
+            });
+        }
+        out.push(Action::Report(report));
+    }
+}
