@@ -18,6 +18,8 @@ pub enum Action {
     Clear(Report),
     /// Something happened, once. From the shell to the host: print this.
     Report(Report),
+    /// A line for people, printed by the host and sent nowhere.
+    Note(String),
     /// To the shell: whether the module can do its work.
     Condition(Condition),
     /// Start or end a process; the watchdog alone.
@@ -130,6 +132,11 @@ impl Actions {
     #[track_caller]
     pub fn report(&mut self, severity: Severity, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
         self.push(Action::Report(Report::new(severity, fault, subject, message)));
+    }
+
+    /// A line for people, sent nowhere.
+    pub fn note(&mut self, line: impl Into<String>) {
+        self.push(Action::Note(line.into()));
     }
 
     /// The module can do its work.

@@ -29,7 +29,8 @@ pub enum Event<'a> {
     Process(ProcessEvent<'a>),
     /// `Module::poll_timeout` has come.
     Timer,
-    /// The module is in this state from now on. TERMINATE is the last event: what is sent then still leaves.
+    /// The module is in this state from now on. After TERMINATE it makes its device safe, and ends as soon as
+    /// [`crate::Module::finished`] says so.
     State(State),
 }
 

@@ -41,4 +41,10 @@ pub trait Module {
 
     /// When it wants the next `Event::Timer`; a past moment means at once. After a drain nothing is due at `now`.
     fn poll_timeout(&self) -> Option<Instant>;
+
+    /// Asked after TERMINATE: whether all is done that must be done before the process ends (the robot stands, the
+    /// modules are ended). Until then, at most [`ShellConfig::end_within`], it goes on getting events.
+    fn finished(&self) -> bool {
+        true
+    }
 }

@@ -22,13 +22,15 @@ pub struct ShellConfig {
     pub send_from: Severity,
     /// Whether commands to module `*` are for it (for the watchdog they are not).
     pub obeys_all: bool,
+    /// After TERMINATE it has ended within this time, finished or not.
+    pub end_within: Duration,
 }
 
 impl ShellConfig {
     /// A module that wants to RUN, sends all reports and obeys commands to all.
     #[must_use]
     pub fn new(name: impl Into<String>) -> Self {
-        Self { name: name.into(), wanted: State::Run, send_from: Severity::Notice, obeys_all: true }
+        Self { name: name.into(), wanted: State::Run, send_from: Severity::Notice, obeys_all: true, end_within: Duration::from_secs(2) }
     }
 }
 
@@ -42,6 +44,15 @@ pub struct Shell {
     announce: Ticker,
     faults: BTreeSet<(Fault, String)>,
     inner: Actions,
+    ending: Ending,
+}
+
+/// How far the end has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ending {
+    No,
+    By(Instant),
+    Done,
 }
 
 impl Shell {
@@ -56,6 +67,7 @@ impl Shell {
             announce: Ticker::new(Instant::ZERO, ANNOUNCE),
             faults: BTreeSet::new(),
             inner: Actions::default(),
+            ending: Ending::No,
         }
     }
 
@@ -83,9 +95,10 @@ impl Shell {
         channel == Channel::CmCmdState || self.module.subscriptions().contains(&channel)
     }
 
-    /// Takes one event; pushes what the host is to do: `Publish`, `Send`, `Report`, `Process`, `State`, `Exit`.
+    /// Takes one event; pushes what the host is to do: `Publish`, `Send`, `Report`, `Note`, `Process`,
+    /// `State`, and `Exit` last.
     pub fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
-        if self.state == State::Terminate {
+        if self.ending == Ending::Done {
             return;
         }
         match event {
@@ -114,12 +127,19 @@ impl Shell {
             }
             other => self.pass(now, other, out),
         }
+        if let Ending::By(end) = self.ending
+            && (self.module.finished() || end <= now)
+        {
+            self.ending = Ending::Done;
+            out.push(Action::Exit(exit::OK));
+        }
     }
 
     /// The process was asked to end (SIGTERM, Ctrl-C): as a TERMINATE command.
     pub fn terminate(&mut self, now: Instant, out: &mut Actions) {
         if self.state != State::Terminate {
             self.enter(now, State::Terminate, out);
+            self.handle(now, Event::Timer, out);
         }
     }
 
@@ -140,11 +160,12 @@ impl Shell {
     /// When it wants the next `Event::Timer`.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        if self.state == State::Terminate {
-            return None;
-        }
-        let announce = self.announce.next();
-        Some(self.module.poll_timeout().map_or(announce, |due| due.min(announce)))
+        let shell = match self.ending {
+            Ending::No => self.announce.next(),
+            Ending::By(end) => self.announce.next().min(end),
+            Ending::Done => return None,
+        };
+        Some(self.module.poll_timeout().map_or(shell, |due| due.min(shell)))
     }
 
     fn pass(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
@@ -214,12 +235,12 @@ impl Shell {
 
     fn enter(&mut self, now: Instant, state: State, out: &mut Actions) {
         self.state = state;
-        out.push(Action::State(state));
-        self.pass(now, Event::State(state), out);
-        self.announce(now, out);
-        if self.state == State::Terminate {
-            out.push(Action::Exit(exit::OK));
+        if state == State::Terminate {
+            self.ending = Ending::By(now + self.config.end_within);
         }
+        out.push(Action::State(state));
+        self.announce(now, out);
+        self.pass(now, Event::State(state), out);
     }
 
     fn announce(&self, now: Instant, out: &mut Actions) {
