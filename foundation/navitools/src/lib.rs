@@ -1,1 +1,24 @@
-//! Angles, poses, Ackermann kinematics, odometry: pure maths.
+//! Angles, poses, Ackermann kinematics and odometry: pure maths in SI units and radians.
+//!
+//! Robot frame: x forward, y left, origin in the middle of the rear axle; angles counter-clockwise. Knows no message,
+//! no bus and no clock.
+#![no_std]
+#![forbid(unsafe_code)]
+
+mod ackermann;
+mod angle;
+pub mod odometry;
+mod pose;
+
+pub use ackermann::Ackermann;
+pub use angle::{Angle, wrap};
+pub use pose::{Point, Pose};
+
+/// The motion of the rear axle's middle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Along the robot's x axis, m/s (or m, where it stands for a way travelled).
+    pub translation: f64,
+    /// Counter-clockwise, rad/s (or rad).
+    pub rotation: f64,
+}
