@@ -13,10 +13,10 @@ pub fn wrap(radians: f64) -> f64 {
     let turn = 2.0 * PI;
     let wrapped = radians - turn * libm::floor((radians + PI) / turn);
     // Rounding may leave it just outside.
-    if wrapped >= PI {
-        wrapped - turn
-    } else {
-        wrapped.max(-PI)
+    match wrapped {
+        above if above >= PI => above - turn,
+        below if below < -PI => -PI,
+        inside => inside,
     }
 }
 
