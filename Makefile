@@ -1,0 +1,32 @@
+# Two commands: `make run` drives the simulated robot, `make test` checks everything.
+# On a fresh Debian 12 with git, make and a Rust tool chain each installs what else it needs.
+
+ADVEE = target/release/advee
+
+.PHONY: run build test lint bench clean
+
+run: build
+	$(ADVEE) up --sim
+
+build:
+	@tools/require cc
+	cargo build --release --locked
+
+test: lint
+	@tools/require cc python3-venv
+	@tools/venv
+	cargo test --workspace --locked
+
+lint:
+	@tools/require cc
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+
+bench: build
+	@tools/require cc python3-venv
+	@tools/venv
+	cargo bench --workspace --locked
+
+clean:
+	cargo clean
+	rm -rf .venv run

@@ -1,0 +1,275 @@
+//! Who may move the robot (design, section 4): priorities, time to live, and that nothing resumes by itself.
+//!
+//! Pure policy over what the sources said. Knows no drive and no bus.
+
+use base::{Duration, Instant};
+
+/// Sources remembered at once; further ones take the place of the one silent longest.
+const SOURCES_MAX: usize = 8;
+
+/// What a source asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Command {
+    /// m/s, of the rear axle's middle.
+    pub speed: f64,
+    /// rad, of the equivalent single front wheel; counter-clockwise.
+    pub steering: f64,
+    /// 0 planner, 1 remote operator, 2 gamepad, 3 maintenance.
+    pub priority: i8,
+    /// Who.
+    pub source: String,
+}
+
+/// The planner's priority; all above are manual sources.
+pub const PLANNER: i8 = 0;
+/// The highest priority.
+const HIGHEST: i8 = 3;
+
+/// What the arbiter says to a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It moves the robot now.
+    Holds,
+    /// Another source holds the motion.
+    Overruled,
+    /// Another source of the same priority holds the motion: worth telling people.
+    Contested,
+    /// The source must send zero, or be silent, first: something was released since it began.
+    NotReleased,
+    /// The planner must be let go by an operator first.
+    Latched,
+}
+
+#[derive(Debug)]
+struct Source {
+    command: Command,
+    at: Instant,
+    /// It may move the robot: it has sent zero, or nothing, since the last release.
+    armed: bool,
+}
+
+/// The arbiter.
+#[derive(Debug)]
+pub struct Arbiter {
+    ttl: Duration,
+    sources: Vec<Source>,
+    /// The source that moves the robot, by name; kept after it fell silent until the robot stands.
+    holder: Option<(String, i8)>,
+    latched: bool,
+}
+
+impl Arbiter {
+    /// An arbiter that lets a command live for `ttl`. The planner begins latched.
+    #[must_use]
+    pub fn new(ttl: Duration) -> Self {
+        Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true }
+    }
+
+    /// Takes a command received at `at`; `blocked` says that a stop for a fault is in force.
+    pub fn command(&mut self, at: Instant, command: Command, blocked: bool) -> Verdict {
+        let zero = command.speed == 0.0;
+        let manual = command.priority > PLANNER;
+        let rival = self.rival(at, &command);
+        let index = self.place(at, &command);
+        let source = &mut self.sources[index];
+        let fresh = at.since(source.at) >= self.ttl;
+        let verdict = match rival {
+            Some(priority) if priority == command.priority => Verdict::Contested,
+            Some(_) => Verdict::Overruled,
+            None => Verdict::Holds,
+        };
+        let held = verdict == Verdict::Holds && !blocked;
+        source.armed = zero || (held && (source.armed || fresh));
+        source.at = at;
+        source.command = command;
+        if !held {
+            return if blocked { Verdict::NotReleased } else { verdict };
+        }
+        if !manual && self.latched {
+            return Verdict::Latched;
+        }
+        if manual && !source.armed {
+            return Verdict::NotReleased;
+        }
+        let key = (source.command.source.clone(), source.command.priority);
+        if manual {
+            self.latched = true;
+        }
+        self.holder = Some(key);
+        Verdict::Holds
+    }
+
+    /// The command that moves the robot at `now`, if any.
+    #[must_use]
+    pub fn current(&self, now: Instant) -> Option<&Command> {
+        let (name, priority) = self.holder.as_ref()?;
+        let source = self.sources.iter().find(|s| s.command.source == *name && s.command.priority == *priority)?;
+        (now.since(source.at) < self.ttl).then_some(&source.command)
+    }
+
+    /// When the current command dies.
+    #[must_use]
+    pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
+        let current = self.current(now)?;
+        let source = self.sources.iter().find(|source| source.command == *current)?;
+        Some(source.at + self.ttl)
+    }
+
+    /// The robot stands: a holder that is silent lets go.
+    pub fn standing(&mut self, now: Instant) {
+        if self.current(now).is_none() {
+            self.holder = None;
+        }
+    }
+
+    /// The robot is being stopped for a fault, a PAUSE, or by an operator: whoever moves must ask anew.
+    pub fn stopped(&mut self) {
+        self.latched = true;
+        self.holder = None;
+        for source in &mut self.sources {
+            source.armed &= source.command.speed == 0.0;
+        }
+    }
+
+    /// An operator lets the planner go: a `cmd_goal`, or a manual `cmd_state` RUN. Without effect while a manual
+    /// source moves the robot.
+    pub fn release_planner(&mut self, now: Instant) {
+        let manual = self.current(now).is_some_and(|command| command.priority > PLANNER);
+        if !manual {
+            self.latched = false;
+        }
+    }
+
+    /// The priority of a living source that this command cannot overrule.
+    fn rival(&self, at: Instant, command: &Command) -> Option<i8> {
+        let (name, priority) = self.holder.as_ref()?;
+        let own = *name == command.source && *priority == command.priority;
+        let stronger = *priority > command.priority && self.current(at).is_some();
+        // Of two equal priorities the first holds until it is silent and the robot stands.
+        let equal = *priority == command.priority;
+        (!own && (stronger || equal)).then_some(*priority)
+    }
+
+    fn place(&mut self, at: Instant, command: &Command) -> usize {
+        let same = |s: &Source| s.command.source == command.source && s.command.priority == command.priority;
+        if let Some(index) = self.sources.iter().position(same) {
+            return index;
+        }
+        // A source never heard of has sent nothing since any release.
+        let fresh = Source { command: command.clone(), at: at - self.ttl, armed: false };
+        if self.sources.len() < SOURCES_MAX {
+            self.sources.push(fresh);
+            return self.sources.len() - 1;
+        }
+        let oldest = (0..self.sources.len()).min_by_key(|index| self.sources[*index].at).unwrap_or(0);
+        self.sources[oldest] = fresh;
+        oldest
+    }
+}
+
+/// Whether a priority is one that a command may carry.
+#[must_use]
+pub fn is_priority(priority: i8) -> bool {
+    (PLANNER..=HIGHEST).contains(&priority)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Verdict::{Contested, Holds, Latched, NotReleased, Overruled};
+
+    struct Bench(Arbiter);
+
+    impl Bench {
+        fn new() -> Self {
+            Self(Arbiter::new(Duration::from_millis(250)))
+        }
+
+        fn say(&mut self, ms: u64, source: &str, priority: i8, speed: f64) -> Verdict {
+            let command = Command { speed, steering: 0.0, priority, source: source.into() };
+            self.0.command(Instant::from_millis(1000 + ms), command, false)
+        }
+
+        fn say_blocked(&mut self, ms: u64, source: &str, priority: i8, speed: f64) -> Verdict {
+            let command = Command { speed, steering: 0.0, priority, source: source.into() };
+            self.0.command(Instant::from_millis(1000 + ms), command, true)
+        }
+
+        fn moves(&self, ms: u64) -> Option<f64> {
+            self.0.current(Instant::from_millis(1000 + ms)).map(|command| command.speed)
+        }
+    }
+
+    #[test]
+    fn a_command_lives_for_its_time_and_no_longer() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        assert_eq!(bench.moves(249), Some(0.4));
+        assert_eq!(bench.moves(250), None);
+    }
+
+    #[test]
+    fn the_higher_priority_takes_over_and_the_lower_does_not_resume_by_itself() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        assert_eq!(bench.say(10, "pad", 2, 0.2), Holds);
+        assert_eq!(bench.moves(11), Some(0.2));
+        assert_eq!(bench.say(50, "op", 1, 0.4), Overruled);
+        // The gamepad falls silent at 260; the operator has never let go of the stick.
+        assert_eq!(bench.say(270, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.say(320, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.moves(321), None);
+        assert_eq!(bench.say(370, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(420, "op", 1, 0.4), Holds);
+    }
+
+    #[test]
+    fn of_equal_priorities_the_first_holds_until_it_is_silent_and_the_robot_stands() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "a", 1, 0.4), Holds);
+        assert_eq!(bench.say(10, "b", 1, 0.1), Contested);
+        assert_eq!(bench.say(300, "b", 1, 0.0), Contested);
+        bench.0.standing(Instant::from_millis(1310));
+        assert_eq!(bench.say(320, "b", 1, 0.1), Holds);
+        assert_eq!(bench.say(330, "a", 1, 0.4), Contested);
+    }
+
+    #[test]
+    fn after_a_stop_a_source_must_send_zero_or_nothing_first() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        bench.0.stopped();
+        assert_eq!(bench.moves(1), None);
+        assert_eq!(bench.say_blocked(50, "op", 1, 0.4), NotReleased);
+        // The fault is over, the source has not let go.
+        assert_eq!(bench.say(100, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.say(350, "op", 1, 0.4), Holds, "it was silent for its time to live");
+        bench.0.stopped();
+        assert_eq!(bench.say(400, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(450, "op", 1, 0.4), Holds);
+    }
+
+    #[test]
+    fn the_planner_waits_for_an_operator_at_first_and_after_every_take_over() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "planner", 0, 0.4), Latched);
+        bench.0.release_planner(Instant::from_millis(1010));
+        assert_eq!(bench.say(260, "planner", 0, 0.4), Holds);
+        assert_eq!(bench.say(270, "op", 1, 0.1), Holds);
+        bench.0.release_planner(Instant::from_millis(1280));
+        assert_eq!(bench.say(300, "planner", 0, 0.4), Overruled);
+        bench.0.standing(Instant::from_millis(1600));
+        assert_eq!(bench.say(1000, "planner", 0, 0.4), Latched);
+        bench.0.release_planner(Instant::from_millis(2100));
+        assert_eq!(bench.say(1300, "planner", 0, 0.4), Holds);
+    }
+
+    #[test]
+    fn many_names_take_no_memory() {
+        let mut bench = Bench::new();
+        for n in 0..1000 {
+            bench.say(n, &format!("s{n}"), 1, 0.0);
+        }
+        assert_eq!(bench.0.sources.len(), SOURCES_MAX);
+    }
+}
