@@ -1,0 +1,91 @@
+//! The configuration folder: strict, and wrong as a whole if anything in it is wrong.
+//!
+//! `robot.toml` says what the robot is made of; in simulation `sim.toml` is laid over it, then every `--set`.
+//! `modules.toml` lists the modules. What is found wrong is a list of lines `file:line: key = value: expected …`.
+
+mod modules;
+mod reader;
+mod robot;
+#[cfg(test)]
+mod tests;
+mod tree;
+//mod world;
+
+pub use modules::{ModuleEntry, SIMULATOR};
+pub use reader::{Problems, Table};
+pub use robot::{
+    Axis, CanBus, CanDriver, CanInterface, CanNode, Crc, Geometry, Limits, Ranger, Robot, Rs485Bus, Rs485Driver,
+    Rs485Node, Transport,
+};
+pub use tree::{Node, Origin, Value};
+//pub use world::world;
+
+use std::fmt;
+use std::fs;
+use std::path::Path;
+
+/// Everything that is wrong, a line each; never empty.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConfigError(pub Vec<String>);
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.join("\n"))
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+/// The whole folder.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// `robot.toml` and what was laid over it.
+    pub robot: Robot,
+    /// `modules.toml`; the simulator only in simulation.
+    pub modules: Vec<ModuleEntry>,
+}
+
+impl Config {
+    /// Reads the folder `dir`; with `sim` the simulated robot; `sets` are overrides `table.key=value`.
+    pub fn load(dir: &Path, sim: bool, sets: &[String]) -> Result<Self, ConfigError> {
+        let mut problems = Vec::new();
+        let mut take = |name: &str| match read(&dir.join(name)) {
+            Ok(node) => Some(node),
+            Err(ConfigError(lines)) => {
+                problems.extend(lines);
+                None
+            }
+        };
+        let robot = take("robot.toml");
+        let over = if sim { take("sim.toml").map(Some) } else { Some(None) };
+        let modules = take("modules.toml");
+        let (Some(mut robot), Some(over), Some(modules)) = (robot, over, modules) else {
+            return Err(ConfigError(problems));
+        };
+        if let Some(over) = over {
+            robot.merge(over);
+        }
+        for assignment in sets {
+            robot.set(assignment).map_err(|line| ConfigError(vec![line]))?;
+        }
+        Self::check(&robot, &modules, sim)
+    }
+
+    fn check(robot: &Node, modules: &Node, sim: bool) -> Result<Self, ConfigError> {
+        let problems = Problems::default();
+        let robot = Table::new(robot, "", &problems).and_then(Robot::read);
+        let modules = Table::new(modules, "", &problems).map(|root| modules::read(root, sim));
+        match (robot, modules, problems.lines()) {
+            (Some(robot), Some(modules), lines) if lines.is_empty() => Ok(Self { robot, modules }),
+            (_, _, lines) => Err(ConfigError(lines)),
+        }
+    }
+}
+
+/// Parses one file.
+pub fn read(path: &Path) -> Result<Node, ConfigError> {
+    match fs::read_to_string(path) {
+        Ok(text) => Node::parse(path, &text).map_err(ConfigError),
+        Err(error) => Err(ConfigError(vec![format!("{}: {error}", path.display())])),
+    }
+}

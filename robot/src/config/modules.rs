@@ -1,0 +1,84 @@
+//! `modules.toml`: the modules that the watchdog starts, in this order, and how each is treated.
+
+use super::reader::Table;
+
+/// One `[[modules]]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModuleEntry {
+    /// Its name on the bus.
+    pub name: String,
+    /// Its executable; none: `advee run NAME`.
+    pub command: Option<String>,
+    /// Arguments of `command`, or further ones of `advee run NAME`.
+    pub args: Vec<String>,
+    /// Modules that must have come up before.
+    pub depends: Vec<String>,
+    /// Silence of its beat that counts as a hang, 0.02..=60 s; default 0.2. Not acted upon yet.
+    pub beat_timeout_s: f64,
+    /// `SCHED_FIFO` priority, 1..=99; none: the normal scheduler. Not acted upon yet.
+    pub rt_priority: Option<u8>,
+    /// Processors it may use; empty: all. Not acted upon yet.
+    pub cpus: Vec<u16>,
+    /// -20..=19; default 0. Not acted upon yet.
+    pub nice: i8,
+    /// Bytes, from 1 MiB; none: no limit. Not acted upon yet.
+    pub memory_max: Option<u64>,
+    /// Cores, 0.01..=64; none: no limit. Not acted upon yet.
+    pub cpu_max: Option<f64>,
+    /// Whether it is started again when it ends unasked; default true.
+    pub restart: bool,
+    /// Whether the robot must not move without it; default false.
+    pub critical: bool,
+}
+
+/// The module that only a simulated robot has.
+pub const SIMULATOR: &str = "simulator";
+
+/// Reads the list; `sim` tells whether the simulator is part of it.
+pub(super) fn read(mut root: Table<'_>, sim: bool) -> Vec<ModuleEntry> {
+    let items: Vec<_> = root.tables("modules");
+    let mut modules: Vec<ModuleEntry> = Vec::new();
+    for mut item in items {
+        let mut module = ModuleEntry::read(&mut item);
+        if modules.iter().any(|other| other.name == module.name) {
+            item.refuse("name", "one that no other module has");
+        }
+        // Listed before: so there can be no circle.
+        let unknown = |name: &String| !modules.iter().any(|other| other.name == *name);
+        if module.depends.iter().any(unknown) {
+            item.refuse("depends", format_args!("modules listed before {}", module.name));
+        }
+        item.end();
+        if !sim {
+            module.depends.retain(|name| name != SIMULATOR);
+        }
+        modules.push(module);
+    }
+    root.end();
+    modules.retain(|module| sim || module.name != SIMULATOR);
+    modules
+}
+
+impl ModuleEntry {
+    fn read(table: &mut Table<'_>) -> Self {
+        let none_if_zero = |value: f64| (value > 0.0).then_some(value);
+        let name = table.text("name", None);
+        if !name.is_empty() && !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
+            table.refuse("name", "letters, digits, _ and -");
+        }
+        Self {
+            name,
+            command: Some(table.text("command", Some(""))).filter(|command| !command.is_empty()),
+            args: table.texts("args"),
+            depends: table.texts("depends"),
+            beat_timeout_s: table.number("beat_timeout", Some(0.2), 0.02..=60.0),
+            rt_priority: Some(table.integer("rt_priority", Some(0), 0..=99)).filter(|priority| *priority > 0),
+            cpus: table.integers("cpus", 0..=1023),
+            nice: table.integer("nice", Some(0), -20..=19),
+            memory_max: none_if_zero(table.number("memory_max", Some(0.0), 0.0..=1e15)).map(|bytes| bytes as u64),
+            cpu_max: none_if_zero(table.number("cpu_max", Some(0.0), 0.0..=64.0)),
+            restart: table.choice("restart", Some(true), &[("always", true), ("never", false)]),
+            critical: table.boolean("critical", false),
+        }
+    }
+}

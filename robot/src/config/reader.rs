@@ -1,0 +1,235 @@
+//! A strict reader: every key that is taken is checked, every key that is not taken is an error, and all errors are
+//! collected before anything is refused.
+
+use super::tree::{Node, Origin, Value};
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
+/// What was found wrong so far.
+#[derive(Debug, Default)]
+pub struct Problems(RefCell<Vec<(Origin, String)>>);
+
+impl Problems {
+    /// Notes that `what` is wrong at `origin`.
+    pub fn add(&self, origin: &Origin, what: String) {
+        self.0.borrow_mut().push((origin.clone(), what));
+    }
+
+    /// A line each, in the order of the file.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        let mut found = self.0.borrow().clone();
+        found.sort_by(|a, b| a.0.cmp(&b.0));
+        found.into_iter().map(|(origin, what)| format!("{origin}: {what}")).collect()
+    }
+}
+
+/// A table that is being read. Each method takes one key; [`Table::end`] refuses the rest.
+///
+/// A method that finds something wrong notes it and returns a value in range, so that reading goes on.
+#[derive(Debug)]
+pub struct Table<'a> {
+    path: String,
+    origin: &'a Origin,
+    map: &'a BTreeMap<String, Node>,
+    known: Vec<&'static str>,
+    problems: &'a Problems,
+}
+
+impl<'a> Table<'a> {
+    /// Reads `node`, which must be a table; `path` is its name in errors, empty for a whole file.
+    #[must_use]
+    pub fn new(node: &'a Node, path: &str, problems: &'a Problems) -> Option<Self> {
+        let Value::Table(map) = &node.value else {
+            problems.add(&node.origin, format!("{path} = {}: expected a table", node.value));
+            return None;
+        };
+        Some(Self { path: path.into(), origin: &node.origin, map, known: Vec::new(), problems })
+    }
+
+    /// The name of a key of this table in errors.
+    #[must_use]
+    pub fn name(&self, key: &str) -> String {
+        if self.path.is_empty() { key.into() } else { format!("{}.{key}", self.path) }
+    }
+
+    /// Notes that the value of `key` is not `expected`; what is missing or of a wrong type was noted when it was taken.
+    pub fn refuse(&self, key: &str, expected: impl Display) {
+        if self.map.contains_key(key) {
+            self.wrong(key, expected);
+        }
+    }
+
+    fn wrong(&self, key: &str, expected: impl Display) {
+        match self.map.get(key) {
+            Some(Node { origin, value }) => {
+                self.problems.add(origin, format!("{} = {value}: expected {expected}", self.name(key)));
+            }
+            None => self.problems.add(self.origin, format!("{}: missing, expected {expected}", self.name(key))),
+        }
+    }
+
+    /// Takes a key as it is.
+    pub fn node(&mut self, key: &'static str) -> Option<&'a Node> {
+        self.known.push(key);
+        self.map.get(key)
+    }
+
+    /// A number in `range`; an integer counts as one. Without `default` it must be there.
+    pub fn number(&mut self, key: &'static str, default: Option<f64>, range: RangeInclusive<f64>) -> f64 {
+        let value = match self.node(key).map(|node| &node.value) {
+            Some(Value::Float(value)) => Some(*value),
+            Some(Value::Integer(value)) => Some(*value as f64),
+            Some(_) => None,
+            None => default,
+        };
+        value.filter(|value| range.contains(value)).unwrap_or_else(|| {
+            self.wrong(key, format_args!("a number from {} to {}", range.start(), range.end()));
+            *range.start()
+        })
+    }
+
+    /// An integer in `range`. Without `default` it must be there.
+    pub fn integer<T>(&mut self, key: &'static str, default: Option<T>, range: RangeInclusive<T>) -> T
+    where
+        T: TryFrom<i64> + PartialOrd + Copy + Display,
+    {
+        let value = match self.node(key).map(|node| &node.value) {
+            Some(Value::Integer(value)) => T::try_from(*value).ok(),
+            Some(_) => None,
+            None => default,
+        };
+        value.filter(|value| range.contains(value)).unwrap_or_else(|| {
+            self.wrong(key, format_args!("an integer from {} to {}", range.start(), range.end()));
+            *range.start()
+        })
+    }
+
+    /// `true` or `false`.
+    pub fn boolean(&mut self, key: &'static str, default: bool) -> bool {
+        match self.node(key).map(|node| &node.value) {
+            None => default,
+            Some(Value::Bool(value)) => *value,
+            Some(_) => {
+                self.wrong(key, "true or false");
+                default
+            }
+        }
+    }
+
+    /// A text that is not empty. Without `default` it must be there.
+    pub fn text(&mut self, key: &'static str, default: Option<&str>) -> String {
+        match self.node(key).map(|node| &node.value) {
+            Some(Value::String(value)) if !value.is_empty() => value.clone(),
+            None if default.is_some() => default.unwrap_or_default().into(),
+            _ => {
+                self.wrong(key, "a text");
+                String::new()
+            }
+        }
+    }
+
+    /// One of the named choices. Without `default` it must be there.
+    pub fn choice<T: Copy>(&mut self, key: &'static str, default: Option<T>, choices: &[(&str, T)]) -> T {
+        let found = match self.node(key).map(|node| &node.value) {
+            Some(Value::String(value)) => choices.iter().find(|(name, _)| name == value).map(|(_, choice)| *choice),
+            Some(_) => None,
+            None => default,
+        };
+        found.unwrap_or_else(|| {
+            let names: Vec<String> = choices.iter().map(|(name, _)| format!("{name:?}")).collect();
+            self.wrong(key, names.join(" or "));
+            choices[0].1
+        })
+    }
+
+    /// A list of texts; none when it is not there.
+    pub fn texts(&mut self, key: &'static str) -> Vec<String> {
+        let texts = match self.node(key).map(|node| &node.value) {
+            None => return Vec::new(),
+            Some(Value::Array(items)) => items.iter().map(text_of).collect(),
+            Some(_) => None,
+        };
+        texts.unwrap_or_else(|| {
+            self.wrong(key, "a list of texts");
+            Vec::new()
+        })
+    }
+
+    /// A list of integers in `range`; none when it is not there.
+    pub fn integers(&mut self, key: &'static str, range: RangeInclusive<u16>) -> Vec<u16> {
+        let number = |node: &Node| match node.value {
+            Value::Integer(value) => u16::try_from(value).ok().filter(|value| range.contains(value)),
+            _ => None,
+        };
+        let numbers = match self.node(key).map(|node| &node.value) {
+            None => return Vec::new(),
+            Some(Value::Array(items)) => items.iter().map(number).collect(),
+            Some(_) => None,
+        };
+        numbers.unwrap_or_else(|| {
+            self.wrong(key, format_args!("a list of integers from {} to {}", range.start(), range.end()));
+            Vec::new()
+        })
+    }
+
+    /// A table that must be there.
+    pub fn table(&mut self, key: &'static str) -> Option<Table<'a>> {
+        let Some(node) = self.node(key) else {
+            self.wrong(key, "a table");
+            return None;
+        };
+        Table::new(node, &self.name(key), self.problems)
+    }
+
+    /// A table that may be missing.
+    pub fn table_if_any(&mut self, key: &'static str) -> Option<Table<'a>> {
+        let node = self.node(key)?;
+        Table::new(node, &self.name(key), self.problems)
+    }
+
+    /// All tables of a table whose keys are names that the user chose (`can.main`), in order of the names.
+    pub fn named_tables(&mut self, key: &'static str) -> Vec<(String, Table<'a>)> {
+        let Some(parent) = self.table_if_any(key) else { return Vec::new() };
+        let tables = parent.map.iter();
+        let tables = tables.filter_map(|(name, node)| {
+            Some((name.clone(), Table::new(node, &parent.name(name), self.problems)?))
+        });
+        tables.collect()
+    }
+
+    /// A list of tables; none when it is not there.
+    pub fn tables(&mut self, key: &'static str) -> Vec<Table<'a>> {
+        match self.node(key).map(|node| &node.value) {
+            None => Vec::new(),
+            Some(Value::Array(items)) => {
+                let items = items.iter().enumerate();
+                let name = self.name(key);
+                items.filter_map(|(n, item)| Table::new(item, &format!("{name}[{n}]"), self.problems)).collect()
+            }
+            Some(_) => {
+                self.wrong(key, "a list of tables");
+                Vec::new()
+            }
+        }
+    }
+
+    /// Refuses every key that was not taken.
+    pub fn end(self) {
+        for (key, node) in self.map {
+            if !self.known.contains(&key.as_str()) {
+                let known = self.known.join(", ");
+                self.problems.add(&node.origin, format!("{}: unknown key, expected one of {known}", self.name(key)));
+            }
+        }
+    }
+}
+
+fn text_of(node: &Node) -> Option<String> {
+    match &node.value {
+        Value::String(text) if !text.is_empty() => Some(text.clone()),
+        _ => None,
+    }
+}

@@ -1,0 +1,397 @@
+//! `robot.toml`: what the robot is made of. Lengths in metres, angles in radians, as the keys say.
+//!
+//! The robot's frame: origin on the floor under the middle of the rear axle, x forward, y to the left, angles
+//! counter-clockwise.
+
+use super::reader::Table;
+use std::net::Ipv4Addr;
+use std::path::PathBuf;
+
+/// The robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// Its name.
+    pub name: String,
+    /// Its measures.
+    pub geometry: Geometry,
+    /// How it may move.
+    pub limits: Limits,
+    /// CAN busses by name.
+    pub can: Vec<CanBus>,
+    /// EIA-485 busses by name.
+    pub rs485: Vec<Rs485Bus>,
+    /// Sonars.
+    pub srfs: Vec<Ranger>,
+    /// Infrared rangers.
+    pub irs: Vec<Ranger>,
+}
+
+/// `[geometry]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometry {
+    /// Rear axle to front axle, 0.05..=5 m.
+    pub wheelbase_m: f64,
+    /// Distance of the front wheels, 0.05..=5 m.
+    pub track_m: f64,
+    /// Of all wheels, 0.01..=1 m.
+    pub wheel_radius_m: f64,
+    /// Bumper to bumper, 0.1..=10 m.
+    pub length_m: f64,
+    /// 0.1..=10 m.
+    pub width_m: f64,
+    /// From the rear axle to the rear bumper, 0..=5 m.
+    pub rear_overhang_m: f64,
+    /// Counts of a front wheel's encoder per turn, 1..=1 000 000.
+    pub ticks_per_turn: u32,
+}
+
+/// `[limits]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Either way, 0.01..=10 m/s; a command beyond it is refused.
+    pub speed_mps: f64,
+    /// Of the equivalent single front wheel, either way, 0.01..=1.5 rad.
+    pub steering_rad: f64,
+    /// 0.01..=20 m/s².
+    pub acceleration_mps2: f64,
+    /// Of a stop that was commanded, 0.01..=20 m/s².
+    pub deceleration_mps2: f64,
+    /// 0.01..=20 m/s².
+    pub quick_stop_mps2: f64,
+    /// 0.01..=20 rad/s.
+    pub steering_rate_radps: f64,
+    /// A motion command holds this long, 0.05..=1 s; default 0.25.
+    pub command_ttl_s: f64,
+}
+
+/// `[can.<bus>]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CanBus {
+    /// `main`.
+    pub name: String,
+    /// Where it is found.
+    pub interface: CanInterface,
+    /// bit/s, 10 000..=1 000 000; default 500 000.
+    pub bitrate: u32,
+    /// Whether every frame is sent as `LL_DATA_RAW_<BUS>`; default false.
+    pub raw: bool,
+    /// What is on it.
+    pub nodes: Vec<CanNode>,
+}
+
+/// Where a CAN bus is found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CanInterface {
+    /// A network interface: `can0`.
+    Socket(String),
+    /// UDP multicast as python-can speaks it: `udp:239.74.163.2:43113`. Without a port it follows the port of LCM.
+    Udp {
+        /// The multicast group.
+        group: Ipv4Addr,
+        /// The port, which is what keeps busses apart.
+        port: Option<u16>,
+    },
+}
+
+/// `[[can.<bus>.nodes]]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CanNode {
+    /// CANopen node, 1..=127.
+    pub id: u8,
+    /// What drive it is.
+    pub driver: CanDriver,
+    /// `propulsion` or `steering`.
+    pub axis: Axis,
+    /// Its electronic data sheet, beside `robot.toml`; none: the one that is built in.
+    pub eds: Option<PathBuf>,
+}
+
+/// CANopen drives that there are drivers for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CanDriver {
+    /// maxon EPOS 70/10.
+    Epos,
+    /// Berger Lahr IclA.
+    Icla,
+}
+
+/// What a drive moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The rear wheels.
+    Propulsion,
+    /// The front wheels' angle.
+    Steering,
+}
+
+/// `[rs485.<bus>]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rs485Bus {
+    /// `a`.
+    pub name: String,
+    /// A device file; a relative path lies in the run folder, where the simulator puts its ends.
+    pub port: PathBuf,
+    /// Bd, 1200..=4 000 000; default 115 200.
+    pub baud: u32,
+    /// How nine bits cross the port.
+    pub transport: Transport,
+    /// The check of its frames; default CRC-8/SAE-J1850.
+    pub crc: Crc,
+    /// Whether every word is sent as `LL_DATA_RAW_<BUS>`; default false.
+    pub raw: bool,
+    /// What is on it.
+    pub nodes: Vec<Rs485Node>,
+}
+
+/// How nine bits cross a serial port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Two bytes a word.
+    TwoByte,
+}
+
+/// `crc = { … }`, in the words of the Rocksoft model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Crc {
+    /// Without the leading 1; default 0x1D.
+    pub polynomial: u8,
+    /// Default 0xFF.
+    pub initial: u8,
+    /// Both input and output; default false.
+    pub reflected: bool,
+    /// Default 0xFF.
+    pub final_xor: u8,
+}
+
+/// `[[rs485.<bus>.nodes]]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rs485Node {
+    /// 1..=254.
+    pub address: u8,
+    /// What board it is.
+    pub driver: Rs485Driver,
+    /// How often it is asked, 0.1..=100 Hz.
+    pub rate_hz: f64,
+    /// How long its answer may take, 0.001..=1 s; default 0.02.
+    pub timeout_s: f64,
+}
+
+/// Boards on EIA-485 that there are drivers for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rs485Driver {
+    /// BR-SD1, distances.
+    Sd1,
+    /// BR-SO1, odometry.
+    So1,
+}
+
+/// An item of `srfs` or `irs`: a ranger and where it sits in the robot's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ranger {
+    /// Its number in messages, 0..=255.
+    pub id: u8,
+    /// The address of the SD1 that serves it.
+    pub board: u8,
+    /// Its place in that board's answer.
+    pub channel: u8,
+    /// m.
+    pub x: f64,
+    /// m.
+    pub y: f64,
+    /// Where it looks, rad.
+    pub theta: f64,
+}
+
+impl Robot {
+    /// Reads the merged tree.
+    pub(super) fn read(mut root: Table<'_>) -> Option<Self> {
+        let name = root.table("robot").map(|mut table| {
+            let name = table.text("name", None);
+            table.end();
+            name
+        });
+        let geometry = root.table("geometry").map(Geometry::read);
+        let limits = root.table("limits").map(Limits::read);
+        let can = root.named_tables("can").into_iter().map(|(name, table)| CanBus::read(name, table)).collect();
+        let rs485: Vec<Rs485Bus> =
+            root.named_tables("rs485").into_iter().map(|(name, table)| Rs485Bus::read(name, table)).collect();
+        let srfs = Ranger::read_all(&mut root, "srfs", 7, &rs485);
+        let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
+        root.end();
+        Some(Self { name: name?, geometry: geometry?, limits: limits?, can, rs485, srfs, irs })
+    }
+}
+
+impl Geometry {
+    fn read(mut table: Table<'_>) -> Self {
+        let geometry = Self {
+            wheelbase_m: table.number("wheelbase_m", None, 0.05..=5.0),
+            track_m: table.number("track_m", None, 0.05..=5.0),
+            wheel_radius_m: table.number("wheel_radius_m", None, 0.01..=1.0),
+            length_m: table.number("length_m", None, 0.1..=10.0),
+            width_m: table.number("width_m", None, 0.1..=10.0),
+            rear_overhang_m: table.number("rear_overhang_m", None, 0.0..=5.0),
+            ticks_per_turn: table.integer("ticks_per_turn", None, 1..=1_000_000),
+        };
+        table.end();
+        geometry
+    }
+}
+
+impl Limits {
+    fn read(mut table: Table<'_>) -> Self {
+        let limits = Self {
+            speed_mps: table.number("speed_mps", None, 0.01..=10.0),
+            steering_rad: table.number("steering_rad", None, 0.01..=1.5),
+            acceleration_mps2: table.number("acceleration_mps2", None, 0.01..=20.0),
+            deceleration_mps2: table.number("deceleration_mps2", None, 0.01..=20.0),
+            quick_stop_mps2: table.number("quick_stop_mps2", None, 0.01..=20.0),
+            steering_rate_radps: table.number("steering_rate_radps", None, 0.01..=20.0),
+            command_ttl_s: table.number("command_ttl_s", Some(0.25), 0.05..=1.0),
+        };
+        table.end();
+        limits
+    }
+}
+
+impl CanBus {
+    fn read(name: String, mut table: Table<'_>) -> Self {
+        let text = table.text("interface", None);
+        let interface = CanInterface::parse(&text).unwrap_or_else(|| {
+            if !text.is_empty() {
+                table.refuse("interface", r#""can0" or another network interface, or "udp:GROUP[:PORT]""#);
+            }
+            CanInterface::Socket(String::new())
+        });
+        let bitrate = table.integer("bitrate", Some(500_000), 10_000..=1_000_000);
+        let raw = table.boolean("raw", false);
+        let mut nodes: Vec<CanNode> = Vec::new();
+        for mut item in table.tables("nodes") {
+            let node = CanNode::read(&mut item);
+            if nodes.iter().any(|other| other.id == node.id) {
+                item.refuse("id", "one that no other node of the bus has");
+            }
+            if nodes.iter().any(|other| other.axis == node.axis) {
+                item.refuse("axis", "one that no other node has");
+            }
+            item.end();
+            nodes.push(node);
+        }
+        table.end();
+        Self { name, interface, bitrate, raw, nodes }
+    }
+}
+
+impl CanInterface {
+    fn parse(text: &str) -> Option<Self> {
+        let Some(udp) = text.strip_prefix("udp:") else {
+            // IFNAMSIZ counts the end of the string.
+            let name = !text.is_empty() && text.len() < 16 && !text.contains(['/', ':']) && !text.contains(char::is_whitespace);
+            return name.then(|| Self::Socket(text.into()));
+        };
+        let (group, port) = match udp.split_once(':') {
+            Some((group, port)) => (group, Some(port.parse().ok().filter(|port| *port != 0)?)),
+            None => (udp, None),
+        };
+        let group: Ipv4Addr = group.parse().ok()?;
+        group.is_multicast().then_some(Self::Udp { group, port })
+    }
+}
+
+impl CanNode {
+    fn read(table: &mut Table<'_>) -> Self {
+        Self {
+            id: table.integer("id", None, 1..=127),
+            driver: table.choice("driver", None, &[("epos", CanDriver::Epos), ("icla", CanDriver::Icla)]),
+            axis: table.choice("axis", None, &[("propulsion", Axis::Propulsion), ("steering", Axis::Steering)]),
+            eds: Some(table.text("eds", Some(""))).filter(|eds| !eds.is_empty()).map(PathBuf::from),
+        }
+    }
+}
+
+impl Rs485Bus {
+    fn read(name: String, mut table: Table<'_>) -> Self {
+        let port = PathBuf::from(table.text("port", None));
+        let baud = table.integer("baud", Some(115_200), 1200..=4_000_000);
+        let transport = table.choice("transport", None, &[("two-byte", Transport::TwoByte)]);
+        let crc = table.table_if_any("crc").map_or_else(Crc::default, Crc::read);
+        let raw = table.boolean("raw", false);
+        let mut nodes: Vec<Rs485Node> = Vec::new();
+        for mut item in table.tables("nodes") {
+            let node = Rs485Node::read(&mut item);
+            if nodes.iter().any(|other| other.address == node.address) {
+                item.refuse("address", "one that no other node of the bus has");
+            }
+            item.end();
+            nodes.push(node);
+        }
+        table.end();
+        Self { name, port, baud, transport, crc, raw, nodes }
+    }
+}
+
+impl Default for Crc {
+    /// CRC-8/SAE-J1850.
+    fn default() -> Self {
+        Self { polynomial: 0x1D, initial: 0xFF, reflected: false, final_xor: 0xFF }
+    }
+}
+
+impl Crc {
+    fn read(mut table: Table<'_>) -> Self {
+        let default = Self::default();
+        let crc = Self {
+            polynomial: table.integer("polynomial", Some(default.polynomial), 1..=255),
+            initial: table.integer("initial", Some(default.initial), 0..=255),
+            reflected: table.boolean("reflected", default.reflected),
+            final_xor: table.integer("final_xor", Some(default.final_xor), 0..=255),
+        };
+        table.end();
+        crc
+    }
+}
+
+impl Rs485Node {
+    fn read(table: &mut Table<'_>) -> Self {
+        Self {
+            address: table.integer("address", None, 1..=254),
+            driver: table.choice("driver", None, &[("sd1", Rs485Driver::Sd1), ("so1", Rs485Driver::So1)]),
+            rate_hz: table.number("rate", None, 0.1..=100.0),
+            timeout_s: table.number("timeout_s", Some(0.02), 0.001..=1.0),
+        }
+    }
+}
+
+impl Ranger {
+    fn read_all(root: &mut Table<'_>, key: &'static str, channel_max: u8, busses: &[Rs485Bus]) -> Vec<Self> {
+        let mut rangers: Vec<Self> = Vec::new();
+        for mut item in root.tables(key) {
+            let ranger = Self::read(&mut item, channel_max);
+            let mut boards = busses.iter().flat_map(|bus| &bus.nodes).filter(|node| node.driver == Rs485Driver::Sd1);
+            if !boards.any(|node| node.address == ranger.board) {
+                item.refuse("board", "the address of an sd1 in rs485");
+            }
+            if rangers.iter().any(|other| other.id == ranger.id) {
+                item.refuse("id", format_args!("one that no other of the {key} has"));
+            }
+            if rangers.iter().any(|other| (other.board, other.channel) == (ranger.board, ranger.channel)) {
+                item.refuse("channel", format_args!("one that no other of the {key} on this board has"));
+            }
+            item.end();
+            rangers.push(ranger);
+        }
+        rangers
+    }
+
+    fn read(table: &mut Table<'_>, channel_max: u8) -> Self {
+        use std::f64::consts::PI;
+        Self {
+            id: table.integer("id", None, 0..=255),
+            board: table.integer("board", None, 1..=254),
+            channel: table.integer("channel", None, 0..=channel_max),
+            x: table.number("x", None, -10.0..=10.0),
+            y: table.number("y", None, -10.0..=10.0),
+            theta: table.number("theta", None, -PI..=PI),
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! What is wrong in a configuration, and the line that says so.
+
+use super::*;
+use std::path::PathBuf;
+
+/// The shipped folder, which every checkout has.
+fn shipped() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee")
+}
+
+const MODULES: &str = "[[modules]]\nname = \"driver_canbus\"\n";
+
+/// A small robot, one thing on each line that tests replace.
+const ROBOT: &str = r#"[robot]
+name = "small"
+[geometry]
+wheelbase_m = 0.6
+track_m = 0.5
+wheel_radius_m = 0.1
+length_m = 0.9
+width_m = 0.6
+rear_overhang_m = 0.15
+ticks_per_turn = 4096
+[limits]
+speed_mps = 1.2
+steering_rad = 0.61
+acceleration_mps2 = 0.5
+deceleration_mps2 = 0.8
+quick_stop_mps2 = 1.5
+steering_rate_radps = 0.7
+[can.main]
+interface = "can0"
+nodes = [
+    { id = 1, driver = "epos", axis = "propulsion" },
+    { id = 2, driver = "icla", axis = "steering" },
+]
+[rs485.a]
+port = "/dev/ttyS1"
+transport = "two-byte"
+nodes = [
+    { address = 0x10, driver = "sd1", rate = 4 },
+]
+[[srfs]]
+id = 0
+board = 0x10
+channel = 0
+x = 0
+y = 0.0
+theta = 0.0
+"#;
+
+fn load(robot: &str, over: &str, sets: &[&str], modules: &str) -> Result<Config, Vec<String>> {
+    let mut tree = Node::parse(Path::new("robot.toml"), robot)?;
+    tree.merge(Node::parse(Path::new("sim.toml"), over)?);
+    for set in sets {
+        tree.set(set).map_err(|line| vec![line])?;
+    }
+    let modules = Node::parse(Path::new("modules.toml"), modules)?;
+    Config::check(&tree, &modules, true).map_err(|ConfigError(lines)| lines)
+}
+
+/// The small robot with `from` replaced by `to` is refused with exactly these lines.
+#[track_caller]
+fn refused(from: &str, to: &str, lines: &[&str]) {
+    assert!(ROBOT.contains(from), "{from}");
+    let found = load(&ROBOT.replacen(from, to, 1), "", &[], MODULES).unwrap_err();
+    assert_eq!(found, lines);
+}
+
+#[test]
+fn the_shipped_robot_loads_live_and_simulated() {
+    let live = Config::load(&shipped(), false, &[]).unwrap();
+    let sim = Config::load(&shipped(), true, &[]).unwrap();
+    assert_eq!((live.robot.srfs.len(), live.robot.irs.len()), (16, 4));
+    assert_eq!(live.robot.can[0].interface, CanInterface::Socket("can0".into()));
+    let group = std::net::Ipv4Addr::new(239, 74, 163, 2);
+    assert_eq!(sim.robot.can[0].interface, CanInterface::Udp { group, port: None });
+    assert_eq!(sim.robot.rs485[0].port, PathBuf::from("rs485-a"));
+    let names = |config: &Config| config.modules.iter().map(|module| module.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&live), ["driver_rs485a", "driver_canbus"]);
+    assert_eq!(names(&sim), ["simulator", "driver_rs485a", "driver_canbus"]);
+    assert!(live.modules.iter().all(|module| module.depends.is_empty()));
+}
+
+#[test]
+fn the_small_robot_loads_with_the_defaults() {
+    let robot = load(ROBOT, "", &[], MODULES).unwrap().robot;
+    assert_eq!(robot.limits.command_ttl_s, 0.25);
+    assert_eq!((robot.can[0].bitrate, robot.rs485[0].baud), (500_000, 115_200));
+    assert_eq!(robot.rs485[0].crc, Crc { polynomial: 0x1D, initial: 0xFF, reflected: false, final_xor: 0xFF });
+}
+
+#[test]
+fn an_unknown_key_is_refused_and_the_known_ones_are_named() {
+    refused(
+        "name = \"small\"",
+        "name = \"small\"\ncolour = \"red\"",
+        &["robot.toml:3: robot.colour: unknown key, expected one of name"],
+    );
+}
+
+#[test]
+fn an_unknown_table_is_refused() {
+    refused(
+        "[limits]",
+        "[power]\nport = \"x\"\n[limits]",
+        &["robot.toml:11: power: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs"],
+    );
+}
+
+#[test]
+fn a_missing_key_is_named_with_its_table_s_line() {
+    refused("track_m = 0.5\n", "", &["robot.toml:3: geometry.track_m: missing, expected a number from 0.05 to 5"]);
+}
+
+#[test]
+fn a_number_out_of_range_is_refused() {
+    refused(
+        "wheelbase_m = 0.6",
+        "wheelbase_m = 60",
+        &["robot.toml:4: geometry.wheelbase_m = 60: expected a number from 0.05 to 5"],
+    );
+}
+
+#[test]
+fn what_is_not_a_number_is_no_number() {
+    refused(
+        "speed_mps = 1.2",
+        "speed_mps = nan",
+        &["robot.toml:12: limits.speed_mps = NaN: expected a number from 0.01 to 10"],
+    );
+}
+
+#[test]
+fn a_wrong_type_is_refused() {
+    refused(
+        "ticks_per_turn = 4096",
+        "ticks_per_turn = \"4096\"",
+        &["robot.toml:10: geometry.ticks_per_turn = \"4096\": expected an integer from 1 to 1000000"],
+    );
+}
+
+#[test]
+fn a_table_that_is_none_is_refused() {
+    let found = load("robot = 1\n", "", &[], MODULES).unwrap_err();
+    assert_eq!(found[0], "robot.toml:1: robot = 1: expected a table");
+    assert_eq!(found[1], "robot.toml:1: geometry: missing, expected a table");
+}
+
+#[test]
+fn a_choice_names_the_choices() {
+    refused(
+        "\"two-byte\"",
+        "\"parity\"",
+        &["robot.toml:26: rs485.a.transport = \"parity\": expected \"two-byte\""],
+    );
+    refused(
+        "\"icla\"",
+        "\"elmo\"",
+        &["robot.toml:22: can.main.nodes[1].driver = \"elmo\": expected \"epos\" or \"icla\""],
+    );
+}
+
+#[test]
+fn two_nodes_of_one_number_are_refused() {
+    refused(
+        "{ id = 2",
+        "{ id = 1",
+        &["robot.toml:22: can.main.nodes[1].id = 1: expected one that no other node of the bus has"],
+    );
+}
+
+#[test]
+fn a_ranger_s_board_must_exist() {
+    refused(
+        "board = 0x10\nchannel",
+        "board = 0x12\nchannel",
+        &["robot.toml:32: srfs[0].board = 18: expected the address of an sd1 in rs485"],
+    );
+}
+
+#[test]
+fn an_interface_must_be_one() {
+    refused(
+        "\"can0\"",
+        "\"udp:10.0.0.1:43113\"",
+        &["robot.toml:19: can.main.interface = \"udp:10.0.0.1:43113\": \
+           expected \"can0\" or another network interface, or \"udp:GROUP[:PORT]\""],
+    );
+}
+
+#[test]
+fn all_that_is_wrong_is_listed_in_the_order_of_the_file() {
+    let robot = ROBOT.replace("name = \"small\"", "name = \"\"").replace("theta = 0.0", "theta = 4.0");
+    let found = load(&robot, "[limits]\nspeed_mps = -1\n", &["limits.steering_rad=2"], MODULES).unwrap_err();
+    assert_eq!(
+        found,
+        [
+            "robot.toml:2: robot.name = \"\": expected a text",
+            "robot.toml:36: srfs[0].theta = 4.0: expected a number from -3.141592653589793 to 3.141592653589793",
+            "sim.toml:2: limits.speed_mps = -1: expected a number from 0.01 to 10",
+            "--set: limits.steering_rad = 2: expected a number from 0.01 to 1.5",
+        ]
+    );
+}
+
+#[test]
+fn broken_toml_is_located() {
+    let found = load(&ROBOT.replace("track_m = 0.5", "track_m = "), "", &[], MODULES).unwrap_err();
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].starts_with("robot.toml:5: "), "{found:?}");
+}
+
+#[test]
+fn later_layers_override_single_keys() {
+    let sets = ["limits.speed_mps=0.5", "can.main.nodes.1.id=7", "can.main.interface=udp:239.0.0.1:5000", "robot.name = \"n\""];
+    let robot = load(ROBOT, "[limits]\nspeed_mps = 0.9\nsteering_rad = 0.3\n", &sets, MODULES).unwrap().robot;
+    assert_eq!((robot.limits.speed_mps, robot.limits.steering_rad, robot.limits.acceleration_mps2), (0.5, 0.3, 0.5));
+    assert_eq!((robot.can[0].nodes[1].id, robot.name.as_str()), (7, "n"));
+    let group = std::net::Ipv4Addr::new(239, 0, 0, 1);
+    assert_eq!(robot.can[0].interface, CanInterface::Udp { group, port: Some(5000) });
+}
+
+#[test]
+fn an_override_must_be_an_assignment_to_something() {
+    let error = |set: &str| load(ROBOT, "", &[set], MODULES).unwrap_err();
+    assert_eq!(error("limits"), ["--set limits: expected table.key=value"]);
+    assert_eq!(error(".x=1"), ["--set .x=1: expected table.key=value"]);
+    assert_eq!(error("robot.name.x=1"), ["--set robot.name.x=1: \"small\" has no key x"]);
+    assert_eq!(error("can.main.nodes.2.id=1"), ["--set can.main.nodes.2.id=1: 2 is none of the 2 items"]);
+    assert_eq!(error("robot.nmae=x"), ["--set: robot.nmae: unknown key, expected one of name"]);
+}
+
+#[test]
+fn modules_are_checked_too() {
+    let modules = "[[modules]]\nname = \"a b\"\n[[modules]]\nname = \"x\"\ndepends = [\"y\"]\nrestart = \"maybe\"\n\
+                   cpus = [0, -1]\n[[modules]]\nname = \"x\"\nrt_priority = 100\n";
+    assert_eq!(
+        load(ROBOT, "", &[], modules).unwrap_err(),
+        [
+            "modules.toml:2: modules[0].name = \"a b\": expected letters, digits, _ and -",
+            "modules.toml:5: modules[1].depends = [1 items]: expected modules listed before x",
+            "modules.toml:6: modules[1].restart = \"maybe\": expected \"always\" or \"never\"",
+            "modules.toml:7: modules[1].cpus = [2 items]: expected a list of integers from 0 to 1023",
+            "modules.toml:9: modules[2].name = \"x\": expected one that no other module has",
+            "modules.toml:10: modules[2].rt_priority = 100: expected an integer from 0 to 99",
+        ]
+    );
+}
+
+#[test]
+fn a_folder_without_files_says_which_are_missing() {
+    let ConfigError(lines) = Config::load(Path::new("/nonexistent"), true, &[]).unwrap_err();
+    let expected = ["robot.toml", "sim.toml", "modules.toml"]
+        .map(|name| format!("/nonexistent/{name}: No such file or directory (os error 2)"));
+    assert_eq!(lines, expected);
+}
