@@ -1,1 +1,32 @@
 //! The LCM type language: parser, fingerprints, Rust generator.
+//!
+//! Strings in, strings out: the caller reads the `.lcm` files. Only [`build`], for build scripts, touches files.
+//!
+//! ```
+//! let files = [("point.lcm", "package demo; struct point_t { double x, y; }")];
+//! let schema = lcm_gen::Schema::new(&files).unwrap();
+//! assert_eq!(schema.fingerprint("demo.point_t"), Some(0x8904b80b6acce5f3));
+//! assert!(lcm_gen::rust::generate(&schema).unwrap().contains("pub struct Point"));
+//! ```
+//!
+//! Differs from the official `lcm-gen` where that is merely quirky: braces need no white space around them, the package
+//! does not persist from one file to the next, a comment at the end of a line documents what stands on that line.
+//! Refused here and accepted there: names that are no identifiers, `int64_t` constants out of range, arrays of enums
+//! (encoded wrongly in C), types that contain themselves without end, arrays above the largest message.
+#![forbid(unsafe_code)]
+
+mod ast;
+pub mod build;
+mod error;
+mod fingerprint;
+mod parse;
+pub mod rust;
+mod schema;
+mod token;
+
+pub use ast::{
+    Constant, Definition, Dim, Kind, Literal, Member, MemberType, Primitive, Size, Value,
+};
+pub use error::{At, Error};
+pub use parse::{File, parse};
+pub use schema::Schema;

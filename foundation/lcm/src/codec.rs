@@ -1,1 +1,98 @@
 //! Encoding and decoding of messages: what generated code calls.
+//!
+//! A message is its type's fingerprint (8 bytes, big-endian) and a body: the members in order of declaration, without
+//! padding, tags or lengths of arrays. `lcm-gen` writes an [`impl Type`](Type) for every type: straight-line code that
+//! puts each member into a [`Writer`] or takes it from a [`Reader`]. Whatever always takes the same number of bytes is
+//! [`Fixed`] and is stored and loaded whole.
+//!
+//! Stricter than liblcm when decoding, since the bytes come from a network: counts are held against the bytes that are
+//! left before anything is allocated, recursion is bounded, strings must be strings, nothing may be left over. The
+//! memory that a message may cost stays within a constant factor of its size.
+
+mod error;
+mod fixed;
+mod reader;
+mod writer;
+
+pub use error::{DecodeError, EncodeError};
+pub use fixed::Fixed;
+pub use reader::Reader;
+pub use writer::Writer;
+
+/// How deep values of a recursive type may nest, in both directions. Types that are not recursive are as deep as
+/// their definition, which no message can change.
+pub const MAX_DEPTH: usize = 64;
+
+/// How many elements that take no bytes (empty structs, rows of length 0) a message may announce in all: such counts
+/// cannot be held against the bytes that are left.
+pub const MAX_EMPTY: usize = 65_536;
+
+/// Fewest bytes of an encoded string: its length and the final NUL.
+pub const STRING_MIN: usize = 5;
+
+/// A type of the LCM type language; implemented by generated code.
+pub trait Type: Sized {
+    /// What stands in front of every encoded message of this type.
+    const FINGERPRINT: u64;
+
+    /// The name in the definition, with its package: `common.data_state_t`.
+    const NAME: &'static str;
+
+    /// Fewest bytes that a body takes.
+    const MIN_SIZE: usize;
+
+    /// Writes the members, without a fingerprint, as in a nested value.
+    ///
+    /// # Errors
+    /// When the value cannot be expressed; see [`EncodeError`].
+    fn encode_body(&self, w: &mut Writer<'_>) -> Result<(), EncodeError>;
+
+    /// Reads the members, without a fingerprint, as in a nested value.
+    ///
+    /// # Errors
+    /// When the bytes are not such a value; see [`DecodeError`].
+    fn decode_body(r: &mut Reader<'_>) -> Result<Self, DecodeError>;
+
+    /// Appends the message, fingerprint and body, to `out`.
+    ///
+    /// # Errors
+    /// When the value cannot be expressed: arrays that share a length differ in theirs, a string holds a NUL, a count
+    /// does not fit. `out` is as before then.
+    fn encode(&self, out: &mut Vec<u8>) -> Result<(), EncodeError> {
+        let start = out.len();
+        let mut w = Writer::new(out, 8 + Self::MIN_SIZE);
+        w.put_u64(Self::FINGERPRINT);
+        let result = self.encode_body(&mut w);
+        let end = if result.is_ok() { w.position() } else { start };
+        out.truncate(end);
+        result
+    }
+
+    /// Reads a whole message, fingerprint and body.
+    ///
+    /// # Errors
+    /// When `bytes` are anything but one message of this type.
+    fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let mut r = Reader::new(bytes);
+        let found = r.get_u64()?;
+        if found != Self::FINGERPRINT {
+            return Err(DecodeError::Fingerprint {
+                expected: Self::FINGERPRINT,
+                found,
+            });
+        }
+        let value = Self::decode_body(&mut r)?;
+        match r.remaining() {
+            0 => Ok(value),
+            extra => Err(DecodeError::LeftOver { extra }),
+        }
+    }
+}
+
+/// The fingerprint in front of an encoded message, if it is long enough to have one.
+#[must_use]
+pub fn fingerprint(message: &[u8]) -> Option<u64> {
+    message
+        .first_chunk()
+        .map(|bytes| u64::from_be_bytes(*bytes))
+}

@@ -1,0 +1,38 @@
+//! The hashes that fingerprints are made of (`lcmgen/lcmgen.c`, `lcmgen/emit_c.c`). All arithmetic wraps at 64 bits.
+
+use crate::{Definition, Kind, MemberType, Size};
+
+fn step(v: i64, c: i8) -> i64 {
+    ((v << 8) ^ (v >> 55)).wrapping_add(i64::from(c))
+}
+
+/// Takes in the length and each byte; both as C's `char`, which is signed where LCM was made.
+fn steps(v: i64, text: &str) -> i64 {
+    text.bytes()
+        .fold(step(v, text.len() as i8), |v, byte| step(v, byte as i8))
+}
+
+/// The hash of a definition alone. Leaves out the type's own name, the names of compound types, and constants.
+pub fn base(definition: &Definition) -> u64 {
+    let members = match &definition.kind {
+        Kind::Struct { members, .. } => members,
+        Kind::Enum { .. } => return steps(0x8765_4321, &definition.short) as u64,
+    };
+    let mut v = 0x1234_5678;
+    for member in members {
+        v = steps(v, &member.name);
+        if let MemberType::Primitive(primitive) = member.ty {
+            v = steps(v, primitive.name());
+        }
+        v = step(v, member.dims.len() as i8);
+        for dim in &member.dims {
+            v = steps(step(v, i8::from(dim.size == Size::Variable)), &dim.text);
+        }
+    }
+    v as u64
+}
+
+/// The fingerprint of a struct from its own hash and the sum of its compound members' fingerprints.
+pub fn full(base: u64, members: u64) -> u64 {
+    base.wrapping_add(members).rotate_left(1)
+}

@@ -1,0 +1,334 @@
+//! The bodies of `encode_body` and `decode_body`: one statement a member, in order of declaration.
+
+use std::fmt::Write as _;
+
+use super::is_implicit;
+use super::names::{field, free, primitive};
+use crate::{Definition, Dim, Member, MemberType, Primitive, Schema, Size};
+
+/// Both bodies, and the names of their parameters.
+pub struct Body {
+    pub writer: String,
+    pub reader: String,
+    pub encode: String,
+    pub decode: String,
+}
+
+impl Body {
+    /// Of a type that is `Fixed`.
+    pub fn whole() -> Self {
+        Self {
+            writer: "w".to_owned(),
+            reader: "r".to_owned(),
+            encode: "        w.put(self);\n".to_owned(),
+            decode: "        r.get()\n".to_owned(),
+        }
+    }
+
+    /// Of any other struct.
+    pub fn of(schema: &Schema, definition: &Definition) -> Self {
+        let members = definition.members();
+        let emitter = Emitter {
+            schema,
+            members,
+            writer: free(&["w", "writer"], members),
+            reader: free(&["r", "reader"], members),
+            item: free(&["item", "element"], members),
+        };
+        let (encode, decode) = (emitter.encode(), emitter.decode());
+        Self {
+            writer: emitter.writer,
+            reader: emitter.reader,
+            encode,
+            decode,
+        }
+    }
+}
+
+/// Fewest bytes of a member that has no variable dimension, or of one element otherwise.
+pub fn min_size(schema: &Schema, member: &Member) -> usize {
+    let fixed = member.dims.iter().filter_map(|dim| match dim.size {
+        Size::Fixed(n) => Some(n),
+        Size::Variable => None,
+    });
+    fixed.product::<usize>() * element_min(schema, member)
+}
+
+fn element_min(schema: &Schema, member: &Member) -> usize {
+    match &member.ty {
+        MemberType::Primitive(ty) => ty.min_size(),
+        MemberType::Named(name) => schema.min_size(name).unwrap_or_default(),
+    }
+}
+
+struct Emitter<'a> {
+    schema: &'a Schema,
+    members: &'a [Member],
+    writer: String,
+    reader: String,
+    item: String,
+}
+
+impl Emitter<'_> {
+    /// Whether the element type is `Fixed`.
+    fn is_fixed(&self, member: &Member) -> bool {
+        match &member.ty {
+            MemberType::Primitive(ty) => *ty != Primitive::String,
+            MemberType::Named(name) => self.schema.is_fixed(name),
+        }
+    }
+
+    fn is_recursive(&self, member: &Member) -> bool {
+        matches!(&member.ty, MemberType::Named(name) if self.schema.is_recursive(name))
+    }
+
+    /// Whether the member is a length that is a field too.
+    fn is_explicit(&self, member: &Member) -> bool {
+        let used = |dim: &Dim| dim.size == Size::Variable && dim.text == member.name;
+        !is_implicit(member, self.members)
+            && self.members.iter().any(|other| other.dims.iter().any(used))
+    }
+
+    /// The local variable that holds the value of a length member as `usize`.
+    fn length(&self, name: &str) -> String {
+        let explicit = self
+            .members
+            .iter()
+            .any(|member| member.name == name && self.is_explicit(member));
+        if explicit {
+            free(
+                &[&format!("{name}_len"), &format!("{name}_length")],
+                self.members,
+            )
+        } else {
+            field(name)
+        }
+    }
+
+    fn encode(&self) -> String {
+        let (mut lengths, mut out, w) = (String::new(), String::new(), &self.writer);
+        for member in self.members {
+            let (name, place) = (&member.name, format!("self.{}", field(&member.name)));
+            if is_implicit(member, self.members) {
+                let lends = |dim: &Dim| dim.size == Size::Variable && dim.text == *name;
+                let lender = self
+                    .members
+                    .iter()
+                    .find(|other| other.dims.first().is_some_and(lends));
+                let lender = lender.map_or_else(String::new, |lender| field(&lender.name));
+                let MemberType::Primitive(ty) = member.ty else {
+                    continue;
+                };
+                let _ = writeln!(
+                    lengths,
+                    "        let {} = self.{lender}.len();",
+                    self.length(name)
+                );
+                let ty = primitive(ty);
+                let _ = writeln!(
+                    out,
+                    "        {w}.count::<{ty}>(\"{name}\", {})?;",
+                    self.length(name)
+                );
+                continue;
+            }
+            if self.is_explicit(member) {
+                let length = self.length(name);
+                let _ = writeln!(
+                    lengths,
+                    "        let {length} = {w}.length(\"{name}\", {place})?;"
+                );
+            }
+            self.encode_array(&mut out, member, &member.dims, &place, "        ");
+        }
+        lengths + &out
+    }
+
+    /// `place` is the variable or field; a loop's variable is a reference already.
+    fn encode_array(
+        &self,
+        out: &mut String,
+        member: &Member,
+        dims: &[Dim],
+        place: &str,
+        indent: &str,
+    ) {
+        let (w, name) = (&self.writer, &member.name);
+        let reference = if place.starts_with("self.") {
+            format!("&{place}")
+        } else {
+            place.to_owned()
+        };
+        let is_lender = dims.len() == member.dims.len()
+            && self
+                .members
+                .iter()
+                .find(|other| {
+                    other
+                        .dims
+                        .first()
+                        .is_some_and(|dim| dims.first() == Some(dim) && dim.size == Size::Variable)
+                })
+                .is_some_and(|first| first.name == *name);
+        if let Some(dim) = dims
+            .first()
+            .filter(|dim| dim.size == Size::Variable && !is_lender)
+        {
+            let length = self.length(&dim.text);
+            let _ = writeln!(
+                out,
+                "{indent}{w}.check(\"{name}\", {length}, {place}.len())?;"
+            );
+        }
+        let fixed = self.is_fixed(member);
+        match dims {
+            _ if fixed && dims.iter().all(|dim| dim.size != Size::Variable) => {
+                let _ = writeln!(out, "{indent}{w}.put({reference});");
+            }
+            [_, inner @ ..] if fixed && inner.iter().all(|dim| dim.size != Size::Variable) => {
+                let _ = writeln!(out, "{indent}{w}.put_all({reference});");
+            }
+            [_, inner @ ..] => {
+                let item = &self.item;
+                let _ = writeln!(out, "{indent}for {item} in {reference} {{");
+                self.encode_array(out, member, inner, item, &format!("{indent}    "));
+                let _ = writeln!(out, "{indent}}}");
+            }
+            [] if matches!(member.ty, MemberType::Primitive(_)) => {
+                let _ = writeln!(out, "{indent}{w}.string(\"{name}\", {reference})?;");
+            }
+            [] if self.is_recursive(member) => {
+                let _ = writeln!(out, "{indent}{w}.nested(|{w}| {place}.encode_body({w}))?;");
+            }
+            [] => {
+                let _ = writeln!(out, "{indent}{place}.encode_body({w})?;");
+            }
+        }
+    }
+
+    fn decode(&self) -> String {
+        let r = &self.reader;
+        let has_lengths = self.members.iter().any(Member::is_variable);
+        let value = |member: &Member| self.call(&self.decode_array(member, &member.dims));
+        if !has_lengths {
+            let fields: String = self
+                .members
+                .iter()
+                .map(|member| format!("            {}: {}?,\n", field(&member.name), value(member)))
+                .collect();
+            return format!("        Ok(Self {{\n{fields}        }})\n");
+        }
+        let (mut out, mut fields) = (String::new(), Vec::new());
+        for member in self.members {
+            let name = field(&member.name);
+            if is_implicit(member, self.members) {
+                let MemberType::Primitive(ty) = member.ty else {
+                    continue;
+                };
+                let _ = writeln!(
+                    out,
+                    "        let {name} = {r}.count::<{}>()?;",
+                    primitive(ty)
+                );
+                continue;
+            }
+            if self.is_explicit(member) {
+                let MemberType::Primitive(ty) = member.ty else {
+                    continue;
+                };
+                let _ = writeln!(out, "        let {name} = {r}.get::<{}>()?;", primitive(ty));
+                let _ = writeln!(
+                    out,
+                    "        let {} = {r}.length({name})?;",
+                    self.length(&member.name)
+                );
+            } else {
+                let _ = writeln!(out, "        let {name} = {}?;", value(member));
+            }
+            fields.push(name);
+        }
+        let line = format!("        Ok(Self {{ {} }})\n", fields.join(", "));
+        if line.len() <= 100 {
+            return out + &line;
+        }
+        out + "        Ok(Self {\n            "
+            + &fields.join(",\n            ")
+            + ",\n        })\n"
+    }
+
+    /// Applies what [`Self::decode_array`] found to the reader.
+    fn call(&self, function: &Function) -> String {
+        let r = &self.reader;
+        match function {
+            Function::Method(call) => format!("{r}.{call}"),
+            Function::Path(path) => format!("{path}({r})"),
+        }
+    }
+
+    fn decode_array(&self, member: &Member, dims: &[Dim]) -> Function {
+        let fixed = self.is_fixed(member);
+        let r = &self.reader;
+        match dims {
+            _ if fixed && dims.iter().all(|dim| dim.size != Size::Variable) => {
+                Function::Method("get()".to_owned())
+            }
+            [Dim { text, .. }, inner @ ..]
+                if fixed && inner.iter().all(|dim| dim.size != Size::Variable) =>
+            {
+                Function::Method(format!("get_vec({})", self.length(text)))
+            }
+            [dim, inner @ ..] => {
+                let element = match self.decode_array(member, inner) {
+                    Function::Path(path) => path,
+                    Function::Method(call) if call == "string()" => {
+                        "codec::Reader::string".to_owned()
+                    }
+                    Function::Method(call) => format!("|{r}| {r}.{call}"),
+                };
+                Function::Method(match dim.size {
+                    Size::Fixed(_) => format!("array({element})"),
+                    Size::Variable => {
+                        format!(
+                            "vec({}, {}, {element})",
+                            self.length(&dim.text),
+                            self.row_min(member, inner)
+                        )
+                    }
+                })
+            }
+            [] if matches!(member.ty, MemberType::Primitive(_)) => {
+                Function::Method("string()".to_owned())
+            }
+            [] if self.is_recursive(member) => {
+                Function::Method("nested(codec::Type::decode_body)".to_owned())
+            }
+            [] => Function::Path("codec::Type::decode_body".to_owned()),
+        }
+    }
+
+    /// Fewest bytes of an element that is itself an array: an expression.
+    fn row_min(&self, member: &Member, dims: &[Dim]) -> String {
+        let row = Member {
+            dims: dims.to_vec(),
+            ..member.clone()
+        };
+        let mut min = min_size(self.schema, &row).to_string();
+        for dim in dims.iter().filter(|dim| dim.size == Size::Variable) {
+            let length = self.length(&dim.text);
+            min = if min == "1" {
+                length
+            } else {
+                format!("{length}.saturating_mul({min})")
+            };
+        }
+        min
+    }
+}
+
+/// How a value is read.
+enum Function {
+    /// `reader.call`
+    Method(String),
+    /// `path(reader)`
+    Path(String),
+}

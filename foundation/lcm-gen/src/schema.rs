@@ -1,0 +1,257 @@
+//! All definitions together: names resolved, fingerprints, sizes.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    Definition, Error, File, Kind, Member, MemberType, Primitive, Size, fingerprint, parse,
+};
+
+/// The greatest message that a receiver takes (`lcm/lcm_udpm.c`: 2^28 bytes).
+const MESSAGE_MAX: usize = 1 << 28;
+
+/// Definitions in which every name has a meaning and every type a finite size.
+#[derive(Clone, Debug, Default)]
+pub struct Schema {
+    definitions: Vec<Definition>,
+    index: BTreeMap<String, usize>,
+    packages: Vec<(String, Vec<String>)>,
+    /// Per definition, those that its members lead to, in any number of steps.
+    reach: Vec<BTreeSet<usize>>,
+    min_sizes: Vec<usize>,
+}
+
+impl Schema {
+    /// Reads all files, given as name (for messages) and text, together.
+    ///
+    /// # Errors
+    /// The first thing that is wrong in any of them, or between them.
+    pub fn new(files: &[(impl AsRef<str>, impl AsRef<str>)]) -> Result<Self, Error> {
+        let mut schema = Self::default();
+        for (name, text) in files {
+            schema.add(parse(name.as_ref(), text.as_ref())?)?;
+        }
+        schema.resolve()?;
+        schema.find_reach();
+        schema.find_sizes()?;
+        Ok(schema)
+    }
+
+    /// All definitions, in order of the files and within them.
+    #[must_use]
+    pub fn definitions(&self) -> &[Definition] {
+        &self.definitions
+    }
+
+    /// The comments before `package` lines, with the packages' names, in order.
+    #[must_use]
+    pub fn packages(&self) -> &[(String, Vec<String>)] {
+        &self.packages
+    }
+
+    /// By name with package.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<&Definition> {
+        self.index.get(name).map(|&i| &self.definitions[i])
+    }
+
+    /// The fingerprint of a type, which stands in front of its messages.
+    #[must_use]
+    pub fn fingerprint(&self, name: &str) -> Option<u64> {
+        self.index
+            .get(name)
+            .map(|&i| self.full(i, &mut Vec::new(), &mut BTreeMap::new()))
+    }
+
+    /// The hash that `lcm-gen -d` shows: the definition alone, without its compound members' types.
+    #[must_use]
+    pub fn base_hash(&self, name: &str) -> Option<u64> {
+        self.get(name).map(fingerprint::base)
+    }
+
+    /// Fewest bytes that a value takes, without a fingerprint.
+    #[must_use]
+    pub fn min_size(&self, name: &str) -> Option<usize> {
+        self.index.get(name).map(|&i| self.min_sizes[i])
+    }
+
+    /// Whether all values take the same number of bytes: no strings, no variable arrays, anywhere inside.
+    #[must_use]
+    pub fn is_fixed(&self, name: &str) -> bool {
+        let Some(&i) = self.index.get(name) else {
+            return false;
+        };
+        let parts = self.reach[i].iter().chain([&i]);
+        parts
+            .flat_map(|&part| self.definitions[part].members())
+            .all(|member| {
+                !member.is_variable() && member.ty != MemberType::Primitive(Primitive::String)
+            })
+    }
+
+    /// Whether values of the type can hold, at any depth, values of the same type.
+    #[must_use]
+    pub fn is_recursive(&self, name: &str) -> bool {
+        self.index
+            .get(name)
+            .is_some_and(|i| self.reach[*i].contains(i))
+    }
+
+    fn add(&mut self, file: File) -> Result<(), Error> {
+        self.packages.extend(file.packages);
+        for definition in file.definitions {
+            let name = definition.name();
+            if let Some(first) = self.get(&name) {
+                let message = format!(
+                    "`{name}` is already defined in {}:{}",
+                    first.file, first.at.line
+                );
+                return Err(Error::new(&definition.file, definition.at, message));
+            }
+            self.index.insert(name, self.definitions.len());
+            self.definitions.push(definition);
+        }
+        Ok(())
+    }
+
+    fn resolve(&self) -> Result<(), Error> {
+        for definition in &self.definitions {
+            for member in definition.members() {
+                let MemberType::Named(name) = &member.ty else {
+                    continue;
+                };
+                let wrong = |message| Err(Error::new(&definition.file, member.at, message));
+                match self.get(name).map(|definition| &definition.kind) {
+                    None => return wrong(format!("type `{name}` is defined nowhere")),
+                    Some(Kind::Enum { .. }) if !member.dims.is_empty() => {
+                        return wrong(format!(
+                            "`{name}` is an enum: arrays of enums are encoded differently by C"
+                        ));
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The definition that a member's type names.
+    fn target(&self, member: &Member) -> Option<usize> {
+        match &member.ty {
+            MemberType::Named(name) => self.index.get(name).copied(),
+            MemberType::Primitive(_) => None,
+        }
+    }
+
+    fn find_reach(&mut self) {
+        let targets = |i: usize| {
+            self.definitions[i]
+                .members()
+                .iter()
+                .filter_map(|member| self.target(member))
+        };
+        self.reach = (0..self.definitions.len())
+            .map(|start| {
+                let (mut reach, mut open) = (BTreeSet::new(), vec![start]);
+                while let Some(next) = open.pop() {
+                    open.extend(targets(next).filter(|&target| reach.insert(target)));
+                }
+                reach
+            })
+            .collect();
+    }
+
+    /// A type's fingerprint depends on its `parents` only where it leads back to one of them; all others are kept in
+    /// `known`, or deep hierarchies would take exponential time.
+    fn full(&self, i: usize, parents: &mut Vec<usize>, known: &mut BTreeMap<usize, u64>) -> u64 {
+        let definition = &self.definitions[i];
+        if matches!(definition.kind, Kind::Enum { .. }) {
+            return fingerprint::base(definition);
+        }
+        if parents.contains(&i) {
+            return 0;
+        }
+        let free = !parents.iter().any(|parent| self.reach[i].contains(parent));
+        if let Some(&known) = known.get(&i).filter(|_| free) {
+            return known;
+        }
+        parents.push(i);
+        let targets = definition
+            .members()
+            .iter()
+            .filter_map(|member| self.target(member));
+        let members = targets.fold(0_u64, |sum, target| {
+            sum.wrapping_add(self.full(target, parents, known))
+        });
+        parents.pop();
+        let full = fingerprint::full(fingerprint::base(definition), members);
+        if free {
+            known.insert(i, full);
+        }
+        full
+    }
+
+    fn find_sizes(&mut self) -> Result<(), Error> {
+        let mut sizes = vec![None; self.definitions.len()];
+        for i in 0..sizes.len() {
+            self.find_size(i, &mut Vec::new(), &mut sizes)?;
+        }
+        self.min_sizes = sizes.into_iter().flatten().collect();
+        Ok(())
+    }
+
+    fn find_size(
+        &self,
+        i: usize,
+        parents: &mut Vec<usize>,
+        sizes: &mut [Option<usize>],
+    ) -> Result<usize, Error> {
+        let definition = &self.definitions[i];
+        if let Some(size) = sizes[i] {
+            return Ok(size);
+        }
+        if parents.contains(&i) {
+            let message = format!("`{}` contains itself without end", definition.name());
+            return Err(Error::new(&definition.file, definition.at, message));
+        }
+        parents.push(i);
+        let mut size: usize = if matches!(definition.kind, Kind::Enum { .. }) {
+            4
+        } else {
+            0
+        };
+        for member in definition
+            .members()
+            .iter()
+            .filter(|member| !member.is_variable())
+        {
+            let element = match (&member.ty, self.target(member)) {
+                (MemberType::Primitive(primitive), _) => primitive.min_size(),
+                (_, Some(target)) => self.find_size(target, parents, sizes)?,
+                (_, None) => 0,
+            };
+            let total = member
+                .dims
+                .iter()
+                .fold(element, |size, dim| match dim.size {
+                    Size::Fixed(n) => size.max(1).saturating_mul(n),
+                    Size::Variable => 0,
+                });
+            // `max(1)`: an array of empty structs takes no bytes, but it takes a host's time and is as long.
+            size = size.saturating_add(if element == 0 && total <= MESSAGE_MAX {
+                0
+            } else {
+                total
+            });
+            if size > MESSAGE_MAX {
+                let message = format!(
+                    "`{}` makes messages of more than 2^28 bytes, which nobody receives",
+                    member.name
+                );
+                return Err(Error::new(&definition.file, member.at, message));
+            }
+        }
+        parents.pop();
+        sizes[i] = Some(size);
+        Ok(size)
+    }
+}

@@ -1,0 +1,154 @@
+//! Why a message could not be written or read.
+
+use std::fmt;
+
+/// Why a value cannot be encoded. Nothing was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EncodeError {
+    /// A string holds a NUL, which LCM ends strings with.
+    Nul {
+        /// The string's member.
+        member: &'static str,
+    },
+    /// An array's length does not fit its length member, or a string's length (with its NUL) an `int32_t`.
+    TooLong {
+        /// The length member, or the string's.
+        member: &'static str,
+        /// The length.
+        len: usize,
+        /// The greatest that fits.
+        max: usize,
+    },
+    /// An array's length is not what its length member, or another array of the same length member, says.
+    Length {
+        /// The array's member.
+        member: &'static str,
+        /// What it should be.
+        expected: usize,
+        /// What it is.
+        found: usize,
+    },
+    /// A length member is negative.
+    Negative {
+        /// The length member.
+        member: &'static str,
+        /// Its value.
+        value: i64,
+    },
+    /// A recursive value nests deeper than [`MAX_DEPTH`](super::MAX_DEPTH).
+    Depth {
+        /// The greatest allowed depth.
+        max: usize,
+    },
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nul { member } => write!(
+                f,
+                "`{member}` holds a NUL character, which LCM ends strings with"
+            ),
+            Self::TooLong { member, len, max } => {
+                write!(f, "`{member}`: length {len} is above {max}")
+            }
+            Self::Length {
+                member,
+                expected,
+                found,
+            } => {
+                write!(
+                    f,
+                    "`{member}` has {found} elements where {expected} are expected"
+                )
+            }
+            Self::Negative { member, value } => write!(f, "length `{member}` is negative: {value}"),
+            Self::Depth { max } => write!(f, "nested deeper than {max}"),
+        }
+    }
+}
+
+impl std::error::Error for EncodeError {}
+
+/// Why bytes are not a message of the expected type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DecodeError {
+    /// It is another type, or another version of the type.
+    Fingerprint {
+        /// The type's fingerprint.
+        expected: u64,
+        /// The message's.
+        found: u64,
+    },
+    /// The bytes end within the message.
+    Truncated {
+        /// How many more were needed for the next member.
+        needed: usize,
+        /// How many were left.
+        left: usize,
+    },
+    /// An array length that is negative or for which the bytes left cannot suffice.
+    Count {
+        /// The length.
+        count: i64,
+        /// The greatest that the rest of the message allows.
+        max: usize,
+    },
+    /// A string length that is not positive (it includes the NUL) or above the bytes that are left.
+    StringLength {
+        /// The length.
+        len: i32,
+        /// How many bytes were left.
+        left: usize,
+    },
+    /// A string does not end with a NUL.
+    Unterminated,
+    /// A string holds a NUL before its end.
+    InnerNul,
+    /// A string is not UTF-8.
+    NotUtf8 {
+        /// How many of its bytes are.
+        valid_up_to: usize,
+    },
+    /// Bytes follow the message.
+    LeftOver {
+        /// How many.
+        extra: usize,
+    },
+    /// A recursive value nests deeper than [`MAX_DEPTH`](super::MAX_DEPTH).
+    Depth {
+        /// The greatest allowed depth.
+        max: usize,
+    },
+}
+
+impl fmt::Display for DecodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fingerprint { expected, found } => {
+                write!(
+                    f,
+                    "another type: fingerprint {found:016x} where {expected:016x} is expected"
+                )
+            }
+            Self::Truncated { needed, left } => {
+                write!(f, "truncated: {needed} bytes needed, {left} left")
+            }
+            Self::Count { count, max } => {
+                write!(f, "array length {count} where 0 to {max} are possible")
+            }
+            Self::StringLength { len, left } => {
+                write!(f, "string length {len} with {left} bytes left")
+            }
+            Self::Unterminated => write!(f, "string without a final NUL"),
+            Self::InnerNul => write!(f, "string with a NUL inside"),
+            Self::NotUtf8 { valid_up_to } => {
+                write!(f, "string is not UTF-8 after {valid_up_to} bytes")
+            }
+            Self::LeftOver { extra } => write!(f, "{extra} bytes left over"),
+            Self::Depth { max } => write!(f, "nested deeper than {max}"),
+        }
+    }
+}
+
+impl std::error::Error for DecodeError {}

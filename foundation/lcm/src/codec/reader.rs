@@ -1,0 +1,183 @@
+//! Takes members from the bytes of a message.
+
+use super::{DecodeError, Fixed, MAX_DEPTH, MAX_EMPTY};
+
+/// The rest of a message's bytes. Whatever they are, no method panics or allocates more than they can fill.
+#[derive(Debug)]
+pub struct Reader<'a> {
+    bytes: &'a [u8],
+    depth: usize,
+    empties: usize,
+}
+
+impl<'a> Reader<'a> {
+    /// Reads from the start of `bytes`.
+    #[must_use]
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self {
+            bytes,
+            depth: 0,
+            empties: MAX_EMPTY,
+        }
+    }
+
+    /// How many bytes are left.
+    #[must_use]
+    pub fn remaining(&self) -> usize {
+        self.bytes.len()
+    }
+
+    #[inline]
+    fn take(&mut self, needed: usize) -> Result<&'a [u8], DecodeError> {
+        let truncated = DecodeError::Truncated {
+            needed,
+            left: self.bytes.len(),
+        };
+        let (head, rest) = self.bytes.split_at_checked(needed).ok_or(truncated)?;
+        self.bytes = rest;
+        Ok(head)
+    }
+
+    pub(super) fn get_u64(&mut self) -> Result<u64, DecodeError> {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(self.take(8)?);
+        Ok(u64::from_be_bytes(bytes))
+    }
+
+    /// A value of fixed size.
+    ///
+    /// # Errors
+    /// [`DecodeError::Truncated`].
+    #[inline]
+    pub fn get<T: Fixed>(&mut self) -> Result<T, DecodeError> {
+        self.take(T::SIZE).map(T::load)
+    }
+
+    /// `count` values of fixed size.
+    ///
+    /// # Errors
+    /// [`DecodeError::Count`] when there are not bytes enough; nothing was allocated then.
+    pub fn get_vec<T: Fixed>(&mut self, count: usize) -> Result<Vec<T>, DecodeError> {
+        self.claim(count, T::SIZE)?;
+        if T::SIZE == 0 {
+            return Ok((0..count).map(|_| T::load(&[])).collect());
+        }
+        let bytes = self.take(count * T::SIZE)?;
+        Ok(bytes.chunks_exact(T::SIZE).map(T::load).collect())
+    }
+
+    /// A string: its length with the NUL, UTF-8, NUL.
+    ///
+    /// # Errors
+    /// When the length, the NUL or the text is not as it must be.
+    pub fn string(&mut self) -> Result<String, DecodeError> {
+        let len: i32 = self.get()?;
+        let bad_length = DecodeError::StringLength {
+            len,
+            left: self.bytes.len(),
+        };
+        let size = usize::try_from(len)
+            .ok()
+            .filter(|&size| 0 < size && size <= self.bytes.len());
+        let (&last, text) = self
+            .take(size.ok_or(bad_length)?)?
+            .split_last()
+            .ok_or(bad_length)?;
+        if last != 0 {
+            return Err(DecodeError::Unterminated);
+        }
+        if text.contains(&0) {
+            return Err(DecodeError::InnerNul);
+        }
+        match std::str::from_utf8(text) {
+            Ok(text) => Ok(text.to_owned()),
+            Err(error) => Err(DecodeError::NotUtf8 {
+                valid_up_to: error.valid_up_to(),
+            }),
+        }
+    }
+
+    /// A length member of type `T` that is nothing but the length of arrays.
+    ///
+    /// # Errors
+    /// [`DecodeError::Truncated`], or [`DecodeError::Count`] for a negative one.
+    pub fn count<T: Fixed + Into<i64>>(&mut self) -> Result<usize, DecodeError> {
+        let count = self.get::<T>()?;
+        self.length(count)
+    }
+
+    /// The array length that a length member's value stands for.
+    ///
+    /// # Errors
+    /// [`DecodeError::Count`] for a negative one.
+    pub fn length(&self, count: impl Into<i64>) -> Result<usize, DecodeError> {
+        let count = count.into();
+        usize::try_from(count).map_err(|_| DecodeError::Count {
+            count,
+            max: self.bytes.len(),
+        })
+    }
+
+    /// Elements of at least `min` bytes each: refuses a count that the rest of the message cannot hold.
+    fn claim(&mut self, count: usize, min: usize) -> Result<(), DecodeError> {
+        let max = self.bytes.len().checked_div(min).unwrap_or(self.empties);
+        if count > max {
+            return Err(DecodeError::Count {
+                count: i64::try_from(count).unwrap_or(i64::MAX),
+                max,
+            });
+        }
+        if min == 0 {
+            self.empties -= count;
+        }
+        Ok(())
+    }
+
+    /// `count` elements of at least `min` bytes each.
+    ///
+    /// # Errors
+    /// [`DecodeError::Count`] when there are not bytes enough, and whatever `element` returns.
+    pub fn vec<T>(
+        &mut self,
+        count: usize,
+        min: usize,
+        mut element: impl FnMut(&mut Self) -> Result<T, DecodeError>,
+    ) -> Result<Vec<T>, DecodeError> {
+        self.claim(count, min)?;
+        (0..count).map(|_| element(self)).collect()
+    }
+
+    /// `N` elements.
+    ///
+    /// # Errors
+    /// What `element` returns.
+    pub fn array<T, const N: usize>(
+        &mut self,
+        mut element: impl FnMut(&mut Self) -> Result<T, DecodeError>,
+    ) -> Result<[T; N], DecodeError> {
+        let mut elements = Vec::with_capacity(N);
+        for _ in 0..N {
+            elements.push(element(self)?);
+        }
+        Ok(elements
+            .try_into()
+            .unwrap_or_else(|_| unreachable!("N elements were pushed")))
+    }
+
+    /// A value of a recursive type, one level further down.
+    ///
+    /// # Errors
+    /// [`DecodeError::Depth`], and whatever `value` returns.
+    pub fn nested<T>(
+        &mut self,
+        value: impl FnOnce(&mut Self) -> Result<T, DecodeError>,
+    ) -> Result<T, DecodeError> {
+        if self.depth == MAX_DEPTH {
+            return Err(DecodeError::Depth { max: MAX_DEPTH });
+        }
+        self.depth += 1;
+        let value = value(self)?;
+        self.depth -= 1;
+        Ok(value)
+    }
+}
