@@ -1,1 +1,16 @@
 //! Virtual time, the robot's body, the world, and every board at bus level.
+//!
+//! [`Simulator`] is a module like any other: it sits on the same busses as the drivers and answers them as the boards
+//! would. It runs in the live host, in real time, and in [`host::Virtual`], where all processes, busses and the LCM
+//! bus share one deterministic process. Knows no module by name, no file, no socket, no clock.
+#![forbid(unsafe_code)]
+
+pub mod boards;
+pub mod body;
+pub mod host;
+mod random;
+pub mod scene;
+pub mod sonar;
+pub mod world;
+
+pub use random::Random;

@@ -1,0 +1,5 @@
+//! The robot's boards as they are on the wire (`docs/boards.md`), each with the scene behind it.
+
+pub(crate) mod line;
+pub mod sd1;
+pub mod so1;

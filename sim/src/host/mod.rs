@@ -1,0 +1,870 @@
+//! The virtual host: many processes, the LCM bus and all wires in one thread, in virtual time.
+//!
+//! Everything that happens has a moment in integer nanoseconds and, among equal moments, a number: who asked first is
+//! served first. There is one seed; what is random draws from streams of it. The same seed and the same calls give
+//! the same run to the last bit, which [`Virtual::digest`] proves.
+//!
+//! What is modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN
+//! with exact frame lengths and arbitration ([`can`]); serial lines with 11 bits a word and collisions ([`serial`]);
+//! processes that are started, ended, killed, hung. What is not: computing time (an event is served at once),
+//! resource usage ([`module::ProcessEvent::Usage`] is never sent).
+
+mod can;
+mod digest;
+mod serial;
+#[cfg(test)]
+mod tests;
+
+pub use can::frame_bits;
+
+use crate::random::Random;
+use base::serial::Word;
+use base::{Duration, Epoch, Instant, Report};
+use can::CanWire;
+use digest::Digest;
+use messages::Message;
+use module::{
+    Action, Actions, Event, ExitStatus, Input, Line, Output, PortId, ProcessCommand, ProcessEvent,
+    Shell, State,
+};
+use serial::SerialWire;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+use std::mem;
+use std::rc::Rc;
+
+/// SIGKILL's number.
+const SIGKILL: i32 = 9;
+/// Processes are numbered from here.
+const FIRST_PID: u32 = 1000;
+/// What waits for a hung process; further input is lost, as full socket buffers lose it.
+const BACKLOG: usize = 1024;
+/// A module that is due at once this often in a row does not move on.
+const SPIN: u32 = 10_000;
+
+/// How the virtual machine is made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The one source of chance.
+    pub seed: u64,
+    /// Message timestamps count from here.
+    pub epoch: Epoch,
+    /// A message takes this long, and up to `lcm_jitter` longer.
+    pub lcm_latency: Duration,
+    /// See `lcm_latency`. Messages may overtake each other when it is not zero.
+    pub lcm_jitter: Duration,
+    /// Probability that a receiver misses a message.
+    pub lcm_loss: f64,
+    /// From the order to start a process to its first event.
+    pub start_delay: Duration,
+    /// From the end of a process to the news of it.
+    pub exit_delay: Duration,
+    /// Serial busses with a pair of wires each way.
+    pub full_duplex: Vec<String>,
+    /// Whether who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
+    pub can_echo: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            // 2026-01-01T00:00:00Z.
+            epoch: Epoch {
+                offset_us: 1_767_225_600_000_000,
+            },
+            lcm_latency: Duration::from_micros(50),
+            lcm_jitter: Duration::ZERO,
+            lcm_loss: 0.0,
+            start_delay: Duration::from_millis(20),
+            exit_delay: Duration::from_micros(100),
+            full_duplex: Vec::new(),
+            can_echo: false,
+        }
+    }
+}
+
+/// What an observer is told.
+#[derive(Debug)]
+pub enum News<'a> {
+    /// A message was sent; process 0 is the test.
+    Message {
+        /// By whom.
+        pid: u32,
+        /// What.
+        message: &'a Message,
+    },
+    /// A CAN frame has left the wire.
+    Can {
+        /// The bus.
+        bus: &'a str,
+        /// The frame.
+        frame: base::can::Frame,
+    },
+    /// Words have arrived on a serial bus.
+    Words {
+        /// The bus.
+        bus: &'a str,
+        /// By whom.
+        pid: u32,
+        /// The words.
+        words: &'a [Word],
+    },
+    /// A module reported.
+    Report {
+        /// Which.
+        module: &'a str,
+        /// What.
+        report: &'a Report,
+    },
+    /// A module prints a line.
+    Note {
+        /// Which.
+        module: &'a str,
+        /// The line.
+        line: &'a str,
+    },
+    /// A module changed its state.
+    State {
+        /// Which.
+        module: &'a str,
+        /// To what.
+        state: State,
+    },
+    /// A process was started.
+    Started {
+        /// Its module.
+        module: &'a str,
+        /// Its number.
+        pid: u32,
+    },
+    /// A process ended.
+    Exited {
+        /// Its module.
+        module: &'a str,
+        /// Its number.
+        pid: u32,
+        /// How.
+        status: ExitStatus,
+    },
+}
+
+/// A port of a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Owner {
+    pid: u32,
+    port: PortId,
+}
+
+/// A wire and when it is to be served.
+struct Wire {
+    bus: Rc<str>,
+    kind: Kind,
+    due: Option<(Instant, u64)>,
+}
+
+enum Kind {
+    Can(CanWire),
+    Serial(SerialWire),
+}
+
+impl Wire {
+    fn poll_timeout(&self) -> Option<Instant> {
+        match &self.kind {
+            Kind::Can(wire) => wire.poll_timeout(),
+            Kind::Serial(wire) => wire.poll_timeout(),
+        }
+    }
+
+    fn rate(&self) -> Line {
+        match &self.kind {
+            Kind::Can(wire) => Line::Can {
+                bitrate: wire.bitrate,
+            },
+            Kind::Serial(wire) => Line::Serial { baud: wire.baud },
+        }
+    }
+
+    fn ports(&mut self) -> &mut Vec<Owner> {
+        match &mut self.kind {
+            Kind::Can(wire) => &mut wire.ports,
+            Kind::Serial(wire) => &mut wire.ports,
+        }
+    }
+}
+
+/// A process.
+struct Process {
+    pid: u32,
+    /// Who is told of its end; 0: nobody.
+    parent: u32,
+    module: Rc<str>,
+    shell: Shell,
+    /// The wires of its ports.
+    wires: Vec<usize>,
+    started: bool,
+    hung: bool,
+    backlog: VecDeque<Waiting>,
+    due: Option<(Instant, u64)>,
+    /// When it was last served by its timer, and how often at that moment.
+    spin: (Instant, u32),
+}
+
+/// An event with its data, as a hung process's buffers hold it.
+enum Waiting {
+    Message(Instant, Rc<Message>),
+    Can(PortId, base::can::Frame),
+    Words(PortId, Rc<[Word]>),
+    Sent(PortId),
+    Exited(u32, ExitStatus),
+    Started(Rc<str>, u32),
+    Unstartable(Rc<str>, Rc<str>),
+    Terminate,
+}
+
+/// What happens at a moment besides timers and wires.
+enum Happening {
+    Start(u32),
+    Deliver(Rc<Message>),
+    Inject(Message),
+    Tell(u32, Waiting),
+}
+
+struct Entry {
+    at: Instant,
+    number: u64,
+    happening: Happening,
+}
+
+impl PartialEq for Entry {
+    fn eq(&self, other: &Self) -> bool {
+        (self.at, self.number) == (other.at, other.number)
+    }
+}
+impl Eq for Entry {}
+impl PartialOrd for Entry {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Entry {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        (self.at, self.number).cmp(&(other.at, other.number))
+    }
+}
+
+/// Makes a module's shell by name, to go to the wanted state; refuses with one line why.
+pub type Factory = Box<dyn FnMut(&str, State) -> Result<Shell, String>>;
+/// Is told everything, with the time.
+pub type Observer = Box<dyn FnMut(Instant, &News<'_>)>;
+
+/// A machine in virtual time.
+pub struct Virtual {
+    config: Config,
+    factory: Factory,
+    observers: Vec<Observer>,
+    now: Instant,
+    number: u64,
+    agenda: BinaryHeap<Reverse<Entry>>,
+    processes: Vec<Process>,
+    wires: Vec<Wire>,
+    next_pid: u32,
+    lcm: Random,
+    digest: Digest,
+    out: Actions,
+    bytes: Vec<u8>,
+    ports: Vec<Owner>,
+}
+
+/// What is due next.
+enum Next {
+    Agenda,
+    Process(usize),
+    Wire(usize),
+}
+
+impl Virtual {
+    /// A machine at time zero on which nothing runs.
+    #[must_use]
+    pub fn new(
+        config: Config,
+        factory: impl FnMut(&str, State) -> Result<Shell, String> + 'static,
+    ) -> Self {
+        Self {
+            factory: Box::new(factory),
+            observers: Vec::new(),
+            now: Instant::ZERO,
+            number: 0,
+            agenda: BinaryHeap::new(),
+            processes: Vec::new(),
+            wires: Vec::new(),
+            next_pid: FIRST_PID,
+            lcm: Random::stream(config.seed, 1),
+            digest: Digest::new(config.seed),
+            out: Actions::new(config.epoch),
+            bytes: Vec::new(),
+            ports: Vec::new(),
+            config,
+        }
+    }
+
+    /// Adds an observer.
+    pub fn observe(&mut self, observer: impl FnMut(Instant, &News<'_>) + 'static) {
+        self.observers.push(Box::new(observer));
+    }
+
+    /// The time.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// The digest of everything that was sent so far.
+    #[must_use]
+    pub fn digest(&self) -> u64 {
+        self.digest.value()
+    }
+
+    /// All processes in order of their numbers: number, module.
+    pub fn processes(&self) -> impl Iterator<Item = (u32, &str)> {
+        self.processes
+            .iter()
+            .map(|process| (process.pid, &*process.module))
+    }
+
+    /// The latest process of a module.
+    #[must_use]
+    pub fn pid(&self, module: &str) -> Option<u32> {
+        self.processes
+            .iter()
+            .rev()
+            .find(|process| &*process.module == module)
+            .map(|process| process.pid)
+    }
+
+    /// A process's state; none when there is no such process.
+    #[must_use]
+    pub fn state(&self, pid: u32) -> Option<State> {
+        self.place(pid)
+            .map(|place| self.processes[place].shell.state())
+    }
+
+    /// Starts a process that nobody guards.
+    ///
+    /// # Errors
+    /// One line why: the factory's, or that a port does not fit its bus.
+    pub fn spawn(&mut self, module: &str, wanted: State) -> Result<u32, String> {
+        self.start(0, module, wanted)
+    }
+
+    /// Asks a process to end, as SIGTERM does.
+    pub fn terminate(&mut self, pid: u32) {
+        self.tell(pid, Waiting::Terminate);
+    }
+
+    /// Ends a process now, as SIGKILL does.
+    pub fn kill(&mut self, pid: u32) {
+        self.end(pid, ExitStatus::Signal(SIGKILL));
+    }
+
+    /// Freezes a process: it is served nothing, its input waits in bounded buffers.
+    pub fn hang(&mut self, pid: u32) {
+        if let Some(place) = self.place(pid) {
+            self.processes[place].hung = true;
+            self.processes[place].due = None;
+        }
+    }
+
+    /// Lets a hung process go on: it gets what waits, then its timer.
+    pub fn resume(&mut self, pid: u32) {
+        let Some(place) = self.place(pid) else { return };
+        if !mem::replace(&mut self.processes[place].hung, false) {
+            return;
+        }
+        let backlog = mem::take(&mut self.processes[place].backlog);
+        for waiting in backlog {
+            self.tell(pid, waiting);
+        }
+        if let Some(place) = self.place(pid) {
+            self.arm(place);
+        }
+    }
+
+    /// Sends a message at a moment (now, when it is past), as process 0.
+    pub fn inject(&mut self, at: Instant, message: impl Into<Message>) {
+        self.schedule(at.max(self.now), Happening::Inject(message.into()));
+    }
+
+    /// Lets everything happen that happens up to and at `end`.
+    ///
+    /// # Panics
+    /// When a module is due at once again and again: live, that would spin.
+    pub fn run_until(&mut self, end: Instant) {
+        while let Some((at, next)) = self.next().filter(|(at, _)| *at <= end) {
+            self.now = self.now.max(at);
+            match next {
+                Next::Agenda => self.serve_agenda(),
+                Next::Process(place) => self.serve_timer(place),
+                Next::Wire(place) => self.serve_wire(place),
+            }
+        }
+        self.now = self.now.max(end);
+    }
+
+    fn next(&self) -> Option<(Instant, Next)> {
+        let agenda = self
+            .agenda
+            .peek()
+            .map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
+        let wires = self
+            .wires
+            .iter()
+            .enumerate()
+            .filter_map(|(place, wire)| Some((wire.due?, Next::Wire(place))));
+        let timers = self.processes.iter().enumerate();
+        let timers =
+            timers.filter_map(|(place, process)| Some((process.due?, Next::Process(place))));
+        let ((at, _), next) = agenda
+            .into_iter()
+            .chain(wires)
+            .chain(timers)
+            .min_by_key(|(key, _)| *key)?;
+        Some((at, next))
+    }
+
+    fn number(&mut self) -> u64 {
+        self.number += 1;
+        self.number
+    }
+
+    fn schedule(&mut self, at: Instant, happening: Happening) {
+        let number = self.number();
+        self.agenda.push(Reverse(Entry {
+            at,
+            number,
+            happening,
+        }));
+    }
+
+    fn place(&self, pid: u32) -> Option<usize> {
+        self.processes.iter().position(|process| process.pid == pid)
+    }
+
+    fn news(&mut self, news: &News<'_>) {
+        for observer in &mut self.observers {
+            observer(self.now, news);
+        }
+    }
+
+    fn start(&mut self, parent: u32, module: &str, wanted: State) -> Result<u32, String> {
+        let shell = (self.factory)(module, wanted)?;
+        let pid = self.next_pid;
+        let specs = shell.module().ports();
+        let mut wires = Vec::with_capacity(specs.len());
+        for spec in specs {
+            wires.push(open(&mut self.wires, &self.config, &spec.bus, spec.line)?);
+        }
+        self.next_pid += 1;
+        self.processes.push(Process {
+            pid,
+            parent,
+            module: module.into(),
+            shell,
+            wires,
+            started: false,
+            hung: false,
+            backlog: VecDeque::new(),
+            due: None,
+            spin: (Instant::ZERO, 0),
+        });
+        self.schedule(self.now + self.config.start_delay, Happening::Start(pid));
+        self.news(&News::Started { module, pid });
+        Ok(pid)
+    }
+
+    fn serve_agenda(&mut self) {
+        let Some(Reverse(entry)) = self.agenda.pop() else {
+            return;
+        };
+        match entry.happening {
+            Happening::Start(pid) => self.begin(pid),
+            Happening::Deliver(message) => self.deliver(&message),
+            Happening::Inject(message) => self.publish(0, message),
+            Happening::Tell(pid, waiting) => self.tell(pid, waiting),
+        }
+    }
+
+    fn begin(&mut self, pid: u32) {
+        let Some(place) = self.place(pid) else { return };
+        self.processes[place].started = true;
+        self.handle(pid, Event::Start);
+        let ports = self
+            .place(pid)
+            .map_or(0, |place| self.processes[place].wires.len());
+        for port in (0..ports).map(|port| PortId(port as u8)) {
+            let Some(place) = self.place(pid) else { return };
+            let wire = self.processes[place].wires[usize::from(port.0)];
+            self.wires[wire].ports().push(Owner { pid, port });
+            self.handle(
+                pid,
+                Event::Port {
+                    port,
+                    input: Input::Up,
+                },
+            );
+        }
+    }
+
+    fn deliver(&mut self, message: &Rc<Message>) {
+        let mut pid = 0;
+        // By number, not by place: serving one may end or start others.
+        while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
+            let process = &self.processes[place];
+            pid = process.pid;
+            if process.started
+                && process.shell.wants(message.channel())
+                && !self.lcm.chance(self.config.lcm_loss)
+            {
+                self.tell(pid, Waiting::Message(self.now, message.clone()));
+            }
+        }
+    }
+
+    fn serve_timer(&mut self, place: usize) {
+        let process = &mut self.processes[place];
+        process.spin = if process.spin.0 == self.now {
+            (self.now, process.spin.1 + 1)
+        } else {
+            (self.now, 1)
+        };
+        assert!(
+            process.spin.1 < SPIN,
+            "{} is due at once again and again, at {:?}",
+            process.module,
+            self.now
+        );
+        let pid = process.pid;
+        self.handle(pid, Event::Timer);
+    }
+
+    fn serve_wire(&mut self, place: usize) {
+        let now = self.now;
+        match &mut self.wires[place].kind {
+            Kind::Can(wire) => {
+                if let Some((owner, frame)) = wire.handle_timeout(now) {
+                    self.frame_over(place, owner, frame);
+                }
+            }
+            Kind::Serial(wire) => {
+                if let Some(arrival) = wire.handle_timeout(now) {
+                    self.words_over(place, arrival);
+                }
+            }
+        }
+        self.arm_wire(place);
+    }
+
+    fn frame_over(&mut self, place: usize, owner: Owner, frame: base::can::Frame) {
+        let bus = self.wires[place].bus.clone();
+        self.digest.can(self.now, &bus, &frame);
+        self.news(&News::Can { bus: &bus, frame });
+        let echo = self.config.can_echo;
+        self.each_port(place, |host, port| {
+            if port != owner || echo {
+                host.tell(port.pid, Waiting::Can(port.port, frame));
+            }
+        });
+    }
+
+    fn words_over(&mut self, place: usize, arrival: serial::Arrival) {
+        let (bus, owner) = (self.wires[place].bus.clone(), arrival.owner);
+        self.digest.words(self.now, &bus, &arrival.words);
+        self.news(&News::Words {
+            bus: &bus,
+            pid: owner.pid,
+            words: &arrival.words,
+        });
+        let words: Rc<[Word]> = arrival.words.into();
+        self.each_port(place, |host, port| {
+            if port != owner {
+                host.tell(port.pid, Waiting::Words(port.port, words.clone()));
+            }
+        });
+        if arrival.sent {
+            self.tell(owner.pid, Waiting::Sent(owner.port));
+        }
+    }
+
+    /// Serves the ports that a wire has now; what they do may open and close ports.
+    fn each_port(&mut self, place: usize, mut serve: impl FnMut(&mut Self, Owner)) {
+        let mut ports = mem::take(&mut self.ports);
+        ports.clear();
+        ports.extend_from_slice(self.wires[place].ports());
+        for port in &ports {
+            serve(self, *port);
+        }
+        self.ports = ports;
+    }
+
+    /// Gives a process an event, or lets it wait while the process hangs.
+    fn tell(&mut self, pid: u32, waiting: Waiting) {
+        let Some(place) = self.place(pid) else { return };
+        let process = &mut self.processes[place];
+        if process.hung {
+            if process.backlog.len() < BACKLOG {
+                process.backlog.push_back(waiting);
+            }
+            return;
+        }
+        match waiting {
+            Waiting::Message(at, message) => self.handle(
+                pid,
+                Event::Message {
+                    at,
+                    message: &message,
+                },
+            ),
+            Waiting::Can(port, frame) => self.handle(
+                pid,
+                Event::Port {
+                    port,
+                    input: Input::Can(frame),
+                },
+            ),
+            Waiting::Words(port, words) => self.handle(
+                pid,
+                Event::Port {
+                    port,
+                    input: Input::Words(&words),
+                },
+            ),
+            Waiting::Sent(port) => self.handle(
+                pid,
+                Event::Port {
+                    port,
+                    input: Input::Sent,
+                },
+            ),
+            Waiting::Exited(pid_ended, status) => {
+                self.handle(
+                    pid,
+                    Event::Process(ProcessEvent::Exited {
+                        pid: pid_ended,
+                        status,
+                    }),
+                );
+            }
+            Waiting::Started(module, pid_new) => {
+                self.handle(
+                    pid,
+                    Event::Process(ProcessEvent::Started {
+                        module: &module,
+                        pid: pid_new,
+                    }),
+                );
+            }
+            Waiting::Unstartable(module, reason) => {
+                self.handle(
+                    pid,
+                    Event::Process(ProcessEvent::Unstartable {
+                        module: &module,
+                        reason: &reason,
+                    }),
+                );
+            }
+            Waiting::Terminate => {
+                let mut out = mem::take(&mut self.out);
+                process.shell.terminate(self.now, &mut out);
+                self.perform(pid, out);
+            }
+        }
+    }
+
+    fn handle(&mut self, pid: u32, event: Event<'_>) {
+        let Some(place) = self.place(pid) else { return };
+        let mut out = mem::take(&mut self.out);
+        self.processes[place]
+            .shell
+            .handle(self.now, event, &mut out);
+        self.perform(pid, out);
+    }
+
+    /// Does what a shell asked for, then arms its timer.
+    fn perform(&mut self, pid: u32, mut out: Actions) {
+        for action in out.drain() {
+            self.act(pid, action);
+        }
+        self.out = out;
+        if let Some(place) = self.place(pid) {
+            self.arm(place);
+        }
+    }
+
+    fn act(&mut self, pid: u32, action: Action) {
+        let Some(place) = self.place(pid) else { return };
+        let module = self.processes[place].module.clone();
+        match action {
+            Action::Publish(message) => self.publish(pid, message),
+            Action::Send(port, output) => self.send(place, port, output),
+            Action::Report(report) => self.news(&News::Report {
+                module: &module,
+                report: &report,
+            }),
+            Action::Note(line) => self.news(&News::Note {
+                module: &module,
+                line: &line,
+            }),
+            Action::State(state) => self.news(&News::State {
+                module: &module,
+                state,
+            }),
+            Action::Process(command) => self.command(pid, command),
+            Action::Exit(code) => self.end(pid, ExitStatus::Code(i32::from(code))),
+            // The shell keeps these to itself.
+            Action::Raise(_) | Action::Clear(_) | Action::Condition(_) => {}
+        }
+    }
+
+    fn publish(&mut self, pid: u32, message: Message) {
+        self.bytes.clear();
+        if let Err(error) = message.encode(&mut self.bytes) {
+            let line = format!("not sent on {}: {error}", message.channel_name());
+            self.news(&News::Note {
+                module: "lcm",
+                line: &line,
+            });
+            return;
+        }
+        self.digest
+            .message(self.now, pid, &message.channel_name(), &self.bytes);
+        self.news(&News::Message {
+            pid,
+            message: &message,
+        });
+        if self
+            .processes
+            .iter()
+            .any(|process| process.shell.wants(message.channel()))
+        {
+            let jitter = self.config.lcm_jitter.as_nanos() as f64 * self.lcm.uniform();
+            let at = self.now + self.config.lcm_latency + Duration::from_nanos(jitter as u64);
+            self.schedule(at, Happening::Deliver(Rc::new(message)));
+        }
+    }
+
+    fn send(&mut self, place: usize, port: PortId, output: Output) {
+        let process = &self.processes[place];
+        let owner = Owner {
+            pid: process.pid,
+            port,
+        };
+        let Some(&wire) = process.wires.get(usize::from(port.0)) else {
+            return;
+        };
+        match (&mut self.wires[wire].kind, output) {
+            (Kind::Can(wire), Output::Can(frame)) => wire.send(self.now, owner, frame),
+            (Kind::Serial(wire), Output::Words(words)) if !words.is_empty() => {
+                wire.send(self.now, owner, words)
+            }
+            // A frame on a serial line, or nothing: nothing leaves.
+            _ => return,
+        }
+        self.arm_wire(wire);
+    }
+
+    fn command(&mut self, parent: u32, command: ProcessCommand) {
+        match command {
+            ProcessCommand::Spawn { module, wanted } => {
+                let news = match self.start(parent, &module, wanted) {
+                    Ok(pid) => Waiting::Started(module.into(), pid),
+                    Err(reason) => Waiting::Unstartable(module.into(), reason.into()),
+                };
+                self.schedule(self.now, Happening::Tell(parent, news));
+            }
+            ProcessCommand::Terminate { pid } => {
+                self.schedule(self.now, Happening::Tell(pid, Waiting::Terminate))
+            }
+            ProcessCommand::Kill { pid } => self.kill(pid),
+        }
+    }
+
+    fn end(&mut self, pid: u32, status: ExitStatus) {
+        let Some(place) = self.place(pid) else { return };
+        let process = self.processes.remove(place);
+        for wire in &mut self.wires {
+            match &mut wire.kind {
+                Kind::Can(wire) => wire.close(pid),
+                Kind::Serial(wire) => wire.close(pid),
+            }
+        }
+        self.news(&News::Exited {
+            module: &process.module,
+            pid,
+            status,
+        });
+        if process.parent != 0 {
+            let at = self.now + self.config.exit_delay;
+            self.schedule(
+                at,
+                Happening::Tell(process.parent, Waiting::Exited(pid, status)),
+            );
+        }
+    }
+
+    fn arm(&mut self, place: usize) {
+        let process = &self.processes[place];
+        let due = if process.started && !process.hung {
+            process.shell.poll_timeout()
+        } else {
+            None
+        };
+        let old = process.due;
+        self.processes[place].due = self.rearmed(old, due);
+    }
+
+    fn arm_wire(&mut self, place: usize) {
+        let (old, due) = (self.wires[place].due, self.wires[place].poll_timeout());
+        self.wires[place].due = self.rearmed(old, due);
+    }
+
+    /// A timer that stands keeps its number: it is served in the order in which it was set.
+    fn rearmed(
+        &mut self,
+        old: Option<(Instant, u64)>,
+        due: Option<Instant>,
+    ) -> Option<(Instant, u64)> {
+        match (old, due) {
+            (Some((at, number)), Some(due)) if at == due => Some((at, number)),
+            (_, due) => due.map(|due| (due, self.number())),
+        }
+    }
+}
+
+/// The wire of a bus, made when it is first asked for.
+fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line) -> Result<usize, String> {
+    if let Some(place) = wires.iter().position(|wire| &*wire.bus == bus) {
+        let there = wires[place].rate();
+        return if there == line {
+            Ok(place)
+        } else {
+            Err(format!("bus {bus} is {there:?}, not {line:?}"))
+        };
+    }
+    let kind = match line {
+        Line::Can { bitrate } => Kind::Can(CanWire::new(bitrate)),
+        Line::Serial { baud } => {
+            let random = Random::stream(config.seed, 16 + wires.len() as u64);
+            Kind::Serial(SerialWire::new(
+                baud,
+                config.full_duplex.iter().any(|name| name == bus),
+                random,
+            ))
+        }
+    };
+    wires.push(Wire {
+        bus: bus.into(),
+        kind,
+        due: None,
+    });
+    Ok(wires.len() - 1)
+}

@@ -1,0 +1,403 @@
+//! Two small modules, ping and pong, over LCM, CAN and a serial line.
+
+use super::*;
+use base::{Fault, Severity, Ticker};
+use messages::{Channel, simulation};
+use module::{Module, PortSpec, ShellConfig};
+use std::cell::RefCell;
+
+type Log = Rc<RefCell<Vec<String>>>;
+
+/// Sends on all lines every 10 ms and writes down what comes back, or answers what it hears.
+struct Player {
+    ping: bool,
+    ports: [PortSpec; 2],
+    ticker: Ticker,
+    count: u8,
+    log: Log,
+}
+
+const CAN: PortId = PortId(0);
+const SERIAL: PortId = PortId(1);
+
+impl Player {
+    fn new(ping: bool, log: Log) -> Self {
+        let ports = [
+            PortSpec {
+                bus: "can.main".into(),
+                line: Line::Can { bitrate: 1_000_000 },
+            },
+            PortSpec {
+                bus: "rs485.a".into(),
+                line: Line::Serial { baud: 115_200 },
+            },
+        ];
+        let ticker = Ticker::new(Instant::from_millis(100), Duration::from_millis(10));
+        Self {
+            ping,
+            ports,
+            ticker,
+            count: 0,
+            log,
+        }
+    }
+
+    fn note(&self, now: Instant, what: &str) {
+        let who = if self.ping { "ping" } else { "pong" };
+        self.log
+            .borrow_mut()
+            .push(format!("{:9} {who} {what}", now.as_nanos()));
+    }
+}
+
+impl Module for Player {
+    fn subscriptions(&self) -> &[Channel] {
+        if self.ping {
+            &[Channel::SimDataTruth]
+        } else {
+            &[Channel::SimDataClock]
+        }
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Start => self.note(now, "start"),
+            Event::Port {
+                input: Input::Up,
+                port: SERIAL,
+            } => out.working(),
+            Event::Timer if self.ticker.due(now) && self.ping => {
+                self.count += 1;
+                let timestamp = out.timestamp(now);
+                out.publish(simulation::DataClock {
+                    timestamp,
+                    rate: f64::from(self.count),
+                });
+                out.send_can(CAN, base::can::Frame::standard(0x100, &[self.count]));
+                out.send_words(SERIAL, &[Word::address(self.count), Word::data(0)]);
+            }
+            Event::Message {
+                at,
+                message: Message::SimDataClock(clock),
+            } => {
+                self.note(now, &format!("clock {} from {}", clock.rate, at.as_nanos()));
+                out.publish(simulation::DataTruth {
+                    timestamp: clock.timestamp,
+                    x: clock.rate,
+                    ..Default::default()
+                });
+            }
+            Event::Message {
+                message: Message::SimDataTruth(truth),
+                ..
+            } => self.note(now, &format!("truth {}", truth.x)),
+            Event::Port {
+                input: Input::Can(frame),
+                ..
+            } => {
+                self.note(now, &format!("frame {:?}", frame.data()));
+                if !self.ping {
+                    out.send_can(CAN, base::can::Frame::standard(0x101, frame.data()));
+                }
+            }
+            Event::Port {
+                input: Input::Words(words),
+                ..
+            } => {
+                self.note(
+                    now,
+                    &format!(
+                        "words {:?}",
+                        words.iter().map(|word| word.byte).collect::<Vec<_>>()
+                    ),
+                );
+                if !self.ping {
+                    out.send_words(SERIAL, &[Word::data(words[0].byte)]);
+                }
+            }
+            Event::Port {
+                input: Input::Sent, ..
+            } => self.note(now, "sent"),
+            _ => {}
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.ping.then_some(self.ticker.next())
+    }
+}
+
+/// Starts others and writes down what becomes of them.
+struct Parent {
+    orders: Vec<ProcessCommand>,
+    log: Log,
+}
+
+impl Module for Parent {
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Start => self
+                .orders
+                .drain(..)
+                .for_each(|order| out.push(Action::Process(order))),
+            Event::Process(news) => self
+                .log
+                .borrow_mut()
+                .push(format!("{:9} {news:?}", now.as_nanos())),
+            _ => {}
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+}
+
+fn machine(config: Config) -> (Virtual, Log) {
+    let log = Log::default();
+    let inner = log.clone();
+    let machine = Virtual::new(config, move |name, wanted| {
+        let module: Box<dyn Module> = match name {
+            "ping" => Box::new(Player::new(true, inner.clone())),
+            "pong" => Box::new(Player::new(false, inner.clone())),
+            "parent" => {
+                let spawn = |module: &str| ProcessCommand::Spawn {
+                    module: module.into(),
+                    wanted: State::Run,
+                };
+                Box::new(Parent {
+                    orders: vec![spawn("pong"), spawn("nobody")],
+                    log: inner.clone(),
+                })
+            }
+            other => return Err(format!("no module {other}")),
+        };
+        Ok(Shell::new(
+            ShellConfig {
+                wanted,
+                ..ShellConfig::new(name)
+            },
+            module,
+        ))
+    });
+    (machine, log)
+}
+
+fn pair(config: Config) -> (Virtual, Log) {
+    let (mut machine, log) = machine(config);
+    assert_eq!(machine.spawn("ping", State::Run), Ok(1000));
+    assert_eq!(machine.spawn("pong", State::Run), Ok(1001));
+    (machine, log)
+}
+
+fn ms(millis: u64) -> Instant {
+    Instant::from_millis(millis)
+}
+
+#[test]
+fn everything_takes_its_time_on_its_wire_to_the_nanosecond() {
+    let (mut machine, log) = pair(Config::default());
+    machine.run_until(ms(109));
+    // CAN, 1 byte at 1 Mbit/s: 52 bits and the stuffed ones; a serial word is 11 bits at 115200 Bd (95486.1 ns).
+    let there = u64::from(frame_bits(&base::can::Frame::standard(0x100, &[1]))) * 1000;
+    let back =
+        there + 3000 + u64::from(frame_bits(&base::can::Frame::standard(0x101, &[1]))) * 1000;
+    let base = 100_000_000;
+    let expected = [
+        (20_000_000, "ping start".to_string()),
+        (20_000_000, "pong start".to_string()),
+        (
+            base + 50_000,
+            format!("pong clock 1 from {}", base + 50_000),
+        ),
+        (base + there, "pong frame [1]".into()),
+        (base + 100_000, "ping truth 1".into()),
+        (base + back, "ping frame [1]".into()),
+        (base + 190_972, "pong words [1, 0]".into()),
+        (base + 190_972, "ping sent".into()),
+        (base + 190_972 + 95_486, "ping words [1]".into()),
+        (base + 190_972 + 95_486, "pong sent".into()),
+    ];
+    let expected = expected.map(|(at, what)| format!("{at:9} {what}"));
+    let mut lines = log.borrow().clone();
+    lines.sort();
+    let mut expected_sorted = expected.to_vec();
+    expected_sorted.sort();
+    assert_eq!(lines, expected_sorted);
+    assert!(
+        log.borrow().is_sorted_by_key(|line| line[..9].to_string()),
+        "in order of time"
+    );
+}
+
+#[test]
+fn the_same_seed_gives_the_same_run_and_another_seed_another() {
+    let run = |seed| {
+        let jitter = Duration::from_micros(30);
+        let (mut machine, log) = pair(Config {
+            seed,
+            lcm_jitter: jitter,
+            lcm_loss: 0.1,
+            ..Config::default()
+        });
+        machine.run_until(ms(2000));
+        (machine.digest(), log.take())
+    };
+    let (one, again, other) = (run(1), run(1), run(2));
+    assert!(one == again && one.0 != other.0 && one.1 != other.1);
+}
+
+#[test]
+fn a_run_in_pieces_is_the_run_in_one() {
+    let (mut whole, _) = pair(Config::default());
+    whole.run_until(ms(1000));
+    let (mut pieces, _) = pair(Config::default());
+    for step in 1..=10_000 {
+        pieces.run_until(Instant::from_nanos(step * 100_000));
+    }
+    assert_eq!(whole.digest(), pieces.digest());
+}
+
+#[test]
+fn what_was_lost_was_lost_for_one_receiver() {
+    let (mut machine, log) = pair(Config {
+        lcm_loss: 1.0,
+        ..Config::default()
+    });
+    machine.run_until(ms(500));
+    assert!(
+        !log.borrow()
+            .iter()
+            .any(|line| line.contains("clock") || line.contains("truth"))
+    );
+    assert!(log.borrow().iter().any(|line| line.contains("frame")));
+}
+
+#[test]
+fn a_hung_process_does_nothing_and_finds_its_input_afterwards() {
+    let (mut machine, log) = pair(Config::default());
+    machine.run_until(ms(105));
+    machine.hang(1001);
+    log.borrow_mut().clear();
+    machine.run_until(ms(125));
+    assert!(
+        !log.borrow().iter().any(|line| line.contains("pong")),
+        "{:?}",
+        log.borrow()
+    );
+    machine.resume(1001);
+    let heard: Vec<_> = log
+        .borrow()
+        .iter()
+        .filter(|line| line.contains("clock"))
+        .cloned()
+        .collect();
+    assert_eq!(
+        heard,
+        [
+            "125000000 pong clock 2 from 110050000",
+            "125000000 pong clock 3 from 120050000"
+        ]
+    );
+}
+
+#[test]
+fn a_killed_process_is_gone_at_once_and_its_parent_hears_of_it() {
+    let (mut machine, log) = machine(Config::default());
+    machine.spawn("parent", State::Run).unwrap();
+    machine.run_until(ms(50));
+    let pong = machine.pid("pong").unwrap();
+    machine.run_until(ms(60));
+    machine.kill(pong);
+    assert_eq!(machine.pid("pong"), None);
+    machine.run_until(ms(70));
+    let expected = [
+        " 20000000 Started { module: \"pong\", pid: 1001 }",
+        " 20000000 Unstartable { module: \"nobody\", reason: \"no module nobody\" }",
+        " 40000000 pong start",
+        " 60100000 Exited { pid: 1001, status: Signal(9) }",
+    ];
+    assert_eq!(*log.borrow(), expected);
+}
+
+#[test]
+fn a_terminated_process_ends_in_good_order() {
+    let (mut machine, _) = pair(Config::default());
+    let ended = Rc::new(RefCell::new(Vec::new()));
+    let inner = ended.clone();
+    machine.observe(move |at, news| {
+        if let News::State { module, state } = news {
+            inner
+                .borrow_mut()
+                .push(format!("{} {module} {state}", at.as_nanos()));
+        }
+        if let News::Exited { pid, status, .. } = news {
+            inner
+                .borrow_mut()
+                .push(format!("{} {pid} {status:?}", at.as_nanos()));
+        }
+    });
+    machine.run_until(ms(50));
+    machine.terminate(1001);
+    machine.run_until(ms(60));
+    let expected = [
+        "20000000 ping INIT",
+        "20000000 ping RUN",
+        "20000000 pong INIT",
+        "20000000 pong RUN",
+        "50000000 pong TERMINATE",
+        "50000000 1001 Code(0)",
+    ];
+    assert_eq!(*ended.borrow(), expected);
+    assert_eq!(machine.processes().collect::<Vec<_>>(), [(1000, "ping")]);
+}
+
+#[test]
+fn a_message_from_the_test_comes_at_its_moment() {
+    let (mut machine, log) = machine(Config::default());
+    machine.spawn("pong", State::Run).unwrap();
+    machine.inject(
+        ms(42),
+        simulation::DataClock {
+            timestamp: 0,
+            rate: 7.0,
+        },
+    );
+    machine.run_until(ms(50));
+    assert_eq!(log.borrow()[1], " 42050000 pong clock 7 from 42050000");
+}
+
+#[test]
+fn a_port_that_does_not_fit_its_bus_is_refused() {
+    struct Odd([PortSpec; 1]);
+    impl Module for Odd {
+        fn ports(&self) -> &[PortSpec] {
+            &self.0
+        }
+        fn handle(&mut self, _: Instant, _: Event<'_>, out: &mut Actions) {
+            out.report(Severity::Notice, Fault::PortDown, "", "");
+        }
+        fn poll_timeout(&self) -> Option<Instant> {
+            None
+        }
+    }
+    let mut rate = 125_000;
+    let mut machine = Virtual::new(Config::default(), move |name, _| {
+        rate *= 2;
+        let port = PortSpec {
+            bus: "can.main".into(),
+            line: Line::Can { bitrate: rate },
+        };
+        Ok(Shell::new(ShellConfig::new(name), Box::new(Odd([port]))))
+    });
+    assert!(machine.spawn("a", State::Run).is_ok());
+    let refused = machine.spawn("b", State::Run).unwrap_err();
+    assert_eq!(
+        refused,
+        "bus can.main is Can { bitrate: 250000 }, not Can { bitrate: 500000 }"
+    );
+}
