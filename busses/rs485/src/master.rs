@@ -12,7 +12,7 @@
 //! ```
 
 use crate::frame::{self, BROADCAST, Frame, MAX_DATA, NO_ACK, RESEND, Status, Words};
-use crate::node::{Change, ErrorCounter, Health, Statistics};
+use crate::node::{Change, ErrorCounter, Health, RoundTrips, Statistics};
 use crate::reader::{Counters, Reader, Received};
 use crate::{Data, Transmit, word_time};
 use base::serial::Word;
@@ -75,6 +75,7 @@ struct Node {
     timeout: Duration,
     errors: ErrorCounter,
     statistics: Statistics,
+    recent: RoundTrips,
 }
 
 /// The master.
@@ -121,6 +122,7 @@ impl Master {
             timeout,
             errors: ErrorCounter::default(),
             statistics: Statistics::default(),
+            recent: RoundTrips::default(),
         };
         self.nodes.push(node).is_ok()
     }
@@ -214,6 +216,13 @@ impl Master {
             .iter()
             .find(|node| node.address == address)
             .map(|node| &node.statistics)
+    }
+
+    /// The node's round trips since the last call.
+    pub fn take_recent(&mut self, address: u8) -> RoundTrips {
+        self.node(address)
+            .map(|node| core::mem::take(&mut node.recent))
+            .unwrap_or_default()
     }
 
     /// The bus's statistics.
@@ -391,7 +400,9 @@ impl Master {
             to, instruction, ..
         } = attempt;
         let change = self.node(to).and_then(|node| {
-            node.statistics.answered(now.since(started));
+            let round_trip = now.since(started);
+            node.statistics.round_trips.add(round_trip);
+            node.recent.add(round_trip);
             node.errors.good()
         });
         self.events.push(Event::Reply {

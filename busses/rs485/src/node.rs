@@ -89,36 +89,56 @@ pub struct Statistics {
     pub timeouts: u64,
     /// Attempts whose answer was damaged, or answered that the request was.
     pub crc_errors: u64,
-    /// Answers with status OK, ERROR or UNKINSTR.
-    pub answers: u64,
-    /// Shortest time from the request's first word to the answer's last one.
-    pub round_trip_min: Duration,
-    /// Longest of these times.
-    pub round_trip_max: Duration,
-    round_trip_sum: Duration,
+    /// Round trips since the start.
+    pub round_trips: RoundTrips,
 }
 
-impl Statistics {
-    /// Mean of these times; zero before the first answer.
+/// Times from a request's first word to the last word of its answer (status OK, ERROR or UNKINSTR).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RoundTrips {
+    count: u64,
+    min: Duration,
+    max: Duration,
+    sum: Duration,
+}
+
+impl RoundTrips {
+    /// How many.
     #[must_use]
-    pub fn round_trip_mean(&self) -> Duration {
-        let nanos = self
-            .round_trip_sum
-            .as_nanos()
-            .checked_div(u128::from(self.answers))
-            .unwrap_or(0);
-        Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
+    pub fn count(&self) -> u64 {
+        self.count
     }
 
-    pub(crate) fn answered(&mut self, round_trip: Duration) {
-        self.round_trip_min = if self.answers == 0 {
+    /// The shortest; none when there was none.
+    #[must_use]
+    pub fn min(&self) -> Option<Duration> {
+        (self.count > 0).then_some(self.min)
+    }
+
+    /// Their mean; none when there was none.
+    #[must_use]
+    pub fn mean(&self) -> Option<Duration> {
+        let nanos = self.sum.as_nanos().checked_div(u128::from(self.count))?;
+        Some(Duration::from_nanos(
+            u64::try_from(nanos).unwrap_or(u64::MAX),
+        ))
+    }
+
+    /// The longest; none when there was none.
+    #[must_use]
+    pub fn max(&self) -> Option<Duration> {
+        (self.count > 0).then_some(self.max)
+    }
+
+    pub(crate) fn add(&mut self, round_trip: Duration) {
+        self.min = if self.count == 0 {
             round_trip
         } else {
-            self.round_trip_min.min(round_trip)
+            self.min.min(round_trip)
         };
-        self.round_trip_max = self.round_trip_max.max(round_trip);
-        self.round_trip_sum = self.round_trip_sum.saturating_add(round_trip);
-        self.answers += 1;
+        self.max = self.max.max(round_trip);
+        self.sum = self.sum.saturating_add(round_trip);
+        self.count += 1;
     }
 }
 
@@ -159,16 +179,12 @@ mod tests {
 
     #[test]
     fn the_mean_lies_between_the_shortest_and_the_longest() {
-        let mut statistics = Statistics::default();
-        assert_eq!(statistics.round_trip_mean(), Duration::ZERO);
+        let mut trips = RoundTrips::default();
+        assert_eq!((trips.min(), trips.mean(), trips.max()), (None, None, None));
         for ms in [3, 1, 5] {
-            statistics.answered(Duration::from_millis(ms));
+            trips.add(Duration::from_millis(ms));
         }
-        let ms = [
-            statistics.round_trip_min,
-            statistics.round_trip_mean(),
-            statistics.round_trip_max,
-        ];
-        assert_eq!(ms, [1, 3, 5].map(Duration::from_millis));
+        let times = [trips.min(), trips.mean(), trips.max()];
+        assert_eq!(times, [1, 3, 5].map(|ms| Some(Duration::from_millis(ms))));
     }
 }

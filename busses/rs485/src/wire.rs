@@ -203,11 +203,14 @@ fn on_a_clean_wire_every_answer_is_right_at_once() {
     let mut wire = Wire::new(None);
     assert_eq!(ask(&mut wire, 1000), [1000, 0, 0]);
     let sd1 = *wire.master.statistics(sd1::FRONT).unwrap();
-    assert_eq!((sd1.requests, sd1.retries, sd1.answers), (500, 0, 500));
+    assert_eq!(
+        (sd1.requests, sd1.retries, sd1.round_trips.count()),
+        (500, 0, 500)
+    );
     // 5 words out, 200 us, 25 words back.
     assert_eq!(
-        sd1.round_trip_mean(),
-        word_time(BAUD) * 30 + Duration::from_micros(200)
+        sd1.round_trips.mean(),
+        Some(word_time(BAUD) * 30 + Duration::from_micros(200))
     );
     // The wire is in use but for the slaves' 200 us and the master's two words a transaction.
     let busy = word_time(BAUD) * wire.master.bus_statistics().words as u32;

@@ -183,7 +183,7 @@ fn check(transcript: &str) -> Master {
 
 #[test]
 fn an_answer_comes_back_to_who_asked() {
-    let master = check(
+    let mut master = check(
         "
          1ms   > ask 20 01
          1ms   < tx 20! 01 00 00 9c
@@ -195,10 +195,19 @@ fn an_answer_comes_back_to_who_asked() {
     );
     let statistics = master.statistics(0x20).unwrap();
     assert_eq!(
-        (statistics.requests, statistics.retries, statistics.answers),
+        (
+            statistics.requests,
+            statistics.retries,
+            statistics.round_trips.count()
+        ),
         (1, 0, 1)
     );
-    assert_eq!(statistics.round_trip_mean(), Duration::from_micros(1900));
+    assert_eq!(
+        statistics.round_trips.mean(),
+        Some(Duration::from_micros(1900))
+    );
+    assert_eq!(master.take_recent(0x20).count(), 1);
+    assert_eq!(master.take_recent(0x20).count(), 0);
     assert_eq!(
         master.bus_statistics(),
         BusStatistics {
@@ -226,7 +235,7 @@ fn two_word_times_of_silence_come_before_every_request() {
 
 #[test]
 fn a_damaged_answer_is_asked_for_again_with_resend() {
-    let master = check(
+    let mut master = check(
         "
          1ms   > ask 20 01
          1ms   < tx 20! 01 00 00 9c
@@ -244,7 +253,7 @@ fn a_damaged_answer_is_asked_for_again_with_resend() {
             statistics.requests,
             statistics.retries,
             statistics.crc_errors,
-            statistics.answers
+            statistics.round_trips.count()
         ),
         (1, 1, 1, 1)
     );
@@ -355,7 +364,7 @@ fn a_node_that_refuses_is_alive_and_not_asked_again() {
     assert_eq!(
         (
             master.error_count(0x20),
-            master.statistics(0x20).unwrap().answers
+            master.statistics(0x20).unwrap().round_trips.count()
         ),
         (Some(0), 1)
     );
