@@ -12,6 +12,8 @@ mod event;
 pub mod exit;
 mod shell;
 mod state;
+#[cfg(test)]
+mod tests;
 
 pub use action::{Action, Actions, Condition, Output, ProcessCommand};
 pub use event::{Event, ExitStatus, Input, Line, PortId, PortSpec, ProcessEvent};

@@ -1,1 +1,411 @@
-//! The module that starts and guards all modules.
+//! The module that starts all modules, guards them, and keeps the state that an operator wants of each.
+//!
+//! Policy only: it asks its host for processes ([`module::ProcessCommand`]) and hears what became of them, so the live
+//! and the virtual host run the same watchdog. A module is judged by its announcement (`CM_DATA_STATE`), as in 2011:
+//! two seconds without one, checked every 200 ms, is a hang.
+#![forbid(unsafe_code)]
+
+mod guard;
+#[cfg(test)]
+mod tests;
+
+use base::{Duration, Fault, Instant, Severity, Ticker};
+use guard::{Guard, Phase};
+use messages::{Channel, Message, common};
+use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
+
+/// The watchdog's name as a module.
+pub const NAME: &str = "watchdog";
+
+/// `CM_DATA_PROCESSES` is sent this often, and at every change.
+const PUBLISH: Duration = Duration::from_millis(100);
+/// Modules are judged this often.
+const CHECK: Duration = Duration::from_millis(200);
+/// A module that others depend on has come up when it announces another state than INIT, or after this long.
+const DEPENDS_PATIENCE: Duration = Duration::from_secs(2);
+/// A process that hangs has this long between SIGTERM and SIGKILL.
+const HANG_GRACE: Duration = Duration::from_millis(200);
+
+/// What to guard and how.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The modules, in the order in which to start them.
+    pub modules: Vec<ModuleConfig>,
+    /// A module that does not announce itself for this long hangs.
+    pub announce_timeout: Duration,
+    /// A process that was asked to end has this long before it is killed. A drive's driver needs it to let the
+    /// robot come to a stand.
+    pub end_within: Duration,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            modules: Vec::new(),
+            announce_timeout: Duration::from_secs(2),
+            end_within: Duration::from_millis(1500),
+        }
+    }
+}
+
+/// One module.
+#[derive(Clone, Debug)]
+pub struct ModuleConfig {
+    /// Its name.
+    pub name: String,
+    /// Modules that must have come up before it is started.
+    pub depends: Vec<String>,
+    /// Whether it is started again when it ends unasked.
+    pub restart: bool,
+}
+
+/// The watchdog.
+pub struct Watchdog {
+    config: Config,
+    guards: Vec<Guard>,
+    publish: Ticker,
+    check: Ticker,
+    started: Instant,
+    /// The last time it was called; what was due by then has been served.
+    now: Instant,
+    /// Something that `CM_DATA_PROCESSES` shows has changed.
+    changed: bool,
+    ending: bool,
+    all_up: bool,
+}
+
+impl Watchdog {
+    /// A watchdog that has started nothing yet. The configuration is the host's affair to check: names are unique,
+    /// dependencies exist and have no circle.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let guards = config
+            .modules
+            .iter()
+            .map(|module| Guard::new(module.clone()))
+            .collect();
+        Self {
+            config,
+            guards,
+            publish: Ticker::new(Instant::NEVER, PUBLISH),
+            check: Ticker::new(Instant::NEVER, CHECK),
+            started: Instant::ZERO,
+            now: Instant::ZERO,
+            changed: true,
+            ending: false,
+            all_up: false,
+        }
+    }
+
+    fn on_start(&mut self, now: Instant) {
+        self.started = now;
+        self.publish = Ticker::new(now + PUBLISH, PUBLISH);
+        self.check = Ticker::new(now + CHECK, CHECK);
+    }
+
+    fn on_message(&mut self, now: Instant, message: &Message, out: &mut Actions) {
+        match message {
+            Message::CmDataState(state) => self.on_state(now, state, out),
+            Message::CmCmdState(command) => self.on_command(now, command, out),
+            _ => {}
+        }
+    }
+
+    fn on_state(&mut self, now: Instant, announced: &common::DataState, out: &mut Actions) {
+        let Some(guard) = self
+            .guards
+            .iter_mut()
+            .find(|guard| guard.config.name == announced.module)
+        else {
+            return;
+        };
+        let Some(state) = State::from_value(announced.state) else {
+            return;
+        };
+        let Phase::Running { since, .. } = guard.phase else {
+            return;
+        };
+        guard.heard = now;
+        if guard.state == state {
+            return;
+        }
+        guard.state = state;
+        self.changed = true;
+        if matches!(state, State::Run | State::Pause | State::Stop) {
+            let took = now.since(since).as_secs_f64();
+            let name = &guard.config.name;
+            for fault in [
+                Fault::ModuleDied,
+                Fault::ModuleHung,
+                Fault::ModuleUnstartable,
+            ] {
+                out.clear(
+                    fault,
+                    name.as_str(),
+                    format!("{name} is back: {state} {took:.2} s after its start"),
+                );
+            }
+        }
+        self.start_what_may(now, out);
+        if !self.all_up && self.guards.iter().all(|guard| guard.state == State::Run) {
+            self.all_up = true;
+            let took = now.since(self.started).as_secs_f64();
+            out.note(format!(
+                "all {} modules RUN after {took:.2} s",
+                self.guards.len()
+            ));
+        }
+    }
+
+    fn on_command(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
+        let Some(to) = State::from_value(command.state) else {
+            return;
+        };
+        let cause = if command.manual {
+            Cause::Manual
+        } else {
+            Cause::Command
+        };
+        for guard in &mut self.guards {
+            if command.module != "*" && command.module != guard.config.name {
+                continue;
+            }
+            self.changed |= guard.command(now, to, cause, self.config.end_within);
+        }
+        self.start_what_may(now, out);
+    }
+
+    fn on_process(&mut self, now: Instant, event: &ProcessEvent<'_>, out: &mut Actions) {
+        match *event {
+            ProcessEvent::Started { module, pid } => {
+                if let Some(guard) = self
+                    .guards
+                    .iter_mut()
+                    .find(|guard| guard.config.name == module)
+                {
+                    guard.on_started(now, pid);
+                    if self.ending {
+                        guard.end(now, self.config.end_within, out);
+                    }
+                }
+            }
+            ProcessEvent::Unstartable { module, reason } => {
+                if let Some(guard) = self
+                    .guards
+                    .iter_mut()
+                    .find(|guard| guard.config.name == module)
+                {
+                    unstartable(now, guard, reason, out);
+                }
+            }
+            ProcessEvent::Exited { pid, status } => self.on_exited(now, pid, status, out),
+            ProcessEvent::Usage { pid, cpu, rss } => {
+                if let Some(guard) = self
+                    .guards
+                    .iter_mut()
+                    .find(|guard| guard.phase.pid() == Some(pid))
+                {
+                    (guard.cpu, guard.rss) = (cpu, rss);
+                }
+                return;
+            }
+        }
+        self.changed = true;
+        self.start_what_may(now, out);
+        self.end_what_may(now, out);
+    }
+
+    fn on_exited(&mut self, now: Instant, pid: u32, status: ExitStatus, out: &mut Actions) {
+        let Some(guard) = self
+            .guards
+            .iter_mut()
+            .find(|guard| guard.phase.pid() == Some(pid))
+        else {
+            return;
+        };
+        let asked = matches!(guard.phase, Phase::Terminating { .. });
+        let delay = guard.on_down(now);
+        guard.last_exit = status.number();
+        if asked || self.ending {
+            return;
+        }
+        let name = &guard.config.name;
+        let how = match status {
+            ExitStatus::Code(code) => format!("with exit code {code:#04x}"),
+            ExitStatus::Signal(signal) => format!("by signal {signal}"),
+        };
+        let then = match (guard.config.restart, delay.as_millis()) {
+            (false, _) => "it stays down".into(),
+            (true, 0) => "it is started again".into(),
+            (true, ms) => format!("it is started again in {ms} ms"),
+        };
+        out.raise(
+            Severity::Error,
+            Fault::ModuleDied,
+            name.as_str(),
+            format!("{name} ended {how}: {then}"),
+        );
+    }
+
+    fn on_timer(&mut self, now: Instant, out: &mut Actions) {
+        let check = self.check.due(now);
+        for guard in &mut self.guards {
+            match guard.phase {
+                Phase::Running { .. }
+                    if check && now.since(guard.heard) >= self.config.announce_timeout =>
+                {
+                    let name = &guard.config.name;
+                    let silent = now.since(guard.heard).as_secs_f64();
+                    let message =
+                        format!("{name} has not announced itself for {silent:.1} s: it is ended");
+                    out.raise(Severity::Error, Fault::ModuleHung, name.as_str(), message);
+                    guard.end(now, HANG_GRACE, out);
+                    guard.state = State::Unknown;
+                    self.changed = true;
+                }
+                Phase::Spawning { until } if until <= now => {
+                    unstartable(now, guard, "the host does not answer", out);
+                    self.changed = true;
+                }
+                Phase::Terminating {
+                    pid,
+                    kill_at: Some(kill_at),
+                } if kill_at <= now => {
+                    out.push(module::Action::Process(ProcessCommand::Kill { pid }));
+                    guard.phase = Phase::Terminating { pid, kill_at: None };
+                }
+                _ => {}
+            }
+        }
+        self.start_what_may(now, out);
+        if self.publish.due(now) {
+            self.changed = true;
+        }
+    }
+
+    /// Starts every module that is wanted, down, not delayed, and whose dependencies have come up.
+    fn start_what_may(&mut self, now: Instant, out: &mut Actions) {
+        if self.ending {
+            return;
+        }
+        for index in 0..self.guards.len() {
+            let guard = &self.guards[index];
+            let ready = guard.may_start(now)
+                && guard
+                    .config
+                    .depends
+                    .iter()
+                    .all(|name| self.is_up(now, name));
+            if ready {
+                let guard = &mut self.guards[index];
+                guard.on_spawn(now);
+                let (module, wanted) = (guard.config.name.clone(), guard.wanted);
+                out.push(module::Action::Process(ProcessCommand::Spawn {
+                    module,
+                    wanted,
+                }));
+                self.changed = true;
+            }
+        }
+    }
+
+    fn is_up(&self, now: Instant, name: &str) -> bool {
+        self.guards
+            .iter()
+            .find(|guard| guard.config.name == name)
+            .is_none_or(|guard| match guard.phase {
+                Phase::Running { since, .. } => {
+                    !matches!(guard.state, State::Unknown | State::Init)
+                        || now.since(since) >= DEPENDS_PATIENCE
+                }
+                _ => false,
+            })
+    }
+
+    /// On the way down: ends every module that no running one depends on.
+    fn end_what_may(&mut self, now: Instant, out: &mut Actions) {
+        if !self.ending {
+            return;
+        }
+        for index in 0..self.guards.len() {
+            let name = &self.guards[index].config.name;
+            let needed = self.guards.iter().any(|other| {
+                other.phase.pid().is_some()
+                    && other.config.depends.iter().any(|depends| depends == name)
+            });
+            if !needed {
+                self.guards[index].end(now, self.config.end_within, out);
+            }
+        }
+    }
+
+    fn publish_processes(&self, now: Instant, out: &mut Actions) {
+        let processes = self.guards.iter().map(|guard| guard.process(now)).collect();
+        out.publish(common::DataProcesses {
+            timestamp: out.timestamp(now),
+            processes,
+        });
+    }
+}
+
+fn unstartable(now: Instant, guard: &mut Guard, reason: &str, out: &mut Actions) {
+    let delay = guard.on_down(now);
+    let name = &guard.config.name;
+    let message = format!(
+        "{name} cannot be started: {reason}; again in {} ms",
+        delay.as_millis()
+    );
+    out.raise(
+        Severity::Error,
+        Fault::ModuleUnstartable,
+        name.as_str(),
+        message,
+    );
+}
+
+impl Module for Watchdog {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::CmDataState, Channel::CmCmdState]
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        self.now = now;
+        match event {
+            Event::Start => {
+                self.on_start(now);
+                out.working();
+                self.start_what_may(now, out);
+            }
+            Event::Message { message, .. } => self.on_message(now, message, out),
+            Event::Process(event) => self.on_process(now, &event, out),
+            Event::Timer => self.on_timer(now, out),
+            Event::State(State::Terminate) => {
+                self.ending = true;
+                self.end_what_may(now, out);
+            }
+            Event::State(_) | Event::Port { .. } => {}
+        }
+        if self.changed {
+            self.changed = false;
+            self.publish_processes(now, out);
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        // A module that waits for its dependencies, not for time, is looked at when they change and at each check.
+        let guards = self
+            .guards
+            .iter()
+            .filter_map(Guard::poll_timeout)
+            .filter(|due| *due > self.now)
+            .min();
+        let own = self.publish.next().min(self.check.next());
+        Some(guards.map_or(own, |due| due.min(own)))
+    }
+
+    fn finished(&self) -> bool {
+        self.guards.iter().all(|guard| {
+            guard.phase.pid().is_none() && !matches!(guard.phase, Phase::Spawning { .. })
+        })
+    }
+}

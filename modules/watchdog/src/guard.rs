@@ -1,0 +1,205 @@
+//! One guarded module: its process, the state that is wanted of it, and when it may be started again.
+
+use crate::ModuleConfig;
+use base::{Duration, Instant};
+use messages::common;
+use module::{Action, Actions, Cause, ProcessCommand, State};
+
+/// The first delay after an immediate restart; doubles up to [`DELAY_MAX`].
+const DELAY_FIRST: Duration = Duration::from_millis(100);
+const DELAY_MAX: Duration = Duration::from_secs(10);
+/// A process that lived this long has paid off one doubling.
+const DECAY: Duration = Duration::from_secs(10);
+/// The host owes an answer to a spawn within this time; else it counts as failed.
+const SPAWN_PATIENCE: Duration = Duration::from_secs(5);
+
+/// The process, and what is valid about it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Phase {
+    /// No process; may be started at `not_before`.
+    Down { not_before: Instant },
+    /// Asked for; the host answers with a pid or a reason.
+    Spawning { until: Instant },
+    /// Alive.
+    Running { pid: u32, since: Instant },
+    /// Asked to end; killed at `kill_at`, which is none once that is done.
+    Terminating { pid: u32, kill_at: Option<Instant> },
+}
+
+impl Phase {
+    pub(crate) fn pid(self) -> Option<u32> {
+        match self {
+            Self::Running { pid, .. } | Self::Terminating { pid, .. } => Some(pid),
+            Self::Down { .. } | Self::Spawning { .. } => None,
+        }
+    }
+}
+
+/// One guarded module.
+pub(crate) struct Guard {
+    pub(crate) config: ModuleConfig,
+    pub(crate) phase: Phase,
+    /// As it last announced itself; UNKNOWN without a process.
+    pub(crate) state: State,
+    /// The state an operator wants; a restarted module starts in it, TERMINATE keeps it down.
+    pub(crate) wanted: State,
+    /// When it last announced itself.
+    pub(crate) heard: Instant,
+    pub(crate) last_exit: i32,
+    pub(crate) cpu: f64,
+    pub(crate) rss: i64,
+    /// How often it was started, without the first time.
+    restarts: i32,
+    launched: bool,
+    /// When it was last started.
+    since: Instant,
+    delay: Duration,
+}
+
+impl Guard {
+    pub(crate) fn new(config: ModuleConfig) -> Self {
+        Self {
+            config,
+            phase: Phase::Down {
+                not_before: Instant::ZERO,
+            },
+            state: State::Unknown,
+            wanted: State::Run,
+            heard: Instant::ZERO,
+            last_exit: 0,
+            cpu: 0.0,
+            rss: 0,
+            restarts: 0,
+            launched: false,
+            since: Instant::ZERO,
+            delay: Duration::ZERO,
+        }
+    }
+
+    /// Whether it is wanted, down and not delayed.
+    pub(crate) fn may_start(&self, now: Instant) -> bool {
+        let again = !self.launched || self.config.restart;
+        matches!(self.phase, Phase::Down { not_before } if not_before <= now && again && self.wanted != State::Terminate)
+    }
+
+    pub(crate) fn on_spawn(&mut self, now: Instant) {
+        self.phase = Phase::Spawning {
+            until: now + SPAWN_PATIENCE,
+        };
+        self.restarts += i32::from(self.launched);
+        self.launched = true;
+        self.since = now;
+        self.state = State::Unknown;
+    }
+
+    pub(crate) fn on_started(&mut self, now: Instant, pid: u32) {
+        self.phase = Phase::Running { pid, since: now };
+        self.heard = now;
+    }
+
+    /// The process is gone or could not be had; returns how long until it may be started again.
+    pub(crate) fn on_down(&mut self, now: Instant) -> Duration {
+        let paid = now.since(self.since).as_nanos() / DECAY.as_nanos();
+        self.delay = self
+            .delay
+            .checked_div(1 << paid.min(20))
+            .unwrap_or_default();
+        if self.delay < DELAY_FIRST {
+            self.delay = Duration::ZERO;
+        }
+        let delay = self.delay;
+        self.delay = (self.delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
+        self.phase = Phase::Down {
+            not_before: now + delay,
+        };
+        self.state = State::Unknown;
+        (self.cpu, self.rss) = (0.0, 0);
+        delay
+    }
+
+    /// Follows a state command as the module itself does; true when something changed.
+    pub(crate) fn command(
+        &mut self,
+        now: Instant,
+        to: State,
+        cause: Cause,
+        end_within: Duration,
+    ) -> bool {
+        let down = self.wanted == State::Terminate;
+        let from = match self.state {
+            State::Unknown | State::Init if !down => self.wanted,
+            state => state,
+        };
+        match to {
+            State::Run if down => {
+                self.wanted = State::Run;
+                self.launched = false;
+                if matches!(self.phase, Phase::Down { .. }) {
+                    self.phase = Phase::Down { not_before: now };
+                }
+                true
+            }
+            State::Terminate if !down => {
+                self.wanted = State::Terminate;
+                if let Phase::Running { pid, .. } = self.phase {
+                    self.phase = Phase::Terminating {
+                        pid,
+                        kill_at: Some(now + end_within),
+                    };
+                }
+                true
+            }
+            State::Run | State::Pause | State::Stop
+                if !down && (to == from || from.allows(to, cause)) =>
+            {
+                let changed = self.wanted != to;
+                self.wanted = to;
+                changed
+            }
+            _ => false,
+        }
+    }
+
+    /// Asks the process to end, once.
+    pub(crate) fn end(&mut self, now: Instant, within: Duration, out: &mut Actions) {
+        if let Phase::Running { pid, .. } = self.phase {
+            out.push(Action::Process(ProcessCommand::Terminate { pid }));
+            self.phase = Phase::Terminating {
+                pid,
+                kill_at: Some(now + within),
+            };
+        }
+    }
+
+    pub(crate) fn poll_timeout(&self) -> Option<Instant> {
+        match self.phase {
+            Phase::Down { not_before } if self.may_start(not_before) => Some(not_before),
+            Phase::Spawning { until } => Some(until),
+            Phase::Terminating { kill_at, .. } => kill_at,
+            Phase::Down { .. } | Phase::Running { .. } => None,
+        }
+    }
+
+    /// Its row in `CM_DATA_PROCESSES`.
+    pub(crate) fn process(&self, now: Instant) -> common::Process {
+        let (phase, uptime) = match self.phase {
+            Phase::Running { since, .. } => {
+                (common::Process::RUNNING, now.since(since).as_secs_f64())
+            }
+            Phase::Terminating { .. } => (common::Process::TERMINATING, 0.0),
+            Phase::Down { .. } | Phase::Spawning { .. } => (common::Process::TERMINATED, 0.0),
+        };
+        common::Process {
+            module: self.config.name.clone(),
+            pid: self.phase.pid().map_or(0, |pid| pid as i32),
+            phase,
+            state: self.state as i8,
+            wanted: self.wanted as i8,
+            restarts: self.restarts,
+            last_exit: self.last_exit,
+            uptime,
+            cpu: self.cpu,
+            rss: self.rss,
+        }
+    }
+}

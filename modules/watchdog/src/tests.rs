@@ -1,0 +1,322 @@
+//! The watchdog against processes that the test plays.
+
+use crate::{Config, ModuleConfig, NAME, Watchdog};
+use base::{Duration, Instant, Severity};
+use messages::{Message, common};
+use module::bench::Bench;
+use module::{Action, Event, ExitStatus, ProcessCommand, ProcessEvent, Shell, ShellConfig, State};
+use std::fmt::Write;
+
+/// Two modules: `eyes` depends on `nerves`.
+fn bench() -> Bench {
+    let module = |name: &str, depends: &[&str]| ModuleConfig {
+        name: name.into(),
+        depends: depends.iter().map(ToString::to_string).collect(),
+        restart: true,
+    };
+    let modules = vec![module("nerves", &[]), module("eyes", &["nerves"])];
+    let config = ShellConfig {
+        obeys_all: false,
+        end_within: Duration::from_secs(6),
+        ..ShellConfig::new(NAME)
+    };
+    Bench::new(Shell::new(
+        config,
+        Box::new(Watchdog::new(Config {
+            modules,
+            ..Config::default()
+        })),
+    ))
+}
+
+/// Runs a transcript: `>` is what the world does, `<` what the watchdog asks or reports; the number is milliseconds.
+#[track_caller]
+fn check(transcript: &str) {
+    let mut bench = bench();
+    let mut seen = String::new();
+    let lines: Vec<&str> = transcript
+        .lines()
+        .map(str::trim)
+        .filter(|line| !line.is_empty())
+        .collect();
+    for line in lines.iter().filter(|line| line.contains("ms >")) {
+        let (at, input) = line.split_once("ms > ").unwrap();
+        let at = Instant::from_millis(at.parse().unwrap());
+        while bench.step(at) {
+            log(&mut bench, &mut seen);
+        }
+        bench.pass(at.since(bench.now()));
+        log(&mut bench, &mut seen);
+        writeln!(seen, "{line}").unwrap();
+        feed(&mut bench, &input.split(' ').collect::<Vec<_>>());
+        log(&mut bench, &mut seen);
+    }
+    let expected: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    assert_eq!(seen, expected);
+}
+
+fn feed(bench: &mut Bench, words: &[&str]) {
+    match *words {
+        ["start"] => bench.event(Event::Start),
+        ["pid", module, pid] => {
+            let pid = pid.parse().unwrap();
+            bench.event(Event::Process(ProcessEvent::Started { module, pid }));
+        }
+        ["unstartable", module] => {
+            bench.event(Event::Process(ProcessEvent::Unstartable {
+                module,
+                reason: "no such file",
+            }));
+        }
+        ["says", module, state] => {
+            let state = State::from_name(state).unwrap() as i8;
+            bench.message(common::DataState {
+                timestamp: 0,
+                module: module.into(),
+                state,
+            });
+        }
+        ["exit", pid, code] => {
+            let status = ExitStatus::Code(code.parse().unwrap());
+            bench.event(Event::Process(ProcessEvent::Exited {
+                pid: pid.parse().unwrap(),
+                status,
+            }));
+        }
+        ["killed", pid] => {
+            let status = ExitStatus::Signal(9);
+            bench.event(Event::Process(ProcessEvent::Exited {
+                pid: pid.parse().unwrap(),
+                status,
+            }));
+        }
+        ["command", module, state, ref manual @ ..] => {
+            let (module, source) = (module.into(), "test".into());
+            let (state, manual) = (State::from_name(state).unwrap() as i8, manual == ["manual"]);
+            bench.message(common::CmdState {
+                timestamp: 0,
+                module,
+                state,
+                manual,
+                source,
+            });
+        }
+        ["sigterm"] => bench.event(Event::State(State::Terminate)),
+        ["end"] => {}
+        _ => panic!("{words:?}"),
+    }
+}
+
+fn log(bench: &mut Bench, seen: &mut String) {
+    for (at, action) in bench.done() {
+        let line = match action {
+            Action::Process(ProcessCommand::Spawn { module, wanted }) => {
+                format!("spawn {module} {wanted}")
+            }
+            Action::Process(ProcessCommand::Terminate { pid }) => format!("sigterm {pid}"),
+            Action::Process(ProcessCommand::Kill { pid }) => format!("sigkill {pid}"),
+            Action::Report(report) if report.severity == Severity::Notice => {
+                format!("notice {}", report.subject)
+            }
+            Action::Report(report) => format!("report {:?} {}", report.fault, report.subject),
+            Action::Exit(code) => format!("exit {code}"),
+            _ => continue,
+        };
+        writeln!(seen, "{}ms < {line}", at.as_nanos() / 1_000_000).unwrap();
+    }
+}
+
+#[test]
+fn modules_start_in_the_order_of_their_dependencies() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         30ms > says nerves INIT
+         50ms > says nerves RUN
+         50ms < spawn eyes RUN
+         51ms > pid eyes 8",
+    );
+}
+
+#[test]
+fn a_dependency_that_stays_in_init_holds_others_up_for_two_seconds_only() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         1001ms > says nerves INIT
+         2001ms > says nerves INIT
+         2100ms < spawn eyes RUN
+         2201ms > end",
+    );
+}
+
+#[test]
+fn a_dead_module_is_back_at_once_then_more_calmly() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         50ms > killed 7
+         50ms < report ModuleDied nerves
+         50ms < spawn nerves RUN
+         51ms > pid nerves 8
+         52ms > says nerves RUN
+         52ms < notice nerves
+         52ms < spawn eyes RUN
+         53ms > pid eyes 9
+         60ms > exit 8 64
+         60ms < report ModuleDied nerves
+         160ms < spawn nerves RUN
+         161ms > pid nerves 10
+         162ms > exit 10 64
+         362ms < spawn nerves RUN
+         363ms > pid nerves 11
+         400ms > end",
+    );
+}
+
+#[test]
+fn a_hung_module_gets_sigterm_then_sigkill_then_a_new_life() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         11ms > pid eyes 8
+         1900ms > says eyes RUN
+         2200ms < report ModuleHung nerves
+         2200ms < sigterm 7
+         2400ms < sigkill 7
+         2401ms > killed 7
+         2401ms < spawn nerves RUN
+         2402ms > pid nerves 9
+         2500ms > says nerves RUN
+         2500ms < notice nerves",
+    );
+}
+
+#[test]
+fn the_wanted_state_survives_a_crash_and_only_a_permitted_command_changes_it() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         11ms > command nerves STOP
+         12ms > command nerves STOP manual
+         13ms > says nerves STOP
+         14ms > command nerves RUN
+         20ms > killed 7
+         20ms < report ModuleDied nerves
+         20ms < spawn nerves STOP
+         21ms > pid nerves 8
+         22ms > command nerves PAUSE
+         30ms > killed 8
+         130ms < spawn nerves STOP
+         131ms > command nerves RUN manual
+         132ms > end",
+    );
+}
+
+#[test]
+fn terminate_keeps_a_module_down_until_run_is_commanded() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         11ms > pid eyes 8
+         12ms > says eyes RUN
+         20ms > command * TERMINATE
+         25ms > exit 7 0
+         26ms > exit 8 0
+         900ms > command eyes PAUSE manual
+         1000ms > command * RUN
+         1000ms < spawn nerves RUN
+         1001ms > pid nerves 9
+         1002ms > says nerves RUN
+         1002ms < spawn eyes RUN",
+    );
+}
+
+#[test]
+fn a_module_that_does_not_obey_terminate_is_killed() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         20ms > command nerves TERMINATE
+         1520ms < sigkill 7
+         1521ms > killed 7
+         1600ms > end",
+    );
+}
+
+#[test]
+fn a_module_that_cannot_be_started_is_tried_again() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > unstartable nerves
+         1ms < report ModuleUnstartable nerves
+         1ms < spawn nerves RUN
+         2ms > unstartable nerves
+         102ms < spawn nerves RUN
+         103ms > end",
+    );
+}
+
+#[test]
+fn the_end_takes_dependents_first_and_waits_for_all() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         11ms > pid eyes 8
+         20ms > sigterm
+         20ms < sigterm 8
+         30ms > exit 8 0
+         30ms < sigterm 7
+         1530ms < sigkill 7
+         1531ms > killed 7",
+    );
+}
+
+#[test]
+fn processes_are_shown_ten_times_a_second_and_at_every_change() {
+    let mut bench = bench();
+    bench.event(Event::Start);
+    bench.published();
+    bench.pass(Duration::from_secs(1));
+    let shown = |message: &Message| matches!(message, Message::CmDataProcesses(_));
+    assert_eq!(
+        bench
+            .published()
+            .iter()
+            .filter(|message| shown(message))
+            .count(),
+        10
+    );
+    bench.event(Event::Process(ProcessEvent::Started {
+        module: "nerves",
+        pid: 7,
+    }));
+    let published = bench.published();
+    let Message::CmDataProcesses(processes) = &published[0] else {
+        panic!("{published:?}")
+    };
+    let nerves = &processes.processes[0];
+    assert_eq!(
+        (nerves.module.as_str(), nerves.pid, nerves.phase),
+        ("nerves", 7, common::Process::RUNNING)
+    );
+}
