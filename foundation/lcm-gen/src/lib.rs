@@ -3,9 +3,9 @@
 //! Strings in, strings out: the caller reads the `.lcm` files. Only [`build`], for build scripts, touches files.
 //!
 //! ```
-//! let files = [("point.lcm", "package demo; struct point_t { double x, y; }")];
+//! let files = [("point.lcm", "package demo; struct point_t { double x, y, z; }")];
 //! let schema = lcm_gen::Schema::new(&files).unwrap();
-//! assert_eq!(schema.fingerprint("demo.point_t"), Some(0x8904b80b6acce5f3));
+//! assert_eq!(schema.fingerprint("demo.point_t"), Some(0xae7e5fba5eeca11e));
 //! assert!(lcm_gen::rust::generate(&schema).unwrap().contains("pub struct Point"));
 //! ```
 //!

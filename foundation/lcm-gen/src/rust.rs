@@ -210,10 +210,7 @@ fn emit_struct(
         out,
         "#[derive(Clone, Debug, {default}PartialEq, ::serde::Serialize)]"
     );
-    if fields
-        .iter()
-        .any(|member| member.name.contains(|c: char| c.is_ascii_uppercase()))
-    {
+    if has_upper_case(members) {
         out.push_str("#[allow(non_snake_case)]\n");
     }
     if fields.is_empty() {
@@ -234,7 +231,7 @@ fn emit_struct(
     }
     emit_constants(out, &name, constants);
     if large {
-        emit_default(out, &name, &fields);
+        emit_default(out, scope, &name, &fields);
     }
     for member in fields.iter().filter(|member| is_large(member)) {
         emit_large(out, scope, &name, member);
@@ -261,6 +258,12 @@ fn is_implicit(member: &Member, members: &[Member]) -> bool {
             .first()
             .is_some_and(|dim| dim.size == Size::Variable && dim.text == member.name)
     })
+}
+
+fn has_upper_case(members: &[Member]) -> bool {
+    members
+        .iter()
+        .any(|member| member.name.contains(|c: char| c.is_ascii_uppercase()))
 }
 
 /// Whether it is an array that serde and `Default` do not know: they stop at 32 elements.
@@ -346,13 +349,14 @@ fn emit_serde(out: &mut String, member: &Member, owner: &str) {
     }
 }
 
-fn emit_default(out: &mut String, name: &str, fields: &[&Member]) {
+fn emit_default(out: &mut String, scope: &Scope, name: &str, fields: &[&Member]) {
+    let default = scope.std_name("Default", "::std::default::Default");
     let _ = write!(
         out,
-        "\nimpl Default for {name} {{\n    fn default() -> Self {{\n        Self {{\n"
+        "\nimpl {default} for {name} {{\n    fn default() -> Self {{\n        Self {{\n"
     );
     for member in fields {
-        let mut value = "Default::default()".to_owned();
+        let mut value = format!("{default}::default()");
         let variable = member
             .dims
             .iter()
@@ -441,6 +445,11 @@ fn emit_type(
 ) {
     let (name, lcm_name) = (camel_case(&definition.short), definition.name());
     let fingerprint = schema.fingerprint(&lcm_name).unwrap_or_default();
+    let allow = if has_upper_case(definition.members()) {
+        "#[allow(non_snake_case)]\n"
+    } else {
+        ""
+    };
     let min_size = schema.min_size(&lcm_name).unwrap_or_default();
     let result = scope.std_name("Result", "::std::result::Result");
     let Body {
@@ -452,7 +461,7 @@ fn emit_type(
     let _ = write!(
         out,
         "
-impl codec::Type for {name} {{
+{allow}impl codec::Type for {name} {{
     const FINGERPRINT: u64 = 0x{fingerprint:016x};
     const NAME: &'static str = \"{lcm_name}\";
     const MIN_SIZE: usize = {min_size};

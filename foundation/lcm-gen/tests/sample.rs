@@ -1,0 +1,26 @@
+//! The generated code that stands beside these tests is what the generator writes.
+#![allow(clippy::disallowed_methods, reason = "tests read their own files")]
+
+#[path = "support/files.rs"]
+mod files;
+
+use std::{env, fs};
+
+/// To take over a change of the generator: `LCM_GEN_BLESS=1 cargo test -p lcm-gen --test sample`.
+#[test]
+fn the_code_at_hand_is_what_the_generator_writes() {
+    for (types, name) in [("vectors/types", "vectors"), ("more", "more")] {
+        let schema = lcm_gen::Schema::new(&files::files(types)).unwrap();
+        let code = lcm_gen::rust::generate(&schema).unwrap();
+        let path = files::folder(name).join("generated.rs");
+        if env::var_os("LCM_GEN_BLESS").is_some() {
+            fs::write(&path, &code).unwrap();
+        }
+        let known = fs::read_to_string(&path).unwrap();
+        let differing = known
+            .lines()
+            .zip(code.lines())
+            .find(|(known, code)| known != code);
+        assert!(known == code, "{} differs: {differing:?}", path.display());
+    }
+}
