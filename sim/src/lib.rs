@@ -7,10 +7,13 @@
 
 pub mod boards;
 pub mod body;
+mod faults;
 pub mod host;
 mod random;
 pub mod scene;
+mod simulator;
 pub mod sonar;
 pub mod world;
 
 pub use random::Random;
+pub use simulator::{BoardConfig, BoardKind, Config, SerialConfig, Simulator};

@@ -30,7 +30,7 @@ impl So1 {
         match (stuck, self.stuck.take()) {
             (true, before) => self.stuck = before.or(Some(now)),
             (false, Some(at)) => {
-                self.zero = (self.zero.0 + now.0 - at.0, self.zero.1 + now.1 - at.1)
+                self.zero = (self.zero.0 + now.0 - at.0, self.zero.1 + now.1 - at.1);
             }
             (false, None) => {}
         }

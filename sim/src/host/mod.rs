@@ -10,16 +10,20 @@
 //! resource usage ([`module::ProcessEvent::Usage`] is never sent).
 
 mod can;
+mod config;
 mod digest;
+mod news;
 mod serial;
 #[cfg(test)]
 mod tests;
 
 pub use can::frame_bits;
+pub use config::Config;
+pub use news::News;
 
 use crate::random::Random;
 use base::serial::Word;
-use base::{Duration, Epoch, Instant, Report};
+use base::{Duration, Instant};
 use can::CanWire;
 use digest::Digest;
 use messages::Message;
@@ -41,113 +45,6 @@ const FIRST_PID: u32 = 1000;
 const BACKLOG: usize = 1024;
 /// A module that is due at once this often in a row does not move on.
 const SPIN: u32 = 10_000;
-
-/// How the virtual machine is made.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Config {
-    /// The one source of chance.
-    pub seed: u64,
-    /// Message timestamps count from here.
-    pub epoch: Epoch,
-    /// A message takes this long, and up to `lcm_jitter` longer.
-    pub lcm_latency: Duration,
-    /// See `lcm_latency`. Messages may overtake each other when it is not zero.
-    pub lcm_jitter: Duration,
-    /// Probability that a receiver misses a message.
-    pub lcm_loss: f64,
-    /// From the order to start a process to its first event.
-    pub start_delay: Duration,
-    /// From the end of a process to the news of it.
-    pub exit_delay: Duration,
-    /// Serial busses with a pair of wires each way.
-    pub full_duplex: Vec<String>,
-    /// Whether who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
-    pub can_echo: bool,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            seed: 1,
-            // 2026-01-01T00:00:00Z.
-            epoch: Epoch {
-                offset_us: 1_767_225_600_000_000,
-            },
-            lcm_latency: Duration::from_micros(50),
-            lcm_jitter: Duration::ZERO,
-            lcm_loss: 0.0,
-            start_delay: Duration::from_millis(20),
-            exit_delay: Duration::from_micros(100),
-            full_duplex: Vec::new(),
-            can_echo: false,
-        }
-    }
-}
-
-/// What an observer is told.
-#[derive(Debug)]
-pub enum News<'a> {
-    /// A message was sent; process 0 is the test.
-    Message {
-        /// By whom.
-        pid: u32,
-        /// What.
-        message: &'a Message,
-    },
-    /// A CAN frame has left the wire.
-    Can {
-        /// The bus.
-        bus: &'a str,
-        /// The frame.
-        frame: base::can::Frame,
-    },
-    /// Words have arrived on a serial bus.
-    Words {
-        /// The bus.
-        bus: &'a str,
-        /// By whom.
-        pid: u32,
-        /// The words.
-        words: &'a [Word],
-    },
-    /// A module reported.
-    Report {
-        /// Which.
-        module: &'a str,
-        /// What.
-        report: &'a Report,
-    },
-    /// A module prints a line.
-    Note {
-        /// Which.
-        module: &'a str,
-        /// The line.
-        line: &'a str,
-    },
-    /// A module changed its state.
-    State {
-        /// Which.
-        module: &'a str,
-        /// To what.
-        state: State,
-    },
-    /// A process was started.
-    Started {
-        /// Its module.
-        module: &'a str,
-        /// Its number.
-        pid: u32,
-    },
-    /// A process ended.
-    Exited {
-        /// Its module.
-        module: &'a str,
-        /// Its number.
-        pid: u32,
-        /// How.
-        status: ExitStatus,
-    },
-}
 
 /// A port of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -764,7 +661,7 @@ impl Virtual {
         match (&mut self.wires[wire].kind, output) {
             (Kind::Can(wire), Output::Can(frame)) => wire.send(self.now, owner, frame),
             (Kind::Serial(wire), Output::Words(words)) if !words.is_empty() => {
-                wire.send(self.now, owner, words)
+                wire.send(self.now, owner, words);
             }
             // A frame on a serial line, or nothing: nothing leaves.
             _ => return,
@@ -782,7 +679,7 @@ impl Virtual {
                 self.schedule(self.now, Happening::Tell(parent, news));
             }
             ProcessCommand::Terminate { pid } => {
-                self.schedule(self.now, Happening::Tell(pid, Waiting::Terminate))
+                self.schedule(self.now, Happening::Tell(pid, Waiting::Terminate));
             }
             ProcessCommand::Kill { pid } => self.kill(pid),
         }

@@ -1,0 +1,45 @@
+//! How a virtual machine is made.
+
+use base::{Duration, Epoch};
+
+/// How the virtual machine is made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The one source of chance.
+    pub seed: u64,
+    /// Message timestamps count from here.
+    pub epoch: Epoch,
+    /// A message takes this long, and up to `lcm_jitter` longer.
+    pub lcm_latency: Duration,
+    /// See `lcm_latency`. Messages may overtake each other when it is not zero.
+    pub lcm_jitter: Duration,
+    /// Probability that a receiver misses a message.
+    pub lcm_loss: f64,
+    /// From the order to start a process to its first event.
+    pub start_delay: Duration,
+    /// From the end of a process to the news of it.
+    pub exit_delay: Duration,
+    /// Serial busses with a pair of wires each way.
+    pub full_duplex: Vec<String>,
+    /// Whether who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
+    pub can_echo: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            // 2026-01-01T00:00:00Z.
+            epoch: Epoch {
+                offset_us: 1_767_225_600_000_000,
+            },
+            lcm_latency: Duration::from_micros(50),
+            lcm_jitter: Duration::ZERO,
+            lcm_loss: 0.0,
+            start_delay: Duration::from_millis(20),
+            exit_delay: Duration::from_micros(100),
+            full_duplex: Vec::new(),
+            can_echo: false,
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! What observers of a virtual machine are told.
+
+use base::Report;
+use base::serial::Word;
+use messages::Message;
+use module::{ExitStatus, State};
+
+/// What an observer is told.
+#[derive(Debug)]
+pub enum News<'a> {
+    /// A message was sent; process 0 is the test.
+    Message {
+        /// By whom.
+        pid: u32,
+        /// What.
+        message: &'a Message,
+    },
+    /// A CAN frame has left the wire.
+    Can {
+        /// The bus.
+        bus: &'a str,
+        /// The frame.
+        frame: base::can::Frame,
+    },
+    /// Words have arrived on a serial bus.
+    Words {
+        /// The bus.
+        bus: &'a str,
+        /// By whom.
+        pid: u32,
+        /// The words.
+        words: &'a [Word],
+    },
+    /// A module reported.
+    Report {
+        /// Which.
+        module: &'a str,
+        /// What.
+        report: &'a Report,
+    },
+    /// A module prints a line.
+    Note {
+        /// Which.
+        module: &'a str,
+        /// The line.
+        line: &'a str,
+    },
+    /// A module changed its state.
+    State {
+        /// Which.
+        module: &'a str,
+        /// To what.
+        state: State,
+    },
+    /// A process was started.
+    Started {
+        /// Its module.
+        module: &'a str,
+        /// Its number.
+        pid: u32,
+    },
+    /// A process ended.
+    Exited {
+        /// Its module.
+        module: &'a str,
+        /// Its number.
+        pid: u32,
+        /// How.
+        status: ExitStatus,
+    },
+}

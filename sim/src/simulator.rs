@@ -1,0 +1,329 @@
+//! The simulator: a module that sits on the robot's busses and answers as its boards would.
+
+use crate::boards::line::{Board, Kind, SerialLine};
+use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
+use crate::boards::so1::So1;
+use crate::body::Parameters;
+use crate::faults::{self, Ailment};
+use crate::scene::Scene;
+use crate::sonar::Sonar;
+use crate::world::World;
+use base::{Duration, Fault, Instant, Severity, Ticker};
+use messages::{Channel, Message, simulation};
+use module::{Actions, Event, Input, Line, Module, Output, PortId, PortSpec};
+use rs485::boards::sd1::PauseSource;
+use rs485::crc::Crc8;
+use rs485::slave::{self, Slave};
+
+/// The truth is told this often.
+const TRUTH: Duration = Duration::from_millis(50);
+/// The clock is told this often.
+const CLOCK: Duration = Duration::from_secs(1);
+
+/// A board of a serial bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardConfig {
+    /// Its name, the target of faults: `sd1_front`.
+    pub name: String,
+    /// Its address on the bus.
+    pub address: u8,
+    /// What it is.
+    pub kind: BoardKind,
+}
+
+/// Kinds of boards.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BoardKind {
+    /// BR-SD1 and what hangs on it.
+    Sd1(Sd1Config),
+    /// BR-SO1.
+    So1,
+}
+
+/// A serial bus and its boards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SerialConfig {
+    /// The bus's name, as its driver has it: `rs485.a`.
+    pub bus: String,
+    /// Bd.
+    pub baud: u32,
+    /// The bus's CRC.
+    pub crc: Crc8,
+    /// The boards on it.
+    pub boards: Vec<BoardConfig>,
+}
+
+/// What is simulated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Where the robot is, and starts.
+    pub world: World,
+    /// What it is.
+    pub parameters: Parameters,
+    /// How its sonars hear.
+    pub sonar: Sonar,
+    /// The seed of all noise.
+    pub seed: u64,
+    /// The serial busses.
+    pub serial: Vec<SerialConfig>,
+    /// Whether answers are delayed by the time that request and answer take on the wire: true where the port has no
+    /// wire (a pseudo-terminal), false where the host models it (`host::Virtual`) or it is real.
+    pub wire_time: bool,
+    /// What `SIM_DATA_CLOCK` says: how many times faster than real time it runs.
+    pub rate: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            world: World::hall(20.0, 12.0),
+            parameters: Parameters::default(),
+            sonar: Sonar::default(),
+            seed: 1,
+            serial: Vec::new(),
+            wire_time: false,
+            rate: 1.0,
+        }
+    }
+}
+
+/// The module `simulator`. Its ports: the serial busses in the order of its configuration.
+#[derive(Debug)]
+pub struct Simulator {
+    config: Config,
+    ports: Vec<PortSpec>,
+    scene: Scene,
+    lines: Vec<SerialLine>,
+    truth: Ticker,
+    clock: Ticker,
+    rangers: Ticker,
+}
+
+impl Simulator {
+    /// The simulator of this configuration; its time begins with its start.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let serial = config.serial.iter().map(|serial| PortSpec {
+            bus: serial.bus.clone(),
+            line: Line::Serial { baud: serial.baud },
+        });
+        let ports = serial.collect();
+        let never = Ticker::new(Instant::NEVER, TRUTH);
+        Self {
+            scene: scene(&config, Instant::ZERO),
+            lines: Vec::new(),
+            config,
+            ports,
+            truth: never,
+            clock: never,
+            rangers: never,
+        }
+    }
+
+    /// The robot in its world.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn start(&mut self, now: Instant, out: &mut Actions) {
+        self.scene = scene(&self.config, now);
+        self.lines = self
+            .config
+            .serial
+            .iter()
+            .map(|serial| self.line(serial, now))
+            .collect();
+        self.truth = Ticker::new(now, TRUTH);
+        self.clock = Ticker::new(now, CLOCK);
+        // Without drops the floor rangers find nothing.
+        let first = if self.scene.world().drops.is_empty() {
+            Instant::NEVER
+        } else {
+            now + RANGER_PERIOD
+        };
+        self.rangers = Ticker::new(first, RANGER_PERIOD);
+        out.working();
+    }
+
+    fn line(&self, serial: &SerialConfig, now: Instant) -> SerialLine {
+        let board = |board: &BoardConfig| {
+            let config = slave::Config {
+                baud: serial.baud,
+                crc: serial.crc,
+                ..slave::Config::new(board.address)
+            };
+            let kind = match &board.kind {
+                BoardKind::Sd1(config) => Kind::Sd1(Sd1::new(board.address, config.clone(), now)),
+                BoardKind::So1 => Kind::So1(So1::new(&self.scene)),
+            };
+            Board::new(&board.name, Slave::new(config), kind)
+        };
+        SerialLine::new(
+            serial.baud,
+            self.config.wire_time,
+            serial.boards.iter().map(board).collect(),
+        )
+    }
+
+    /// Lets the body move up to `now`.
+    fn catch_up(&mut self, now: Instant) {
+        while !self.rests() && self.scene.next_step() <= now {
+            self.scene.step();
+        }
+        self.scene.skip(now);
+    }
+
+    /// Whether no step is needed until something comes from outside.
+    fn rests(&self) -> bool {
+        self.scene.rests()
+    }
+
+    fn timer(&mut self, now: Instant, out: &mut Actions) {
+        if self.truth.due(now) {
+            out.publish(self.truth(out.timestamp(now)));
+        }
+        if self.clock.due(now) {
+            out.publish(simulation::DataClock {
+                timestamp: out.timestamp(now),
+                rate: self.config.rate,
+            });
+        }
+        if self.rangers.due(now) {
+            for board in self.lines.iter_mut().flat_map(|line| &mut line.boards) {
+                if let Kind::Sd1(board) = &mut board.kind {
+                    board.sample(now, &self.scene);
+                }
+            }
+        }
+        for line in &mut self.lines {
+            line.handle_timeout(now);
+        }
+    }
+
+    fn truth(&self, timestamp: i64) -> simulation::DataTruth {
+        let body = self.scene.body();
+        let clearance = body.clearance(self.scene.world());
+        simulation::DataTruth {
+            timestamp,
+            x: body.pose().x,
+            y: body.pose().y,
+            theta: body.pose().theta.radians(),
+            speed: body.speed(),
+            steering: body.steering(),
+            // What is infinite has no place in JSON.
+            clearance: if clearance.is_finite() {
+                clearance
+            } else {
+                f64::NAN
+            },
+            collisions: i32::try_from(body.collisions()).unwrap_or(i32::MAX),
+        }
+    }
+
+    /// Whether a board pulls the PAUSE line.
+    fn paused(&self) -> bool {
+        let boards = self.lines.iter().flat_map(|line| &line.boards);
+        boards.into_iter().any(
+            |board| matches!(&board.kind, Kind::Sd1(board) if board.pause() != PauseSource::None),
+        )
+    }
+
+    fn fault(&mut self, now: Instant, command: &simulation::CmdFault, out: &mut Actions) {
+        let until = faults::until(now, command.duration);
+        let known = Ailment::from_name(&command.fault, command.value)
+            .is_some_and(|ailment| self.ail(now, &command.target, ailment, until));
+        if !known {
+            let subject = format!("{} {}", command.target, command.fault);
+            out.report(
+                Severity::Warning,
+                Fault::FaultUnknown,
+                subject,
+                "no such target, or not a fault of its kind",
+            );
+        }
+    }
+
+    /// Lets a fault come over a target; false when there is no such target, or it cannot have that fault.
+    fn ail(&mut self, now: Instant, target: &str, ailment: Ailment, until: Instant) -> bool {
+        let mut boards = self.lines.iter_mut().flat_map(|line| &mut line.boards);
+        let Some(board) = boards.find(|board| board.name == target) else {
+            return false;
+        };
+        match (ailment, &board.kind) {
+            (Ailment::Silent, _) => board.silent_until = until,
+            (Ailment::BadCrc, _) => board.bad_crc_until = until,
+            (Ailment::Stuck, Kind::So1(_)) => board.stuck_until = until,
+            (Ailment::None, _) => {
+                (board.silent_until, board.bad_crc_until, board.stuck_until) = (now, now, now);
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    fn drain(&mut self, now: Instant, out: &mut Actions) {
+        for (port, line) in self.lines.iter_mut().enumerate() {
+            while let Some(words) = line.poll_tx(now) {
+                out.push(module::Action::Send(
+                    PortId(port as u8),
+                    Output::Words(words),
+                ));
+            }
+        }
+    }
+}
+
+fn scene(config: &Config, start: Instant) -> Scene {
+    Scene::new(
+        start,
+        config.world.clone(),
+        config.parameters,
+        config.sonar,
+        config.seed,
+    )
+}
+
+impl Module for Simulator {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::SimCmdFault]
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        if !matches!(event, Event::Start) {
+            self.catch_up(now);
+        }
+        match event {
+            Event::Start => self.start(now, out),
+            Event::Timer => self.timer(now, out),
+            Event::Port {
+                port,
+                input: Input::Words(words),
+            } => {
+                if let Some(line) = self.lines.get_mut(usize::from(port.0)) {
+                    line.handle_rx(now, words, &self.scene);
+                }
+            }
+            Event::Message {
+                message: Message::SimCmdFault(command),
+                ..
+            } => self.fault(now, command, out),
+            _ => {}
+        }
+        self.drain(now, out);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let step = (!self.rests()).then(|| self.scene.next_step());
+        let lines = self.lines.iter().filter_map(SerialLine::poll_timeout);
+        let own = [self.truth.next(), self.clock.next(), self.rangers.next()];
+        own.into_iter().chain(step).chain(lines).min()
+    }
+}
+
+#[cfg(test)]
+mod tests;

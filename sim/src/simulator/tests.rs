@@ -1,0 +1,202 @@
+//! The simulator on its ports: transcripts typed from `docs/boards.md`.
+
+use super::*;
+use base::serial::Word;
+use module::bench::Bench;
+use module::{Shell, ShellConfig};
+use navitools::{Point, Pose};
+
+/// A word by word text: `20! 01`: `!` marks the ninth bit.
+fn words(text: &str) -> Vec<Word> {
+    let word = |token: &str| match token.strip_suffix('!') {
+        Some(byte) => Word::address(u8::from_str_radix(byte, 16).unwrap()),
+        None => Word::data(u8::from_str_radix(token, 16).unwrap()),
+    };
+    text.split_whitespace().map(word).collect()
+}
+
+fn text(words: &[Word]) -> String {
+    let word = |word: &Word| format!("{:02x}{}", word.byte, if word.ninth { "!" } else { "" });
+    words.iter().map(word).collect::<Vec<_>>().join(" ")
+}
+
+fn config(wire_time: bool) -> Config {
+    let irs = vec![Point { x: 0.8, y: 0.2 }, Point { x: 0.8, y: -0.2 }];
+    let front = Sd1Config {
+        srfs: vec![Pose::new(0.75, 0.0, 0.0)],
+        irs,
+    };
+    let board = |name: &str, address, kind| BoardConfig {
+        name: name.into(),
+        address,
+        kind,
+    };
+    let boards = vec![
+        board("sd1_front", 0x10, BoardKind::Sd1(front)),
+        board("so1", 0x20, BoardKind::So1),
+    ];
+    let serial = SerialConfig {
+        bus: "rs485.a".into(),
+        baud: 115_200,
+        crc: Crc8::SAE_J1850,
+        boards,
+    };
+    Config {
+        serial: vec![serial],
+        wire_time,
+        ..Config::default()
+    }
+}
+
+fn bench(config: Config) -> Bench {
+    let mut bench = Bench::new(Shell::new(
+        ShellConfig::new("simulator"),
+        Box::new(Simulator::new(config)),
+    ));
+    bench.start();
+    bench.pass(Duration::from_millis(10));
+    bench
+}
+
+/// Asks on the serial line; what comes back within 20 ms, and after how many ns.
+fn ask(bench: &mut Bench, request: &str) -> Option<(u64, String)> {
+    bench.done();
+    let asked = bench.now();
+    bench.words(PortId(0), &words(request));
+    bench.pass(Duration::from_millis(20));
+    let answer = bench
+        .done()
+        .into_iter()
+        .find_map(|(at, action)| match action {
+            module::Action::Send(PortId(0), Output::Words(words)) => Some((at, text(&words))),
+            _ => None,
+        });
+    answer.map(|(at, words)| (at.since(asked).as_nanos() as u64, words))
+}
+
+fn fault(bench: &mut Bench, target: &str, fault: &str, duration: f64) {
+    let (target, fault) = (target.into(), fault.into());
+    bench.message(simulation::CmdFault {
+        timestamp: 0,
+        target,
+        fault,
+        value: 0.0,
+        duration,
+    });
+}
+
+/// Ticks of a robot that stands: request and answer typed from the table, the CRCs by another program.
+const TICKS: &str = "20! 01 00 00 9c";
+
+#[test]
+fn the_odometry_board_answers_after_200_us() {
+    let mut bench = bench(config(false));
+    let (after, answer) = ask(&mut bench, TICKS).unwrap();
+    assert_eq!(after, 200_000);
+    assert!(answer.starts_with("20! 01 00 04 00 00 00 00 "), "{answer}");
+}
+
+#[test]
+fn where_the_port_has_no_wire_its_time_is_added() {
+    let mut bench = bench(config(true));
+    let (after, answer) = ask(&mut bench, TICKS).unwrap();
+    // 5 words of request, 9 of answer, each 11 bits at 115200 Bd, rounded up to a nanosecond.
+    assert_eq!(
+        (after, answer.split(' ').count()),
+        (200_000 + 14 * 95_487, 9)
+    );
+}
+
+#[test]
+fn an_unknown_instruction_and_a_wrong_crc_are_said() {
+    let mut bench = bench(config(false));
+    assert!(
+        ask(&mut bench, "20! 01 00 00 9d")
+            .unwrap()
+            .1
+            .starts_with("20! 01 02 00 ")
+    );
+    let crc = Crc8::SAE_J1850.of([0x20, 0x77, 0, 0]);
+    assert!(
+        ask(&mut bench, &format!("20! 77 00 00 {crc:02x}"))
+            .unwrap()
+            .1
+            .starts_with("20! 77 03 00 ")
+    );
+    assert_eq!(ask(&mut bench, "33! 01 00 00 9c"), None);
+}
+
+#[test]
+fn faults_come_last_and_go() {
+    let mut bench = bench(config(false));
+    let (_, good) = ask(&mut bench, TICKS).unwrap();
+    fault(&mut bench, "so1", "silent", 0.1);
+    assert_eq!(ask(&mut bench, TICKS), None);
+    bench.pass(Duration::from_millis(100));
+    assert_eq!(ask(&mut bench, TICKS).unwrap().1, good);
+    fault(&mut bench, "so1", "bad_crc", 0.0);
+    bench.pass(Duration::from_secs(100));
+    let (_, bad) = ask(&mut bench, TICKS).unwrap();
+    assert!(bad[..23] == good[..23] && bad != good);
+    fault(&mut bench, "so1", "none", 0.0);
+    assert_eq!(ask(&mut bench, TICKS).unwrap().1, good);
+}
+
+#[test]
+fn a_fault_that_it_does_not_know_is_reported() {
+    let mut bench = bench(config(false));
+    for (target, name) in [
+        ("so1", "melted"),
+        ("nobody", "silent"),
+        ("sd1_front", "stuck"),
+    ] {
+        bench.done();
+        fault(&mut bench, target, name, 1.0);
+        let reported = bench.done().into_iter().any(|(_, action)| {
+            matches!(action, module::Action::Report(report) if report.fault == Fault::FaultUnknown)
+        });
+        assert!(reported, "{target} {name}");
+    }
+}
+
+#[test]
+fn the_truth_is_told_20_times_a_second_and_the_clock_once() {
+    let mut bench = bench(config(false));
+    bench.done();
+    bench.pass(Duration::from_secs(2));
+    let (mut truths, mut clocks) = (0, 0);
+    for message in bench.published() {
+        match message {
+            Message::SimDataTruth(truth) => {
+                assert_eq!((truth.x, truth.y, truth.collisions), (10.0, 6.0, 0));
+                assert!((truth.clearance - 5.7).abs() < 1e-12);
+                truths += 1;
+            }
+            Message::SimDataClock(clock) => {
+                assert_eq!(clock.rate, 1.0);
+                clocks += 1;
+            }
+            _ => {}
+        }
+    }
+    assert_eq!((truths, clocks), (40, 2));
+}
+
+#[test]
+fn random_words_never_stop_it() {
+    let mut bench = bench(config(true));
+    let mut random = crate::Random::new(5);
+    for _ in 0..20_000 {
+        let bits = random.bits();
+        bench.words(
+            PortId(0),
+            &[Word {
+                byte: bits as u8,
+                ninth: bits & 0xF00 == 0,
+            }],
+        );
+        bench.pass(Duration::from_micros(bits >> 32 & 0x1FF));
+    }
+    bench.pass(Duration::from_millis(50));
+    assert!(ask(&mut bench, TICKS).is_some());
+}
