@@ -1,0 +1,164 @@
+//! Which channels a receiver wants.
+
+use core::fmt;
+use regex_lite::Regex;
+
+/// A set of channels: a plain name, or a regular expression that matches the **whole** name, as in LCM for Java.
+///
+/// `liblcm` puts `^` and `$` around the expression, which bind tighter than `|`: there `AB|CD` also matches `ABX` and
+/// `XCD`, and `$` also matches before a final newline. Here it matches `AB` and `CD`. `.*` is every channel.
+#[derive(Clone, Debug)]
+pub struct Pattern(Kind);
+
+#[derive(Clone, Debug)]
+enum Kind {
+    All,
+    Literal(Box<str>),
+    Regex(Regex),
+}
+
+/// Why a pattern was refused. One line for people by `Display`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PatternError {
+    /// The pattern as given.
+    pub pattern: String,
+    /// What is wrong with it.
+    pub why: String,
+}
+
+impl fmt::Display for PatternError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "channel pattern `{}`: {}", self.pattern, self.why)
+    }
+}
+
+impl core::error::Error for PatternError {}
+
+impl Pattern {
+    /// Reads a pattern; one without any of `\ . + * ? ( ) | [ ] { } ^ $` is a plain name.
+    ///
+    /// # Errors
+    /// It is not a regular expression of `regex-lite`.
+    pub fn new(pattern: &str) -> Result<Self, PatternError> {
+        if pattern == ".*" {
+            return Ok(Self(Kind::All));
+        }
+        if !pattern.contains([
+            '\\', '.', '+', '*', '?', '(', ')', '|', '[', ']', '{', '}', '^', '$',
+        ]) {
+            return Ok(Self(Kind::Literal(pattern.into())));
+        }
+        let wrong = |error: regex_lite::Error| PatternError {
+            pattern: pattern.into(),
+            why: error.to_string(),
+        };
+        // Alone first: `A)|(B` is wrong, and right only between our parentheses.
+        Regex::new(pattern).map_err(wrong)?;
+        let whole = Regex::new(&format!(r"\A(?:{pattern})\z")).map_err(wrong)?;
+        Ok(Self(Kind::Regex(whole)))
+    }
+
+    /// Whether `channel` is one of the set.
+    #[must_use]
+    pub fn matches(&self, channel: &str) -> bool {
+        match &self.0 {
+            Kind::All => true,
+            Kind::Literal(name) => **name == *channel,
+            Kind::Regex(regex) => regex.is_match(channel),
+        }
+    }
+}
+
+/// Names one subscription of a receiver; never given twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SubscriptionId(u32);
+
+/// The subscriptions of a receiver.
+#[derive(Clone, Debug, Default)]
+pub struct Subscriptions {
+    entries: Vec<(SubscriptionId, Pattern)>,
+    next: u32,
+}
+
+impl Subscriptions {
+    /// Adds one.
+    pub fn add(&mut self, pattern: Pattern) -> SubscriptionId {
+        let id = SubscriptionId(self.next);
+        self.next += 1;
+        self.entries.push((id, pattern));
+        id
+    }
+
+    /// Takes one away; false when it is not there.
+    pub fn remove(&mut self, id: SubscriptionId) -> bool {
+        let before = self.entries.len();
+        self.entries.retain(|(entry, _)| *entry != id);
+        self.entries.len() < before
+    }
+
+    /// Whether any of them wants `channel`.
+    #[must_use]
+    pub fn wants(&self, channel: &str) -> bool {
+        self.entries
+            .iter()
+            .any(|(_, pattern)| pattern.matches(channel))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn matched<'a>(pattern: &str, names: &[&'a str]) -> Vec<&'a str> {
+        let pattern = Pattern::new(pattern).unwrap();
+        names
+            .iter()
+            .copied()
+            .filter(|name| pattern.matches(name))
+            .collect()
+    }
+
+    #[test]
+    fn a_plain_name_matches_itself_only() {
+        assert_eq!(
+            matched(
+                "LL_DATA_ODO",
+                &["LL_DATA_ODO", "LL_DATA_ODO2", "XLL_DATA_ODO", ""]
+            ),
+            ["LL_DATA_ODO"]
+        );
+        assert_eq!(matched("", &["", "A"]), [""]);
+    }
+
+    #[test]
+    fn an_expression_matches_the_whole_name() {
+        assert_eq!(
+            matched("LL_.*", &["LL_", "LL_DATA", "XLL_"]),
+            ["LL_", "LL_DATA"]
+        );
+        assert_eq!(matched("A.C", &["ABC", "ABCD", "AC"]), ["ABC"]);
+        assert_eq!(matched("AB|CD", &["AB", "CD", "ABX", "XCD"]), ["AB", "CD"]);
+        assert_eq!(matched("^AB$", &["AB", "AB\n", "ABX"]), ["AB"]);
+        assert_eq!(matched("A|(?m)B$", &["A", "B", "B\nC"]), ["A", "B"]);
+        assert_eq!(matched(".*", &["", "A", "A\nB"]), ["", "A", "A\nB"]);
+    }
+
+    #[test]
+    fn what_is_no_expression_is_refused() {
+        for pattern in ["A)|(B", "(", "[", "*", "A{2"] {
+            let error = Pattern::new(pattern).unwrap_err();
+            assert_eq!(error.pattern, pattern);
+            assert!(!error.why.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_channel_is_wanted_until_its_last_subscription_goes() {
+        let mut subscriptions = Subscriptions::default();
+        let name = subscriptions.add(Pattern::new("A").unwrap());
+        let all = subscriptions.add(Pattern::new(".*").unwrap());
+        assert!(subscriptions.remove(all) && !subscriptions.remove(all));
+        assert!(subscriptions.wants("A") && !subscriptions.wants("B"));
+        assert!(subscriptions.remove(name) && !subscriptions.wants("A"));
+    }
+}
