@@ -235,7 +235,7 @@ fn two_word_times_of_silence_come_before_every_request() {
 
 #[test]
 fn a_damaged_answer_is_asked_for_again_with_resend() {
-    let mut master = check(
+    let master = check(
         "
          1ms   > ask 20 01
          1ms   < tx 20! 01 00 00 9c
