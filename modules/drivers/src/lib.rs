@@ -2,3 +2,4 @@
 //! heard of each other, of ports' names or of processes.
 #![forbid(unsafe_code)]
 
+pub mod rs485a;

@@ -1,0 +1,242 @@
+//! From the SO1's counters to `LL_DATA_ODO`: over gaps, resets and wraps without a jump.
+
+use super::config::Wheels;
+use base::{Duration, Instant};
+use messages::lowlevel::DataOdo;
+use navitools::odometry::{Odometry, SteeredWheels, tick_difference};
+
+/// No wheel is faster than the robot's top speed times this: at full lock the outer front wheel makes 1.5 times the
+/// way of the rear axle's middle, and a robot may be pushed.
+const FASTER: f64 = 2.5;
+/// Ticks that two answers may differ by beyond any speed: what a wheel rocks.
+const SLACK: f64 = 32.0;
+/// Speed does not change faster, m/s²; but a counter that is back near 0 has been reset.
+const ACCELERATION_MPS2: f64 = 3.0;
+
+/// What an answer of the SO1 means.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// The counters' first values, also after too long a gap: nothing can be said of the way.
+    First,
+    /// The counters cannot have got there by driving: the board was reset. Taken as first values.
+    Jump {
+        /// Ticks of the left and the right wheel.
+        ticks: (i32, i32),
+    },
+    /// The way since the last answer.
+    Way(DataOdo),
+}
+
+/// Follows the counters.
+#[derive(Debug)]
+pub struct Follower {
+    odometry: Odometry,
+    metres_per_tick: f64,
+    ticks_per_s: f64,
+    gap_max: Duration,
+    last: Option<Last>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    at: Instant,
+    counts: (i16, i16),
+    /// Ticks per second from the answer before to that one, if there was one.
+    speeds: Option<(f64, f64)>,
+}
+
+impl Follower {
+    pub fn new(wheels: &Wheels) -> Self {
+        let metres_per_tick = wheels.metres_per_tick();
+        let ticks_per_s = wheels.speed_max_mps / metres_per_tick;
+        Self {
+            odometry: Odometry::new(
+                SteeredWheels::new(wheels.wheelbase_m, wheels.track_m),
+                metres_per_tick,
+            ),
+            metres_per_tick,
+            ticks_per_s: ticks_per_s * FASTER,
+            // Half a turn of a 16-bit counter: 4.2 s for Advee (facts/robot.md 1.2).
+            gap_max: Duration::from_secs_f64((f64::from(i16::MAX) / ticks_per_s).min(3600.0)),
+            last: None,
+        }
+    }
+
+    /// Takes the counters of an answer that came at `at`, later than the one before; `timestamp` goes into the message.
+    pub fn answer(&mut self, at: Instant, timestamp: i64, counts: (i16, i16)) -> Step {
+        let first = Last {
+            at,
+            counts,
+            speeds: None,
+        };
+        let Some(last) = self
+            .last
+            .replace(first)
+            .filter(|last| at.since(last.at) <= self.gap_max)
+        else {
+            self.start(counts);
+            return Step::First;
+        };
+        let seconds = at.since(last.at).as_secs_f64().max(1e-6);
+        let ticks = (
+            tick_difference(counts.0, last.counts.0),
+            tick_difference(counts.1, last.counts.1),
+        );
+        let speeds = (f64::from(ticks.0) / seconds, f64::from(ticks.1) / seconds);
+        if self.too_far(ticks, seconds) || self.was_reset(&last, counts, speeds, seconds) {
+            self.start(counts);
+            return Step::Jump { ticks };
+        }
+        self.last = Some(Last {
+            speeds: Some(speeds),
+            ..first
+        });
+        let way = self.odometry.update(counts.0, counts.1);
+        let path = self.odometry.path();
+        let (ticks_left, ticks_right) = self.odometry.ticks();
+        Step::Way(DataOdo {
+            timestamp,
+            translation: way.translation / seconds,
+            rotation: way.rotation / seconds,
+            path: path.translation,
+            heading: path.rotation,
+            ticks_left,
+            ticks_right,
+        })
+    }
+
+    fn start(&mut self, (left, right): (i16, i16)) {
+        self.odometry.lost();
+        self.odometry.update(left, right);
+    }
+
+    fn too_far(&self, (left, right): (i32, i32), seconds: f64) -> bool {
+        f64::from(left.abs().max(right.abs())) > self.ticks_per_s * seconds + SLACK
+    }
+
+    /// Both counters came nearer to 0, as near as driving since a reset allows, and by a jump of the speed.
+    fn was_reset(&self, last: &Last, counts: (i16, i16), speeds: (f64, f64), seconds: f64) -> bool {
+        let Some(before) = last.speeds else {
+            return false;
+        };
+        let near = self.ticks_per_s * seconds + SLACK;
+        let nearer = |new: i16, old: i16| {
+            f64::from(new).abs() <= near && new.unsigned_abs() < old.unsigned_abs()
+        };
+        let change = (speeds.0 - before.0).abs().max((speeds.1 - before.1).abs()) * seconds;
+        // The speeds are means over two intervals: the change is what the acceleration makes of both.
+        nearer(counts.0, last.counts.0)
+            && nearer(counts.1, last.counts.1)
+            && change > 2.0 * ACCELERATION_MPS2 * seconds * seconds / self.metres_per_tick + SLACK
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn follow(follower: &mut Follower, ms: u64, left: i16, right: i16) -> Step {
+        follower.answer(Instant::from_millis(ms), 0, (left, right))
+    }
+
+    fn way(step: Step) -> DataOdo {
+        match step {
+            Step::Way(odo) => odo,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn advee() -> Follower {
+        Follower::new(&Wheels::default())
+    }
+
+    #[test]
+    fn straight_driving_over_a_wrap_is_measured_in_metres_per_second() {
+        let mut follower = advee();
+        assert_eq!(follow(&mut follower, 0, 32_700, 32_700), Step::First);
+        let odo = way(follow(&mut follower, 100, -32_510, -32_510));
+        // 326 ticks of 0.1534 mm in 0.1 s.
+        assert!((odo.translation - 0.5001).abs() < 1e-3, "{odo:?}");
+        assert_eq!(
+            (odo.rotation, odo.heading, odo.ticks_left, odo.ticks_right),
+            (0.0, 0.0, 326, 326)
+        );
+        assert!((odo.path - 0.0500).abs() < 1e-4);
+    }
+
+    #[test]
+    fn standing_still_nothing_turns() {
+        let mut follower = advee();
+        follow(&mut follower, 0, 5, 7);
+        let odo = way(follow(&mut follower, 50, 5, 7));
+        assert_eq!((odo.translation, odo.rotation), (0.0, 0.0));
+    }
+
+    #[test]
+    fn after_a_gap_of_more_than_half_a_wrap_the_counters_start_anew() {
+        let mut follower = advee();
+        follow(&mut follower, 0, 0, 0);
+        let odo = way(follow(&mut follower, 100, 300, 300));
+        assert_eq!(
+            way(follow(&mut follower, 4200, 20_300, 20_300)).ticks_left,
+            20_300
+        );
+        // 4.2 s later than the answer at 4.2 s: one more millisecond is too much.
+        assert_eq!(follow(&mut follower, 8400, 30_000, 30_000), Step::First);
+        let later = way(follow(&mut follower, 8500, 30_010, 30_010));
+        assert_eq!(later.ticks_left, 20_310);
+        assert!(later.path > odo.path && later.translation < 0.1);
+    }
+
+    #[test]
+    fn a_board_that_was_reset_makes_no_jump() {
+        let mut follower = advee();
+        follow(&mut follower, 0, 5000, 5000);
+        follow(&mut follower, 50, 5200, 5200);
+        assert_eq!(
+            follow(&mut follower, 100, 12, 13),
+            Step::Jump {
+                ticks: (-5188, -5187)
+            }
+        );
+        let odo = way(follow(&mut follower, 150, 212, 213));
+        assert_eq!((odo.ticks_left, odo.ticks_right), (400, 400));
+    }
+
+    #[test]
+    fn a_reset_at_small_counts_is_found_by_the_jump_of_the_speed() {
+        let mut follower = advee();
+        follow(&mut follower, 0, 300, 300);
+        follow(&mut follower, 50, 400, 400);
+        assert_eq!(
+            follow(&mut follower, 100, 0, 0),
+            Step::Jump {
+                ticks: (-400, -400)
+            }
+        );
+    }
+
+    #[test]
+    fn braking_and_turning_back_near_zero_is_no_reset() {
+        let mut follower = advee();
+        let mut count = -2000.0;
+        let mut speed: f64 = 1.2;
+        follow(&mut follower, 10, -2000, -2000);
+        for poll in 1..200 {
+            // Quick stops from 1.2 m/s, to and fro over zero.
+            speed = if poll % 40 < 20 {
+                (speed - 1.5 * 0.05).max(-1.2)
+            } else {
+                (speed + 1.5 * 0.05).min(1.2)
+            };
+            count += speed * 0.05 / 1.534e-4;
+            assert!(
+                matches!(
+                    follow(&mut follower, 50 * poll, count as i16, count as i16),
+                    Step::Way(_)
+                ),
+                "{poll}"
+            );
+        }
+    }
+}

@@ -1,0 +1,805 @@
+//! The driver against emulated boards, on a small wire in virtual time.
+
+use super::*;
+use base::serial::Word;
+use messages::Message;
+use messages::lowlevel::{DataIrs, DataOdo, DataSrfs, Range};
+use module::bench::Bench;
+use module::{Action, Output, Shell, ShellConfig};
+use rs485::boards::Version;
+use rs485::frame::Status;
+use rs485::slave::{self, Slave};
+use std::collections::VecDeque;
+
+const FRONT: u8 = sd1::FRONT;
+const REAR: u8 = sd1::REAR;
+const SO1: u8 = so1::ADDRESS;
+
+fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+fn config() -> Config {
+    let node = |name: &str, address, kind, rate_hz| Node {
+        name: name.into(),
+        address,
+        kind,
+        rate_hz,
+        timeout: ms(20),
+    };
+    let ranger = |id: u8, per_board: u8| Ranger {
+        id,
+        board: if id < per_board { FRONT } else { REAR },
+        channel: id % per_board,
+        x: f64::from(id),
+        y: 0.5,
+        theta: -1.0,
+    };
+    Config {
+        bus: "rs485.a".into(),
+        baud: 115_200,
+        crc: rs485::crc::Crc8::SAE_J1850,
+        nodes: vec![
+            node("so1", SO1, Kind::So1, 20.0),
+            node("sd1_front", FRONT, Kind::Sd1, 4.0),
+            node("sd1_rear", REAR, Kind::Sd1, 4.0),
+        ],
+        // Last first: the driver orders them.
+        srfs: (0..16).rev().map(|id| ranger(id, 8)).collect(),
+        irs: (0..4).rev().map(|id| ranger(id, 2)).collect(),
+        wheels: Wheels::default(),
+    }
+}
+
+/// A board behind its slave: what it measures, and how it misbehaves.
+struct FakeBoard {
+    slave: Slave,
+    dead: bool,
+    /// Answers this status instead of data.
+    status: Status,
+    srfs: sd1::Srfs,
+    irs: sd1::Irs,
+    ticks: Vec<i16>,
+    /// Ticks per second, from 0 at `driving_since`.
+    speed: f64,
+    driving_since: Instant,
+    asked: Vec<u8>,
+}
+
+impl FakeBoard {
+    fn new(address: u8) -> Self {
+        Self {
+            slave: Slave::new(slave::Config::new(address)),
+            dead: false,
+            status: Status::Ok,
+            srfs: [1000; 8].into_iter().collect(),
+            irs: [120, 121].into_iter().collect(),
+            ticks: vec![0, 0],
+            speed: 0.0,
+            driving_since: Instant::ZERO,
+            asked: Vec::new(),
+        }
+    }
+
+    fn answer(&mut self, now: Instant) {
+        let Some(asked) = self.slave.poll_request() else {
+            return;
+        };
+        self.asked.push(asked.instruction);
+        let driven = (now.since(self.driving_since).as_secs_f64() * self.speed) as i64 as i16;
+        let ticks = self
+            .ticks
+            .iter()
+            .map(|tick| tick.wrapping_add(driven))
+            .collect();
+        let both = sd1::Both {
+            srfs: self.srfs.clone(),
+            irs: self.irs.clone(),
+        };
+        match (asked.instruction, self.slave.config().address) {
+            _ if self.status != Status::Ok => self.slave.respond(self.status, &[]),
+            (code, _) if code == GET_VERSION.code => self
+                .slave
+                .respond(Status::Ok, &Version { major: 1, minor: 4 }.build()),
+            (code, SO1) if code == so1::GET_TICKS.code => {
+                self.slave.respond(Status::Ok, &so1::build_ticks(&ticks));
+            }
+            (code, FRONT | REAR) if code == sd1::GET_BOTH_DATA.code => {
+                self.slave.respond(Status::Ok, &both.build());
+            }
+            _ => self.slave.respond(Status::UnknownInstruction, &[]),
+        }
+    }
+}
+
+struct Wire {
+    bench: Bench,
+    boards: [FakeBoard; 3],
+    words: VecDeque<(Instant, Word, bool)>,
+    sent: Option<Instant>,
+    /// The port takes what is sent and never says that it has left.
+    port_stuck: bool,
+    log: Vec<(Instant, Action)>,
+}
+
+impl Wire {
+    /// On a wire where nothing is open yet.
+    fn closed() -> Self {
+        let module = Rs485a::new(config()).unwrap();
+        let shell = Shell::new(ShellConfig::new("driver_rs485a"), Box::new(module));
+        let mut wire = Self {
+            bench: Bench::new(shell),
+            boards: [FRONT, REAR, SO1].map(FakeBoard::new),
+            words: VecDeque::new(),
+            sent: None,
+            port_stuck: false,
+            log: Vec::new(),
+        };
+        wire.bench.event(Event::Start);
+        wire
+    }
+
+    fn open() -> Self {
+        let mut wire = Self::closed();
+        wire.port(Input::Up);
+        wire
+    }
+
+    fn port(&mut self, input: Input<'_>) {
+        self.bench.event(Event::Port { port: PORT, input });
+        self.collect();
+    }
+
+    fn front(&mut self) -> &mut FakeBoard {
+        &mut self.boards[0]
+    }
+
+    fn rear(&mut self) -> &mut FakeBoard {
+        &mut self.boards[1]
+    }
+
+    fn so1(&mut self) -> &mut FakeBoard {
+        &mut self.boards[2]
+    }
+
+    fn run(&mut self, duration: Duration) {
+        let end = self.bench.now() + duration;
+        loop {
+            let slaves = self
+                .boards
+                .iter()
+                .filter(|board| !board.dead)
+                .filter_map(|board| board.slave.poll_timeout());
+            let due = [
+                self.bench.shell.poll_timeout(),
+                self.sent,
+                self.words.front().map(|(at, ..)| *at),
+            ];
+            let next = slaves
+                .chain(due.into_iter().flatten())
+                .min()
+                .unwrap_or(end)
+                .min(end);
+            self.bench.pass(next.since(self.bench.now()));
+            self.collect();
+            if next == end {
+                return;
+            }
+            self.step(next);
+        }
+    }
+
+    fn step(&mut self, now: Instant) {
+        while let Some((_, word, from_master)) =
+            self.words.front().copied().filter(|(at, ..)| *at <= now)
+        {
+            self.words.pop_front();
+            if from_master {
+                self.boards
+                    .iter_mut()
+                    .filter(|board| !board.dead)
+                    .for_each(|board| board.slave.handle_rx(now, &[word]));
+            } else {
+                self.port(Input::Words(&[word]));
+            }
+        }
+        if self.sent.take_if(|sent| *sent <= now).is_some() {
+            self.port(Input::Sent);
+        }
+        for board in self.boards.iter_mut().filter(|board| !board.dead) {
+            board.answer(now);
+            board.slave.handle_timeout(now);
+            if let Some(transmit) = board.slave.poll_tx(now) {
+                let times = (1..).map(|n| now + word_time(115_200) * n);
+                self.words.extend(
+                    times
+                        .zip(transmit.words)
+                        .map(|(at, word)| (at, *word, false)),
+                );
+            }
+        }
+    }
+
+    fn collect(&mut self) {
+        for (at, action) in self.bench.done() {
+            if let Action::Send(PORT, Output::Words(words)) = &action {
+                let times = (1..).map(|n| at + word_time(115_200) * n);
+                self.words
+                    .extend(times.zip(words).map(|(at, word)| (at, *word, true)));
+                self.sent =
+                    (!self.port_stuck).then(|| at + word_time(115_200) * words.len() as u32);
+            }
+            self.log.push((at, action));
+        }
+    }
+
+    /// Takes the messages of one kind since the last call, and when they were sent.
+    fn take<T>(&mut self, kind: impl Fn(&Message) -> Option<T>) -> Vec<(Instant, T)> {
+        let mut taken = Vec::new();
+        self.log.retain(|(at, action)| match action {
+            Action::Publish(message) => kind(message)
+                .map(|found| taken.push((*at, found)))
+                .is_none(),
+            _ => true,
+        });
+        taken
+    }
+
+    fn odo(&mut self) -> Vec<(Instant, DataOdo)> {
+        self.take(|message| {
+            if let Message::LlDataOdo(odo) = message {
+                Some(odo.clone())
+            } else {
+                None
+            }
+        })
+    }
+
+    fn srfs(&mut self) -> Vec<(Instant, DataSrfs)> {
+        self.take(|message| {
+            if let Message::LlDataSrfs(srfs) = message {
+                Some(srfs.clone())
+            } else {
+                None
+            }
+        })
+    }
+
+    fn irs(&mut self) -> Vec<(Instant, DataIrs)> {
+        self.take(|message| {
+            if let Message::LlDataIrs(irs) = message {
+                Some(irs.clone())
+            } else {
+                None
+            }
+        })
+    }
+
+    fn bus(&mut self) -> Vec<(Instant, DataBus)> {
+        self.take(|message| {
+            if let Message::LlDataBus(bus) = message {
+                Some(bus.clone())
+            } else {
+                None
+            }
+        })
+    }
+
+    /// Takes reports and states: what an operator sees.
+    fn news(&mut self) -> String {
+        let mut news = Vec::new();
+        for (_, action) in std::mem::take(&mut self.log) {
+            match action {
+                Action::Report(report) => {
+                    news.push(format!(
+                        "{:?} {} {}",
+                        report.severity,
+                        report.fault.name(),
+                        report.subject
+                    ));
+                }
+                Action::State(state) => news.push(state.to_string()),
+                Action::Note(line) => news.push(line),
+                _ => {}
+            }
+        }
+        news.join("\n")
+    }
+
+    fn command(&mut self, state: State) {
+        self.bench.message(messages::common::CmdState {
+            module: "driver_rs485a".into(),
+            state: state as i8,
+            manual: true,
+            ..Default::default()
+        });
+        self.collect();
+    }
+}
+
+fn valid(ranges: &[Range]) -> Vec<i32> {
+    assert!(
+        ranges
+            .iter()
+            .all(|range| range.valid != range.distance.is_nan())
+    );
+    ranges
+        .iter()
+        .filter(|range| range.valid)
+        .map(|range| range.id)
+        .collect()
+}
+
+#[test]
+fn it_asks_versions_and_runs() {
+    let mut wire = Wire::open();
+    wire.run(ms(100));
+    let expected = "\
+INIT
+so1 (0x20 on rs485.a): firmware 1.4
+RUN
+sd1_front (0x10 on rs485.a): firmware 1.4
+sd1_rear (0x11 on rs485.a): firmware 1.4";
+    assert_eq!(wire.news(), expected);
+    assert_eq!(wire.front().asked, [0xFE, 0x10]);
+}
+
+#[test]
+fn ranges_come_four_times_a_second_all_of_them_in_order() {
+    let mut wire = Wire::open();
+    wire.front().srfs = [500, 0, 1500, 2000, 2500, 3000, 3500, 4000]
+        .into_iter()
+        .collect();
+    wire.rear().irs = [255, 90].into_iter().collect();
+    wire.run(ms(2000));
+    let srfs = wire.srfs();
+    assert_eq!(srfs.len(), 8);
+    let (at, message) = &srfs[3];
+    assert_eq!(
+        message
+            .srfs
+            .iter()
+            .map(|range| range.id)
+            .collect::<Vec<_>>(),
+        (0..16).collect::<Vec<_>>()
+    );
+    assert_eq!(valid(&message.srfs).len(), 15);
+    assert_eq!(
+        (
+            message.srfs[0].distance,
+            message.srfs[1].valid,
+            message.srfs[2].distance
+        ),
+        (0.5, false, 1.5)
+    );
+    assert_eq!(
+        (message.srfs[9].x, message.srfs[9].y, message.srfs[9].theta),
+        (9.0, 0.5, -1.0)
+    );
+    assert_eq!(
+        message.timestamp,
+        (at.as_nanos() / 1000) as i64,
+        "sent when the last board had answered"
+    );
+    let irs = wire.irs();
+    assert_eq!((irs.len(), valid(&irs[7].1.irs)), (8, vec![0, 1, 3]));
+    assert_eq!(irs[7].1.irs[3].distance, 0.09);
+    let between = srfs[5].0.since(srfs[4].0);
+    assert!(between > ms(240) && between < ms(260), "{between:?}");
+}
+
+#[test]
+fn odometry_comes_at_its_rate_in_metres() {
+    let mut wire = Wire::open();
+    wire.so1().speed = 3259.5;
+    wire.run(ms(3000));
+    let odo = wire.odo();
+    assert!((58..=60).contains(&odo.len()), "{}", odo.len());
+    let (at, last) = odo.last().unwrap();
+    // 3259.5 ticks of 0.1534 mm in a second.
+    let mean: f64 = odo.iter().map(|(_, odo)| odo.translation).sum::<f64>() / odo.len() as f64;
+    assert!((mean - 0.5).abs() < 1e-3, "{mean}");
+    assert!(
+        (last.path - 0.5 * 2.95).abs() < 0.01 && last.heading == 0.0,
+        "{last:?}"
+    );
+    assert_eq!(last.timestamp, (at.as_nanos() / 1000) as i64);
+}
+
+#[test]
+fn a_dead_board_is_degraded_then_lost_and_asked_once_a_second() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.news();
+    wire.front().dead = true;
+    wire.run(ms(5000));
+    let (_, srfs) = wire.srfs().pop().unwrap();
+    assert_eq!(valid(&srfs.srfs), (8..16).collect::<Vec<_>>());
+    assert_eq!(
+        wire.news(),
+        "Warning BoardDegraded sd1_front\nError BoardLost sd1_front"
+    );
+    wire.run(ms(5000));
+    let srfs = wire.srfs();
+    assert_eq!(srfs.len(), 20, "the other board's data goes on");
+    assert_eq!(wire.bus().last().unwrap().1.nodes[1].state, 2);
+    // Asked once a second, without retries.
+    let timeouts = |wire: &mut Wire| {
+        wire.run(ms(4000));
+        wire.bus()
+            .iter()
+            .map(|(_, bus)| bus.nodes[1].timeouts)
+            .collect::<Vec<_>>()
+    };
+    let timeouts = timeouts(&mut wire);
+    assert!(
+        timeouts.windows(2).all(|pair| pair[1] == pair[0] + 1),
+        "{timeouts:?}"
+    );
+    wire.news();
+    wire.front().dead = false;
+    wire.run(ms(2000));
+    let (_, srfs) = wire.srfs().pop().unwrap();
+    assert_eq!(valid(&srfs.srfs).len(), 16);
+    let expected = "\
+Notice BoardDegraded sd1_front
+Notice BoardLost sd1_front
+sd1_front (0x10 on rs485.a): firmware 1.4";
+    assert_eq!(wire.news(), expected);
+}
+
+#[test]
+fn all_boards_lost_is_an_error_and_one_that_is_back_ends_it() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.boards.iter_mut().for_each(|board| board.dead = true);
+    wire.run(ms(10_000));
+    assert_eq!(wire.bench.shell.state(), State::Error);
+    let (_, srfs) = wire.srfs().pop().unwrap();
+    assert_eq!((valid(&srfs.srfs).len(), srfs.srfs.len()), (0, 16));
+    wire.rear().dead = false;
+    wire.run(ms(1100));
+    assert_eq!(wire.bench.shell.state(), State::Run);
+}
+
+#[test]
+fn a_bus_without_boards_is_an_error_once_they_are_lost() {
+    let mut wire = Wire::open();
+    wire.boards.iter_mut().for_each(|board| board.dead = true);
+    wire.run(ms(500));
+    assert_eq!(wire.bench.shell.state(), State::Init);
+    wire.run(ms(10_000));
+    assert_eq!(wire.bench.shell.state(), State::Error);
+}
+
+#[test]
+fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
+    let mut wire = Wire::closed();
+    wire.run(ms(500));
+    assert_eq!(wire.bench.shell.state(), State::Init);
+    wire.port(Input::Down("no such device"));
+    assert_eq!(wire.bench.shell.state(), State::Error);
+    wire.port(Input::Up);
+    wire.run(ms(100));
+    assert_eq!(wire.bench.shell.state(), State::Run);
+    wire.run(ms(10));
+    wire.port(Input::Down("unplugged"));
+    assert_eq!(wire.bench.shell.state(), State::Error);
+    wire.words.clear();
+    wire.sent = None;
+    wire.log.clear();
+    wire.run(ms(2500));
+    assert!(
+        wire.log
+            .iter()
+            .all(|(_, action)| !matches!(action, Action::Send(..))),
+        "nothing is sent into a closed port"
+    );
+    assert_eq!(wire.bus().last().unwrap().1.state, DataBus::CLOSED);
+    wire.port(Input::Up);
+    assert_eq!(wire.bench.shell.state(), State::Error);
+    wire.run(ms(100));
+    assert_eq!(wire.bench.shell.state(), State::Run);
+    assert!(!wire.odo().is_empty(), "a gap of 2.5 s is bridged");
+}
+
+#[test]
+fn in_stop_nothing_is_asked_and_in_pause_all_goes_on() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.command(State::Pause);
+    wire.run(ms(1000));
+    assert_eq!(wire.srfs().len(), 8);
+    wire.command(State::Stop);
+    wire.run(ms(30));
+    wire.boards.iter_mut().for_each(|board| board.asked.clear());
+    wire.run(ms(5000));
+    assert!(wire.boards.iter().all(|board| board.asked.is_empty()));
+    assert_eq!(wire.bus().len(), 7, "statistics go on");
+    wire.odo();
+    wire.command(State::Run);
+    wire.run(ms(15));
+    assert_eq!(wire.odo().len(), 0, "after 5 s the counters start anew");
+    wire.run(ms(100));
+    assert_eq!(wire.odo().len(), 2);
+}
+
+#[test]
+fn a_port_lost_in_stop_leads_back_to_stop() {
+    let mut wire = Wire::open();
+    wire.run(ms(100));
+    wire.command(State::Stop);
+    wire.run(ms(100));
+    wire.port(Input::Down("unplugged"));
+    assert_eq!(wire.bench.shell.state(), State::Error);
+    wire.run(ms(100));
+    wire.port(Input::Up);
+    wire.run(ms(100));
+    assert_eq!(wire.bench.shell.state(), State::Stop);
+}
+
+#[test]
+fn a_board_that_does_not_know_its_instruction_is_reported_once_and_cleared() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.news();
+    wire.rear().status = Status::UnknownInstruction;
+    wire.run(ms(1000));
+    let (_, srfs) = wire.srfs().pop().unwrap();
+    assert_eq!(valid(&srfs.srfs), (0..8).collect::<Vec<_>>());
+    wire.rear().status = Status::Ok;
+    wire.run(ms(1000));
+    assert_eq!(
+        wire.news(),
+        "Warning BoardRefused sd1_rear\nNotice BoardRefused sd1_rear"
+    );
+}
+
+#[test]
+fn an_answer_that_cannot_be_is_dropped_and_reported_once() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.news();
+    wire.front().srfs[3] = 30_000;
+    wire.so1().ticks.truncate(1);
+    wire.run(ms(1000));
+    let (_, srfs) = wire.srfs().pop().unwrap();
+    assert_eq!(valid(&srfs.srfs), (8..16).collect::<Vec<_>>());
+    wire.front().srfs[3] = 3000;
+    wire.so1().ticks.push(0);
+    wire.run(ms(1000));
+    let mut news: Vec<String> = wire.news().lines().map(str::to_owned).collect();
+    news.sort();
+    let expected = [
+        "Notice BoardImplausible sd1_front",
+        "Notice BoardImplausible so1",
+        "Warning BoardImplausible sd1_front",
+        "Warning BoardImplausible so1",
+    ];
+    assert_eq!(news, expected);
+}
+
+#[test]
+fn a_reset_of_the_odometry_board_makes_no_jump() {
+    let mut wire = Wire::open();
+    wire.so1().speed = 3259.5;
+    wire.run(ms(5000));
+    wire.news();
+    let now = wire.bench.now();
+    wire.so1().driving_since = now;
+    wire.run(ms(1000));
+    let odo = wire.odo();
+    assert!(
+        odo.iter()
+            .all(|(_, odo)| (odo.translation - 0.5).abs() < 0.02),
+        "{odo:?}"
+    );
+    assert!((odo.last().unwrap().1.path - odo[0].1.path - 0.45).abs() < 0.05);
+    assert_eq!(wire.news(), "Warning BoardImplausible so1");
+}
+
+#[test]
+fn a_port_that_does_not_send_is_reported_and_no_board_is_blamed() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.news();
+    wire.port_stuck = true;
+    // The boards hear nothing of what is stuck.
+    wire.boards.iter_mut().for_each(|board| board.dead = true);
+    wire.run(ms(20_000));
+    wire.port_stuck = false;
+    wire.boards.iter_mut().for_each(|board| board.dead = false);
+    wire.run(ms(1000));
+    assert_eq!(
+        wire.news(),
+        "Warning PortOverrun rs485.a\nNotice PortOverrun rs485.a"
+    );
+}
+
+#[test]
+fn statistics_come_once_a_second() {
+    let mut wire = Wire::open();
+    wire.run(ms(3500));
+    let bus = wire.bus();
+    assert_eq!(bus.len(), 3);
+    let (at, bus) = bus.last().unwrap();
+    assert_eq!(
+        (bus.bus.as_str(), bus.state, bus.errors, at.as_nanos()),
+        ("rs485.a", DataBus::ACTIVE, 0, 3_000_000_000)
+    );
+    let [so1, front, _] = &bus.nodes[..] else {
+        panic!("three boards")
+    };
+    assert_eq!(
+        (so1.name.as_str(), so1.address, so1.state, so1.requests),
+        ("so1", 0x20, 0, 61)
+    );
+    // 5 words out, 200 us, 9 or 25 words back.
+    assert!(
+        (so1.round_trip_min - 0.001_537).abs() < 2e-6,
+        "{}",
+        so1.round_trip_min
+    );
+    assert!(
+        (front.round_trip_max - 0.003_065).abs() < 2e-6,
+        "{}",
+        front.round_trip_max
+    );
+    // 20 x 14 and 8 x 30 words of 95.5 us.
+    assert!((bus.load - 0.0497).abs() < 0.002, "{}", bus.load);
+}
+
+#[test]
+fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
+    let mut config = config();
+    config
+        .nodes
+        .iter_mut()
+        .for_each(|node| node.rate_hz = 10_000.0);
+    let shell = Shell::new(
+        ShellConfig::new("driver_rs485a"),
+        Box::new(Rs485a::new(config).unwrap()),
+    );
+    let mut wire = Wire {
+        bench: Bench::new(shell),
+        ..Wire::closed()
+    };
+    wire.bench.event(Event::Start);
+    wire.port(Input::Up);
+    wire.run(ms(3000));
+    let (_, bus) = wire.bus().pop().unwrap();
+    // One round is 74 words; the boards' 200 us and two words of silence are owed three times.
+    let bound = 74.0 / (74.0 + 3.0 * (200.0 / 95.486 + 2.0));
+    assert!(bus.load > 0.95 * bound, "{} of {bound}", bus.load);
+    let requests: Vec<i64> = bus.nodes.iter().map(|node| node.requests).collect();
+    assert!(
+        requests.iter().max().unwrap() - requests.iter().min().unwrap() <= 1,
+        "each has its turn: {requests:?}"
+    );
+}
+
+#[test]
+fn a_configuration_that_cannot_be_is_refused() {
+    let refused = |change: fn(&mut Config)| {
+        let mut config = config();
+        change(&mut config);
+        Rs485a::new(config).unwrap_err()
+    };
+    assert_eq!(
+        refused(|config| config.nodes.clear()),
+        ConfigError::Nodes(0)
+    );
+    assert_eq!(
+        refused(|config| config.nodes[2].address = FRONT),
+        ConfigError::Twice("sd1_rear".into())
+    );
+    assert_eq!(
+        refused(|config| config.nodes[1].kind = Kind::So1),
+        ConfigError::Twice("sd1_front".into())
+    );
+    assert_eq!(
+        refused(|config| config.nodes[0].rate_hz = f64::NAN),
+        ConfigError::Rate("so1".into())
+    );
+    assert_eq!(
+        refused(|config| config.irs[0].board = SO1),
+        ConfigError::NoBoard(3)
+    );
+    assert_eq!(
+        refused(|config| config.wheels.track_m = 0.0),
+        ConfigError::Wheels
+    );
+}
+
+/// Words typed from `docs/boards.md`: `!` marks the ninth bit.
+fn words(text: &str) -> Vec<Word> {
+    let word = |token: &str| match token.strip_suffix('!') {
+        Some(byte) => Word::address(u8::from_str_radix(byte, 16).unwrap()),
+        None => Word::data(u8::from_str_radix(token, 16).unwrap()),
+    };
+    text.split_whitespace().map(word).collect()
+}
+
+#[test]
+fn what_is_on_the_wire_stands_in_the_boards_page() {
+    let mut config = config();
+    config.nodes.truncate(2);
+    config.srfs.retain(|ranger| ranger.board == FRONT);
+    config.irs.retain(|ranger| ranger.board == FRONT);
+    let shell = Shell::new(
+        ShellConfig::new("driver_rs485a"),
+        Box::new(Rs485a::new(config).unwrap()),
+    );
+    let mut bench = Bench::new(shell);
+    bench.start();
+    let transcript = [
+        ("20! fe 00 00 92", "20! fe 00 02 01 04 60"),
+        ("10! fe 00 00 fd", "10! fe 00 02 01 04 5c"),
+        ("20! 01 00 00 9c", "20! 01 00 04 01 00 ff ff 36"),
+        (
+            "10! 10 00 00 64",
+            "10! 10 00 14 08 e8 03 00 00 2c 01 00 00 00 00 00 00 00 00 10 27 02 78 ff 27",
+        ),
+        ("20! 01 00 00 9c", "20! 01 00 04 11 00 0f 00 35"),
+    ];
+    let mut published = Vec::new();
+    for (asked, answer) in transcript {
+        let mut sent = Vec::new();
+        loop {
+            for (_, action) in bench.done() {
+                match action {
+                    Action::Send(_, Output::Words(words)) => sent = words,
+                    Action::Publish(message) => published.push(message),
+                    _ => {}
+                }
+            }
+            if !sent.is_empty() {
+                break;
+            }
+            assert!(bench.step(bench.now() + ms(100)), "nothing is asked");
+        }
+        assert_eq!(sent, words(asked));
+        bench.event(Event::Port {
+            port: PORT,
+            input: Input::Sent,
+        });
+        bench.pass(ms(2));
+        bench.words(PORT, &words(answer));
+    }
+    published.extend(bench.published());
+    let srfs = published.iter().find_map(|message| {
+        if let Message::LlDataSrfs(srfs) = message {
+            Some(srfs)
+        } else {
+            None
+        }
+    });
+    let distances: Vec<f64> = srfs
+        .unwrap()
+        .srfs
+        .iter()
+        .map(|range| range.distance)
+        .collect();
+    assert_eq!(
+        (
+            distances[0],
+            distances[2],
+            distances[7],
+            distances[1].is_nan()
+        ),
+        (1.0, 0.3, 10.0, true)
+    );
+    let odo = published.iter().find_map(|message| {
+        if let Message::LlDataOdo(odo) = message {
+            Some(odo)
+        } else {
+            None
+        }
+    });
+    // 16 ticks each in about 50 ms.
+    assert_eq!(
+        (odo.unwrap().ticks_left, odo.unwrap().ticks_right),
+        (16, 16)
+    );
+    assert!((odo.unwrap().translation - 16.0 * 1.534e-4 / 0.05).abs() < 0.01);
+}
