@@ -6,16 +6,18 @@
 //! - Constants are associated constants. An enum is a newtype of `i32`, since any number may come over the wire.
 
 mod body;
+mod large;
 mod names;
+mod values;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use crate::{
-    Constant, Definition, Error, Kind, Literal, Member, MemberType, Primitive, Schema, Size, Value,
-};
+use crate::{Constant, Definition, Error, Kind, Member, MemberType, Schema, Size};
 use body::Body;
+use large::{emit_default, emit_large, is_large};
 use names::{Scope, camel_case, field, module, safe};
+use values::{emit_constants, emit_enum};
 
 /// The code of all of the schema's types: one nested module for each package, those without one at the top.
 ///
@@ -137,58 +139,10 @@ fn emit_definition(out: &mut String, schema: &Schema, scope: &Scope, definition:
     emit_doc_or(out, "", &definition.doc, &definition.name());
     match &definition.kind {
         Kind::Struct { constants, members } => {
-            emit_struct(out, schema, scope, definition, constants, members)
+            emit_struct(out, schema, scope, definition, constants, members);
         }
         Kind::Enum { values } => emit_enum(out, schema, scope, definition, values),
     }
-}
-
-fn emit_enum(
-    out: &mut String,
-    schema: &Schema,
-    scope: &Scope,
-    definition: &Definition,
-    values: &[Value],
-) {
-    let name = camel_case(&definition.short);
-    out.push_str("#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ::serde::Serialize)]\n");
-    let _ = writeln!(out, "pub struct {name}(pub i32);");
-    if !values.is_empty() {
-        let odd = values
-            .iter()
-            .any(|value| value.name.contains(|c: char| c.is_ascii_lowercase()));
-        let _ = write!(
-            out,
-            "\n{}impl {name} {{\n",
-            if odd {
-                "#[allow(non_upper_case_globals)]\n"
-            } else {
-                ""
-            }
-        );
-        for Value { name, number, doc } in values {
-            emit_doc_or(out, "    ", doc, &format!("{name} = {number}"));
-            let _ = writeln!(out, "    pub const {}: Self = Self({number});", safe(name));
-        }
-        out.push_str("}\n");
-    }
-    let _ = write!(
-        out,
-        "
-impl codec::Fixed for {name} {{
-    const SIZE: usize = 4;
-
-    fn store(&self, out: &mut [u8]) {{
-        self.0.store(out);
-    }}
-
-    fn load(bytes: &[u8]) -> Self {{
-        Self(codec::Fixed::load(bytes))
-    }}
-}}
-"
-    );
-    emit_type(out, schema, scope, definition, &Body::whole());
 }
 
 fn emit_struct(
@@ -266,14 +220,6 @@ fn has_upper_case(members: &[Member]) -> bool {
         .any(|member| member.name.contains(|c: char| c.is_ascii_uppercase()))
 }
 
-/// Whether it is an array that serde and `Default` do not know: they stop at 32 elements.
-fn is_large(member: &Member) -> bool {
-    member
-        .dims
-        .iter()
-        .any(|dim| matches!(dim.size, Size::Fixed(33..)))
-}
-
 /// The member as the language writes it.
 fn declaration(member: &Member) -> String {
     let ty = match &member.ty {
@@ -288,54 +234,6 @@ fn declaration(member: &Member) -> String {
     format!("{ty} {}{dims}", member.name)
 }
 
-fn emit_constants(out: &mut String, name: &str, constants: &[Constant]) {
-    if constants.is_empty() {
-        return;
-    }
-    out.push('\n');
-    if constants
-        .iter()
-        .any(|constant| matches!(constant.literal, Literal::Float(_)))
-    {
-        out.push_str("#[allow(clippy::approx_constant, clippy::excessive_precision)]\n");
-    }
-    if constants
-        .iter()
-        .any(|constant| constant.name.contains(|c: char| c.is_ascii_lowercase()))
-    {
-        out.push_str("#[allow(non_upper_case_globals)]\n");
-    }
-    let _ = writeln!(out, "impl {name} {{");
-    for Constant {
-        name,
-        ty,
-        text,
-        literal,
-        doc,
-    } in constants
-    {
-        emit_doc_or(
-            out,
-            "    ",
-            doc,
-            &format!("const {} {name} = {text}", ty.name()),
-        );
-        let value = match literal {
-            Literal::Int(value) if text.starts_with("0x") => format!("{value:#x}"),
-            Literal::Int(value) => value.to_string(),
-            Literal::Float(value) if *ty == Primitive::Float => format!("{:?}", *value as f32),
-            Literal::Float(value) => format!("{value:?}"),
-        };
-        let _ = writeln!(
-            out,
-            "    pub const {}: {} = {value};",
-            safe(name),
-            names::primitive(*ty)
-        );
-    }
-    out.push_str("}\n");
-}
-
 fn emit_serde(out: &mut String, member: &Member, owner: &str) {
     if safe(&member.name) != member.name && !field(&member.name).starts_with("r#") {
         let _ = writeln!(out, "    #[serde(rename = \"{}\")]", member.name);
@@ -347,50 +245,6 @@ fn emit_serde(out: &mut String, member: &Member, owner: &str) {
             member.name
         );
     }
-}
-
-fn emit_default(out: &mut String, scope: &Scope, name: &str, fields: &[&Member]) {
-    let default = scope.std_name("Default", "::std::default::Default");
-    let _ = write!(
-        out,
-        "\nimpl {default} for {name} {{\n    fn default() -> Self {{\n        Self {{\n"
-    );
-    for member in fields {
-        let mut value = format!("{default}::default()");
-        let variable = member
-            .dims
-            .iter()
-            .position(|dim| dim.size == Size::Variable)
-            .unwrap_or(member.dims.len());
-        for _ in member.dims[..variable].iter().filter(|_| is_large(member)) {
-            value = format!("::std::array::from_fn(|_| {value})");
-        }
-        let _ = writeln!(out, "            {}: {value},", field(&member.name));
-    }
-    out.push_str("        }\n    }\n}\n");
-}
-
-/// A serializer for a member that serde's derived one does not take.
-fn emit_large(out: &mut String, scope: &Scope, name: &str, member: &Member) {
-    let mut value = String::new();
-    for i in 1..member.dims.len() {
-        let _ = write!(value, ".iter().map(|row{i}| row{i}");
-    }
-    value.push_str(".as_slice()");
-    value.push_str(&").collect::<::std::vec::Vec<_>>()".repeat(member.dims.len() - 1));
-    let _ = write!(
-        out,
-        "
-impl {name} {{
-    #[allow(non_snake_case)]
-    fn serialize_{}<S: ::serde::Serializer>(rows: &{}, serializer: S) -> ::std::result::Result<S::Ok, S::Error> {{
-        ::serde::Serialize::serialize(&rows{value}, serializer)
-    }}
-}}
-",
-        member.name,
-        scope.member_type(member),
-    );
 }
 
 /// `impl Fixed`: each member at its offset.

@@ -35,7 +35,7 @@ pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> 
         if let Some(comment) = cursor.comment(file)? {
             match tokens.last_mut() {
                 Some(previous) if previous.at.line == at.line => {
-                    previous.after.extend(comment_lines(comment))
+                    previous.after.extend(comment_lines(comment));
                 }
                 _ => {
                     if at.line > last_comment + 1 {

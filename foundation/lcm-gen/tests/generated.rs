@@ -1,4 +1,5 @@
 //! Generated code against the official tools: fingerprints, bytes, and what hostile bytes do.
+#![allow(clippy::unwrap_used, reason = "the test fails")]
 
 #[path = "vectors/generated.rs"]
 #[rustfmt::skip]
@@ -6,14 +7,14 @@ mod vectors;
 
 #[path = "more/generated.rs"]
 #[rustfmt::skip]
-mod more;
+mod own;
 
 mod dynamic;
 mod support;
 
 use lcm::codec::{DecodeError, EncodeError, Type};
 use lcm_gen::Schema;
-use more::more::{Lengths, r#mod};
+use own::more::{Lengths, r#mod};
 use serde_json::Value;
 use support::files::files;
 use support::{Random, Vectors, for_all_types, hex};

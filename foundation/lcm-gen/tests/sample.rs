@@ -1,5 +1,9 @@
 //! The generated code that stands beside these tests is what the generator writes.
-#![allow(clippy::disallowed_methods, reason = "tests read their own files")]
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "tests read their own files, which are there"
+)]
 
 #[path = "support/files.rs"]
 mod files;

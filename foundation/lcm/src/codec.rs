@@ -81,10 +81,10 @@ pub trait Type: Sized {
                 found,
             });
         }
-        let value = Self::decode_body(&mut r)?;
+        let value = Self::decode_body(&mut r); // returned as it is: large values are not moved about
         match r.remaining() {
-            0 => Ok(value),
-            extra => Err(DecodeError::LeftOver { extra }),
+            extra @ 1.. if value.is_ok() => Err(DecodeError::LeftOver { extra }),
+            _ => value,
         }
     }
 }
@@ -95,4 +95,16 @@ pub fn fingerprint(message: &[u8]) -> Option<u64> {
     message
         .first_chunk()
         .map(|bytes| u64::from_be_bytes(*bytes))
+}
+
+/// Whether a NUL is among the bytes; eight at a time, since most strings are too short for `memchr` to pay.
+fn has_nul(bytes: &[u8]) -> bool {
+    const LOW: u64 = 0x0101_0101_0101_0101;
+    const HIGH: u64 = 0x8080_8080_8080_8080;
+    let (words, rest) = bytes.as_chunks();
+    let in_word = |word: &[u8; 8]| {
+        let word = u64::from_le_bytes(*word);
+        word.wrapping_sub(LOW) & !word & HIGH != 0
+    };
+    words.iter().any(in_word) || rest.contains(&0)
 }

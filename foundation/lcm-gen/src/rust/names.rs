@@ -12,10 +12,11 @@ const KEYWORDS: &[&str] = &[
     "virtual", "where", "while", "yield",
 ];
 
-/// A name as an identifier: raw if it is a keyword, with `_` behind it if it cannot even be raw.
+/// A name as an identifier: raw if it is a keyword, another word if it cannot even be raw.
 pub fn safe(name: &str) -> String {
     match name {
-        "self" | "Self" | "super" | "crate" | "_" => format!("{name}_"),
+        "_" => "unnamed".to_owned(),
+        "self" | "Self" | "super" | "crate" => format!("{name}_"),
         _ if KEYWORDS.contains(&name) => format!("r#{name}"),
         _ => name.to_owned(),
     }

@@ -73,10 +73,10 @@ fn array(
         }
         ([], MemberType::Primitive(Primitive::Boolean)) => out.push(random.below(2) as u8),
         ([], MemberType::Primitive(Primitive::Float)) => {
-            out.extend((random.next() as i32 as f32).to_be_bytes())
+            out.extend((random.next() as i32 as f32).to_be_bytes());
         }
         ([], MemberType::Primitive(ty)) => {
-            out.extend(&random.next().to_be_bytes()[..ty.min_size()])
+            out.extend(&random.next().to_be_bytes()[..ty.min_size()]);
         }
     }
 }

@@ -41,35 +41,35 @@ pub mod more {
     impl Large {
         #[allow(non_snake_case)]
         fn serialize_image<S: ::serde::Serializer>(rows: &[u8; 40], serializer: S) -> ::std::result::Result<S::Ok, S::Error> {
-            ::serde::Serialize::serialize(&rows.as_slice(), serializer)
+            ::serde::Serialize::serialize(&rows[..], serializer)
         }
     }
 
     impl Large {
         #[allow(non_snake_case)]
         fn serialize_grid<S: ::serde::Serializer>(rows: &[[f64; 33]; 2], serializer: S) -> ::std::result::Result<S::Ok, S::Error> {
-            ::serde::Serialize::serialize(&rows.iter().map(|row1| row1.as_slice()).collect::<::std::vec::Vec<_>>(), serializer)
+            ::serde::Serialize::serialize(&rows.iter().map(|row1| &row1[..]).collect::<::std::vec::Vec<_>>(), serializer)
         }
     }
 
     impl Large {
         #[allow(non_snake_case)]
         fn serialize_names<S: ::serde::Serializer>(rows: &[[String; 2]; 34], serializer: S) -> ::std::result::Result<S::Ok, S::Error> {
-            ::serde::Serialize::serialize(&rows.iter().map(|row1| row1.as_slice()).collect::<::std::vec::Vec<_>>(), serializer)
+            ::serde::Serialize::serialize(&rows.iter().map(|row1| &row1[..]).collect::<::std::vec::Vec<_>>(), serializer)
         }
     }
 
     impl Large {
         #[allow(non_snake_case)]
         fn serialize_rows<S: ::serde::Serializer>(rows: &[Vec<f32>; 35], serializer: S) -> ::std::result::Result<S::Ok, S::Error> {
-            ::serde::Serialize::serialize(&rows.iter().map(|row1| row1.as_slice()).collect::<::std::vec::Vec<_>>(), serializer)
+            ::serde::Serialize::serialize(&rows.iter().map(|row1| &row1[..]).collect::<::std::vec::Vec<_>>(), serializer)
         }
     }
 
     impl Large {
         #[allow(non_snake_case)]
         fn serialize_nothing<S: ::serde::Serializer>(rows: &[Empty; 50], serializer: S) -> ::std::result::Result<S::Ok, S::Error> {
-            ::serde::Serialize::serialize(&rows.as_slice(), serializer)
+            ::serde::Serialize::serialize(&rows[..], serializer)
         }
     }
 
@@ -163,7 +163,7 @@ pub mod more {
     impl LargeFixed {
         #[allow(non_snake_case)]
         fn serialize_cube<S: ::serde::Serializer>(rows: &[[[i16; 2]; 34]; 33], serializer: S) -> ::std::result::Result<S::Ok, S::Error> {
-            ::serde::Serialize::serialize(&rows.iter().map(|row1| row1.iter().map(|row2| row2.as_slice()).collect::<::std::vec::Vec<_>>()).collect::<::std::vec::Vec<_>>(), serializer)
+            ::serde::Serialize::serialize(&rows.iter().map(|row1| row1.iter().map(|row2| &row2[..]).collect::<::std::vec::Vec<_>>()).collect::<::std::vec::Vec<_>>(), serializer)
         }
     }
 
@@ -359,7 +359,7 @@ pub mod more {
                 pub text: String,
                 /// `more.mod.type.option_t _`
                 #[serde(rename = "_")]
-                pub __: Option,
+                pub unnamed: Option,
             }
 
             #[allow(non_upper_case_globals)]
@@ -395,7 +395,7 @@ pub mod more {
                     }
                     writer.put(&self.r#match);
                     self.text.encode_body(writer)?;
-                    writer.put(&self.__);
+                    writer.put(&self.unnamed);
                     Ok(())
                 }
 
@@ -410,8 +410,8 @@ pub mod more {
                     let x = reader.vec(r, w_len.saturating_mul(5), |reader| reader.vec(w_len, 5, codec::Type::decode_body))?;
                     let r#match = reader.get()?;
                     let text = codec::Type::decode_body(reader)?;
-                    let __ = reader.get()?;
-                    Ok(Self { self_, w, item, r#type, CamelCase, x, r#match, text, __ })
+                    let unnamed = reader.get()?;
+                    Ok(Self { self_, w, item, r#type, CamelCase, x, r#match, text, unnamed })
                 }
             }
 
@@ -521,7 +521,7 @@ pub mod more {
             impl Option {
                 #[allow(non_snake_case)]
                 fn serialize_Value<S: ::serde::Serializer>(rows: &[f64; 34], serializer: S) -> ::std::result::Result<S::Ok, S::Error> {
-                    ::serde::Serialize::serialize(&rows.as_slice(), serializer)
+                    ::serde::Serialize::serialize(&rows[..], serializer)
                 }
             }
 

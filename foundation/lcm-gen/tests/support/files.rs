@@ -1,5 +1,9 @@
 //! The files beside these tests.
-#![allow(clippy::disallowed_methods, reason = "tests read their own files")]
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "tests read their own files, which are there"
+)]
 
 use std::fs;
 use std::path::{Path, PathBuf};

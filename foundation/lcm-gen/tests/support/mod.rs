@@ -1,5 +1,9 @@
 //! Vectors, types by name, comparison of values, and a small random source.
-#![allow(clippy::disallowed_methods, reason = "tests read their own files")]
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "tests read their own files, which are there"
+)]
 
 pub mod files;
 
@@ -9,7 +13,7 @@ use files::folder;
 use lcm::codec::Type;
 use serde_json::Value;
 
-use crate::more::more;
+use crate::own::more;
 use crate::vectors::{Nopkg, advee, vec};
 
 /// What `vectors.json` holds.
@@ -122,7 +126,7 @@ pub fn same(path: &str, ours: &Value, theirs: &Value) {
             assert_eq!(ours, bytes, "{path}");
         }
         (Value::Null, Value::String(theirs)) => {
-            assert!(["inf", "-inf"].contains(&theirs.as_str()), "{path}")
+            assert!(["inf", "-inf"].contains(&theirs.as_str()), "{path}");
         }
         (Value::Number(ours), Value::String(theirs)) => {
             assert_eq!(

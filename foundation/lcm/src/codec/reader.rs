@@ -1,6 +1,6 @@
 //! Takes members from the bytes of a message.
 
-use super::{DecodeError, Fixed, MAX_DEPTH, MAX_EMPTY};
+use super::{DecodeError, Fixed, MAX_DEPTH, MAX_EMPTY, has_nul};
 
 /// The rest of a message's bytes. Whatever they are, no method panics or allocates more than they can fill.
 #[derive(Debug)]
@@ -86,7 +86,7 @@ impl<'a> Reader<'a> {
         if last != 0 {
             return Err(DecodeError::Unterminated);
         }
-        if text.contains(&0) {
+        if has_nul(text) {
             return Err(DecodeError::InnerNul);
         }
         match std::str::from_utf8(text) {

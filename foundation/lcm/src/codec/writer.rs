@@ -1,6 +1,9 @@
 //! Puts members behind each other.
 
-use super::{EncodeError, Fixed, MAX_DEPTH, fixed};
+use super::{EncodeError, Fixed, MAX_DEPTH, fixed, has_nul};
+
+/// How much more the buffer is grown than is needed at once: room for some strings, so that most messages grow it once.
+const SLACK: usize = 64;
 
 /// The end of a buffer, to which members are appended. The buffer is grown in steps ahead of the position, so that
 /// storing a number is one comparison and one store.
@@ -15,7 +18,7 @@ impl<'a> Writer<'a> {
     /// Writes to the end of `out`, where at least `size` bytes are expected.
     pub(super) fn new(out: &'a mut Vec<u8>, size: usize) -> Self {
         let position = out.len();
-        out.resize(position + size, 0);
+        out.resize(position + size + SLACK, 0);
         Self {
             out,
             position,
@@ -32,7 +35,7 @@ impl<'a> Writer<'a> {
     fn room(&mut self, size: usize) -> &mut [u8] {
         let end = self.position + size;
         if end > self.out.len() {
-            self.out.resize(end, 0);
+            self.out.resize(end + SLACK, 0);
         }
         let room = &mut self.out[self.position..end];
         self.position = end;
@@ -67,7 +70,7 @@ impl<'a> Writer<'a> {
             max,
         };
         let len = i32::try_from(text.len().saturating_add(1)).map_err(|_| too_long)?;
-        if text.as_bytes().contains(&0) {
+        if has_nul(text.as_bytes()) {
             return Err(EncodeError::Nul { member });
         }
         let room = self.room(text.len() + 5);
