@@ -108,3 +108,6 @@ fn has_nul(bytes: &[u8]) -> bool {
     };
     words.iter().any(in_word) || rest.contains(&0)
 }
+
+#[cfg(test)]
+mod tests;

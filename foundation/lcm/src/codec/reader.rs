@@ -144,7 +144,11 @@ impl<'a> Reader<'a> {
         mut element: impl FnMut(&mut Self) -> Result<T, DecodeError>,
     ) -> Result<Vec<T>, DecodeError> {
         self.claim(count, min)?;
-        (0..count).map(|_| element(self)).collect()
+        let mut elements = Vec::with_capacity(count.min(1024)); // more only as they really come
+        for _ in 0..count {
+            elements.push(element(self)?);
+        }
+        Ok(elements)
     }
 
     /// `N` elements.
