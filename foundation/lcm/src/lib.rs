@@ -15,3 +15,8 @@ pub mod udpm;
 pub mod url;
 
 pub use url::Url;
+
+/// Compiles the README's example.
+#[cfg(all(doctest, feature = "live"))]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,6 +1,7 @@
 //! The live transport on this host's real sockets. Each test has a group and port of its own, TTL 0.
 #![cfg(feature = "live")]
 #![allow(clippy::disallowed_methods, reason = "real sockets in real time")]
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
 mod common;
 

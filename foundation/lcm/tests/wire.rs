@@ -1,4 +1,5 @@
 //! The wire against datagrams captured from the official LCM, and against noise.
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
 use lcm::receiver::Receiver;
 use lcm::udpm::{self, Datagram, ShortHeader};
