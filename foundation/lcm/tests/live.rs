@@ -319,6 +319,41 @@ fn without_any_interface_the_error_says_so() {
     });
 }
 
+/// Runs the `ip` command.
+fn ip(arguments: &str) {
+    let status = Command::new("ip").args(arguments.split(' ')).status();
+    assert!(status.unwrap().success(), "ip {arguments}");
+}
+
+#[test]
+fn when_an_interface_comes_later_old_and_new_hear_each_other() {
+    let prepare = "ip link set lo up && ip link add eth7 type veth peer name eth8";
+    in_name_space(
+        "when_an_interface_comes_later_old_and_new_hear_each_other",
+        prepare,
+        || {
+            let url = common::url();
+            let mut old = subscribed(&url, "A");
+            for command in [
+                "addr add 10.1.2.3/24 dev eth7",
+                "link set eth7 up",
+                "link set eth8 up",
+                "route add default via 10.1.2.1",
+            ] {
+                ip(command);
+            }
+            // First a pure publisher: no receive socket has joined on its interface.
+            let mut publisher = Lcm::new(&url).unwrap();
+            assert!(old.on_loopback() && !publisher.on_loopback());
+            publisher.publish("A", b"new").unwrap();
+            expect(&mut old, "A", b"new");
+            let mut new = subscribed(&url, "A");
+            old.publish("A", b"old").unwrap();
+            expect(&mut new, "A", b"old");
+        },
+    );
+}
+
 #[test]
 fn when_the_interface_goes_the_bus_goes_on() {
     let prepare = "ip link set lo up && ip link add eth7 type veth peer name eth8 && ip addr add 10.1.2.3/24 dev eth7 \
@@ -326,15 +361,6 @@ fn when_the_interface_goes_the_bus_goes_on() {
     in_name_space("when_the_interface_goes_the_bus_goes_on", prepare, || {
         let url = common::url();
         let (mut a, mut b) = (Lcm::new(&url).unwrap(), subscribed(&url, "A"));
-        let ip = |arguments: &str| {
-            assert!(
-                Command::new("ip")
-                    .args(arguments.split(' '))
-                    .status()
-                    .unwrap()
-                    .success()
-            );
-        };
         a.publish("A", b"routed").unwrap();
         expect(&mut b, "A", b"routed");
         ip("route del default");
