@@ -1,1 +1,9 @@
-//! The live host, the topology of the robot, and the tools of the command line.
+//! The live host, the configuration, the topology of the robot, and the tools of the command line.
+//!
+//! The one crate that may open, sleep, spawn and ask the time.
+
+pub mod cli;
+pub mod config;
+pub mod live;
+pub mod run_folder;
+pub mod topology;

@@ -1,2 +1,5 @@
 //! The `advee` executable.
-fn main() {}
+
+fn main() -> std::process::ExitCode {
+    robot::cli::main()
+}

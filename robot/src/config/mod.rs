@@ -1,7 +1,7 @@
 //! The configuration folder: strict, and wrong as a whole if anything in it is wrong.
 //!
 //! `robot.toml` says what the robot is made of; in simulation `sim.toml` is laid over it, then every `--set`.
-//! `modules.toml` lists the modules. What is found wrong is a list of lines `file:line: key = value: expected …`.
+//! `modules.toml` lists the modules (`--set modules.NAME.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
 
 mod modules;
 mod reader;
@@ -9,7 +9,7 @@ mod robot;
 #[cfg(test)]
 mod tests;
 mod tree;
-//mod world;
+mod world;
 
 pub use modules::{ModuleEntry, SIMULATOR};
 pub use reader::{Problems, Table};
@@ -18,7 +18,7 @@ pub use robot::{
     Rs485Node, Transport,
 };
 pub use tree::{Node, Origin, Value};
-//pub use world::world;
+pub use world::world;
 
 use std::fmt;
 use std::fs;
@@ -59,15 +59,13 @@ impl Config {
         let robot = take("robot.toml");
         let over = if sim { take("sim.toml").map(Some) } else { Some(None) };
         let modules = take("modules.toml");
-        let (Some(mut robot), Some(over), Some(modules)) = (robot, over, modules) else {
+        let (Some(mut robot), Some(over), Some(mut modules)) = (robot, over, modules) else {
             return Err(ConfigError(problems));
         };
         if let Some(over) = over {
             robot.merge(over);
         }
-        for assignment in sets {
-            robot.set(assignment).map_err(|line| ConfigError(vec![line]))?;
-        }
+        override_by(sets, &mut robot, &mut modules).map_err(|line| ConfigError(vec![line]))?;
         Self::check(&robot, &modules, sim)
     }
 
@@ -80,6 +78,14 @@ impl Config {
             (_, _, lines) => Err(ConfigError(lines)),
         }
     }
+}
+
+/// Applies every `--set`: `modules.NAME.key` goes to `modules.toml`, everything else to `robot.toml`.
+fn override_by<S: AsRef<str>>(sets: &[S], robot: &mut Node, modules: &mut Node) -> Result<(), String> {
+    sets.iter().map(AsRef::as_ref).try_for_each(|set| match set.trim_start().starts_with("modules.") {
+        true => modules.set(set),
+        false => robot.set(set),
+    })
 }
 
 /// Parses one file.

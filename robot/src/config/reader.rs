@@ -62,12 +62,22 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// Notes that `key`, which must be there, is not.
+    pub fn refuse_missing(&self, key: &str, expected: impl Display) {
+        self.problems.add(self.origin, format!("{}: missing, expected {expected}", self.name(key)));
+    }
+
+    /// Notes that `item`, of the list `key`, is not `expected`.
+    pub fn refuse_item(&self, key: &str, item: &Node, expected: impl Display) {
+        self.problems.add(&item.origin, format!("{} = {}: expected {expected}", self.name(key), item.value));
+    }
+
     fn wrong(&self, key: &str, expected: impl Display) {
         match self.map.get(key) {
             Some(Node { origin, value }) => {
                 self.problems.add(origin, format!("{} = {value}: expected {expected}", self.name(key)));
             }
-            None => self.problems.add(self.origin, format!("{}: missing, expected {expected}", self.name(key))),
+            None => self.refuse_missing(key, expected),
         }
     }
 

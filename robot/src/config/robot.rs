@@ -50,6 +50,10 @@ pub struct Geometry {
 pub struct Limits {
     /// Either way, 0.01..=10 m/s; a command beyond it is refused.
     pub speed_mps: f64,
+    /// What a manual source gets at most, 0.01..=10 m/s.
+    pub speed_manual_mps: f64,
+    /// What the planner gets at most, 0.01..=10 m/s.
+    pub speed_autonomous_mps: f64,
     /// Of the equivalent single front wheel, either way, 0.01..=1.5 rad.
     pub steering_rad: f64,
     /// 0.01..=20 m/s².
@@ -58,6 +62,8 @@ pub struct Limits {
     pub deceleration_mps2: f64,
     /// 0.01..=20 m/s².
     pub quick_stop_mps2: f64,
+    /// Sideways at the rear axle, 0.01..=20 m/s²; caps the speed in curves.
+    pub lateral_acceleration_mps2: f64,
     /// 0.01..=20 rad/s.
     pub steering_rate_radps: f64,
     /// A motion command holds this long, 0.05..=1 s; default 0.25.
@@ -73,6 +79,8 @@ pub struct CanBus {
     pub interface: CanInterface,
     /// bit/s, 10 000..=1 000 000; default 500 000.
     pub bitrate: u32,
+    /// CANopen node of the master, 1..=127; default 127.
+    pub master: u8,
     /// Whether every frame is sent as `LL_DATA_RAW_<BUS>`; default false.
     pub raw: bool,
     /// What is on it.
@@ -98,21 +106,35 @@ pub enum CanInterface {
 pub struct CanNode {
     /// CANopen node, 1..=127.
     pub id: u8,
-    /// What drive it is.
-    pub driver: CanDriver,
     /// `propulsion` or `steering`.
     pub axis: Axis,
     /// Its electronic data sheet, beside `robot.toml`; none: the one that is built in.
     pub eds: Option<PathBuf>,
+    /// What drive it is.
+    pub driver: CanDriver,
 }
 
-/// CANopen drives that there are drivers for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// CANopen drives that there are drivers for, and what each needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CanDriver {
-    /// maxon EPOS 70/10.
-    Epos,
-    /// Berger Lahr IclA.
-    Icla,
+    /// `epos`: maxon EPOS 70/10.
+    Epos {
+        /// Motor turns per wheel turn, -1000..=1000, not 0; negative when the motor is mounted the other way round.
+        gear: f64,
+    },
+    /// `icla`: Berger Lahr IclA.
+    Icla {
+        /// Position counts per radian of the equivalent single front wheel, ±1e9, not 0; positive counter-clockwise.
+        counts_per_rad: f64,
+        /// The angle at which the homing switch closes, -2..=2 rad.
+        switch_rad: f64,
+        /// CiA 402 homing method, -128..=127; default 23.
+        homing_method: i8,
+        /// Towards the switch, 0.001..=10 rad/s.
+        homing_speed_radps: f64,
+        /// Homing takes at most this long, 1..=120 s; default 15.
+        homing_timeout_s: f64,
+    },
 }
 
 /// What a drive moves.
@@ -164,8 +186,10 @@ pub struct Crc {
 }
 
 /// `[[rs485.<bus>.nodes]]`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Rs485Node {
+    /// What messages and reports call it: `sd1_front`; default driver and address.
+    pub name: String,
     /// 1..=254.
     pub address: u8,
     /// What board it is.
@@ -242,10 +266,13 @@ impl Limits {
     fn read(mut table: Table<'_>) -> Self {
         let limits = Self {
             speed_mps: table.number("speed_mps", None, 0.01..=10.0),
+            speed_manual_mps: table.number("speed_manual_mps", None, 0.01..=10.0),
+            speed_autonomous_mps: table.number("speed_autonomous_mps", None, 0.01..=10.0),
             steering_rad: table.number("steering_rad", None, 0.01..=1.5),
             acceleration_mps2: table.number("acceleration_mps2", None, 0.01..=20.0),
             deceleration_mps2: table.number("deceleration_mps2", None, 0.01..=20.0),
             quick_stop_mps2: table.number("quick_stop_mps2", None, 0.01..=20.0),
+            lateral_acceleration_mps2: table.number("lateral_acceleration_mps2", None, 0.01..=20.0),
             steering_rate_radps: table.number("steering_rate_radps", None, 0.01..=20.0),
             command_ttl_s: table.number("command_ttl_s", Some(0.25), 0.05..=1.0),
         };
@@ -264,11 +291,12 @@ impl CanBus {
             CanInterface::Socket(String::new())
         });
         let bitrate = table.integer("bitrate", Some(500_000), 10_000..=1_000_000);
+        let master = table.integer("master", Some(127), 1..=127);
         let raw = table.boolean("raw", false);
         let mut nodes: Vec<CanNode> = Vec::new();
         for mut item in table.tables("nodes") {
             let node = CanNode::read(&mut item);
-            if nodes.iter().any(|other| other.id == node.id) {
+            if node.id == master || nodes.iter().any(|other| other.id == node.id) {
                 item.refuse("id", "one that no other node of the bus has");
             }
             if nodes.iter().any(|other| other.axis == node.axis) {
@@ -278,7 +306,7 @@ impl CanBus {
             nodes.push(node);
         }
         table.end();
-        Self { name, interface, bitrate, raw, nodes }
+        Self { name, interface, bitrate, master, raw, nodes }
     }
 }
 
@@ -302,11 +330,28 @@ impl CanNode {
     fn read(table: &mut Table<'_>) -> Self {
         Self {
             id: table.integer("id", None, 1..=127),
-            driver: table.choice("driver", None, &[("epos", CanDriver::Epos), ("icla", CanDriver::Icla)]),
             axis: table.choice("axis", None, &[("propulsion", Axis::Propulsion), ("steering", Axis::Steering)]),
             eds: Some(table.text("eds", Some(""))).filter(|eds| !eds.is_empty()).map(PathBuf::from),
+            driver: match table.choice("driver", None, &[("epos", true), ("icla", false)]) {
+                true => CanDriver::Epos { gear: not_zero(table, "gear", 1000.0) },
+                false => CanDriver::Icla {
+                    counts_per_rad: not_zero(table, "counts_per_rad", 1e9),
+                    switch_rad: table.number("switch_rad", None, -2.0..=2.0),
+                    homing_method: table.integer("homing_method", Some(23), -128..=127),
+                    homing_speed_radps: table.number("homing_speed_radps", None, 0.001..=10.0),
+                    homing_timeout_s: table.number("homing_timeout_s", Some(15.0), 1.0..=120.0),
+                },
+            },
         }
     }
+}
+
+fn not_zero(table: &mut Table<'_>, key: &'static str, max: f64) -> f64 {
+    let value = table.number(key, None, -max..=max);
+    if value == 0.0 {
+        table.refuse(key, "a number that is not 0");
+    }
+    value
 }
 
 impl Rs485Bus {
@@ -321,6 +366,12 @@ impl Rs485Bus {
             let node = Rs485Node::read(&mut item);
             if nodes.iter().any(|other| other.address == node.address) {
                 item.refuse("address", "one that no other node of the bus has");
+            }
+            if nodes.iter().any(|other| other.name == node.name) {
+                item.refuse("name", "one that no other node of the bus has");
+            }
+            if node.driver == Rs485Driver::So1 && nodes.iter().any(|other| other.driver == node.driver) {
+                item.refuse("driver", "no second so1 on the bus");
             }
             item.end();
             nodes.push(node);
@@ -353,9 +404,14 @@ impl Crc {
 
 impl Rs485Node {
     fn read(table: &mut Table<'_>) -> Self {
+        let drivers = [("sd1", Rs485Driver::Sd1), ("so1", Rs485Driver::So1)];
+        let address = table.integer("address", None, 1..=254);
+        let driver = table.choice("driver", None, &drivers);
+        let kind = drivers.iter().find(|(_, kind)| *kind == driver).map_or("", |(name, _)| name);
         Self {
-            address: table.integer("address", None, 1..=254),
-            driver: table.choice("driver", None, &[("sd1", Rs485Driver::Sd1), ("so1", Rs485Driver::So1)]),
+            name: table.text("name", Some(&format!("{kind}_{address:02x}"))),
+            address,
+            driver,
             rate_hz: table.number("rate", None, 0.1..=100.0),
             timeout_s: table.number("timeout_s", Some(0.02), 0.001..=1.0),
         }

@@ -23,6 +23,9 @@ rear_overhang_m = 0.15
 ticks_per_turn = 4096
 [limits]
 speed_mps = 1.2
+speed_manual_mps = 0.6
+speed_autonomous_mps = 0.8
+lateral_acceleration_mps2 = 0.8
 steering_rad = 0.61
 acceleration_mps2 = 0.5
 deceleration_mps2 = 0.8
@@ -31,8 +34,8 @@ steering_rate_radps = 0.7
 [can.main]
 interface = "can0"
 nodes = [
-    { id = 1, driver = "epos", axis = "propulsion" },
-    { id = 2, driver = "icla", axis = "steering" },
+    { id = 1, driver = "epos", axis = "propulsion", gear = 26 },
+    { id = 2, driver = "icla", axis = "steering", counts_per_rad = 1e4, switch_rad = 0, homing_speed_radps = 0.2 },
 ]
 [rs485.a]
 port = "/dev/ttyS1"
@@ -52,10 +55,8 @@ theta = 0.0
 fn load(robot: &str, over: &str, sets: &[&str], modules: &str) -> Result<Config, Vec<String>> {
     let mut tree = Node::parse(Path::new("robot.toml"), robot)?;
     tree.merge(Node::parse(Path::new("sim.toml"), over)?);
-    for set in sets {
-        tree.set(set).map_err(|line| vec![line])?;
-    }
-    let modules = Node::parse(Path::new("modules.toml"), modules)?;
+    let mut modules = Node::parse(Path::new("modules.toml"), modules)?;
+    override_by(sets, &mut tree, &mut modules).map_err(|line| vec![line])?;
     Config::check(&tree, &modules, true).map_err(|ConfigError(lines)| lines)
 }
 
@@ -152,13 +153,26 @@ fn a_choice_names_the_choices() {
     refused(
         "\"two-byte\"",
         "\"parity\"",
-        &["robot.toml:26: rs485.a.transport = \"parity\": expected \"two-byte\""],
+        &["robot.toml:29: rs485.a.transport = \"parity\": expected \"two-byte\""],
     );
     refused(
-        "\"icla\"",
-        "\"elmo\"",
-        &["robot.toml:22: can.main.nodes[1].driver = \"elmo\": expected \"epos\" or \"icla\""],
+        "driver = \"sd1\"",
+        "driver = \"sd2\"",
+        &["robot.toml:31: rs485.a.nodes[0].driver = \"sd2\": expected \"sd1\" or \"so1\""],
     );
+}
+
+#[test]
+fn a_drive_s_keys_are_those_of_its_driver() {
+    refused(
+        "gear = 26",
+        "counts_per_rad = 1e4",
+        &[
+            "robot.toml:24: can.main.nodes[0].gear: missing, expected a number from -1000 to 1000",
+            "robot.toml:24: can.main.nodes[0].counts_per_rad: unknown key, expected one of id, axis, eds, driver, gear",
+        ],
+    );
+    refused("gear = 26", "gear = 0", &["robot.toml:24: can.main.nodes[0].gear = 0: expected a number that is not 0"]);
 }
 
 #[test]
@@ -166,7 +180,7 @@ fn two_nodes_of_one_number_are_refused() {
     refused(
         "{ id = 2",
         "{ id = 1",
-        &["robot.toml:22: can.main.nodes[1].id = 1: expected one that no other node of the bus has"],
+        &["robot.toml:25: can.main.nodes[1].id = 1: expected one that no other node of the bus has"],
     );
 }
 
@@ -175,7 +189,7 @@ fn a_ranger_s_board_must_exist() {
     refused(
         "board = 0x10\nchannel",
         "board = 0x12\nchannel",
-        &["robot.toml:32: srfs[0].board = 18: expected the address of an sd1 in rs485"],
+        &["robot.toml:35: srfs[0].board = 18: expected the address of an sd1 in rs485"],
     );
 }
 
@@ -184,7 +198,7 @@ fn an_interface_must_be_one() {
     refused(
         "\"can0\"",
         "\"udp:10.0.0.1:43113\"",
-        &["robot.toml:19: can.main.interface = \"udp:10.0.0.1:43113\": \
+        &["robot.toml:22: can.main.interface = \"udp:10.0.0.1:43113\": \
            expected \"can0\" or another network interface, or \"udp:GROUP[:PORT]\""],
     );
 }
@@ -197,7 +211,7 @@ fn all_that_is_wrong_is_listed_in_the_order_of_the_file() {
         found,
         [
             "robot.toml:2: robot.name = \"\": expected a text",
-            "robot.toml:36: srfs[0].theta = 4.0: expected a number from -3.141592653589793 to 3.141592653589793",
+            "robot.toml:39: srfs[0].theta = 4.0: expected a number from -3.141592653589793 to 3.141592653589793",
             "sim.toml:2: limits.speed_mps = -1: expected a number from 0.01 to 10",
             "--set: limits.steering_rad = 2: expected a number from 0.01 to 1.5",
         ]
@@ -219,6 +233,14 @@ fn later_layers_override_single_keys() {
     assert_eq!((robot.can[0].nodes[1].id, robot.name.as_str()), (7, "n"));
     let group = std::net::Ipv4Addr::new(239, 0, 0, 1);
     assert_eq!(robot.can[0].interface, CanInterface::Udp { group, port: Some(5000) });
+}
+
+#[test]
+fn modules_are_overridden_by_name() {
+    let modules = load(ROBOT, "", &["modules.driver_canbus.critical=true"], MODULES).unwrap().modules;
+    assert!(modules[0].critical);
+    let error = load(ROBOT, "", &["modules.driver_canbsu.critical=true"], MODULES).unwrap_err();
+    assert_eq!(error, ["--set modules.driver_canbsu.critical=true: driver_canbsu is none of the 1 items"]);
 }
 
 #[test]
@@ -254,4 +276,34 @@ fn a_folder_without_files_says_which_are_missing() {
     let expected = ["robot.toml", "sim.toml", "modules.toml"]
         .map(|name| format!("/nonexistent/{name}: No such file or directory (os error 2)"));
     assert_eq!(lines, expected);
+}
+
+#[test]
+fn the_shipped_worlds_load() {
+    let hall = world(&shipped(), None).unwrap();
+    assert_eq!((hall.columns.len(), hall.beacons.len(), hall.start.x), (6, 6, 3.0));
+    world(&shipped(), Some(Path::new("empty"))).unwrap();
+    world(&shipped(), Some(&shipped().join("../worlds/hall.toml"))).unwrap();
+    let ConfigError(lines) = world(&shipped(), Some(Path::new("atlantis"))).unwrap_err();
+    assert!(lines[0].ends_with("conf/worlds/atlantis.toml: No such file or directory (os error 2)"), "{lines:?}");
+}
+
+#[test]
+fn a_world_is_read_as_strictly() {
+    let text = "walls = [\n[0, 0, 1],\n[0, 0, 1, 2e4],\n]\ncolumns = 1\ndrops = [3, [[0, \"a\"]]]\nmoon = true\n\
+                [[beacons]]\nid = 256\nx = 0\ny = 0\n";
+    let ConfigError(lines) = super::world::check(&Node::parse(Path::new("w.toml"), text).unwrap()).unwrap_err();
+    assert_eq!(
+        lines,
+        [
+            "w.toml:1: start: missing, expected a list of 3 numbers: x, y, theta",
+            "w.toml:2: walls = [3 items]: expected a list of 4 numbers within ±10000",
+            "w.toml:3: walls = [4 items]: expected a list of 4 numbers within ±10000",
+            "w.toml:5: columns = 1: expected a list",
+            "w.toml:6: drops = 3: expected a list of corners [x, y]",
+            "w.toml:6: drops = [2 items]: expected a list of 2 numbers within ±10000",
+            "w.toml:7: moon: unknown key, expected one of start, walls, columns, drops, beacons",
+            "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
+        ]
+    );
 }

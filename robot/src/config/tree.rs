@@ -95,7 +95,7 @@ impl Node {
     }
 
     /// Applies one `--set table.key=value`. The value is TOML; what is not counts as a string. A part of the key may
-    /// be the place of an item in an array, from 0.
+    /// be an item of an array: its `name`, or its place from 0.
     pub fn set(&mut self, assignment: &str) -> Result<(), String> {
         let malformed = || format!("--set {assignment}: expected table.key=value");
         let (path, text) = assignment.split_once('=').ok_or_else(malformed)?;
@@ -116,7 +116,8 @@ impl Node {
                 Value::Table(map) => map.entry(part.into()).or_insert_with(table),
                 Value::Array(items) => {
                     let count = items.len();
-                    let item = part.parse().ok().and_then(|index: usize| items.get_mut(index));
+                    let place = items.iter().position(|item| item.is_named(part)).or_else(|| part.parse().ok());
+                    let item = place.and_then(|place| items.get_mut(place));
                     item.ok_or_else(|| format!("--set {assignment}: {part} is none of the {count} items"))?
                 }
                 other => return Err(format!("--set {assignment}: {other} has no key {part}")),
@@ -126,6 +127,11 @@ impl Node {
         over.came_from_command_line();
         node.merge(over);
         Ok(())
+    }
+
+    fn is_named(&self, name: &str) -> bool {
+        let Value::Table(map) = &self.value else { return false };
+        map.get("name").is_some_and(|node| matches!(&node.value, Value::String(own) if own == name))
     }
 
     fn came_from_command_line(&mut self) {

@@ -1,0 +1,166 @@
+//! The command line: one file per command. Exit 0 only on success; an error is one clear line on stderr.
+
+mod bus;
+mod drive;
+mod fault;
+mod home;
+mod lcm;
+mod run;
+mod state;
+mod up;
+
+use crate::config::{Config, ConfigError};
+use clap::{Args, Parser, Subcommand};
+use std::env;
+use std::fmt::Display;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// The bus when neither `--lcm-url` nor `LCM_DEFAULT_URL` names one.
+const LCM_URL: &str = "udpm://239.255.76.67:7667?ttl=0";
+/// Where an installed robot has its configuration and its run folder.
+const INSTALLED: (&str, &str) = ("/opt/advee/conf", "/run/advee");
+/// The same in a checkout.
+const CHECKOUT: (&str, &str) = ("conf/advee", "run");
+
+/// Embedded control system of an autonomous mobile robot.
+#[derive(Parser)]
+#[command(name = "advee", version, max_term_width = 120)]
+struct Cli {
+    #[command(flatten)]
+    common: Common,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// What every command takes.
+#[derive(Args, Clone, Debug)]
+pub struct Common {
+    /// Configuration folder [default: conf/advee in a checkout, else /opt/advee/conf]
+    #[arg(long, global = true, value_name = "DIR")]
+    config: Option<PathBuf>,
+    /// LCM bus [default: $LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0]
+    #[arg(long, global = true, value_name = "URL")]
+    lcm_url: Option<String>,
+    /// Folder for what a running robot makes [default: run in a checkout, else /run/advee]
+    #[arg(long, global = true, value_name = "DIR")]
+    run_dir: Option<PathBuf>,
+    /// Override a key of robot.toml; may be given often
+    #[arg(long = "set", global = true, value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Start the robot: watchdog and all modules
+    Up(up::Up),
+    /// Run one module in the foreground
+    Run(run::Run),
+    /// Show the modules' states, or command one
+    State(state::State),
+    /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
+    Drive(drive::Drive),
+    /// Home the steering
+    Home(home::Home),
+    /// Inject a fault into the simulation
+    Fault(fault::Fault),
+    /// See the LCM bus
+    #[command(subcommand)]
+    Lcm(lcm::Lcm),
+}
+
+/// Runs the executable.
+#[must_use]
+pub fn main() -> ExitCode {
+    let Cli { common, command } = Cli::parse();
+    for warning in lcm_warnings(&common.lcm_url()) {
+        let _ = std::io::stderr().write_all(format!("advee: {warning}\n").as_bytes());
+    }
+    let result = match command {
+        Command::Up(command) => up::up(&common, &command),
+        Command::Run(command) => run::run(&common, &command),
+        Command::State(command) => state::state(&common, &command),
+        Command::Drive(command) => drive::drive(&common, &command),
+        Command::Home(command) => home::home(&common, &command),
+        Command::Fault(command) => fault::fault(&common, &command),
+        Command::Lcm(command) => lcm::lcm(&common, &command),
+    };
+    result.unwrap_or_else(|Failed { code, why }| {
+        let _ = std::io::stderr().write_all(format!("advee: {why}\n").as_bytes());
+        ExitCode::from(code)
+    })
+}
+
+/// Why a command did not do what it was asked for.
+#[derive(Debug)]
+pub struct Failed {
+    code: u8,
+    why: String,
+}
+
+impl From<String> for Failed {
+    fn from(why: String) -> Self {
+        Self { code: 1, why }
+    }
+}
+
+impl From<&str> for Failed {
+    fn from(why: &str) -> Self {
+        Self { code: 1, why: why.into() }
+    }
+}
+
+impl From<ConfigError> for Failed {
+    fn from(error: ConfigError) -> Self {
+        let heading = if error.0.len() > 1 { "the configuration is refused:\n" } else { "" };
+        Self { code: module::exit::RESOURCE, why: format!("{heading}{error}") }
+    }
+}
+
+type Outcome = Result<ExitCode, Failed>;
+
+impl Common {
+    fn config_dir(&self) -> PathBuf {
+        self.config.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.0 } else { INSTALLED.0 }).into())
+    }
+
+    fn run_dir(&self) -> PathBuf {
+        self.run_dir.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.1 } else { INSTALLED.1 }).into())
+    }
+
+    fn lcm_url(&self) -> String {
+        let from_environment = || env::var("LCM_DEFAULT_URL").ok().filter(|url| !url.is_empty());
+        self.lcm_url.clone().or_else(from_environment).unwrap_or_else(|| LCM_URL.into())
+    }
+
+    fn load(&self, sim: bool) -> Result<Config, ConfigError> {
+        Config::load(&self.config_dir(), sim, &self.sets)
+    }
+}
+
+/// What a URL says to no effect; that it is none at all, the command itself will find.
+fn lcm_warnings(url: &str) -> Vec<::lcm::url::Warning> {
+    ::lcm::Url::parse(url).map(|(_, warnings)| warnings).unwrap_or_default()
+}
+
+fn in_checkout() -> bool {
+    Path::new(CHECKOUT.0).join("robot.toml").exists()
+}
+
+/// Prints a line of output. With nobody left to read it there is no reason to go on.
+fn print(line: impl Display) -> Result<(), Failed> {
+    writeln!(std::io::stdout(), "{line}").map_err(|error| Failed::from(format!("stdout: {error}")))
+}
+
+/// A duration in seconds as people give it.
+fn seconds(text: &str) -> Result<std::time::Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "expected seconds".to_string())?;
+    let in_range = seconds > 0.0 && seconds <= 1e9;
+    in_range.then(|| std::time::Duration::from_secs_f64(seconds)).ok_or_else(|| "expected seconds above 0".into())
+}
+
+/// A number that is one.
+fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "expected a number".into())
+}

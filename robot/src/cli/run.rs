@@ -1,0 +1,41 @@
+//! `advee run MODULE`: one module in the foreground; what the watchdog executes.
+
+use super::{Common, Outcome};
+use crate::live;
+use crate::topology::{self, Place};
+use module::State;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Run {
+    /// Which module
+    module: String,
+    /// Its state after INIT: RUN, PAUSE or STOP
+    #[arg(long, value_name = "STATE", default_value = "RUN", value_parser = first_state)]
+    state: State,
+    /// The simulated robot
+    #[arg(long)]
+    sim: bool,
+    /// The simulated world: a file, or a name in conf/worlds
+    #[arg(long, value_name = "FILE", requires = "sim")]
+    world: Option<PathBuf>,
+}
+
+fn first_state(text: &str) -> Result<State, String> {
+    let state = State::from_name(text).filter(|state| matches!(state, State::Run | State::Pause | State::Stop));
+    state.ok_or_else(|| "expected RUN, PAUSE or STOP".into())
+}
+
+pub fn run(common: &Common, command: &Run) -> Outcome {
+    let place = Place {
+        config: common.config_dir(),
+        run_dir: common.run_dir(),
+        lcm_url: common.lcm_url(),
+        sets: common.sets.clone(),
+        sim: command.sim,
+        world: command.world.clone(),
+    };
+    let (shell, host) = topology::module(&place, &command.module, command.state)?;
+    Ok(ExitCode::from(live::run(shell, host)?))
+}

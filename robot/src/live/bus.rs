@@ -1,0 +1,108 @@
+//! The LCM bus as hosts and tools use it: messages in and out, and what is no message.
+
+use super::clock;
+use base::Instant;
+use lcm::Url;
+use lcm::live::Lcm;
+use messages::{DecodeError, Message};
+use std::mem;
+use std::os::fd::{AsFd, BorrowedFd};
+
+/// A connection to the bus.
+pub struct Bus {
+    lcm: Lcm,
+    /// What is being sent.
+    buffer: Vec<u8>,
+}
+
+/// What came.
+pub enum Received {
+    /// Nothing more for now.
+    Nothing,
+    /// A message of ours.
+    Message {
+        /// When the kernel received it, never after the `now` that was given.
+        at: Instant,
+        /// What it says.
+        message: Message,
+    },
+    /// Something on a channel of ours that is no message of it.
+    Malformed {
+        /// Channel and kind of fault; the same for each of a kind.
+        subject: String,
+        /// One line.
+        why: String,
+    },
+    /// The socket is out of order; it is tried again.
+    Broken(String),
+}
+
+/// What came, undecoded.
+pub struct Raw<'a> {
+    /// The channel's name.
+    pub channel: &'a str,
+    /// The message.
+    pub data: &'a [u8],
+    /// When the kernel received it, nanoseconds since the UNIX epoch.
+    pub received_ns: u64,
+}
+
+impl Bus {
+    /// Joins the bus and listens to channels: names, or regular expressions that must match a whole name.
+    pub fn open(url: &str, channels: &[&str]) -> Result<Self, String> {
+        let (place, _) = Url::parse(url).map_err(|error| error.to_string())?;
+        let mut lcm = Lcm::new(&place).map_err(|error| format!("LCM bus {url}: {error}"))?;
+        for channel in channels {
+            lcm.subscribe(channel).map_err(|error| error.to_string())?;
+        }
+        Ok(Self { lcm, buffer: Vec::new() })
+    }
+
+    /// Sends a message on its channel.
+    pub fn publish(&mut self, message: &Message) -> Result<(), String> {
+        let channel = message.channel_name();
+        self.buffer.clear();
+        message.encode(&mut self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))?;
+        self.lcm.publish(&channel, &self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))
+    }
+
+    /// Takes what has come, decoded.
+    pub fn receive(&mut self, now: Instant) -> Received {
+        loop {
+            let raw = match self.receive_raw() {
+                Ok(Some(raw)) => raw,
+                Ok(None) => return Received::Nothing,
+                Err(why) => return Received::Broken(why),
+            };
+            match Message::receive(raw.channel, raw.data) {
+                Some(Ok(message)) => return Received::Message { at: clock::received(now, raw.received_ns), message },
+                Some(Err(error)) => return malformed(&raw, &error),
+                // A pattern may match what is not ours.
+                None => {}
+            }
+        }
+    }
+
+    /// Takes what has come, as it is.
+    pub fn receive_raw(&mut self) -> Result<Option<Raw<'_>>, String> {
+        let received = self.lcm.recv().map_err(|error| format!("LCM bus: {error}"))?;
+        Ok(received.map(|message| Raw {
+            channel: message.channel,
+            data: message.payload,
+            received_ns: u64::try_from(message.at.0).unwrap_or_default(),
+        }))
+    }
+}
+
+fn malformed(raw: &Raw<'_>, error: &DecodeError) -> Received {
+    // The kind of error without its numbers, which differ from message to message.
+    let kind = format!("{:?}", mem::discriminant(error));
+    let subject = format!("{} {}", raw.channel, kind.trim_start_matches("Discriminant"));
+    Received::Malformed { subject, why: format!("{} bytes are dropped: {error}", raw.data.len()) }
+}
+
+impl AsFd for Bus {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.lcm.as_fd()
+    }
+}

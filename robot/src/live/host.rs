@@ -1,0 +1,407 @@
+//! One module as a process: one thread, one `epoll`, one timer.
+//!
+//! Each turn of the loop serves what is due, then every source a bounded number of times, so that a flood on one of
+//! them delays the others by a turn at most.
+
+use super::bus::{Bus, Received as FromBus};
+use super::clock;
+use super::log::Log;
+use super::ports::{Port, PortConfig, PortState, Received};
+use super::processes::{Launch, Processes};
+use base::{Duration, Fault, Instant, Report, Severity};
+use module::{Action, Actions, Event, Input, Output, PortId, Shell};
+use nix::errno::Errno;
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
+use nix::sys::signal::{SigSet, Signal};
+use nix::sys::signalfd::{SfdFlags, SignalFd};
+use nix::sys::time::TimeSpec;
+use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
+use std::mem;
+
+/// Inputs taken from one source in one turn.
+const BURST: usize = 64;
+/// What a module sent last has this long to leave.
+const FLUSH: Duration = Duration::from_millis(100);
+
+const TIMER: u64 = 0;
+const SIGNALS: u64 = 1;
+const BUS: u64 = 2;
+const PORTS: u64 = 3;
+
+/// Where a module finds what it needs.
+pub struct HostConfig {
+    /// The LCM bus.
+    pub lcm_url: String,
+    /// Its ports, in the order of [`module::Module::ports`].
+    pub ports: Vec<PortConfig>,
+    /// For the watchdog: how a module is started.
+    pub launch: Option<Launch>,
+}
+
+/// Runs a module until it ends; its exit code. An error says what the machine refused at the start, in one line.
+pub fn run(shell: Shell, config: HostConfig) -> Result<u8, String> {
+    Host::open(shell, config)?.run()
+}
+
+struct Host {
+    shell: Shell,
+    out: Actions,
+    /// What `out` is swapped with while its actions are done.
+    spare: Actions,
+    log: Log,
+    bus: Bus,
+    bus_more: bool,
+    ports: Vec<Port>,
+    /// The last note of each port: one that repeats itself is not printed again.
+    notes: Vec<String>,
+    processes: Option<Processes>,
+    epoll: Epoll,
+    timer: TimerFd,
+    armed: Option<Instant>,
+    signals: SignalFd,
+    end: Option<(u8, Instant)>,
+}
+
+impl Host {
+    fn open(shell: Shell, config: HostConfig) -> Result<Self, String> {
+        // Before anything else may start a thread: all of them inherit the mask.
+        let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
+        let mut channels: Vec<&str> = vec![messages::Channel::CmCmdState.name()];
+        channels.extend(shell.module().subscriptions().iter().map(|channel| channel.name()));
+        channels.dedup();
+        let bus = Bus::open(&config.lcm_url, &channels)?;
+        let specs = shell.module().ports();
+        assert_eq!(specs.len(), config.ports.len(), "a place for each port");
+        let ports: Vec<Port> =
+            specs.iter().zip(config.ports).map(|(spec, config)| Port::new(spec.bus.clone(), config)).collect();
+        let polled = |errno: Errno| format!("epoll: {}", errno.desc());
+        let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(polled)?;
+        let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC)
+            .map_err(|errno| format!("timerfd: {}", errno.desc()))?;
+        epoll.add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER)).map_err(polled)?;
+        epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
+        epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
+        let epoch = clock::epoch();
+        Ok(Self {
+            log: Log::new(shell.name()),
+            shell,
+            out: Actions::new(epoch),
+            spare: Actions::new(epoch),
+            bus,
+            bus_more: true,
+            notes: vec![String::new(); ports.len()],
+            ports,
+            processes: config.launch.map(|launch| Processes::new(clock::now(), launch)),
+            epoll,
+            timer,
+            armed: None,
+            signals,
+            end: None,
+        })
+    }
+
+    fn run(mut self) -> Result<u8, String> {
+        self.feed(Event::Start);
+        let mut ready = [EpollEvent::empty(); 16];
+        loop {
+            self.serve_time();
+            let now = clock::now();
+            if let Some((code, until)) = self.end
+                && (until <= now || self.ports.iter().all(|port| port.flushed(now)))
+            {
+                return Ok(code);
+            }
+            let count = self.wait(now, &mut ready).map_err(|errno| format!("epoll: {}", errno.desc()))?;
+            for event in &ready[..count] {
+                match event.data() {
+                    TIMER => self.timer_fired(),
+                    SIGNALS => self.serve_signals(),
+                    BUS => self.bus_more = true,
+                    port => self.port_ready((port - PORTS) as usize, event.events()),
+                }
+            }
+            self.serve_bus();
+            for index in 0..self.ports.len() {
+                self.serve_port(index);
+            }
+        }
+    }
+
+    /// Waits for anything, unless more is known to be there.
+    fn wait(&mut self, now: Instant, ready: &mut [EpollEvent]) -> nix::Result<usize> {
+        let more = self.bus_more || self.ports.iter().any(|port| port.more);
+        let timeout = if more {
+            EpollTimeout::ZERO
+        } else {
+            self.arm(now)?;
+            EpollTimeout::NONE
+        };
+        match self.epoll.wait(ready, timeout) {
+            Err(Errno::EINTR) => Ok(0),
+            result => result,
+        }
+    }
+
+    fn arm(&mut self, now: Instant) -> nix::Result<()> {
+        let shell = self.shell.poll_timeout();
+        let ports = self.ports.iter().filter_map(Port::poll_timeout).min();
+        let processes = self.processes.as_ref().and_then(Processes::poll_timeout);
+        let end = self.end.map(|(_, until)| until);
+        let due = [shell, ports, processes, end].into_iter().flatten().min();
+        if due == self.armed && due.is_none_or(|due| due > now) {
+            return Ok(());
+        }
+        self.armed = due;
+        match due {
+            // Zero would disarm it.
+            Some(due) => {
+                let at = TimeSpec::from_duration(std::time::Duration::from_nanos(due.as_nanos().max(1)));
+                self.timer.set(Expiration::OneShot(at), TimerSetTimeFlags::TFD_TIMER_ABSTIME)
+            }
+            None => self.timer.unset(),
+        }
+    }
+
+    fn timer_fired(&mut self) {
+        self.armed = None;
+        // Reading is what makes it quiet; what it says is not needed.
+        let _ = self.timer.wait();
+    }
+
+    /// Whatever is due by the clock.
+    fn serve_time(&mut self) {
+        let now = clock::now();
+        if self.shell.poll_timeout().is_some_and(|due| due <= now) {
+            self.feed(Event::Timer);
+        }
+        for index in 0..self.ports.len() {
+            self.port_time(index);
+        }
+        if let Some(processes) = &mut self.processes {
+            processes.handle_timeout(now);
+            self.tell_of_processes();
+        }
+    }
+
+    fn serve_signals(&mut self) {
+        while let Ok(Some(signal)) = self.signals.read_signal() {
+            if signal.ssi_signo == Signal::SIGCHLD as u32 {
+                if let Some(processes) = &mut self.processes {
+                    processes.on_child_signal();
+                }
+                self.tell_of_processes();
+            } else {
+                self.shell.terminate(clock::now(), &mut self.out);
+                self.act();
+            }
+        }
+    }
+
+    fn serve_bus(&mut self) {
+        for _ in 0..BURST {
+            let now = clock::now();
+            match self.bus.receive(now) {
+                FromBus::Nothing => {
+                    self.bus_more = false;
+                    return;
+                }
+                FromBus::Message { at, message } => {
+                    if self.shell.wants(message.channel()) {
+                        self.feed(Event::Message { at, message: &message });
+                    }
+                }
+                FromBus::Malformed { subject, why } => {
+                    let report = Report::new(Severity::Warning, Fault::MessageMalformed, subject, why);
+                    self.shell.raise(now, report, &mut self.out);
+                    self.act();
+                }
+                FromBus::Broken(why) => {
+                    self.bus_more = false;
+                    self.raise(Fault::PortDown, "lcm", why);
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Hands the module an event, and does what follows from it.
+    fn feed(&mut self, event: Event<'_>) {
+        self.shell.handle(clock::now(), event, &mut self.out);
+        self.act();
+    }
+
+    fn raise(&mut self, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
+        let report = Report::new(Severity::Warning, fault, subject, message);
+        self.shell.raise(clock::now(), report, &mut self.out);
+        self.act();
+    }
+
+    /// Does all that was asked for, and what follows from that.
+    fn act(&mut self) {
+        while !self.out.as_slice().is_empty() {
+            let mut actions = mem::replace(&mut self.out, mem::take(&mut self.spare));
+            for action in actions.drain() {
+                self.act_on(action);
+            }
+            self.spare = actions;
+        }
+    }
+
+    fn act_on(&mut self, action: Action) {
+        match action {
+            Action::Publish(message) => {
+                if let Err(why) = self.bus.publish(&message) {
+                    let report = Report::new(Severity::Warning, Fault::PortDown, "lcm", why);
+                    self.shell.raise(clock::now(), report, &mut self.out);
+                }
+            }
+            Action::Send(PortId(index), output) => self.send(usize::from(index), &output),
+            Action::Report(report) => self.log.report(&report),
+            Action::Note(line) => self.log.line(line),
+            Action::Process(command) => {
+                if let Some(processes) = &mut self.processes {
+                    processes.command(clock::now(), command);
+                }
+                self.queue_news();
+            }
+            Action::Exit(code) => self.end = Some((code, clock::now() + FLUSH)),
+            // The shell keeps these to itself, except the state, which is announced on the bus.
+            Action::Raise(_) | Action::Clear(_) | Action::Condition(_) | Action::State(_) => {}
+        }
+    }
+
+    /// Tells the watchdog what became of its processes.
+    fn tell_of_processes(&mut self) {
+        self.queue_news();
+        self.act();
+    }
+
+    fn queue_news(&mut self) {
+        let Some(processes) = &mut self.processes else { return };
+        let (shell, out) = (&mut self.shell, &mut self.out);
+        while processes.poll_event(|news| shell.handle(clock::now(), Event::Process(news), out)) {}
+    }
+
+    fn send(&mut self, index: usize, output: &Output) {
+        let Some(port) = self.ports.get_mut(index) else { return };
+        if port.state != PortState::Up {
+            return;
+        }
+        let now = clock::now();
+        match port.device.send(now, output) {
+            Ok(true) => self.watch_writing(index),
+            Ok(false) => {
+                let report =
+                    Report::new(Severity::Warning, Fault::PortOverrun, &*port.name, "output is dropped: it does not leave");
+                self.shell.raise(now, report, &mut self.out);
+            }
+            Err(reason) => self.lose(index, &reason),
+        }
+    }
+
+    /// Waits for room to write exactly while something waits for it.
+    fn watch_writing(&mut self, index: usize) {
+        let port = &mut self.ports[index];
+        let wants = port.device.wants_to_write();
+        // Told by edges it is always watched.
+        if wants == port.polls_write || port.device.by_edge() {
+            return;
+        }
+        let mut flags = EpollFlags::EPOLLIN;
+        flags.set(EpollFlags::EPOLLOUT, wants);
+        let mut event = EpollEvent::new(flags, PORTS + index as u64);
+        if let Some(fd) = port.device.fd()
+            && self.epoll.modify(fd, &mut event).is_ok()
+        {
+            port.polls_write = wants;
+        }
+    }
+
+    /// The device is lost: told to the module now, done by `act`.
+    fn lose(&mut self, index: usize, reason: &str) {
+        let now = clock::now();
+        // Closing its descriptor takes it out of the epoll.
+        self.ports[index].lose(now);
+        let event = Event::Port { port: PortId(index as u8), input: Input::Down(reason) };
+        self.shell.handle(now, event, &mut self.out);
+    }
+
+    fn port_time(&mut self, index: usize) {
+        let now = clock::now();
+        let id = PortId(index as u8);
+        match self.ports[index].try_open(now) {
+            Some(Ok(())) => match self.watch(index) {
+                Ok(()) => self.feed(Event::Port { port: id, input: Input::Up }),
+                Err(errno) => self.lose(index, errno.desc()),
+            },
+            Some(Err(reason)) => self.feed(Event::Port { port: id, input: Input::Down(&reason) }),
+            None => {}
+        }
+        while self.ports[index].device.sent_at().is_some_and(|at| at <= now) {
+            self.ports[index].device.sent_told();
+            self.feed(Event::Port { port: id, input: Input::Sent });
+        }
+    }
+
+    fn watch(&mut self, index: usize) -> nix::Result<()> {
+        let port = &self.ports[index];
+        let flags = match port.device.by_edge() {
+            true => EpollFlags::EPOLLIN | EpollFlags::EPOLLOUT | EpollFlags::EPOLLET,
+            false => EpollFlags::EPOLLIN,
+        };
+        let event = EpollEvent::new(flags, PORTS + index as u64);
+        port.device.fd().map_or(Ok(()), |fd| self.epoll.add(fd, event))
+    }
+
+    fn port_ready(&mut self, index: usize, flags: EpollFlags) {
+        let Some(port) = self.ports.get_mut(index) else { return };
+        // An error or a hang-up is found by reading.
+        port.more |= flags.intersects(EpollFlags::EPOLLIN | EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR);
+        if flags.contains(EpollFlags::EPOLLOUT) && port.state == PortState::Up {
+            match port.device.on_writable(clock::now()) {
+                Ok(()) => self.watch_writing(index),
+                Err(reason) => self.lose(index, &reason),
+            }
+            self.act();
+        }
+    }
+
+    fn serve_port(&mut self, index: usize) {
+        let id = PortId(index as u8);
+        for _ in 0..BURST {
+            let port = &mut self.ports[index];
+            if !port.more || port.state != PortState::Up {
+                return;
+            }
+            let now = clock::now();
+            match port.device.receive(now) {
+                Ok(Received::Nothing) => port.more = false,
+                Ok(Received::Input(input)) => {
+                    self.shell.handle(now, Event::Port { port: id, input }, &mut self.out);
+                }
+                Ok(Received::Fault(fault, why)) => {
+                    let report = Report::new(Severity::Warning, fault, &*port.name, why);
+                    self.shell.raise(now, report, &mut self.out);
+                }
+                Ok(Received::Note(text)) => {
+                    if self.notes[index] != text {
+                        self.log.line(format_args!("{}: {text}", port.name));
+                        self.notes[index] = text;
+                    }
+                }
+                Err(reason) => self.lose(index, &reason),
+            }
+            self.act();
+        }
+    }
+}
+
+/// The signals that a process of ours hears by its loop and not by a handler.
+fn signals() -> nix::Result<SignalFd> {
+    let mut set = SigSet::empty();
+    for signal in [Signal::SIGTERM, Signal::SIGINT, Signal::SIGCHLD] {
+        set.add(signal);
+    }
+    set.thread_block()?;
+    SignalFd::with_flags(&set, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC)
+}

@@ -1,0 +1,181 @@
+//! Ports: devices that carry frames or words, opened calmly again and again, and never the end of a module.
+
+mod can_socket;
+mod can_udp;
+mod serial;
+
+pub use can_udp::codec as can_udp_codec;
+
+use base::{Duration, Fault, Instant};
+use module::{Input, Output};
+use std::net::SocketAddrV4;
+use std::os::fd::BorrowedFd;
+use std::path::PathBuf;
+
+/// Where a port is found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PortConfig {
+    /// The simulator's side of a serial line: a pseudo-terminal that is offered by a link of this name.
+    Pseudo {
+        /// Made anew, removed at the end.
+        link: PathBuf,
+        /// Bd, for the time that words take.
+        baud: u32,
+    },
+    /// A serial device whose driver carries each 9-bit word as two bytes.
+    Terminal {
+        /// The device file.
+        path: PathBuf,
+        /// Bd.
+        baud: u32,
+    },
+    /// A CAN bus over UDP multicast, as python-can's `udp_multicast`.
+    CanUdp {
+        /// Group and port.
+        bus: SocketAddrV4,
+    },
+    /// A CAN interface of the kernel.
+    CanSocket {
+        /// `can0`.
+        interface: String,
+    },
+}
+
+/// What a device had for us.
+pub enum Received<'a> {
+    /// Nothing more for now.
+    Nothing,
+    /// For the module.
+    Input(Input<'a>),
+    /// Something was wrong with what came; the device goes on.
+    Fault(Fault, String),
+    /// A line for people.
+    Note(String),
+}
+
+/// Why a port does not work, in one line.
+pub type Lost = String;
+
+/// One kind of port. All calls are non-blocking. `Err` says that the device is lost: it is closed and opened again.
+pub trait Device {
+    /// Opens it; a device that was open is closed first.
+    fn open(&mut self) -> Result<(), Lost>;
+    /// Forgets what was to be sent and closes it.
+    fn close(&mut self);
+    /// To wait for, while it is open.
+    fn fd(&self) -> Option<BorrowedFd<'_>>;
+    /// Whether readiness must be told by its edges: the device stays "hung up" while its other side is closed.
+    fn by_edge(&self) -> bool {
+        false
+    }
+    /// Takes one input.
+    fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost>;
+    /// Sends, or queues; what there is no room for is dropped, and false returned.
+    fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost>;
+    /// Whether something waits for the device to become writable.
+    fn wants_to_write(&self) -> bool {
+        false
+    }
+    /// It has become writable.
+    fn on_writable(&mut self, _now: Instant) -> Result<(), Lost> {
+        Ok(())
+    }
+    /// When the last word of the earliest output will have left the wire.
+    fn sent_at(&self) -> Option<Instant> {
+        None
+    }
+    /// Forgets that moment: it was told.
+    fn sent_told(&mut self) {}
+}
+
+/// A port is tried this often in the first second without it: it may be a race with who offers it.
+const RETRY_SOON: Duration = Duration::from_millis(20);
+const RETRY: Duration = Duration::from_millis(500);
+
+/// A device, or the waiting for it.
+pub struct Port {
+    /// As the configuration names it, for people: `can.main`.
+    pub name: String,
+    /// What it is.
+    pub device: Box<dyn Device>,
+    /// Whether it works.
+    pub state: PortState,
+    /// More may be had without waiting.
+    pub more: bool,
+    /// What the poller was told: to wait for room to write, too.
+    pub polls_write: bool,
+}
+
+/// Whether a port works.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PortState {
+    /// It does.
+    Up,
+    /// It does not, since when; it is tried again at `retry`. `told` tells whether the module knows.
+    Down {
+        /// Since when.
+        since: Instant,
+        /// The next try.
+        retry: Instant,
+        /// Whether the module was told.
+        told: bool,
+    },
+}
+
+impl Port {
+    /// A port that has not been opened.
+    #[must_use]
+    pub fn new(name: String, config: PortConfig) -> Self {
+        let device: Box<dyn Device> = match config {
+            PortConfig::Pseudo { link, baud } => Box::new(serial::Serial::pseudo(link, baud)),
+            PortConfig::Terminal { path, baud } => Box::new(serial::Serial::terminal(path, baud)),
+            PortConfig::CanUdp { bus } => Box::new(can_udp::CanUdp::new(bus)),
+            PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
+        };
+        let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
+        Self { name, device, state, more: false, polls_write: false }
+    }
+
+    /// Closes the device, to be tried again soon.
+    pub fn lose(&mut self, now: Instant) {
+        self.device.close();
+        (self.more, self.polls_write) = (false, false);
+        self.state = PortState::Down { since: now, retry: now + RETRY_SOON, told: true };
+    }
+
+    /// Tries to open it when that is due. `Some(Err)` only the first time that it fails.
+    pub fn try_open(&mut self, now: Instant) -> Option<Result<(), Lost>> {
+        let PortState::Down { since, retry, told } = self.state else { return None };
+        if now < retry {
+            return None;
+        }
+        match self.device.open() {
+            Ok(()) => {
+                self.state = PortState::Up;
+                self.more = true;
+                Some(Ok(()))
+            }
+            Err(reason) => {
+                let since = if since == Instant::ZERO { now } else { since };
+                let pause = if now.since(since) < Duration::from_secs(1) { RETRY_SOON } else { RETRY };
+                self.state = PortState::Down { since, retry: now + pause, told: true };
+                (!told).then_some(Err(reason))
+            }
+        }
+    }
+
+    /// When it wants to be looked at next.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        match self.state {
+            PortState::Up => self.device.sent_at(),
+            PortState::Down { retry, .. } => Some(retry),
+        }
+    }
+
+    /// Whether all that was sent has left the wire.
+    #[must_use]
+    pub fn flushed(&self, now: Instant) -> bool {
+        self.state != PortState::Up || (!self.device.wants_to_write() && self.device.sent_at().is_none_or(|at| at <= now))
+    }
+}

@@ -1,0 +1,304 @@
+//! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
+
+use crate::config::{self, CanBus, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver, SIMULATOR};
+use crate::live::HostConfig;
+use crate::live::ports::PortConfig;
+use crate::live::processes::Launch;
+use base::Duration;
+use drivers::rs485a;
+use module::{Module, Shell, ShellConfig, State};
+use navitools::{Point, Pose};
+use rs485::crc::Crc8;
+use std::ffi::OsString;
+use std::net::SocketAddrV4;
+use std::path::PathBuf;
+use std::process::Command;
+use watchdog::Watchdog;
+
+/// Where a robot is to be found; what every process of it is told.
+#[derive(Clone, Debug)]
+pub struct Place {
+    /// The configuration folder.
+    pub config: PathBuf,
+    /// The run folder.
+    pub run_dir: PathBuf,
+    /// The LCM bus.
+    pub lcm_url: String,
+    /// Overrides of `robot.toml`.
+    pub sets: Vec<String>,
+    /// The simulated robot.
+    pub sim: bool,
+    /// Its world; none: the hall.
+    pub world: Option<PathBuf>,
+}
+
+/// Makes the module `name` in its shell, to start in `wanted`, and says where its host finds what it needs.
+pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostConfig), ConfigError> {
+    let config = Config::load(&place.config, place.sim, &place.sets)?;
+    let module: Box<dyn Module> = match name {
+        watchdog::NAME => Box::new(Watchdog::new(watchdog(&config))),
+        "driver_rs485a" => Box::new(rs485a(&config.robot)?),
+        SIMULATOR if place.sim => Box::new(sim::Simulator::new(simulator(place, &config.robot)?)),
+        SIMULATOR => return refused(format!("module {name}: only with --sim")),
+        _ => return refused(format!("module {name}: there is none of that name; there are {}", MODULES.join(", "))),
+    };
+    let simulated_side = name == SIMULATOR;
+    let ports = module.ports().iter().map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
+    let ports = ports.collect::<Result<_, _>>()?;
+    let mut shell = ShellConfig::new(name);
+    shell.wanted = wanted;
+    let mut launch = None;
+    if name == watchdog::NAME {
+        shell.obeys_all = false;
+        shell.end_within = WATCHDOG_END;
+        launch = Some(launcher(place, &config)?);
+    }
+    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, launch };
+    Ok((Shell::new(shell, module), host))
+}
+
+const MODULES: [&str; 4] = [watchdog::NAME, SIMULATOR, "driver_rs485a", "driver_canbus"];
+/// The watchdog ends modules one after the other, those that others depend on last.
+const WATCHDOG_END: Duration = Duration::from_secs(6);
+
+fn refused<T>(why: String) -> Result<T, ConfigError> {
+    Err(ConfigError(vec![why]))
+}
+
+/// Where a port of a bus is; the simulator has the other end of a serial line.
+fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Result<PortConfig, ConfigError> {
+    if let Some(can) = bus.strip_prefix("can.").and_then(|name| robot.can.iter().find(|can| can.name == name)) {
+        return can_port(place, can);
+    }
+    let serial = bus.strip_prefix("rs485.").and_then(|name| robot.rs485.iter().find(|line| line.name == name));
+    let Some(Rs485Bus { port, baud, .. }) = serial else {
+        return refused(format!("bus {bus}: robot.toml has no table [{bus}]"));
+    };
+    let (relative, baud) = (port.is_relative(), *baud);
+    let path = place.run_dir.join(port);
+    match simulated_side {
+        true if relative => Ok(PortConfig::Pseudo { link: path, baud }),
+        true => refused(format!("{bus}.port = {port:?}: the simulator needs a name in the run folder")),
+        false => Ok(PortConfig::Terminal { path, baud }),
+    }
+}
+
+fn can_port(place: &Place, can: &CanBus) -> Result<PortConfig, ConfigError> {
+    match &can.interface {
+        CanInterface::Socket(interface) => Ok(PortConfig::CanSocket { interface: interface.clone() }),
+        CanInterface::Udp { group, port } => {
+            let (url, _) = lcm::Url::parse(&place.lcm_url).map_err(|error| ConfigError(vec![error.to_string()]))?;
+            let port = port.unwrap_or_else(|| can_port_beside(url.port));
+            Ok(PortConfig::CanUdp { bus: SocketAddrV4::new(*group, port) })
+        }
+    }
+}
+
+/// The UDP port of the simulated CAN bus beside an LCM bus: 43113 at 7667, and another one for each other port.
+#[must_use]
+pub fn can_port_beside(lcm: u16) -> u16 {
+    // A rotation of the unprivileged ports, and one of the others: no two map to the same.
+    const FIRST: u32 = 1024;
+    const COUNT: u32 = 65536 - FIRST;
+    let lcm = u32::from(lcm);
+    let port = match lcm.checked_sub(FIRST) {
+        Some(offset) => FIRST + (offset + 43113 - 7667) % COUNT,
+        None => 1 + (lcm.max(1) - 1 + 511) % (FIRST - 1),
+    };
+    port as u16
+}
+
+fn watchdog(config: &Config) -> watchdog::Config {
+    let modules = config.modules.iter().map(|module| watchdog::ModuleConfig {
+        name: module.name.clone(),
+        depends: module.depends.clone(),
+        restart: module.restart,
+    });
+    watchdog::Config { modules: modules.collect(), ..watchdog::Config::default() }
+}
+
+/// How the watchdog's host starts a module: our own executable with our own arguments, unless the list says otherwise.
+fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
+    let own = std::env::current_exe().map_err(|error| ConfigError(vec![format!("own executable: {error}")]))?;
+    let place = place.clone();
+    let modules = config.modules.clone();
+    Ok(Box::new(move |name, state| {
+        let entry = modules.iter().find(|module| module.name == name);
+        let args = entry.map(|entry| entry.args.as_slice()).unwrap_or_default();
+        if let Some(command) = entry.and_then(|entry| entry.command.as_ref()) {
+            let mut command = Command::new(command);
+            command.args(args);
+            return command;
+        }
+        let mut command = Command::new(&own);
+        command.args(["run", name, "--state", state.name()]).args(place.arguments()).args(args);
+        command
+    }))
+}
+
+impl Place {
+    /// The arguments that make another `advee run` find the same robot.
+    #[must_use]
+    pub fn arguments(&self) -> Vec<OsString> {
+        let mut args: Vec<OsString> = Vec::new();
+        args.extend(["--config".into(), self.config.clone().into()]);
+        args.extend(["--run-dir".into(), self.run_dir.clone().into()]);
+        args.extend(["--lcm-url".into(), self.lcm_url.clone().into()]);
+        for set in &self.sets {
+            args.extend(["--set".into(), set.into()]);
+        }
+        if self.sim {
+            args.push("--sim".into());
+        }
+        if let Some(world) = &self.world {
+            args.extend(["--world".into(), world.into()]);
+        }
+        args
+    }
+}
+
+fn crc(crc: config::Crc) -> Crc8 {
+    Crc8 { poly: crc.polynomial, init: crc.initial, reflected: crc.reflected, xorout: crc.final_xor }
+}
+
+/// `driver_rs485a`: the bus `a`.
+fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
+    let Some(bus) = robot.rs485.iter().find(|bus| bus.name == "a") else {
+        return refused("driver_rs485a: robot.toml has no table [rs485.a]".into());
+    };
+    let nodes = bus.nodes.iter().map(|node| rs485a::Node {
+        name: node.name.clone(),
+        address: node.address,
+        kind: match node.driver {
+            Rs485Driver::Sd1 => rs485a::Kind::Sd1,
+            Rs485Driver::So1 => rs485a::Kind::So1,
+        },
+        rate_hz: node.rate_hz,
+        timeout: Duration::from_secs_f64(node.timeout_s),
+    });
+    let rangers = |rangers: &[config::Ranger]| {
+        let ranger = |ranger: &config::Ranger| {
+            let config::Ranger { id, board, channel, x, y, theta } = *ranger;
+            rs485a::Ranger { id, board, channel, x, y, theta }
+        };
+        rangers.iter().map(ranger).collect()
+    };
+    let config = rs485a::Config {
+        bus: "rs485.a".into(),
+        baud: bus.baud,
+        crc: crc(bus.crc),
+        nodes: nodes.collect(),
+        srfs: rangers(&robot.srfs),
+        irs: rangers(&robot.irs),
+        wheels: rs485a::Wheels {
+            wheelbase_m: robot.geometry.wheelbase_m,
+            track_m: robot.geometry.track_m,
+            radius_m: robot.geometry.wheel_radius_m,
+            ticks_per_turn: robot.geometry.ticks_per_turn,
+            speed_max_mps: robot.limits.speed_mps,
+        },
+    };
+    rs485a::Rs485a::new(config).map_err(|error| ConfigError(vec![format!("driver_rs485a: {error}")]))
+}
+
+/// `simulator`: every serial bus with its boards, the robot's body, a world.
+fn simulator(place: &Place, robot: &Robot) -> Result<sim::Config, ConfigError> {
+    let world = config::world(&place.config, place.world.as_deref())?;
+    let geometry = robot.geometry;
+    let parameters = sim::body::Parameters {
+        wheelbase: geometry.wheelbase_m,
+        track: geometry.track_m,
+        overhang_rear: geometry.rear_overhang_m,
+        overhang_front: geometry.length_m - geometry.rear_overhang_m - geometry.wheelbase_m,
+        width: geometry.width_m,
+        wheel_radius: geometry.wheel_radius_m,
+        encoder_counts: f64::from(geometry.ticks_per_turn),
+        steering_rate: robot.limits.steering_rate_radps,
+        ..sim::body::Parameters::default()
+    };
+    let serial = robot.rs485.iter().map(|bus| sim::SerialConfig {
+        bus: format!("rs485.{}", bus.name),
+        baud: bus.baud,
+        crc: crc(bus.crc),
+        boards: bus.nodes.iter().map(|node| board(robot, node)).collect(),
+    });
+    // A pseudo-terminal has no wire: the time on it must be played.
+    Ok(sim::Config { world, parameters, serial: serial.collect(), wire_time: true, ..sim::Config::default() })
+}
+
+fn board(robot: &Robot, node: &config::Rs485Node) -> sim::BoardConfig {
+    let kind = match node.driver {
+        Rs485Driver::So1 => sim::BoardKind::So1,
+        Rs485Driver::Sd1 => sim::BoardKind::Sd1(sim::boards::sd1::Sd1Config {
+            srfs: by_channel(&robot.srfs, node.address, |ranger| Pose::new(ranger.x, ranger.y, ranger.theta)),
+            irs: by_channel(&robot.irs, node.address, |ranger| Point { x: ranger.x, y: ranger.y }),
+        }),
+    };
+    sim::BoardConfig { name: node.name.clone(), address: node.address, kind }
+}
+
+/// A board's rangers in the order of their channels. A channel without a ranger takes the place of the one before it:
+/// nobody asks for it.
+fn by_channel<T>(rangers: &[config::Ranger], board: u8, place: impl Fn(&config::Ranger) -> T) -> Vec<T> {
+    let mut own: Vec<&config::Ranger> = rangers.iter().filter(|ranger| ranger.board == board).collect();
+    own.sort_by_key(|ranger| ranger.channel);
+    let count = own.last().map_or(0, |last| usize::from(last.channel) + 1);
+    let at = |channel| own.iter().rev().find(|ranger| usize::from(ranger.channel) <= channel).or(own.first());
+    (0..count).filter_map(|channel| at(channel).map(|ranger| place(ranger))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    fn shipped(sim: bool) -> Place {
+        Place {
+            config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
+            run_dir: "/run/advee".into(),
+            lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
+            sets: Vec::new(),
+            sim,
+            world: None,
+        }
+    }
+
+    #[test]
+    fn the_can_port_follows_the_lcm_port_and_no_two_share_one() {
+        assert_eq!(can_port_beside(7667), 43113);
+        let ports: BTreeSet<u16> = (1..=u16::MAX).map(can_port_beside).collect();
+        assert_eq!(ports.len(), usize::from(u16::MAX));
+        assert!(!ports.contains(&0));
+        assert!((1024..=u16::MAX).all(|lcm| can_port_beside(lcm) >= 1024));
+    }
+
+    #[test]
+    fn every_listed_module_can_be_made() {
+        for place in [shipped(false), shipped(true)] {
+            let config = Config::load(&place.config, place.sim, &[]).unwrap();
+            let listed = config.modules.iter().map(|module| module.name.as_str());
+            for name in listed.chain([watchdog::NAME]) {
+                let (shell, host) = module(&place, name, State::Run).unwrap();
+                assert_eq!((shell.name(), shell.module().ports().len()), (name, host.ports.len()));
+            }
+        }
+    }
+
+    #[test]
+    fn both_ends_of_a_simulated_line_meet_in_the_run_folder() {
+        let place = shipped(true);
+        let (_, driver) = module(&place, "driver_rs485a", State::Run).unwrap();
+        let (_, simulator) = module(&place, SIMULATOR, State::Run).unwrap();
+        let path = PathBuf::from("/run/advee/rs485-a");
+        assert_eq!(driver.ports, [PortConfig::Terminal { path: path.clone(), baud: 115_200 }]);
+        assert!(simulator.ports.contains(&PortConfig::Pseudo { link: path, baud: 115_200 }));
+    }
+
+    #[test]
+    fn a_module_that_is_not_there_is_refused() {
+        let why = |place, name| module(&place, name, State::Run).err().unwrap().to_string();
+        assert_eq!(why(shipped(false), SIMULATOR), "module simulator: only with --sim");
+        assert!(why(shipped(true), "planner").starts_with("module planner: there is none of that name; there are watchdog, "));
+    }
+}
