@@ -1,0 +1,242 @@
+//! A whole simulated robot of one's own: `advee up --sim` on ports and a run folder that no other test has, its bus
+//! listened to, its processes ended by pid.
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use lcm::live::Lcm;
+use messages::{Channel, Message, common, lowlevel, simulation};
+use module::State;
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU16, Ordering};
+use std::time::{Duration, Instant};
+
+pub fn workspace() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("robot lies in the workspace").into()
+}
+
+/// A port that no other test of this machine uses now: by process and by count.
+fn unique_port() -> u16 {
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    let pid = std::process::id() as u16;
+    20_000 + (pid.wrapping_mul(31) % 1200) * 16 + NEXT.fetch_add(1, Ordering::Relaxed) % 16
+}
+
+/// The Python of the test peers; none (and a line that says so) where `make test` has not made it.
+pub fn python() -> Option<PathBuf> {
+    let python = std::env::var_os("ADVEE_PYTHON").map_or(workspace().join(".venv/bin/python"), PathBuf::from);
+    if !python.exists() {
+        let _ = writeln!(std::io::stderr(), "skipped: no peers in .venv (make test makes it)");
+        return None;
+    }
+    Some(python)
+}
+
+/// What was last heard on the bus.
+#[derive(Default)]
+pub struct View {
+    pub truth: Option<simulation::DataTruth>,
+    pub motion: Option<lowlevel::DataMotion>,
+    pub odo: Option<lowlevel::DataOdo>,
+    pub processes: BTreeMap<String, common::Process>,
+    pub errors: Vec<common::Error>,
+    pub seen: BTreeMap<String, u32>,
+}
+
+impl View {
+    fn take(&mut self, channel: &str, payload: &[u8]) {
+        *self.seen.entry(channel.into()).or_default() += 1;
+        let Some(channel) = Channel::from_name(channel) else { return };
+        match Message::decode(channel, payload) {
+            Ok(Message::SimDataTruth(truth)) => self.truth = Some(truth),
+            Ok(Message::LlDataMotion(motion)) => self.motion = Some(motion),
+            Ok(Message::LlDataOdo(odo)) => self.odo = Some(odo),
+            Ok(Message::CmDataProcesses(list)) => {
+                self.processes = list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();
+            }
+            Ok(Message::CmEventError(error)) => self.errors.push(error),
+            _ => {}
+        }
+    }
+
+    /// Speed of the body, m/s; NaN before anything was heard.
+    pub fn speed(&self) -> f64 {
+        self.truth.as_ref().map_or(f64::NAN, |truth| truth.speed)
+    }
+
+    pub fn is_homed(&self) -> bool {
+        self.motion.as_ref().is_some_and(|motion| motion.homed)
+    }
+
+    pub fn runs(&self, module: &str) -> bool {
+        self.processes.get(module).is_some_and(|process| process.state == State::Run as i8)
+    }
+
+    pub fn all_run(&self) -> bool {
+        !self.processes.is_empty() && self.processes.values().all(|process| process.state == State::Run as i8)
+    }
+
+    pub fn pid(&self, module: &str) -> i32 {
+        self.processes[module].pid
+    }
+
+    pub fn reason(&self) -> String {
+        self.motion.as_ref().map_or("no LL_DATA_MOTION".into(), |motion| motion.reason.clone())
+    }
+}
+
+/// A running robot.
+pub struct Robot {
+    pub url: String,
+    pub port: u16,
+    pub run_dir: PathBuf,
+    pub view: View,
+    pub bus: Lcm,
+    up: Child,
+}
+
+impl Robot {
+    /// Starts a robot; `extra` are further arguments of `advee up --sim`.
+    pub fn start(extra: &[&str]) -> Self {
+        let port = unique_port();
+        let url = format!("udpm://239.255.76.67:{port}?ttl=0");
+        let run_dir = std::env::temp_dir().join(format!("advee-test-{}-{port}", std::process::id()));
+        let bus = listen(&url);
+        let up = advee(&url, &run_dir)
+            .args(["up", "--sim", "--headless", "--goal", "none"])
+            .args(extra)
+            .stdin(Stdio::null())
+            .spawn()
+            .expect("the executable is built");
+        Self { url, port, run_dir, view: View::default(), bus, up }
+    }
+
+    /// The same, waited for until every module runs and the steering is homed.
+    pub fn ready(extra: &[&str]) -> Self {
+        let mut robot = Self::start(extra);
+        robot.until("all modules RUN and the steering homed", 20.0, |view| view.all_run() && view.is_homed());
+        robot
+    }
+
+    /// A command of `advee` on this robot's bus.
+    pub fn advee(&self, args: &[&str]) -> Output {
+        advee(&self.url, &self.run_dir).args(args).output().expect("the executable is built")
+    }
+
+    /// The same, not waited for.
+    pub fn spawn(&self, args: &[&str]) -> Child {
+        let mut command = advee(&self.url, &self.run_dir);
+        command.args(args).stdin(Stdio::null()).stdout(Stdio::null()).spawn().expect("the executable is built")
+    }
+
+    /// Listens until `condition` holds.
+    #[track_caller]
+    pub fn until(&mut self, what: &str, seconds: f64, mut condition: impl FnMut(&View) -> bool) -> Duration {
+        let begin = Instant::now();
+        while !condition(&self.view) {
+            let left = Duration::from_secs_f64(seconds).saturating_sub(begin.elapsed());
+            assert!(!left.is_zero(), "not within {seconds} s: {what}; reason: {:?}", self.view.reason());
+            self.listen(left.min(Duration::from_millis(50)));
+        }
+        begin.elapsed()
+    }
+
+    /// Listens for a while.
+    pub fn pass(&mut self, seconds: f64) {
+        let end = Instant::now() + Duration::from_secs_f64(seconds);
+        while let Some(left) = end.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) {
+            self.listen(left.min(Duration::from_millis(50)));
+        }
+    }
+
+    fn listen(&mut self, patience: Duration) {
+        self.bus.wait(patience).expect("the bus can be waited for");
+        while let Some(received) = self.bus.recv().expect("the bus can be read") {
+            self.view.take(received.channel, received.payload);
+        }
+    }
+
+    /// Publishes one motion command as a remote operator.
+    pub fn command(&mut self, speed: f64, steering: f64) {
+        self.publish(lowlevel::CmdMotion { timestamp: 0, speed, steering, priority: 1, source: "test".into() });
+    }
+
+    pub fn publish(&mut self, message: impl Into<Message>) {
+        let (message, mut bytes) = (message.into(), Vec::new());
+        message.encode(&mut bytes).expect("encodable");
+        self.bus.publish(message.channel().name(), &bytes).expect("the bus takes it");
+    }
+
+    /// Commands at 20 Hz for a while.
+    pub fn drive(&mut self, speed: f64, steering: f64, seconds: f64) {
+        for _ in 0..(seconds * 20.0) as u32 {
+            self.command(speed, steering);
+            self.pass(0.05);
+        }
+    }
+
+    /// Ends one of the robot's processes the hard way.
+    pub fn kill(&self, module: &str) {
+        signal(self.view.pid(module), "KILL");
+    }
+
+    /// Ctrl-C; returns the exit code of `advee up`.
+    pub fn stop(&mut self) -> i32 {
+        signal(self.up.id() as i32, "INT");
+        let begin = Instant::now();
+        loop {
+            if let Some(status) = self.up.try_wait().expect("it is our child") {
+                return status.code().unwrap_or(-1);
+            }
+            assert!(begin.elapsed() < Duration::from_secs(10), "advee up does not end");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Pids of processes that run with this robot's run folder on their command line.
+    pub fn processes(&self) -> Vec<u32> {
+        let run_dir = self.run_dir.to_string_lossy().into_owned();
+        let pids = std::fs::read_dir("/proc").expect("/proc").filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+        pids.filter(|pid: &u32| {
+            *pid != std::process::id()
+                && std::fs::read(format!("/proc/{pid}/cmdline"))
+                    .is_ok_and(|line| String::from_utf8_lossy(&line).contains(&run_dir))
+        })
+        .collect()
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        if self.up.try_wait().is_ok_and(|status| status.is_none()) {
+            signal(self.up.id() as i32, "TERM");
+            let begin = Instant::now();
+            while self.up.try_wait().is_ok_and(|status| status.is_none()) && begin.elapsed() < Duration::from_secs(8) {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            let _ = self.up.kill();
+            let _ = self.up.wait();
+        }
+        let _ = std::fs::remove_dir_all(&self.run_dir);
+    }
+}
+
+pub fn signal(pid: i32, name: &str) {
+    assert!(pid > 1, "no such process");
+    let signal: nix::sys::signal::Signal = format!("SIG{name}").parse().expect("a signal");
+    let _ = nix::sys::signal::kill(nix::unistd::Pid::from_raw(pid), signal);
+}
+
+pub fn advee(url: &str, run_dir: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_advee"));
+    command.current_dir(workspace()).args(["--lcm-url", url, "--run-dir"]).arg(run_dir);
+    command
+}
+
+pub fn listen(url: &str) -> Lcm {
+    let (url, _) = lcm::Url::parse(url).expect("a good url");
+    let mut bus = Lcm::new(&url).expect("the bus opens");
+    bus.subscribe(".*").expect("a good pattern");
+    bus
+}
