@@ -120,6 +120,8 @@ pub struct Body {
     geometry: Ackermann,
     pose: Pose,
     speed: f64,
+    /// Of the motor at the wheel, N.
+    force: f64,
     /// Signed way of the rear axle's middle since the start.
     travelled: f64,
     /// Output of the steering drive, and the wheels behind the play.
@@ -148,6 +150,7 @@ impl Body {
             geometry,
             pose,
             speed: 0.0,
+            force: 0.0,
             travelled: 0.0,
             steering: (0.0, 0.0),
             curvature: 0.0,
@@ -175,6 +178,12 @@ impl Body {
     #[must_use]
     pub fn speed(&self) -> f64 {
         self.speed
+    }
+
+    /// Force of the motor at the wheel in the last step, N, forward positive.
+    #[must_use]
+    pub fn force(&self) -> f64 {
+        self.force
     }
 
     /// Signed way since the start, m.
@@ -289,6 +298,7 @@ impl Body {
         let losses = p.coasting();
         let old = self.speed;
         let Some(demand) = demand else {
+            self.force = 0.0;
             let slower = losses * DT;
             if libm::fabs(old) <= slower {
                 self.speed = 0.0;
@@ -308,6 +318,7 @@ impl Body {
         };
         let change = (demand - old).clamp((-force - against) * DT, (force - against) * DT);
         self.speed = old + change;
+        self.force = (change / DT + against) * p.mass;
         (old + self.speed) / 2.0 * DT
     }
 

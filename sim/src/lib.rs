@@ -16,4 +16,4 @@ pub mod sonar;
 pub mod world;
 
 pub use random::Random;
-pub use simulator::{BoardConfig, BoardKind, Config, SerialConfig, Simulator};
+pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

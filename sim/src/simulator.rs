@@ -1,9 +1,12 @@
 //! The simulator: a module that sits on the robot's busses and answers as its boards would.
 
+use crate::boards::drive::{self, Drive};
+use crate::boards::epos;
+use crate::boards::icla::Gearing;
 use crate::boards::line::{Board, Kind, SerialLine};
 use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
 use crate::boards::so1::So1;
-use crate::body::Parameters;
+use crate::body::{Parameters, STEP};
 use crate::faults::{self, Ailment};
 use crate::scene::Scene;
 use crate::sonar::Sonar;
@@ -53,6 +56,21 @@ pub struct SerialConfig {
     pub boards: Vec<BoardConfig>,
 }
 
+/// The CAN bus and its drives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CanConfig {
+    /// The bus's name, as its driver has it: `can.main`.
+    pub bus: String,
+    /// bit/s.
+    pub bitrate: u32,
+    /// The node id of the EPOS 70/10.
+    pub propulsion: u8,
+    /// The node id of the IclA.
+    pub steering: u8,
+    /// How the IclA's counts become an angle.
+    pub gearing: Gearing,
+}
+
 /// What is simulated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
@@ -64,6 +82,8 @@ pub struct Config {
     pub sonar: Sonar,
     /// The seed of all noise.
     pub seed: u64,
+    /// The CAN bus.
+    pub can: Option<CanConfig>,
     /// The serial busses.
     pub serial: Vec<SerialConfig>,
     /// Whether answers are delayed by the time that request and answer take on the wire: true where the port has no
@@ -80,6 +100,7 @@ impl Default for Config {
             parameters: Parameters::default(),
             sonar: Sonar::default(),
             seed: 1,
+            can: None,
             serial: Vec::new(),
             wire_time: false,
             rate: 1.0,
@@ -87,12 +108,13 @@ impl Default for Config {
     }
 }
 
-/// The module `simulator`. Its ports: the serial busses in the order of its configuration.
-#[derive(Debug)]
+/// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial busses in the order of its
+/// configuration.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
     scene: Scene,
+    drives: Vec<Drive>,
     lines: Vec<SerialLine>,
     truth: Ticker,
     clock: Ticker,
@@ -103,14 +125,21 @@ impl Simulator {
     /// The simulator of this configuration; its time begins with its start.
     #[must_use]
     pub fn new(config: Config) -> Self {
+        let can = config.can.iter().map(|can| PortSpec {
+            bus: can.bus.clone(),
+            line: Line::Can {
+                bitrate: can.bitrate,
+            },
+        });
         let serial = config.serial.iter().map(|serial| PortSpec {
             bus: serial.bus.clone(),
             line: Line::Serial { baud: serial.baud },
         });
-        let ports = serial.collect();
+        let ports = can.chain(serial).collect();
         let never = Ticker::new(Instant::NEVER, TRUTH);
         Self {
             scene: scene(&config, Instant::ZERO),
+            drives: Vec::new(),
             lines: Vec::new(),
             config,
             ports,
@@ -134,6 +163,19 @@ impl Simulator {
             .iter()
             .map(|serial| self.line(serial, now))
             .collect();
+        let body = self.scene.body();
+        self.drives = match &self.config.can {
+            Some(can) => {
+                vec![
+                    Drive::propulsion(can.propulsion),
+                    Drive::steering(can.steering, can.gearing, body),
+                ]
+            }
+            None => Vec::new(),
+        };
+        for drive in &mut self.drives {
+            drive.power_on(now, body);
+        }
         self.truth = Ticker::new(now, TRUTH);
         self.clock = Ticker::new(now, CLOCK);
         // Without drops the floor rangers find nothing.
@@ -166,17 +208,39 @@ impl Simulator {
         )
     }
 
-    /// Lets the body move up to `now`.
+    /// The number of the serial line at a port.
+    fn line_of(&self, port: PortId) -> Option<usize> {
+        usize::from(port.0).checked_sub(usize::from(self.config.can.is_some()))
+    }
+
+    /// Lets drives and body move up to `now`.
     fn catch_up(&mut self, now: Instant) {
         while !self.rests() && self.scene.next_step() <= now {
-            self.scene.step();
+            self.step();
         }
         self.scene.skip(now);
     }
 
     /// Whether no step is needed until something comes from outside.
     fn rests(&self) -> bool {
-        self.scene.rests()
+        self.scene.rests() && self.drives.iter().all(Drive::rests)
+    }
+
+    fn step(&mut self) {
+        let (at, dt) = (self.scene.next_step(), STEP.as_nanos() as f64 / 1e9);
+        for drive in &mut self.drives {
+            let demand = drive.step(at, self.scene.body(), dt);
+            match drive.kind {
+                drive::Kind::Epos(_) => self.scene.demand.speed = demand,
+                drive::Kind::Icla(..) => self.scene.demand.steering = demand,
+            }
+        }
+        let before = self.scene.body().steering_output();
+        self.scene.step();
+        let turned = (self.scene.body().steering_output() - before) / dt;
+        for drive in &mut self.drives {
+            drive.stepped(at, self.scene.body(), turned);
+        }
     }
 
     fn timer(&mut self, now: Instant, out: &mut Actions) {
@@ -195,6 +259,13 @@ impl Simulator {
                     board.sample(now, &self.scene);
                 }
             }
+            // The PAUSE line opens the motors' feed.
+            if self.paused() {
+                self.propulsion_fault(now, epos::UNDERVOLTAGE);
+            }
+        }
+        for drive in &mut self.drives {
+            drive.handle_timeout(now, self.scene.body());
         }
         for line in &mut self.lines {
             line.handle_timeout(now);
@@ -223,10 +294,17 @@ impl Simulator {
 
     /// Whether a board pulls the PAUSE line.
     fn paused(&self) -> bool {
-        let boards = self.lines.iter().flat_map(|line| &line.boards);
-        boards.into_iter().any(
+        let mut boards = self.lines.iter().flat_map(|line| &line.boards);
+        boards.any(
             |board| matches!(&board.kind, Kind::Sd1(board) if board.pause() != PauseSource::None),
         )
+    }
+
+    fn propulsion_fault(&mut self, now: Instant, code: u16) {
+        let mut drives = self.drives.iter_mut();
+        if let Some(drive) = drives.find(|drive| matches!(drive.kind, drive::Kind::Epos(_))) {
+            drive.fault(now, code, self.scene.body());
+        }
     }
 
     fn fault(&mut self, now: Instant, command: &simulation::CmdFault, out: &mut Actions) {
@@ -246,6 +324,16 @@ impl Simulator {
 
     /// Lets a fault come over a target; false when there is no such target, or it cannot have that fault.
     fn ail(&mut self, now: Instant, target: &str, ailment: Ailment, until: Instant) -> bool {
+        if let Some(drive) = self.drives.iter_mut().find(|drive| drive.name == target) {
+            match ailment {
+                Ailment::Silent => drive.silent_until = until,
+                Ailment::None => drive.silent_until = now,
+                Ailment::Fault(code) => drive.fault(now, code, self.scene.body()),
+                Ailment::Reboot => drive.power_on(now, self.scene.body()),
+                Ailment::BadCrc | Ailment::Stuck => return false,
+            }
+            return true;
+        }
         let mut boards = self.lines.iter_mut().flat_map(|line| &mut line.boards);
         let Some(board) = boards.find(|board| board.name == target) else {
             return false;
@@ -263,7 +351,13 @@ impl Simulator {
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
-        for (port, line) in self.lines.iter_mut().enumerate() {
+        for drive in &mut self.drives {
+            while let Some(frame) = drive.poll_tx() {
+                out.send_can(PortId(0), frame);
+            }
+        }
+        let first = usize::from(self.config.can.is_some());
+        for (port, line) in (first..).zip(&mut self.lines) {
             while let Some(words) = line.poll_tx(now) {
                 out.push(module::Action::Send(
                     PortId(port as u8),
@@ -304,8 +398,16 @@ impl Module for Simulator {
                 port,
                 input: Input::Words(words),
             } => {
-                if let Some(line) = self.lines.get_mut(usize::from(port.0)) {
+                if let Some(line) = self.line_of(port).and_then(|line| self.lines.get_mut(line)) {
                     line.handle_rx(now, words, &self.scene);
+                }
+            }
+            Event::Port {
+                input: Input::Can(frame),
+                ..
+            } => {
+                for drive in &mut self.drives {
+                    drive.handle_rx(now, &frame, self.scene.body());
                 }
             }
             Event::Message {
@@ -320,10 +422,13 @@ impl Module for Simulator {
     fn poll_timeout(&self) -> Option<Instant> {
         let step = (!self.rests()).then(|| self.scene.next_step());
         let lines = self.lines.iter().filter_map(SerialLine::poll_timeout);
+        let drives = self.drives.iter().filter_map(Drive::poll_timeout);
         let own = [self.truth.next(), self.clock.next(), self.rangers.next()];
-        own.into_iter().chain(step).chain(lines).min()
+        own.into_iter().chain(step).chain(lines).chain(drives).min()
     }
 }
 
+#[cfg(test)]
+mod drive_tests;
 #[cfg(test)]
 mod tests;

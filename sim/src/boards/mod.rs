@@ -1,6 +1,10 @@
-//! The robot's boards as they are on the wire (`docs/boards.md`), each with the scene behind it.
+//! The robot's boards and drives as they are on the wire (`docs/boards.md`), each with the scene behind it.
 
+pub(crate) mod drive;
+pub mod epos;
+pub mod icla;
 pub(crate) mod line;
 pub mod motion;
+pub mod power;
 pub mod sd1;
 pub mod so1;

@@ -1,0 +1,207 @@
+//! A drive on the CAN bus: a CANopen node with an EPOS or an IclA behind its objects.
+
+use super::epos::{self, Emergency, Epos};
+use super::icla::{self, Gearing, Icla};
+use crate::body::Body;
+use base::can::Frame;
+use base::{Duration, Instant};
+use canopen::{NmtState, Node, NodeEvent};
+
+/// From power or reset to the boot-up message.
+const BOOT_TIME: Duration = Duration::from_millis(100);
+
+/// What a drive is.
+#[derive(Debug)]
+pub(crate) enum Kind {
+    Epos(Epos),
+    Icla(Icla, Gearing),
+}
+
+/// A drive and what ails it.
+pub(crate) struct Drive {
+    /// Its axis: `propulsion`, `steering`.
+    pub name: &'static str,
+    pub kind: Kind,
+    node: Node,
+    /// It neither hears nor speaks until then.
+    pub silent_until: Instant,
+    now: Instant,
+    turned: f64,
+}
+
+impl Drive {
+    /// The propulsion, switched off.
+    pub fn propulsion(id: u8) -> Self {
+        Self::new(
+            "propulsion",
+            Kind::Epos(Epos::new()),
+            Node::new(epos::dictionary(id), BOOT_TIME),
+        )
+    }
+
+    /// The steering, switched off.
+    pub fn steering(id: u8, gearing: Gearing, body: &Body) -> Self {
+        let kind = Kind::Icla(Icla::new(gearing, body), gearing);
+        Self::new("steering", kind, Node::new(icla::dictionary(id), BOOT_TIME))
+    }
+
+    fn new(name: &'static str, kind: Kind, node: Node) -> Self {
+        Self {
+            name,
+            kind,
+            node,
+            silent_until: Instant::ZERO,
+            now: Instant::ZERO,
+            turned: 0.0,
+        }
+    }
+
+    /// Switches it on, or off and on again.
+    pub fn power_on(&mut self, now: Instant, body: &Body) {
+        self.node.power_on(now);
+        self.renew(body);
+        self.serve(now, body);
+    }
+
+    fn renew(&mut self, body: &Body) {
+        match &mut self.kind {
+            Kind::Epos(epos) => *epos = Epos::new(),
+            Kind::Icla(icla, gearing) => *icla = Icla::new(*gearing, body),
+        }
+    }
+
+    /// A frame from the bus.
+    pub fn handle_rx(&mut self, now: Instant, frame: &Frame, body: &Body) {
+        if self.silent_until <= now {
+            self.node.handle_rx(now, frame);
+            self.serve(now, body);
+        }
+    }
+
+    /// Does what is due.
+    pub fn handle_timeout(&mut self, now: Instant, body: &Body) {
+        if self.node.poll_timeout().is_some_and(|due| due <= now) {
+            self.node.handle_timeout(now);
+            self.serve(now, body);
+        }
+    }
+
+    /// It finds a fault in itself.
+    pub fn fault(&mut self, now: Instant, code: u16, body: &Body) {
+        let emergency = match &mut self.kind {
+            Kind::Epos(epos) => epos.fault(code),
+            Kind::Icla(icla, _) => icla.fault(code),
+        };
+        self.report(emergency);
+        self.stepped(now, body, self.turned);
+    }
+
+    /// The node's news go to the drive, and what follows from them to the node.
+    fn serve(&mut self, now: Instant, body: &Body) {
+        self.now = now;
+        while self.pass_news(now, body) {
+            self.measure(body);
+            self.node.handle_timeout(now);
+        }
+    }
+
+    /// Whether there was any.
+    fn pass_news(&mut self, now: Instant, body: &Body) -> bool {
+        let mut news = false;
+        while let Some(event) = self.node.poll_event() {
+            news = true;
+            match event {
+                NodeEvent::ObjectWritten { index: 0x6040, .. } => self.written(now, body),
+                NodeEvent::ResetApplication => self.renew(body),
+                NodeEvent::HeartbeatLost { .. } => self.heartbeat_lost(),
+                NodeEvent::NmtState(state) => match &mut self.kind {
+                    Kind::Epos(epos) => epos.set_remote(state == NmtState::Operational),
+                    Kind::Icla(icla, _) => icla.set_remote(state == NmtState::Operational),
+                },
+                NodeEvent::PdoTooShort { .. } => self.pdo_too_short(),
+                NodeEvent::ObjectWritten { .. } | NodeEvent::HeartbeatBack { .. } => {}
+            }
+        }
+        news
+    }
+
+    fn written(&mut self, now: Instant, body: &Body) {
+        let emergency = match &mut self.kind {
+            Kind::Epos(epos) => epos.written(now, self.node.dictionary()),
+            Kind::Icla(icla, _) => icla.written(now, self.node.dictionary(), body),
+        };
+        self.report(emergency);
+    }
+
+    fn heartbeat_lost(&mut self) {
+        let emergency = match &mut self.kind {
+            Kind::Epos(epos) => epos.fault(epos::HEARTBEAT),
+            Kind::Icla(icla, _) => Some(icla.heartbeat_lost(self.node.dictionary())),
+        };
+        self.report(emergency);
+    }
+
+    /// The node has sent the emergency; the EPOS brakes as for any fault of communication.
+    fn pdo_too_short(&mut self) {
+        if let Kind::Epos(epos) = &mut self.kind {
+            epos.fault(0x8210);
+        }
+    }
+
+    fn report(&mut self, emergency: Option<Emergency>) {
+        if let Some(Emergency { code, register }) = emergency {
+            self.node.set(0x603F, 0, i64::from(code));
+            self.node.emergency(code, register, [0; 5]);
+        }
+    }
+
+    /// Whether time alone changes nothing.
+    pub fn rests(&self) -> bool {
+        match &self.kind {
+            Kind::Epos(epos) => epos.rests(self.node.dictionary()),
+            Kind::Icla(icla, _) => icla.rests(self.node.dictionary()),
+        }
+    }
+
+    /// Goes on by `dt` s; answers what the drive demands of the body: speed, m/s, or angle, rad.
+    pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
+        match &mut self.kind {
+            Kind::Epos(epos) => {
+                let rpm = epos.step(now, self.node.dictionary(), dt)?;
+                Some(rpm / 60.0 / body.parameters().motor_turns_per_metre())
+            }
+            Kind::Icla(icla, _) => icla.step(now, self.node.dictionary(), body, dt),
+        }
+    }
+
+    /// After the body's step, in which the steering turned by `turned` rad/s.
+    pub fn stepped(&mut self, now: Instant, body: &Body, turned: f64) {
+        self.now = now;
+        self.turned = turned;
+        self.measure(body);
+        self.node.handle_timeout(now);
+        self.serve(now, body);
+    }
+
+    /// What the drive measures goes to the node's objects.
+    fn measure(&mut self, body: &Body) {
+        match &mut self.kind {
+            Kind::Epos(epos) => epos.feedback(self.now, &mut self.node, body),
+            Kind::Icla(icla, _) => icla.feedback(&mut self.node, body, self.turned),
+        }
+    }
+
+    /// A frame to send.
+    pub fn poll_tx(&mut self) -> Option<Frame> {
+        while let Some(frame) = self.node.poll_tx() {
+            if self.silent_until <= self.now {
+                return Some(frame);
+            }
+        }
+        None
+    }
+
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.node.poll_timeout()
+    }
+}

@@ -1,0 +1,201 @@
+//! maxon EPOS 70/10, the propulsion: profile velocity through its ramps (facts/canopen.md 2).
+//!
+//! Units     position in quadcounts, velocity in rpm of the motor, acceleration in rpm/s
+//! Power-up  mode 1; only TPDO1 is on; Enable Operation takes 40 ms (Refresh, Measure Init)
+//! Silence   the heartbeat consumer's event: emergency 0x8130, quick stop ramp, then Fault
+//! Quick stop is kept until told otherwise: there is no 0x605A
+
+mod objects;
+
+pub use objects::dictionary;
+
+use super::motion::SpeedRamp;
+use super::power::{Manner, Power};
+use crate::body::Body;
+use base::{Duration, Instant};
+use canopen::{Dictionary, Node};
+
+/// Refresh and Measure Init together; the real duration was not found.
+const ENABLING: Duration = Duration::from_millis(40);
+const MANNER: Manner = Manner {
+    enabling: ENABLING,
+    resumes: true,
+};
+/// Heartbeat or life guarding event.
+pub const HEARTBEAT: u16 = 0x8130;
+/// The motor's feed is off.
+pub const UNDERVOLTAGE: u16 = 0x3220;
+/// Wheel force per motor current, N/A (facts/robot.md 1.2: 83 N at 10 A).
+const FORCE_PER_AMPERE: f64 = 8.3;
+
+const PROFILE_VELOCITY: i64 = 3;
+const HALT: u16 = 1 << 8;
+
+/// An emergency to be sent: code and error register. Code 0: all errors are over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Emergency {
+    /// The code.
+    pub code: u16,
+    /// The error register.
+    pub register: u8,
+}
+
+/// The drive behind its objects.
+#[derive(Debug)]
+pub struct Epos {
+    power: Power,
+    before: u16,
+    ramp: SpeedRamp,
+    remote: bool,
+}
+
+impl Epos {
+    /// As after power-on.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            power: Power::SwitchOnDisabled,
+            before: 0,
+            ramp: SpeedRamp::default(),
+            remote: false,
+        }
+    }
+
+    /// The state of the power stage.
+    #[must_use]
+    pub fn power(&self) -> Power {
+        self.power
+    }
+
+    /// The NMT state became Operational, or is so no more.
+    pub fn set_remote(&mut self, operational: bool) {
+        self.remote = operational;
+    }
+
+    /// The master wrote objects, of a PDO all of them: obeys the controlword.
+    pub fn written(&mut self, now: Instant, objects: &Dictionary) -> Option<Emergency> {
+        let word = objects.get(0x6040, 0).unwrap_or(0) as u16;
+        let old = self.power;
+        self.power = old.command(word, self.before, now, MANNER);
+        self.before = word;
+        (old == Power::Fault && self.power != Power::Fault).then_some(Emergency {
+            code: 0,
+            register: 0,
+        })
+    }
+
+    /// A fault: some brake on the quick stop ramp, most switch off at once (facts/canopen.md 2.5).
+    pub fn fault(&mut self, code: u16) -> Option<Emergency> {
+        if matches!(self.power, Power::Fault | Power::FaultReaction) {
+            return None;
+        }
+        let brakes = matches!(code, 0x8110..=0x8FFF | 0xFF06..=0xFF09);
+        self.power = if brakes && self.power.drives() {
+            Power::FaultReaction
+        } else {
+            Power::Fault
+        };
+        let register = match code {
+            0x2000..=0x2FFF => 0x02,
+            0x3000..=0x3FFF | 0x5113 => 0x04,
+            0x4000..=0x4FFF => 0x08,
+            0x8000..=0x85FF => 0x10,
+            0x6000..=0x7FFF | 0x8611 | 0xFF0B => 0x20,
+            0xFF00..=0xFFFF => 0x80,
+            _ => 0x01,
+        };
+        Some(Emergency { code, register })
+    }
+
+    /// Whether time alone changes nothing.
+    #[must_use]
+    pub fn rests(&self, objects: &Dictionary) -> bool {
+        match self.power {
+            Power::Enabling { .. } | Power::FaultReaction => false,
+            Power::Enabled => self.ramp.demand == 0.0 && self.target(objects) == 0.0,
+            Power::QuickStop => self.ramp.demand == 0.0,
+            _ => true,
+        }
+    }
+
+    /// Goes on by `dt` s; answers the motor's demanded speed, rpm; none with the power stage off.
+    pub fn step(&mut self, now: Instant, objects: &Dictionary, dt: f64) -> Option<f64> {
+        self.power = self.power.elapse(now);
+        let rate = |index| objects.get(index, 0).unwrap_or(1).max(1) as f64;
+        match self.power {
+            Power::Enabled => self
+                .ramp
+                .step(self.target(objects), rate(0x6083), rate(0x6084), dt),
+            Power::QuickStop | Power::FaultReaction => {
+                self.ramp.step(0.0, rate(0x6085), rate(0x6085), dt)
+            }
+            _ => return None,
+        }
+        if self.power == Power::FaultReaction && self.ramp.demand == 0.0 {
+            self.power = Power::Fault;
+            return None;
+        }
+        Some(self.ramp.demand)
+    }
+
+    /// What profile velocity aims at, rpm; the other modes are not driven here and hold still.
+    fn target(&self, objects: &Dictionary) -> f64 {
+        if objects.get(0x6060, 0) != Some(PROFILE_VELOCITY) || self.before & HALT != 0 {
+            return 0.0;
+        }
+        let most = objects.get(0x607F, 0).unwrap_or(0);
+        objects.get(0x60FF, 0).unwrap_or(0).clamp(-most, most) as f64
+    }
+
+    /// Writes what the drive measures into its objects.
+    pub fn feedback(&mut self, now: Instant, node: &mut Node, body: &Body) {
+        let turns = body.parameters().motor_turns_per_metre();
+        let rpm = body.speed() * turns * 60.0;
+        if !self.power.drives() {
+            // Switched on again while it rolls, it takes over at the speed it has.
+            self.ramp.demand = rpm;
+        }
+        let velocity = libm::round(rpm) as i64;
+        let quadcounts = body.travelled() * turns * 4.0 * node.get(0x2210, 1).unwrap_or(500) as f64;
+        let milliamperes = body.force() / FORCE_PER_AMPERE * 1000.0;
+        node.set(0x606C, 0, velocity);
+        node.set(0x6069, 0, velocity);
+        node.set(0x2028, 0, velocity);
+        node.set(0x606B, 0, libm::round(self.ramp.demand) as i64);
+        node.set(0x6064, 0, libm::floor(quadcounts) as i64);
+        node.set(0x6078, 0, libm::round(milliamperes) as i64);
+        let (mode, status) = (
+            node.get(0x6060, 0),
+            self.status(now, node.dictionary(), velocity),
+        );
+        node.set(0x6061, 0, mode.unwrap_or(0));
+        node.set(0x6041, 0, i64::from(status));
+    }
+
+    fn status(&self, now: Instant, objects: &Dictionary, velocity: i64) -> u16 {
+        let (refresh, measure) = match self.power {
+            Power::Enabling { until } => (now + ENABLING / 2 < until, now + ENABLING / 2 >= until),
+            _ => (false, false),
+        };
+        let reached = match self.power {
+            Power::Enabled => self.ramp.demand == self.target(objects),
+            Power::QuickStop => self.ramp.demand == 0.0,
+            _ => false,
+        };
+        let standing = velocity == 0 && objects.get(0x6060, 0) == Some(PROFILE_VELOCITY);
+        let bit = |on: bool, bit: u16| u16::from(on) << bit;
+        self.power.status()
+            | bit(measure || self.power.drives(), 4)
+            | bit(true, 8)
+            | bit(self.remote, 9)
+            | bit(reached, 10)
+            | bit(standing, 12)
+            | bit(refresh, 14)
+    }
+}
+
+impl Default for Epos {
+    fn default() -> Self {
+        Self::new()
+    }
+}
