@@ -1,0 +1,313 @@
+//! The master's side: from the state that is seen to the goal that is set, one command at a time.
+
+use super::{PowerState, control};
+use base::{Duration, Instant, Queue};
+
+/// Where an axis shall be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Goal {
+    /// No torque: Switch On Disabled. An enabled axis is disabled by its ramp (0x605C) first.
+    Disabled,
+    /// Operation Enabled.
+    Enabled,
+    /// Stopped by the quick stop ramp; torque stays if the drive keeps it.
+    QuickStop,
+}
+
+/// How a drive's state machine is walked.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisConfig {
+    /// How long each transition may take; default 1 s.
+    pub transition_timeout: Duration,
+    /// The controlword that stops; default 0x0002. EPOS notes use 0x000B.
+    pub quick_stop: u16,
+    /// Whether Quick Stop Active is left by enabling (T16); default false: walk up from Switch On Disabled.
+    pub resumes: bool,
+}
+
+impl Default for AxisConfig {
+    fn default() -> Self {
+        Self {
+            transition_timeout: Duration::from_secs(1),
+            quick_stop: control::QUICK_STOP,
+            resumes: false,
+        }
+    }
+}
+
+/// What an axis did, or did not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AxisEvent {
+    /// The state that is seen changed.
+    State {
+        /// `None`: nothing was seen yet.
+        from: Option<PowerState>,
+        /// What is seen now.
+        to: PowerState,
+    },
+    /// The goal was reached.
+    Reached(Goal),
+    /// A fault is seen. The goal is Disabled now.
+    Fault {
+        /// What was seen.
+        statusword: u16,
+    },
+    /// An enabled axis left Operation Enabled by itself. The goal is Disabled now.
+    Dropped {
+        /// To where.
+        to: PowerState,
+        /// What was seen.
+        statusword: u16,
+    },
+    /// A transition did not come in time; told once for each. The command stays.
+    Stuck {
+        /// Where; `None`: nothing was seen.
+        state: Option<PowerState>,
+        /// Where to.
+        goal: Goal,
+        /// What was seen last.
+        statusword: u16,
+        /// What is commanded.
+        controlword: u16,
+    },
+}
+
+/// The master's view of one axis. It never commands enable until told, nor after a fault until told again.
+pub struct Axis {
+    config: AxisConfig,
+    goal: Goal,
+    state: Option<PowerState>,
+    statusword: u16,
+    reached: bool,
+    /// A stop was commanded and not seen yet: leaving Operation Enabled is no surprise.
+    stopping: bool,
+    reset: Reset,
+    until: Option<Instant>,
+    events: Queue<AxisEvent, 8>,
+}
+
+/// The rising edge that resets a fault: first low long enough for the drive to see it, then high until the fault
+/// is gone.
+#[derive(Clone, Copy, PartialEq)]
+enum Reset {
+    Idle,
+    Low { until: Instant },
+    High,
+}
+
+/// How long bit 7 is low before it rises: a drive that samples its controlword must have seen it.
+const LOW_FOR: Duration = Duration::from_millis(20);
+
+impl Axis {
+    /// An axis of which nothing was seen, to be disabled.
+    #[must_use]
+    pub fn new(config: AxisConfig) -> Self {
+        Self {
+            config,
+            goal: Goal::Disabled,
+            state: None,
+            statusword: 0,
+            reached: false,
+            stopping: false,
+            reset: Reset::Idle,
+            until: None,
+            events: Queue::new(),
+        }
+    }
+
+    /// Sets the goal. In Fault it is taken, but a fault must be reset first.
+    pub fn set_goal(&mut self, now: Instant, goal: Goal) {
+        if self.goal == goal {
+            return;
+        }
+        self.goal = goal;
+        if goal != Goal::Enabled {
+            self.stopping = self
+                .state
+                .is_none_or(|state| state == PowerState::OperationEnabled);
+        }
+        self.reached = false;
+        self.arm(now);
+        self.check_reached();
+    }
+
+    /// The goal; Disabled after a fault, a drop or a loss.
+    #[must_use]
+    pub fn goal(&self) -> Goal {
+        self.goal
+    }
+
+    /// Asks for a fault reset; without a fault nothing happens.
+    pub fn reset_fault(&mut self, now: Instant) {
+        if self.state == Some(PowerState::Fault) && self.reset == Reset::Idle {
+            self.reset = Reset::Low {
+                until: now + LOW_FOR,
+            };
+            self.until = None;
+        }
+    }
+
+    /// The node is lost: nothing is seen any more, and enable must be told anew.
+    pub fn lost(&mut self) {
+        let events = core::mem::take(&mut self.events);
+        *self = Self {
+            events,
+            ..Self::new(self.config)
+        };
+    }
+
+    /// The state seen last.
+    #[must_use]
+    pub fn state(&self) -> Option<PowerState> {
+        self.state
+    }
+
+    /// The statusword seen last.
+    #[must_use]
+    pub fn statusword(&self) -> u16 {
+        self.statusword
+    }
+
+    /// Whether the axis is enabled, as told.
+    #[must_use]
+    pub fn is_enabled(&self) -> bool {
+        self.goal == Goal::Enabled && self.state == Some(PowerState::OperationEnabled)
+    }
+
+    /// A statusword from the drive. Patterns that name no state change nothing.
+    pub fn handle_statusword(&mut self, now: Instant, statusword: u16) {
+        let Some(to) = PowerState::decode(statusword) else {
+            return;
+        };
+        let from = self.state.replace(to);
+        self.statusword = statusword;
+        if from == Some(to) {
+            return;
+        }
+        self.events.push(AxisEvent::State { from, to });
+        self.react(from, to);
+        self.arm(now);
+        self.check_reached();
+    }
+
+    fn react(&mut self, from: Option<PowerState>, to: PowerState) {
+        let statusword = self.statusword;
+        let stopping = self.stopping;
+        if to != PowerState::OperationEnabled {
+            self.stopping = false;
+        }
+        match to {
+            PowerState::Fault | PowerState::FaultReactionActive => {
+                if from != Some(PowerState::FaultReactionActive) {
+                    self.events.push(AxisEvent::Fault { statusword });
+                }
+                self.goal = Goal::Disabled;
+            }
+            _ if from == Some(PowerState::OperationEnabled)
+                && self.goal == Goal::Enabled
+                && !stopping =>
+            {
+                self.events.push(AxisEvent::Dropped { to, statusword });
+                self.goal = Goal::Disabled;
+            }
+            _ => {}
+        }
+        self.reached = false;
+        if to != PowerState::Fault {
+            self.reset = Reset::Idle;
+        }
+    }
+
+    fn is_there(&self) -> bool {
+        use PowerState::{
+            Fault, NotReady, OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled,
+        };
+        match self.goal {
+            Goal::Enabled => self.state == Some(OperationEnabled),
+            Goal::Disabled => matches!(self.state, Some(SwitchOnDisabled | Fault | NotReady)),
+            Goal::QuickStop => {
+                matches!(
+                    self.state,
+                    Some(QuickStopActive | SwitchOnDisabled | ReadyToSwitchOn | Fault | NotReady)
+                )
+            }
+        }
+    }
+
+    fn check_reached(&mut self) {
+        if self.is_there() && self.reset == Reset::Idle {
+            self.until = None;
+            if !self.reached {
+                self.reached = true;
+                self.events.push(AxisEvent::Reached(self.goal));
+            }
+        }
+    }
+
+    fn arm(&mut self, now: Instant) {
+        self.until = Some(now + self.config.transition_timeout);
+    }
+
+    /// The controlword to send now, and again whenever a statusword came or the goal changed. Its mode specific
+    /// bits are zero.
+    #[must_use]
+    pub fn controlword(&self) -> u16 {
+        use PowerState::{
+            OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn,
+        };
+        match (self.goal, self.state) {
+            (_, Some(PowerState::Fault)) if self.reset == Reset::High => control::FAULT_RESET,
+            (_, Some(PowerState::Fault)) => control::DISABLE_VOLTAGE,
+            (Goal::QuickStop, _) => self.config.quick_stop,
+            (_, None | Some(PowerState::NotReady | PowerState::FaultReactionActive)) => {
+                control::DISABLE_VOLTAGE
+            }
+            (Goal::Enabled, Some(SwitchOnDisabled)) => control::SHUTDOWN,
+            (Goal::Enabled, Some(ReadyToSwitchOn)) => control::SWITCH_ON,
+            (Goal::Enabled, Some(SwitchedOn | OperationEnabled)) => control::ENABLE,
+            (Goal::Enabled, Some(QuickStopActive)) if self.config.resumes => control::ENABLE,
+            (Goal::Disabled, Some(OperationEnabled)) => control::SWITCH_ON,
+            (Goal::Disabled, Some(SwitchedOn)) => control::SHUTDOWN,
+            (Goal::Disabled, Some(SwitchOnDisabled | ReadyToSwitchOn))
+            | (Goal::Enabled | Goal::Disabled, Some(QuickStopActive)) => control::DISABLE_VOLTAGE,
+        }
+    }
+
+    /// Tells a transition that did not come in time.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        if matches!(self.reset, Reset::Low { until } if until <= now) {
+            self.reset = Reset::High;
+            self.arm(now);
+        }
+        if self.until.take_if(|until| *until <= now).is_some() {
+            let controlword = self.controlword();
+            let Self {
+                state,
+                goal,
+                statusword,
+                ..
+            } = *self;
+            self.reset = Reset::Idle;
+            self.events.push(AxisEvent::Stuck {
+                state,
+                goal,
+                statusword,
+                controlword,
+            });
+        }
+    }
+
+    /// What happened.
+    pub fn poll_event(&mut self) -> Option<AxisEvent> {
+        self.events.pop()
+    }
+
+    /// When to call [`Self::handle_timeout`].
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        match self.reset {
+            Reset::Low { until } => Some(until),
+            Reset::Idle | Reset::High => self.until,
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! What a master is told about itself and its nodes.
+
+use crate::{Payload, Value, sdo};
+use alloc::string::String;
+use alloc::vec::Vec;
+use base::Duration;
+use core::fmt;
+
+/// A master's own parameters.
+#[derive(Clone, Debug)]
+pub struct MasterConfig {
+    /// Its node id, 1..=127; default 127.
+    pub id: u8,
+    /// Period of its heartbeat, at least 1 ms; default 50 ms.
+    pub heartbeat: Duration,
+    /// Period of SYNC; default none.
+    pub sync: Option<Duration>,
+    /// How long an SDO answer may take; default 500 ms.
+    pub sdo_timeout: Duration,
+    /// How often a boot-up step that was not answered is tried again at once; default 2.
+    pub sdo_retries: u8,
+    /// Rest between two attempts to boot a node; default 1 s.
+    pub retry: Duration,
+    /// Whether the bus gives own frames back (UDP multicast does, SocketCAN does not); default false. One heartbeat
+    /// of our own may then come back for each sent, before a second master is reported.
+    pub own_frames_return: bool,
+}
+
+impl Default for MasterConfig {
+    fn default() -> Self {
+        Self {
+            id: 127,
+            heartbeat: Duration::from_millis(50),
+            sync: None,
+            sdo_timeout: sdo::TIMEOUT,
+            sdo_retries: 2,
+            retry: Duration::from_secs(1),
+            own_frames_return: false,
+        }
+    }
+}
+
+/// An object to write at boot-up; it is read back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ConfigWrite {
+    /// The object's index.
+    pub index: u16,
+    /// The object's sub-index.
+    pub sub: u8,
+    /// What it shall hold.
+    pub value: Value,
+}
+
+impl ConfigWrite {
+    /// Write `value` to an object.
+    #[must_use]
+    pub fn new(index: u16, sub: u8, value: impl Into<Value>) -> Self {
+        Self {
+            index,
+            sub,
+            value: value.into(),
+        }
+    }
+
+    pub(super) fn payload(self) -> Payload {
+        Payload::from(self.value)
+    }
+}
+
+/// What an object must hold before a node is configured: `min <= value & mask <= max`, unsigned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Expect {
+    /// The object's index.
+    pub index: u16,
+    /// The object's sub-index.
+    pub sub: u8,
+    /// The bits that count.
+    pub mask: u32,
+    /// The least value.
+    pub min: u32,
+    /// The greatest value.
+    pub max: u32,
+}
+
+impl Expect {
+    /// Exactly `value`.
+    #[must_use]
+    pub const fn equal(index: u16, sub: u8, value: u32) -> Self {
+        Self::masked(index, sub, u32::MAX, value)
+    }
+
+    /// `value` in the bits of `mask`.
+    #[must_use]
+    pub const fn masked(index: u16, sub: u8, mask: u32, value: u32) -> Self {
+        Self {
+            index,
+            sub,
+            mask,
+            min: value & mask,
+            max: value & mask,
+        }
+    }
+
+    /// At least `min`.
+    #[must_use]
+    pub const fn at_least(index: u16, sub: u8, min: u32) -> Self {
+        Self {
+            index,
+            sub,
+            mask: u32::MAX,
+            min,
+            max: u32::MAX,
+        }
+    }
+
+    pub(super) const fn holds(self, found: u32) -> bool {
+        let found = found & self.mask;
+        self.min <= found && found <= self.max
+    }
+}
+
+/// A PDO as it must stand in the node after its configuration.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PdoMapping {
+    /// Index of the communication record: 0x1400 and up for RPDOs, 0x1800 and up for TPDOs.
+    pub record: u16,
+    /// The identifier. The PDO must exist.
+    pub cob_id: u16,
+    /// Mapping entries in the form of 0x1600.
+    pub entries: Vec<u32>,
+}
+
+impl PdoMapping {
+    /// RPDO `number` (1..=4) with its identifier of the pre-defined connection set.
+    #[must_use]
+    pub fn rpdo(node: u8, number: u8, entries: &[u32]) -> Self {
+        let cob_id = crate::wire::Service::Rpdo { node, number }.cob_id();
+        Self {
+            record: 0x13FF + u16::from(number),
+            cob_id,
+            entries: entries.to_vec(),
+        }
+    }
+
+    /// TPDO `number` (1..=4) with its identifier of the pre-defined connection set.
+    #[must_use]
+    pub fn tpdo(node: u8, number: u8, entries: &[u32]) -> Self {
+        let cob_id = crate::wire::Service::Tpdo { node, number }.cob_id();
+        Self {
+            record: 0x17FF + u16::from(number),
+            cob_id,
+            entries: entries.to_vec(),
+        }
+    }
+}
+
+/// What a node must be and how it is set up.
+#[derive(Clone, Debug)]
+pub struct NodeConfig {
+    /// Its node id, 1..=127.
+    pub id: u8,
+    /// Its name, for people.
+    pub name: String,
+    /// Whether an attempt begins with NMT reset communication; default true.
+    pub reset: bool,
+    /// How long it may take from the reset to its boot-up message; default 1 s. After that it is asked anyway.
+    pub boot_timeout: Duration,
+    /// What 0x1000 must be.
+    pub device_type: Option<u32>,
+    /// What 0x1018, or a firmware version elsewhere, must be.
+    pub identity: Vec<Expect>,
+    /// Objects to write, in this order; each is read back.
+    pub writes: Vec<ConfigWrite>,
+    /// PDOs as they must stand then.
+    pub mappings: Vec<PdoMapping>,
+    /// What is written to 0x1016:1, the node's watch over the master's heartbeat; `None`: the node does not watch.
+    pub master_limit: Option<Duration>,
+    /// What is written to 0x1017, the period of the node's heartbeat: 1 ms to 65 s; default 100 ms.
+    pub heartbeat: Duration,
+    /// How long the node's heartbeat may be missing; more than its period; default 200 ms.
+    pub heartbeat_limit: Duration,
+}
+
+impl NodeConfig {
+    /// A node of which nothing is asked, with the defaults.
+    #[must_use]
+    pub fn new(id: u8, name: &str) -> Self {
+        Self {
+            id,
+            name: String::from(name),
+            reset: true,
+            boot_timeout: Duration::from_secs(1),
+            device_type: None,
+            identity: Vec::new(),
+            writes: Vec::new(),
+            mappings: Vec::new(),
+            master_limit: None,
+            heartbeat: Duration::from_millis(100),
+            heartbeat_limit: Duration::from_millis(200),
+        }
+    }
+}
+
+/// What is wrong with a configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // node: whose
+pub enum ConfigError {
+    /// A node id is not within 1..=127.
+    NodeId { node: u8 },
+    /// Two nodes, or a node and the master, have the same id.
+    SameId { node: u8 },
+    /// A period or a limit is shorter than 1 ms or does not fit the object that holds it.
+    Period { node: u8 },
+    /// A limit is not longer than the heartbeat it watches.
+    Limit { node: u8 },
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NodeId { node } => write!(f, "node id {node} is not within 1..=127"),
+            Self::SameId { node } => write!(f, "node id {node} is given twice"),
+            Self::Period { node } => write!(
+                f,
+                "node {node}: a heartbeat period or limit is not within 1 ms..=65535 ms"
+            ),
+            Self::Limit { node } => write!(
+                f,
+                "node {node}: a heartbeat limit is not longer than the heartbeat"
+            ),
+        }
+    }
+}
+
+impl MasterConfig {
+    pub(super) fn check(&self, nodes: &[NodeConfig]) -> Result<(), ConfigError> {
+        let fits = |period: Duration| (1..=0xFFFF).contains(&period.as_millis());
+        let ids = || core::iter::once(self.id).chain(nodes.iter().map(|node| node.id));
+        if let Some(node) = ids().find(|id| !(1..=127).contains(id)) {
+            return Err(ConfigError::NodeId { node });
+        }
+        if let Some(node) = ids().find(|id| ids().filter(|other| other == id).count() > 1) {
+            return Err(ConfigError::SameId { node });
+        }
+        if !fits(self.heartbeat) || self.sync.is_some_and(|period| period.is_zero()) {
+            return Err(ConfigError::Period { node: self.id });
+        }
+        nodes.iter().try_for_each(|node| {
+            let id = node.id;
+            if !fits(node.heartbeat) || node.master_limit.is_some_and(|limit| !fits(limit)) {
+                return Err(ConfigError::Period { node: id });
+            }
+            let watched = node.master_limit.is_none_or(|limit| limit > self.heartbeat);
+            if watched && node.heartbeat_limit > node.heartbeat {
+                Ok(())
+            } else {
+                Err(ConfigError::Limit { node: id })
+            }
+        })
+    }
+}

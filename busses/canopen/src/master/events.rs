@@ -1,0 +1,219 @@
+//! What a master tells.
+
+use crate::wire::{Emergency, NmtState};
+use crate::{Payload, sdo};
+use core::fmt;
+
+/// Which request an SDO event answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Ticket(pub(super) u32);
+
+/// A step of the boot-up of a node, in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Step {
+    /// Reset, and its boot-up message.
+    BootUp,
+    /// 0x1000 (the first that a silent node does not answer).
+    DeviceType,
+    /// 0x1018 and what else says who it is.
+    Identity,
+    /// Objects written and read back.
+    Configuration,
+    /// PDOs compared.
+    Mapping,
+    /// 0x1016, 0x1017, and the first heartbeat.
+    ErrorControl,
+    /// NMT start, and the heartbeat that shows it.
+    Start,
+}
+
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::BootUp => "boot-up",
+            Self::DeviceType => "device type",
+            Self::Identity => "identity",
+            Self::Configuration => "configuration",
+            Self::Mapping => "PDO mapping",
+            Self::ErrorControl => "error control",
+            Self::Start => "start",
+        })
+    }
+}
+
+/// Why a boot-up failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BootError {
+    /// An object could not be read or written.
+    Sdo {
+        /// The object's index.
+        index: u16,
+        /// The object's sub-index.
+        sub: u8,
+        /// Why.
+        error: sdo::Error,
+    },
+    /// An object does not hold what it must.
+    Mismatch {
+        /// The object's index.
+        index: u16,
+        /// The object's sub-index.
+        sub: u8,
+        /// The bits that count, as they should be (the least, where more is right too).
+        expected: u32,
+        /// The bits that count, as they are.
+        found: u32,
+    },
+    /// No heartbeat came after it was configured.
+    NoHeartbeat,
+    /// It was started but names another state.
+    NotStarted {
+        /// Which.
+        state: NmtState,
+    },
+    /// Boot-up messages came that nobody asked for: it keeps resetting, or two nodes have the same id.
+    Restless,
+}
+
+impl fmt::Display for BootError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Sdo { index, sub, error } => write!(f, "0x{index:04X}:{sub} {error}"),
+            Self::Mismatch {
+                index,
+                sub,
+                expected,
+                found,
+            } => {
+                write!(
+                    f,
+                    "0x{index:04X}:{sub} is 0x{found:X}, expected 0x{expected:X}"
+                )
+            }
+            Self::NoHeartbeat => f.write_str("no heartbeat"),
+            Self::NotStarted { state } => write!(f, "does not start, stays {state:?}"),
+            Self::Restless => f.write_str("boots again and again, or two nodes have this id"),
+        }
+    }
+}
+
+/// Why a node that ran is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LostReason {
+    /// Its heartbeat is missing.
+    Heartbeat,
+    /// It sent a boot-up message: it forgot what it was told.
+    BootUp,
+    /// Its heartbeat names another state than Operational.
+    State(NmtState),
+    /// The host said that the bus is down.
+    BusDown,
+    /// [`Master::reboot`](super::Master::reboot) was called.
+    Reboot,
+}
+
+impl fmt::Display for LostReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Heartbeat => f.write_str("heartbeat missing"),
+            Self::BootUp => f.write_str("booted by itself"),
+            Self::State(state) => write!(f, "went to {state:?}"),
+            Self::BusDown => f.write_str("bus down"),
+            Self::Reboot => f.write_str("reboot commanded"),
+        }
+    }
+}
+
+/// What happened on the bus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // node: the node's id
+pub enum Event {
+    /// The node is who it must be, set up, watched and Operational: PDOs may be sent.
+    Booted { node: u8 },
+    /// An attempt to boot failed; reported once for each cause. Attempts go on.
+    BootFailed {
+        node: u8,
+        step: Step,
+        reason: BootError,
+    },
+    /// A node that ran is lost, and its PDOs with it; it is booted again.
+    Lost { node: u8, reason: LostReason },
+    /// A node sent an emergency. Of a flood, one each 100 ms is reported: the first and, later, the last;
+    /// `suppressed` says how many were not.
+    Emergency {
+        node: u8,
+        emergency: Emergency,
+        suppressed: u32,
+    },
+    /// A TPDO, numbered 1 to 4, of a node that is Operational.
+    Pdo {
+        node: u8,
+        number: u8,
+        data: [u8; 8],
+        len: u8,
+    },
+    /// An object was read.
+    SdoRead {
+        node: u8,
+        ticket: Ticket,
+        index: u16,
+        sub: u8,
+        data: Payload,
+    },
+    /// An object was written.
+    SdoWritten {
+        node: u8,
+        ticket: Ticket,
+        index: u16,
+        sub: u8,
+    },
+    /// An object was neither read nor written.
+    SdoFailed {
+        node: u8,
+        ticket: Ticket,
+        index: u16,
+        sub: u8,
+        error: sdo::Error,
+    },
+    /// Frames of this node that CANopen does not allow, so far; told at 1, 2, 4, 8 and so on.
+    Malformed { node: u8, count: u32 },
+    /// A heartbeat with the master's own id: two masters are on the bus. Told at most every 10 s.
+    SecondMaster,
+}
+
+/// Why a PDO was not sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PdoError {
+    /// No such node is configured.
+    UnknownNode,
+    /// The node is not booted, or lost.
+    NotOperational,
+    /// Only PDOs 1 to 4 have identifiers.
+    Number,
+    /// More than 8 bytes.
+    TooLong,
+    /// Nobody drained what waits.
+    QueueFull,
+}
+
+/// Why an SDO request was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RequestError {
+    /// No such node is configured.
+    UnknownNode,
+    /// Too many requests wait for this node.
+    QueueFull,
+    /// More than [`sdo::MAX_LEN`] bytes.
+    TooLong,
+}
+
+/// How far a node is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Being booted.
+    Booting(Step),
+    /// The last attempt failed; the next one waits.
+    Resting,
+    /// Booted, Operational and heard.
+    Operational,
+}

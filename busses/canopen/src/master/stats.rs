@@ -1,0 +1,64 @@
+//! What is counted for each node.
+
+use base::Duration;
+
+/// Times from an SDO request to its last answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RoundTrip {
+    /// The shortest.
+    pub min: Duration,
+    /// The longest.
+    pub max: Duration,
+    /// The sum of `count`.
+    pub sum: Duration,
+    /// How many.
+    pub count: u32,
+}
+
+impl RoundTrip {
+    /// The mean; zero when there was none.
+    #[must_use]
+    pub fn mean(&self) -> Duration {
+        self.sum.checked_div(self.count).unwrap_or_default()
+    }
+
+    fn add(&mut self, took: Duration) {
+        self.min = if self.count == 0 {
+            took
+        } else {
+            self.min.min(took)
+        };
+        self.max = self.max.max(took);
+        self.sum = self.sum.saturating_add(took);
+        self.count = self.count.saturating_add(1);
+    }
+}
+
+/// Counters of a node since the master was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// SDO transfers begun.
+    pub requests: u32,
+    /// Transfers of the boot-up begun again because nothing answered.
+    pub retries: u32,
+    /// Transfers that were not answered in time.
+    pub timeouts: u32,
+    /// Frames that CANopen does not allow.
+    pub malformed: u32,
+    /// Emergencies.
+    pub emergencies: u32,
+    /// PDOs taken.
+    pub pdos: u32,
+    /// Times booted.
+    pub boots: u32,
+    /// Times lost.
+    pub losses: u32,
+    /// SDO transfers that succeeded.
+    pub round_trip: RoundTrip,
+}
+
+impl Stats {
+    pub(super) fn succeeded(&mut self, took: Duration) {
+        self.round_trip.add(took);
+    }
+}

@@ -1,0 +1,375 @@
+//! The client: one transfer at a time.
+
+use super::MAX_LEN;
+use crate::wire::sdo::{Initiate, Malformed, Request, Response, Segment};
+use crate::{Abort, Payload};
+use base::{Duration, Instant, Queue};
+use core::{fmt, mem};
+
+/// Why a transfer failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Error {
+    /// The node refused, with its code.
+    Refused(Abort),
+    /// The node did not answer in time; it was told so.
+    Timeout,
+    /// The node answered nonsense; it was told this code.
+    Protocol(Abort),
+    /// The node was reset or lost meanwhile.
+    Cancelled,
+}
+
+impl Error {
+    /// The code for those who only know abort codes.
+    #[must_use]
+    pub const fn code(self) -> Abort {
+        match self {
+            Self::Refused(code) | Self::Protocol(code) => code,
+            Self::Timeout => Abort::TIMEOUT,
+            Self::Cancelled => Abort::DEVICE_STATE,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Refused(code) => write!(f, "refused: {code}"),
+            Self::Timeout => f.write_str("no answer in time"),
+            Self::Protocol(code) => write!(f, "nonsense answered: {code}"),
+            Self::Cancelled => f.write_str("the node was reset or lost meanwhile"),
+        }
+    }
+}
+
+/// A transfer that ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Done {
+    /// The object's index.
+    pub index: u16,
+    /// The object's sub-index.
+    pub sub: u8,
+    /// What was read (nothing, for a write), or why not.
+    pub result: Result<Payload, Error>,
+    /// From the first request to the last answer.
+    pub took: Duration,
+}
+
+/// What the client waits for.
+enum Wait {
+    Upload,
+    UploadSegment {
+        toggle: bool,
+        size: Option<u32>,
+        data: Payload,
+    },
+    /// `data` is empty when all of it went with the request.
+    Download {
+        data: Option<Payload>,
+    },
+    DownloadSegment {
+        toggle: bool,
+        data: Payload,
+        sent: usize,
+    },
+}
+
+/// The rest of a transfer.
+struct Transfer {
+    index: u16,
+    sub: u8,
+    since: Instant,
+    until: Instant,
+    wait: Wait,
+}
+
+/// One SDO channel to one node. Feed it the data of the node's responses, send what it gives to the node.
+pub struct Client {
+    timeout: Duration,
+    transfer: Option<Transfer>,
+    tx: Queue<[u8; 8], 4>,
+    done: Option<Done>,
+    ignored: u32,
+}
+
+impl Client {
+    /// Idle; each answer may take `timeout`.
+    #[must_use]
+    pub fn new(timeout: Duration) -> Self {
+        Self {
+            timeout,
+            transfer: None,
+            tx: Queue::new(),
+            done: None,
+            ignored: 0,
+        }
+    }
+
+    /// Whether a transfer can begin: none runs and the last one's end was taken.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.transfer.is_none() && self.done.is_none()
+    }
+
+    /// Frames that fitted nothing, late answers among them.
+    #[must_use]
+    pub fn ignored(&self) -> u32 {
+        self.ignored
+    }
+
+    /// Begins to read; false when busy.
+    pub fn read(&mut self, now: Instant, index: u16, sub: u8) -> bool {
+        self.begin(
+            now,
+            index,
+            sub,
+            Wait::Upload,
+            Request::Upload { index, sub },
+        )
+    }
+
+    /// Begins to write; false when busy.
+    pub fn write(&mut self, now: Instant, index: u16, sub: u8, data: Payload) -> bool {
+        let mut bytes = [0; 4];
+        let (initiate, data) = match data.len() {
+            len @ 1..=4 => {
+                bytes[..len].copy_from_slice(&data);
+                (
+                    Initiate::Expedited {
+                        data: bytes,
+                        len: Some(len as u8),
+                    },
+                    None,
+                )
+            }
+            len => (
+                Initiate::Segmented {
+                    size: Some(len as u32),
+                },
+                Some(data),
+            ),
+        };
+        self.begin(
+            now,
+            index,
+            sub,
+            Wait::Download { data },
+            Request::Download {
+                index,
+                sub,
+                initiate,
+            },
+        )
+    }
+
+    fn begin(&mut self, now: Instant, index: u16, sub: u8, wait: Wait, request: Request) -> bool {
+        let idle = self.is_idle();
+        if idle {
+            self.transfer = Some(Transfer {
+                index,
+                sub,
+                since: now,
+                until: now + self.timeout,
+                wait,
+            });
+            self.tx.push(request.encode());
+        }
+        idle
+    }
+
+    /// Gives up what runs, without a word to the node: it was reset, or is gone.
+    pub fn cancel(&mut self) {
+        self.transfer = None;
+        self.done = None;
+        self.tx.clear();
+    }
+
+    /// The data of a response.
+    pub fn handle_rx(&mut self, now: Instant, data: &[u8]) {
+        let Some(transfer) = self.transfer.take() else {
+            self.ignored = self.ignored.saturating_add(1);
+            return;
+        };
+        let here = (transfer.index, transfer.sub);
+        match Response::decode(data) {
+            Ok(Response::Abort { index, sub, code }) if here == (index, sub) => {
+                self.finish(now, transfer, Err(Error::Refused(code)));
+            }
+            Ok(Response::Upload { index, sub, .. } | Response::Download { index, sub })
+                if here != (index, sub) =>
+            {
+                self.ignore(transfer);
+            }
+            Ok(response) => self.answer(now, transfer, response),
+            // Block transfer was not asked for, so an answer of its kind to our object is nonsense.
+            Err(Malformed::Command { index, sub, .. }) if here == (index, sub) => {
+                self.give_up(now, transfer, Abort::UNKNOWN_COMMAND);
+            }
+            Err(_) => self.ignore(transfer),
+        }
+    }
+
+    fn answer(&mut self, now: Instant, mut transfer: Transfer, response: Response) {
+        match (mem::replace(&mut transfer.wait, Wait::Upload), response) {
+            (
+                Wait::Upload,
+                Response::Upload {
+                    initiate: Initiate::Expedited { data, len },
+                    ..
+                },
+            ) => {
+                let data = Payload::from(&data[..usize::from(len.unwrap_or(4))]);
+                self.finish(now, transfer, Ok(data));
+            }
+            (
+                Wait::Upload,
+                Response::Upload {
+                    initiate: Initiate::Segmented { size },
+                    ..
+                },
+            ) => {
+                if size.is_some_and(|size| size as usize > MAX_LEN) {
+                    return self.give_up(now, transfer, Abort::OUT_OF_MEMORY);
+                }
+                self.ask_segment(now, transfer, false, size, Payload::EMPTY);
+            }
+            (Wait::UploadSegment { toggle, size, data }, Response::UploadSegment(segment)) => {
+                self.take_segment(now, transfer, segment, (toggle, size, data));
+            }
+            (Wait::Download { data: None }, Response::Download { .. }) => {
+                self.finish(now, transfer, Ok(Payload::EMPTY));
+            }
+            (Wait::Download { data: Some(data) }, Response::Download { .. }) => {
+                self.send_segment(now, transfer, false, data, 0);
+            }
+            (
+                Wait::DownloadSegment { toggle, data, sent },
+                Response::DownloadSegment { toggle: answered },
+            ) => {
+                if answered != toggle {
+                    return self.give_up(now, transfer, Abort::TOGGLE);
+                }
+                if sent == data.len() {
+                    return self.finish(now, transfer, Ok(Payload::EMPTY));
+                }
+                self.send_segment(now, transfer, !toggle, data, sent);
+            }
+            // An answer that belongs to an earlier request: go on waiting.
+            (wait, _) => self.ignore(Transfer { wait, ..transfer }),
+        }
+    }
+
+    fn take_segment(
+        &mut self,
+        now: Instant,
+        transfer: Transfer,
+        segment: Segment,
+        (toggle, size, mut data): (bool, Option<u32>, Payload),
+    ) {
+        if segment.toggle != toggle {
+            return self.give_up(now, transfer, Abort::TOGGLE);
+        }
+        data.extend(segment.data());
+        let limit = size.map_or(MAX_LEN, |size| size as usize);
+        match () {
+            () if data.len() > limit && size.is_none() => {
+                self.give_up(now, transfer, Abort::OUT_OF_MEMORY)
+            }
+            () if data.len() > limit => self.give_up(now, transfer, Abort::TOO_LONG),
+            () if !segment.last => self.ask_segment(now, transfer, !toggle, size, data),
+            () if size.is_some() && data.len() < limit => {
+                self.give_up(now, transfer, Abort::TOO_SHORT)
+            }
+            () => self.finish(now, transfer, Ok(data)),
+        }
+    }
+
+    fn ask_segment(
+        &mut self,
+        now: Instant,
+        mut transfer: Transfer,
+        toggle: bool,
+        size: Option<u32>,
+        data: Payload,
+    ) {
+        transfer.wait = Wait::UploadSegment { toggle, size, data };
+        self.go_on(now, transfer, Request::UploadSegment { toggle });
+    }
+
+    fn send_segment(
+        &mut self,
+        now: Instant,
+        mut transfer: Transfer,
+        toggle: bool,
+        data: Payload,
+        sent: usize,
+    ) {
+        let end = data.len().min(sent + 7);
+        let segment = Segment::new(toggle, end == data.len(), &data[sent..end]);
+        transfer.wait = Wait::DownloadSegment {
+            toggle,
+            data,
+            sent: end,
+        };
+        self.go_on(now, transfer, Request::DownloadSegment(segment));
+    }
+
+    fn go_on(&mut self, now: Instant, transfer: Transfer, request: Request) {
+        self.tx.push(request.encode());
+        self.transfer = Some(Transfer {
+            until: now + self.timeout,
+            ..transfer
+        });
+    }
+
+    fn ignore(&mut self, transfer: Transfer) {
+        self.ignored = self.ignored.saturating_add(1);
+        self.transfer = Some(transfer);
+    }
+
+    fn give_up(&mut self, now: Instant, transfer: Transfer, code: Abort) {
+        let (index, sub) = (transfer.index, transfer.sub);
+        self.tx.push(Request::Abort { index, sub, code }.encode());
+        let error = if code == Abort::TIMEOUT {
+            Error::Timeout
+        } else {
+            Error::Protocol(code)
+        };
+        self.finish(now, transfer, Err(error));
+    }
+
+    fn finish(&mut self, now: Instant, transfer: Transfer, result: Result<Payload, Error>) {
+        let Transfer {
+            index, sub, since, ..
+        } = transfer;
+        self.done = Some(Done {
+            index,
+            sub,
+            result,
+            took: now.since(since),
+        });
+    }
+
+    /// Gives up what has waited too long.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        if let Some(transfer) = self.transfer.take_if(|transfer| transfer.until <= now) {
+            self.give_up(now, transfer, Abort::TIMEOUT);
+        }
+    }
+
+    /// The data of a request to send.
+    pub fn poll_tx(&mut self) -> Option<[u8; 8]> {
+        self.tx.pop()
+    }
+
+    /// A transfer that ended.
+    pub fn poll_done(&mut self) -> Option<Done> {
+        self.done.take()
+    }
+
+    /// When to call [`Self::handle_timeout`].
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.transfer.as_ref().map(|transfer| transfer.until)
+    }
+}

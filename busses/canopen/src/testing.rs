@@ -1,0 +1,164 @@
+//! A simulated wire between engines: in order, with latency, loss and duplication from a seed.
+
+use crate::{Event, Master, Node, NodeEvent};
+use base::can::Frame;
+use base::{Duration, Instant};
+use std::collections::VecDeque;
+use std::vec::Vec;
+
+/// A small generator (xorshift64*): same seed, same run.
+pub(crate) struct Random(u64);
+
+impl Random {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    pub(crate) fn next(&mut self) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
+    }
+
+    pub(crate) fn below(&mut self, bound: u64) -> u64 {
+        (self.next() >> 32) % bound.max(1)
+    }
+}
+
+/// A frame takes this long.
+pub(crate) const LATENCY: Duration = Duration::from_micros(130);
+
+/// One master, its nodes, and the wire between them.
+pub(crate) struct Bus {
+    pub(crate) now: Instant,
+    pub(crate) master: Master,
+    pub(crate) nodes: Vec<Node>,
+    pub(crate) events: Vec<(Instant, Event)>,
+    pub(crate) node_events: Vec<(Instant, u8, NodeEvent)>,
+    /// Every frame that was sent, lost ones too.
+    pub(crate) sent: Vec<(Instant, Frame)>,
+    /// Of 1000 frames, lost and doubled.
+    pub(crate) loss: u64,
+    pub(crate) doubling: u64,
+    /// Whether senders get their own frames back.
+    pub(crate) echo: bool,
+    random: Random,
+    /// When it arrives, who sent it (0: the master, n: node n - 1), what.
+    wire: VecDeque<(Instant, usize, Frame)>,
+}
+
+impl Bus {
+    pub(crate) fn new(master: Master, nodes: Vec<Node>) -> Self {
+        Self {
+            now: Instant::from_millis(1000),
+            master,
+            nodes,
+            events: Vec::new(),
+            node_events: Vec::new(),
+            sent: Vec::new(),
+            loss: 0,
+            doubling: 0,
+            echo: false,
+            random: Random::new(1),
+            wire: VecDeque::new(),
+        }
+    }
+
+    pub(crate) fn seed(&mut self, seed: u64) {
+        self.random = Random::new(seed);
+    }
+
+    /// Takes what the engines have to say.
+    pub(crate) fn drain(&mut self) {
+        while let Some(frame) = self.master.poll_tx() {
+            self.put(0, frame);
+        }
+        for at in 0..self.nodes.len() {
+            while let Some(frame) = self.nodes[at].poll_tx() {
+                self.put(at + 1, frame);
+            }
+            while let Some(event) = self.nodes[at].poll_event() {
+                self.node_events
+                    .push((self.now, self.nodes[at].id(), event));
+            }
+        }
+        while let Some(event) = self.master.poll_event() {
+            self.events.push((self.now, event));
+        }
+    }
+
+    /// Puts a frame on the wire, as sender `from`; `usize::MAX`: as somebody else.
+    pub(crate) fn put(&mut self, from: usize, frame: Frame) {
+        self.sent.push((self.now, frame));
+        let copies = match self.random.below(1000) {
+            draw if draw < self.loss => 0,
+            draw if draw < self.loss + self.doubling => 2,
+            _ => 1,
+        };
+        for _ in 0..copies {
+            self.wire.push_back((self.now + LATENCY, from, frame));
+        }
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        let timers = self
+            .nodes
+            .iter()
+            .filter_map(Node::poll_timeout)
+            .chain(self.master.poll_timeout());
+        timers.chain(self.wire.front().map(|(at, ..)| *at)).min()
+    }
+
+    /// Lets time pass until `until`.
+    pub(crate) fn run_until(&mut self, until: Instant) {
+        self.drain();
+        let mut rounds = 0;
+        while let Some(next) = self.deadline().filter(|next| *next <= until) {
+            rounds = if next > self.now { 0 } else { rounds + 1 };
+            assert!(rounds < 1000, "something is due at {next:?} for ever");
+            self.now = self.now.max(next);
+            self.step();
+        }
+        self.now = until;
+    }
+
+    fn step(&mut self) {
+        while let Some((_, from, frame)) = self.wire.pop_front_if(|(at, ..)| *at <= self.now) {
+            if from != 0 || self.echo {
+                self.master.handle_rx(self.now, &frame);
+            }
+            for at in 0..self.nodes.len() {
+                if from != at + 1 || self.echo {
+                    self.nodes[at].handle_rx(self.now, &frame);
+                }
+            }
+            self.drain();
+        }
+        self.master.handle_timeout(self.now);
+        for node in &mut self.nodes {
+            node.handle_timeout(self.now);
+        }
+        self.drain();
+    }
+
+    pub(crate) fn run(&mut self, millis: u64) {
+        self.run_until(self.now + Duration::from_millis(millis));
+    }
+
+    /// Runs until the master tells something that `is` likes; fails after `millis`.
+    pub(crate) fn run_to(&mut self, millis: u64, is: impl Fn(&Event) -> bool) -> Instant {
+        let from = self.events.len();
+        let end = self.now + Duration::from_millis(millis);
+        while self.now < end {
+            if let Some((at, _)) = self.events[from..].iter().find(|(_, event)| is(event)) {
+                return *at;
+            }
+            self.run(1);
+        }
+        panic!(
+            "not seen in {millis} ms; events: {:#?}",
+            &self.events[from..]
+        );
+    }
+}

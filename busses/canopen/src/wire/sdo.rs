@@ -1,0 +1,350 @@
+//! SDO frames, expedited and segmented (CiA 301, 9.2.2.2). Always 8 bytes; block transfer is not spoken.
+
+use crate::Abort;
+
+/// How a transfer begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Initiate {
+    /// All data is in this frame; `len` (1..=4) is `None` when the sender did not say.
+    Expedited {
+        /// The data, padded with zeros.
+        data: [u8; 4],
+        /// How many bytes count.
+        len: Option<u8>,
+    },
+    /// Segments follow.
+    Segmented {
+        /// Bytes of the whole transfer, if the sender said so.
+        size: Option<u32>,
+    },
+}
+
+/// Up to seven bytes of a segmented transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Segment {
+    /// Alternates, beginning with false.
+    pub toggle: bool,
+    /// Whether no more segments follow.
+    pub last: bool,
+    len: u8,
+    bytes: [u8; 7],
+}
+
+impl Segment {
+    /// A segment with the first seven bytes of `data`.
+    #[must_use]
+    pub fn new(toggle: bool, last: bool, data: &[u8]) -> Self {
+        let len = data.len().min(7);
+        let mut bytes = [0; 7];
+        bytes[..len].copy_from_slice(&data[..len]);
+        Self {
+            toggle,
+            last,
+            len: len as u8,
+            bytes,
+        }
+    }
+
+    /// The data.
+    #[must_use]
+    pub fn data(&self) -> &[u8] {
+        &self.bytes[..usize::from(self.len)]
+    }
+
+    fn encode(self) -> [u8; 8] {
+        let mut frame = [0; 8];
+        frame[0] = toggle_bit(self.toggle) | (7 - self.len) << 1 | u8::from(self.last);
+        frame[1..].copy_from_slice(&self.bytes);
+        frame
+    }
+
+    fn decode(frame: [u8; 8]) -> Self {
+        let [command, data @ ..] = frame;
+        let len = 7 - usize::from(command >> 1 & 7);
+        Self::new(is_toggled(command), command & 1 != 0, &data[..len])
+    }
+}
+
+/// From client to server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // index and sub: the object
+pub enum Request {
+    /// Begin to write an object.
+    Download {
+        index: u16,
+        sub: u8,
+        initiate: Initiate,
+    },
+    /// Go on writing.
+    DownloadSegment(Segment),
+    /// Begin to read an object.
+    Upload { index: u16, sub: u8 },
+    /// Go on reading.
+    UploadSegment { toggle: bool },
+    /// Give up.
+    Abort { index: u16, sub: u8, code: Abort },
+}
+
+/// From server to client.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // index and sub: the object
+pub enum Response {
+    /// Writing begun, or done when it was expedited.
+    Download { index: u16, sub: u8 },
+    /// A segment was taken.
+    DownloadSegment { toggle: bool },
+    /// Reading begun, or all of it when it is expedited.
+    Upload {
+        index: u16,
+        sub: u8,
+        initiate: Initiate,
+    },
+    /// A segment.
+    UploadSegment(Segment),
+    /// Refused.
+    Abort { index: u16, sub: u8, code: Abort },
+}
+
+/// Why a frame is not an SDO frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Malformed {
+    /// It does not have 8 bytes.
+    Length,
+    /// The command specifier is reserved, or one of block transfer. Index and sub-index where such frames have them.
+    Command {
+        /// Byte 0.
+        command: u8,
+        /// Bytes 1 and 2.
+        index: u16,
+        /// Byte 3.
+        sub: u8,
+    },
+}
+
+const fn toggle_bit(toggle: bool) -> u8 {
+    if toggle { 0x10 } else { 0 }
+}
+
+const fn is_toggled(command: u8) -> bool {
+    command & 0x10 != 0
+}
+
+fn object(command: u8, index: u16, sub: u8, data: [u8; 4]) -> [u8; 8] {
+    let ([low, high], [a, b, c, d]) = (index.to_le_bytes(), data);
+    [command, low, high, sub, a, b, c, d]
+}
+
+fn initiate(command: u8, index: u16, sub: u8, initiate: Initiate) -> [u8; 8] {
+    match initiate {
+        Initiate::Expedited { data, len: None } => object(command | 2, index, sub, data),
+        Initiate::Expedited {
+            data,
+            len: Some(len),
+        } => object(command | 3 | (4 - len.clamp(1, 4)) << 2, index, sub, data),
+        Initiate::Segmented { size: None } => object(command, index, sub, [0; 4]),
+        Initiate::Segmented { size: Some(size) } => {
+            object(command | 1, index, sub, size.to_le_bytes())
+        }
+    }
+}
+
+fn decode_initiate(command: u8, data: [u8; 4]) -> Initiate {
+    match (command & 2 != 0, command & 1 != 0) {
+        (true, false) => Initiate::Expedited { data, len: None },
+        (true, true) => Initiate::Expedited {
+            data,
+            len: Some(4 - (command >> 2 & 3)),
+        },
+        (false, false) => Initiate::Segmented { size: None },
+        (false, true) => Initiate::Segmented {
+            size: Some(u32::from_le_bytes(data)),
+        },
+    }
+}
+
+/// An object's address and the four bytes behind it.
+type Parts = ([u8; 8], u8, u16, u8, [u8; 4]);
+
+fn split(data: &[u8]) -> Result<Parts, Malformed> {
+    let frame: [u8; 8] = data.try_into().map_err(|_| Malformed::Length)?;
+    let [command, low, high, sub, rest @ ..] = frame;
+    Ok((frame, command, u16::from_le_bytes([low, high]), sub, rest))
+}
+
+impl Request {
+    /// The data of the frame.
+    #[must_use]
+    pub fn encode(self) -> [u8; 8] {
+        match self {
+            Self::Download {
+                index,
+                sub,
+                initiate: how,
+            } => initiate(0x20, index, sub, how),
+            Self::DownloadSegment(segment) => segment.encode(),
+            Self::Upload { index, sub } => object(0x40, index, sub, [0; 4]),
+            Self::UploadSegment { toggle } => [0x60 | toggle_bit(toggle), 0, 0, 0, 0, 0, 0, 0],
+            Self::Abort { index, sub, code } => object(0x80, index, sub, code.0.to_le_bytes()),
+        }
+    }
+
+    /// From the data of a frame.
+    ///
+    /// # Errors
+    /// Why it is none that is spoken here.
+    pub fn decode(data: &[u8]) -> Result<Self, Malformed> {
+        let (frame, command, index, sub, rest) = split(data)?;
+        Ok(match command >> 5 {
+            0 => Self::DownloadSegment(Segment::decode(frame)),
+            1 => Self::Download {
+                index,
+                sub,
+                initiate: decode_initiate(command, rest),
+            },
+            2 => Self::Upload { index, sub },
+            3 => Self::UploadSegment {
+                toggle: is_toggled(command),
+            },
+            4 => Self::Abort {
+                index,
+                sub,
+                code: Abort(u32::from_le_bytes(rest)),
+            },
+            _ => {
+                return Err(Malformed::Command {
+                    command,
+                    index,
+                    sub,
+                });
+            }
+        })
+    }
+}
+
+impl Response {
+    /// The data of the frame.
+    #[must_use]
+    pub fn encode(self) -> [u8; 8] {
+        match self {
+            Self::Download { index, sub } => object(0x60, index, sub, [0; 4]),
+            Self::DownloadSegment { toggle } => [0x20 | toggle_bit(toggle), 0, 0, 0, 0, 0, 0, 0],
+            Self::Upload {
+                index,
+                sub,
+                initiate: how,
+            } => initiate(0x40, index, sub, how),
+            Self::UploadSegment(segment) => segment.encode(),
+            Self::Abort { index, sub, code } => object(0x80, index, sub, code.0.to_le_bytes()),
+        }
+    }
+
+    /// From the data of a frame.
+    ///
+    /// # Errors
+    /// Why it is none that is spoken here.
+    pub fn decode(data: &[u8]) -> Result<Self, Malformed> {
+        let (frame, command, index, sub, rest) = split(data)?;
+        Ok(match command >> 5 {
+            0 => Self::UploadSegment(Segment::decode(frame)),
+            1 => Self::DownloadSegment {
+                toggle: is_toggled(command),
+            },
+            2 => Self::Upload {
+                index,
+                sub,
+                initiate: decode_initiate(command, rest),
+            },
+            3 => Self::Download { index, sub },
+            4 => Self::Abort {
+                index,
+                sub,
+                code: Abort(u32::from_le_bytes(rest)),
+            },
+            _ => {
+                return Err(Malformed::Command {
+                    command,
+                    index,
+                    sub,
+                });
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_commands_are_those_of_the_standard() {
+        let four = |len| Initiate::Expedited {
+            data: [1, 2, 3, 4],
+            len,
+        };
+        let command = |initiate| {
+            Request::Download {
+                index: 0x6083,
+                sub: 1,
+                initiate,
+            }
+            .encode()[0]
+        };
+        assert_eq!(
+            [4, 3, 2, 1].map(|len| command(four(Some(len)))),
+            [0x23, 0x27, 0x2B, 0x2F]
+        );
+        assert_eq!(command(four(None)), 0x22);
+        assert_eq!(command(Initiate::Segmented { size: Some(9) }), 0x21);
+        assert_eq!(command(Initiate::Segmented { size: None }), 0x20);
+        assert_eq!(
+            Request::Upload {
+                index: 0x6041,
+                sub: 0
+            }
+            .encode(),
+            [0x40, 0x41, 0x60, 0, 0, 0, 0, 0]
+        );
+        let answer = [0x4B, 0x41, 0x60, 0, 0x40, 0x02, 0, 0];
+        let initiate = Initiate::Expedited {
+            data: [0x40, 0x02, 0, 0],
+            len: Some(2),
+        };
+        assert_eq!(
+            Response::decode(&answer),
+            Ok(Response::Upload {
+                index: 0x6041,
+                sub: 0,
+                initiate
+            })
+        );
+        assert_eq!(Request::UploadSegment { toggle: true }.encode()[0], 0x70);
+        assert_eq!(Response::DownloadSegment { toggle: true }.encode()[0], 0x30);
+        assert_eq!(
+            Segment::new(true, true, &[1, 2, 3]).encode(),
+            [0x19, 1, 2, 3, 0, 0, 0, 0]
+        );
+    }
+
+    #[test]
+    fn what_is_decoded_encodes_to_itself() {
+        for command in 0..=0x9F_u8 {
+            let frame = [command, 0x34, 0x12, 5, 6, 7, 8, 9];
+            let request = Request::decode(&frame).unwrap();
+            assert_eq!(Request::decode(&request.encode()), Ok(request));
+            let response = Response::decode(&frame).unwrap();
+            assert_eq!(Response::decode(&response.encode()), Ok(response));
+        }
+    }
+
+    #[test]
+    fn block_transfer_and_short_frames_are_refused_with_their_object() {
+        let refused = Err(Malformed::Command {
+            command: 0xC6,
+            index: 0x1F50,
+            sub: 1,
+        });
+        assert_eq!(Request::decode(&[0xC6, 0x50, 0x1F, 1, 0, 0, 0, 0]), refused);
+        assert_eq!(Request::decode(&[0x40; 7]), Err(Malformed::Length));
+        assert_eq!(Response::decode(&[]), Err(Malformed::Length));
+    }
+}
