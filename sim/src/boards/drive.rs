@@ -1,10 +1,11 @@
 //! A drive on the CAN bus: a CANopen node with an EPOS or an IclA behind its objects.
 
 use super::epos::{self, Emergency, Epos};
-use super::icla::{self, Gearing, Icla};
+use super::icla::{Gearing, Icla};
 use crate::body::Body;
 use base::can::Frame;
 use base::{Duration, Instant};
+use canopen::drives;
 use canopen::{NmtState, Node, NodeEvent};
 
 /// From power or reset to the boot-up message.
@@ -35,14 +36,18 @@ impl Drive {
         Self::new(
             "propulsion",
             Kind::Epos(Epos::new()),
-            Node::new(epos::dictionary(id), BOOT_TIME),
+            Node::new(drives::epos::dictionary(id), BOOT_TIME),
         )
     }
 
     /// The steering, switched off.
     pub fn steering(id: u8, gearing: Gearing, body: &Body) -> Self {
         let kind = Kind::Icla(Icla::new(gearing, body), gearing);
-        Self::new("steering", kind, Node::new(icla::dictionary(id), BOOT_TIME))
+        Self::new(
+            "steering",
+            kind,
+            Node::new(drives::icla::dictionary(id), BOOT_TIME),
+        )
     }
 
     fn new(name: &'static str, kind: Kind, node: Node) -> Self {
@@ -113,7 +118,7 @@ impl Drive {
             match event {
                 NodeEvent::ObjectWritten { index: 0x6040, .. } => self.written(now, body),
                 NodeEvent::ResetApplication => self.renew(body),
-                NodeEvent::HeartbeatLost { .. } => self.heartbeat_lost(),
+                NodeEvent::HeartbeatLost { .. } => self.heartbeat_lost(now),
                 NodeEvent::NmtState(state) => match &mut self.kind {
                     Kind::Epos(epos) => epos.set_remote(state == NmtState::Operational),
                     Kind::Icla(icla, _) => icla.set_remote(state == NmtState::Operational),
@@ -133,10 +138,10 @@ impl Drive {
         self.report(emergency);
     }
 
-    fn heartbeat_lost(&mut self) {
+    fn heartbeat_lost(&mut self, now: Instant) {
         let emergency = match &mut self.kind {
             Kind::Epos(epos) => epos.fault(epos::HEARTBEAT),
-            Kind::Icla(icla, _) => Some(icla.heartbeat_lost(self.node.dictionary())),
+            Kind::Icla(icla, _) => Some(icla.heartbeat_lost(now, self.node.dictionary())),
         };
         self.report(emergency);
     }

@@ -5,22 +5,16 @@
 //! Silence   the heartbeat consumer's event: emergency 0x8130, quick stop ramp, then Fault
 //! Quick stop is kept until told otherwise: there is no 0x605A
 
-mod objects;
-
-pub use objects::dictionary;
-
 use super::motion::SpeedRamp;
-use super::power::{Manner, Power};
+use super::power::{Power, Stage};
 use crate::body::Body;
 use base::{Duration, Instant};
 use canopen::{Dictionary, Node};
 
 /// Refresh and Measure Init together; the real duration was not found.
 const ENABLING: Duration = Duration::from_millis(40);
-const MANNER: Manner = Manner {
-    enabling: ENABLING,
-    resumes: true,
-};
+/// There is no 0x605A; it behaves as 6 would: braked, it stays in Quick Stop Active.
+const QUICK_STOP_OPTION: i16 = 6;
 /// Heartbeat or life guarding event.
 pub const HEARTBEAT: u16 = 0x8130;
 /// The motor's feed is off.
@@ -44,7 +38,7 @@ pub struct Emergency {
 #[derive(Debug)]
 pub struct Epos {
     power: Power,
-    before: u16,
+    halted: bool,
     ramp: SpeedRamp,
     remote: bool,
 }
@@ -54,8 +48,8 @@ impl Epos {
     #[must_use]
     pub fn new() -> Self {
         Self {
-            power: Power::SwitchOnDisabled,
-            before: 0,
+            power: Power::new(QUICK_STOP_OPTION, ENABLING),
+            halted: false,
             ramp: SpeedRamp::default(),
             remote: false,
         }
@@ -63,8 +57,8 @@ impl Epos {
 
     /// The state of the power stage.
     #[must_use]
-    pub fn power(&self) -> Power {
-        self.power
+    pub fn stage(&self) -> Stage {
+        self.power.stage()
     }
 
     /// The NMT state became Operational, or is so no more.
@@ -75,10 +69,10 @@ impl Epos {
     /// The master wrote objects, of a PDO all of them: obeys the controlword.
     pub fn written(&mut self, now: Instant, objects: &Dictionary) -> Option<Emergency> {
         let word = objects.get(0x6040, 0).unwrap_or(0) as u16;
-        let old = self.power;
-        self.power = old.command(word, self.before, now, MANNER);
-        self.before = word;
-        (old == Power::Fault && self.power != Power::Fault).then_some(Emergency {
+        let faulty = self.stage() == Stage::Fault;
+        self.power.command(now, word);
+        self.halted = word & HALT != 0;
+        (faulty && self.stage() != Stage::Fault).then_some(Emergency {
             code: 0,
             register: 0,
         })
@@ -86,15 +80,10 @@ impl Epos {
 
     /// A fault: some brake on the quick stop ramp, most switch off at once (facts/canopen.md 2.5).
     pub fn fault(&mut self, code: u16) -> Option<Emergency> {
-        if matches!(self.power, Power::Fault | Power::FaultReaction) {
+        let brakes = matches!(code, 0x8110..=0x8FFF | 0xFF06..=0xFF09);
+        if !self.power.fault(brakes) {
             return None;
         }
-        let brakes = matches!(code, 0x8110..=0x8FFF | 0xFF06..=0xFF09);
-        self.power = if brakes && self.power.drives() {
-            Power::FaultReaction
-        } else {
-            Power::Fault
-        };
         let register = match code {
             0x2000..=0x2FFF => 0x02,
             0x3000..=0x3FFF | 0x5113 => 0x04,
@@ -110,29 +99,29 @@ impl Epos {
     /// Whether time alone changes nothing.
     #[must_use]
     pub fn rests(&self, objects: &Dictionary) -> bool {
-        match self.power {
-            Power::Enabling { .. } | Power::FaultReaction => false,
-            Power::Enabled => self.ramp.demand == 0.0 && self.target(objects) == 0.0,
-            Power::QuickStop => self.ramp.demand == 0.0,
+        match self.stage() {
+            Stage::Enabling { .. } | Stage::FaultReaction => false,
+            Stage::Enabled => self.ramp.demand == 0.0 && self.target(objects) == 0.0,
+            Stage::QuickStop => self.ramp.demand == 0.0,
             _ => true,
         }
     }
 
     /// Goes on by `dt` s; answers the motor's demanded speed, rpm; none with the power stage off.
     pub fn step(&mut self, now: Instant, objects: &Dictionary, dt: f64) -> Option<f64> {
-        self.power = self.power.elapse(now);
+        self.power.elapse(now);
         let rate = |index| objects.get(index, 0).unwrap_or(1).max(1) as f64;
-        match self.power {
-            Power::Enabled => self
+        match self.stage() {
+            Stage::Enabled => self
                 .ramp
                 .step(self.target(objects), rate(0x6083), rate(0x6084), dt),
-            Power::QuickStop | Power::FaultReaction => {
+            Stage::QuickStop | Stage::FaultReaction => {
                 self.ramp.step(0.0, rate(0x6085), rate(0x6085), dt)
             }
             _ => return None,
         }
-        if self.power == Power::FaultReaction && self.ramp.demand == 0.0 {
-            self.power = Power::Fault;
+        if self.ramp.demand == 0.0 && self.stage() == Stage::FaultReaction {
+            self.power.stands();
             return None;
         }
         Some(self.ramp.demand)
@@ -140,7 +129,7 @@ impl Epos {
 
     /// What profile velocity aims at, rpm; the other modes are not driven here and hold still.
     fn target(&self, objects: &Dictionary) -> f64 {
-        if objects.get(0x6060, 0) != Some(PROFILE_VELOCITY) || self.before & HALT != 0 {
+        if objects.get(0x6060, 0) != Some(PROFILE_VELOCITY) || self.halted {
             return 0.0;
         }
         let most = objects.get(0x607F, 0).unwrap_or(0);
@@ -151,7 +140,7 @@ impl Epos {
     pub fn feedback(&mut self, now: Instant, node: &mut Node, body: &Body) {
         let turns = body.parameters().motor_turns_per_metre();
         let rpm = body.speed() * turns * 60.0;
-        if !self.power.drives() {
+        if !self.stage().drives() {
             // Switched on again while it rolls, it takes over at the speed it has.
             self.ramp.demand = rpm;
         }
@@ -173,19 +162,19 @@ impl Epos {
     }
 
     fn status(&self, now: Instant, objects: &Dictionary, velocity: i64) -> u16 {
-        let (refresh, measure) = match self.power {
-            Power::Enabling { until } => (now + ENABLING / 2 < until, now + ENABLING / 2 >= until),
+        let (refresh, measure) = match self.stage() {
+            Stage::Enabling { until } => (now + ENABLING / 2 < until, now + ENABLING / 2 >= until),
             _ => (false, false),
         };
-        let reached = match self.power {
-            Power::Enabled => self.ramp.demand == self.target(objects),
-            Power::QuickStop => self.ramp.demand == 0.0,
+        let reached = match self.stage() {
+            Stage::Enabled => self.ramp.demand == self.target(objects),
+            Stage::QuickStop => self.ramp.demand == 0.0,
             _ => false,
         };
         let standing = velocity == 0 && objects.get(0x6060, 0) == Some(PROFILE_VELOCITY);
         let bit = |on: bool, bit: u16| u16::from(on) << bit;
         self.power.status()
-            | bit(measure || self.power.drives(), 4)
+            | bit(measure || self.stage().drives(), 4)
             | bit(true, 8)
             | bit(self.remote, 9)
             | bit(reached, 10)

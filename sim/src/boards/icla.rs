@@ -1,6 +1,6 @@
 //! Berger Lahr IclA N065, the steering: profile position, homing to a mechanical switch (facts/canopen.md 3).
 //!
-//! No document of the real drive was found; this is the stated assumption: CiA 402 with the objects of [`dictionary`].
+//! No document of the real drive was found; this is the stated assumption: CiA 402 with the objects of [`canopen::drives::icla::dictionary`].
 //!
 //! Units     position in counts, velocity in rpm of the motor, acceleration in rpm/s
 //! Power-up  mode 0; the position counts from where it stands; bit 15 of the statusword: homed
@@ -8,15 +8,13 @@
 //! Silence   the heartbeat consumer's event: emergency 0x8130 and what 0x6007 says, by default quick stop
 
 mod homing;
-mod objects;
-
-pub use objects::dictionary;
 
 use super::epos::{Emergency, HEARTBEAT};
 use super::motion::{Limits, PositionProfile, SpeedRamp};
-use super::power::{Manner, Power};
+use super::power::{Power, Stage};
 use crate::body::Body;
 use base::{Duration, Instant};
+use canopen::axis::control;
 use canopen::{Dictionary, Node};
 use homing::Homing;
 
@@ -82,7 +80,7 @@ impl Icla {
         let position = body.steering_output() * gearing.counts_per_radian();
         Self {
             gearing,
-            power: Power::SwitchOnDisabled,
+            power: Power::new(2, Duration::ZERO),
             before: 0,
             remote: false,
             zero: position,
@@ -102,8 +100,8 @@ impl Icla {
 
     /// The state of the power stage.
     #[must_use]
-    pub fn power(&self) -> Power {
-        self.power
+    pub fn stage(&self) -> Stage {
+        self.power.stage()
     }
 
     /// Whether its position counts from the switch.
@@ -125,19 +123,13 @@ impl Icla {
         body: &Body,
     ) -> Option<Emergency> {
         let word = objects.get(0x6040, 0).unwrap_or(0) as u16;
-        let option = objects.get(0x605A, 0).unwrap_or(2);
-        let manner = Manner {
-            enabling: Duration::ZERO,
-            resumes: option >= 5,
-        };
-        let old = self.power;
-        self.power = old.command(word, self.before, now, manner);
-        if self.power == Power::QuickStop && option == 0 {
-            self.power = Power::SwitchOnDisabled;
-        }
+        let faulty = self.stage() == Stage::Fault;
+        self.power
+            .set_quick_stop_option(objects.get(0x605A, 0).unwrap_or(2) as i16);
+        self.power.command(now, word);
         let rising = word & !self.before & START != 0;
         self.before = word;
-        if self.power == Power::Enabled {
+        if self.stage() == Stage::Enabled {
             match objects.get(0x6060, 0) {
                 Some(POSITION) => self.set_point(objects, word, rising),
                 Some(HOMING) if rising => self.homing = Homing::start(objects, body),
@@ -147,7 +139,7 @@ impl Icla {
         } else {
             self.forget();
         }
-        (old == Power::Fault && self.power != Power::Fault).then_some(Emergency {
+        (faulty && self.stage() != Stage::Fault).then_some(Emergency {
             code: 0,
             register: 0,
         })
@@ -185,11 +177,11 @@ impl Icla {
     }
 
     /// The heartbeat consumer's event: does what 0x6007 says.
-    pub fn heartbeat_lost(&mut self, objects: &Dictionary) -> Emergency {
+    pub fn heartbeat_lost(&mut self, now: Instant, objects: &Dictionary) -> Emergency {
         match objects.get(0x6007, 0) {
-            Some(1) => drop(self.fault(HEARTBEAT)),
-            Some(2) if self.power.drives() => self.power = Power::SwitchOnDisabled,
-            Some(3) if self.power == Power::Enabled => self.power = Power::QuickStop,
+            Some(1) => drop(self.power.fault(true)),
+            Some(2) => self.power.command(now, control::DISABLE_VOLTAGE),
+            Some(3) => self.power.command(now, control::QUICK_STOP),
             _ => {}
         }
         self.forget();
@@ -201,16 +193,8 @@ impl Icla {
 
     /// A fault: brakes on the quick stop ramp, then off.
     pub fn fault(&mut self, code: u16) -> Option<Emergency> {
-        if matches!(self.power, Power::Fault | Power::FaultReaction) {
-            return None;
-        }
-        self.power = if self.power.drives() {
-            Power::FaultReaction
-        } else {
-            Power::Fault
-        };
         self.forget();
-        Some(Emergency {
+        self.power.fault(true).then_some(Emergency {
             code,
             register: 0x01,
         })
@@ -219,15 +203,15 @@ impl Icla {
     /// Whether time alone changes nothing.
     #[must_use]
     pub fn rests(&self, objects: &Dictionary) -> bool {
-        match self.power {
-            Power::Enabled => {
+        match self.stage() {
+            Stage::Enabled => {
                 let idle = self.target.is_none() || self.reached;
                 let turning =
                     objects.get(0x6060, 0) == Some(VELOCITY) && objects.get(0x60FF, 0) != Some(0);
                 self.profile.speed == 0.0 && idle && !turning && !self.homing.runs()
             }
-            Power::QuickStop => self.profile.speed == 0.0 && self.keeps_quick_stop(objects),
-            Power::FaultReaction | Power::Enabling { .. } => false,
+            Stage::QuickStop => self.profile.speed == 0.0 && self.keeps_quick_stop(objects),
+            Stage::FaultReaction | Stage::Enabling { .. } => false,
             _ => true,
         }
     }
@@ -244,25 +228,22 @@ impl Icla {
         body: &Body,
         dt: f64,
     ) -> Option<f64> {
-        self.power = self.power.elapse(now);
+        self.power.elapse(now);
         let braking = self.counts(objects, 0x6085, 0);
-        match self.power {
-            Power::Enabled => self.operate(objects, body, dt),
-            Power::QuickStop | Power::FaultReaction => {
-                let stands = self.profile.stop(braking, dt);
-                self.power = match self.power {
-                    Power::QuickStop if stands && !self.keeps_quick_stop(objects) => {
-                        Power::SwitchOnDisabled
-                    }
-                    Power::FaultReaction if stands => Power::Fault,
-                    braking => braking,
-                };
-            }
+        match self.stage() {
+            Stage::Enabled => self.operate(objects, body, dt),
+            Stage::QuickStop | Stage::FaultReaction => self.brake(braking, dt),
             _ => {}
         }
-        self.power
+        self.stage()
             .drives()
             .then(|| self.profile.demand / self.gearing.counts_per_radian())
+    }
+
+    fn brake(&mut self, deceleration: f64, dt: f64) {
+        if self.profile.stop(deceleration, dt) {
+            self.power.stands();
+        }
     }
 
     fn operate(&mut self, objects: &Dictionary, body: &Body, dt: f64) {
@@ -334,7 +315,7 @@ impl Icla {
     pub fn feedback(&mut self, node: &mut Node, body: &Body, speed: f64) {
         let per_radian = self.gearing.counts_per_radian();
         let position = body.steering_output() * per_radian;
-        if !self.power.drives() {
+        if !self.stage().drives() {
             self.profile = PositionProfile {
                 demand: position,
                 speed: 0.0,
@@ -366,19 +347,19 @@ impl Icla {
     fn status(&self, objects: &Dictionary, near: bool) -> u16 {
         let bit = |on: bool, bit: u16| u16::from(on) << bit;
         let stopped = self.profile.speed == 0.0;
-        let mode = match (self.power, objects.get(0x6060, 0)) {
-            (Power::Enabled, _) if self.before & HALT != 0 => {
+        let mode = match (self.stage(), objects.get(0x6060, 0)) {
+            (Stage::Enabled, _) if self.before & HALT != 0 => {
                 bit(stopped, 10) | bit(self.acknowledged, 12)
             }
-            (Power::Enabled, Some(POSITION)) => {
+            (Stage::Enabled, Some(POSITION)) => {
                 let there = self.target.is_none() || self.reached;
                 bit(there && stopped && near, 10)
                     | bit(self.limited, 11)
                     | bit(self.acknowledged, 12)
             }
-            (Power::Enabled, Some(VELOCITY)) => bit(stopped, 12),
-            (Power::Enabled, Some(HOMING)) => self.homing.status(stopped),
-            (Power::QuickStop, _) => bit(stopped, 10),
+            (Stage::Enabled, Some(VELOCITY)) => bit(stopped, 12),
+            (Stage::Enabled, Some(HOMING)) => self.homing.status(stopped),
+            (Stage::QuickStop, _) => bit(stopped, 10),
             _ => 0,
         };
         // Bit 4: the supply is there.

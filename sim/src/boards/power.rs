@@ -1,17 +1,15 @@
-//! The drive's side of the CiA 402 power state machine (facts/canopen.md 1.9).
+//! The power stage of a drive: the CiA 402 state machine of [`canopen::axis::drive`], and the time that enabling takes.
 
 use base::{Duration, Instant};
+use canopen::axis::PowerState;
+use canopen::axis::drive::Drive;
 
-/// States of a drive.
+/// Where the power stage is, as the motion needs to know it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Power {
-    /// Off, and not to be switched on before a shutdown command.
-    SwitchOnDisabled,
-    /// Off; may be switched on.
-    Ready,
-    /// Supply on, not in operation.
-    SwitchedOn,
-    /// On its way to operation; EPOS only: Refresh, then Measure Init.
+pub enum Stage {
+    /// Off, in one of the states before operation.
+    Off,
+    /// On its way from Switched On to operation; EPOS only: Refresh, then Measure Init.
     Enabling {
         /// When it is in operation.
         until: Instant,
@@ -26,182 +24,165 @@ pub enum Power {
     Fault,
 }
 
-/// How drives differ.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Manner {
-    /// Time in Refresh and Measure Init.
-    pub enabling: Duration,
-    /// Whether Enable Operation leads out of Quick Stop Active (transition 16).
-    pub resumes: bool,
-}
-
-impl Power {
-    /// What a controlword does; `before` is the one before it, for the edge of the fault reset.
-    #[must_use]
-    pub fn command(self, word: u16, before: u16, now: Instant, manner: Manner) -> Self {
-        use Power::{
-            Enabled, Enabling, Fault, FaultReaction, QuickStop, Ready, SwitchOnDisabled, SwitchedOn,
-        };
-        let enabled = || match manner.enabling {
-            Duration::ZERO => Enabled,
-            time => Enabling { until: now + time },
-        };
-        match (self, word & 0x0F) {
-            (Fault, _) if word & !before & 0x80 != 0 => SwitchOnDisabled, // 15
-            (Fault | FaultReaction, _) => self,
-            (SwitchOnDisabled, low) if low & 0x7 == 0x6 => Ready, // 2
-            (SwitchOnDisabled, _) => self,
-            // Disable voltage: bit 1 clear.
-            (_, low) if low & 0x2 == 0 => SwitchOnDisabled, // 7, 9, 10, 12
-            // Quick stop: bit 2 clear.
-            (Enabled | QuickStop, low) if low & 0x4 == 0 => QuickStop, // 11
-            (_, low) if low & 0x4 == 0 => SwitchOnDisabled,            // 7, 10
-            (QuickStop, 0xF) if manner.resumes => enabled(),           // 16
-            (QuickStop, _) => self,
-            (_, 0x6 | 0xE) => Ready,                // 6, 8
-            (Ready | SwitchedOn, 0xF) => enabled(), // 3, 4
-            (Enabled | Enabling { .. }, 0xF) => self,
-            _ => SwitchedOn, // 3, 5
-        }
-    }
-
-    /// What time alone does.
-    #[must_use]
-    pub fn elapse(self, now: Instant) -> Self {
-        match self {
-            Self::Enabling { until } if until <= now => Self::Enabled,
-            other => other,
-        }
-    }
-
+impl Stage {
     /// Whether the motor is driven.
     #[must_use]
     pub fn drives(self) -> bool {
         matches!(self, Self::Enabled | Self::QuickStop | Self::FaultReaction)
     }
+}
 
-    /// Bits 0 to 6 of the statusword; bit 4 (voltage) is the drive's own.
+/// The power stage.
+#[derive(Debug)]
+pub struct Power {
+    drive: Drive,
+    enabling: Duration,
+    until: Instant,
+}
+
+impl Power {
+    /// As after power-on: with this quick stop option (0x605A), taking this long from Switched On to operation.
     #[must_use]
-    pub fn status(self) -> u16 {
-        match self {
-            Self::SwitchOnDisabled => 0x40,
-            Self::Ready => 0x21,
-            Self::SwitchedOn | Self::Enabling { .. } => 0x23,
-            Self::Enabled => 0x27,
-            Self::QuickStop => 0x07,
-            Self::FaultReaction => 0x0F,
-            Self::Fault => 0x08,
+    pub fn new(quick_stop_option: i16, enabling: Duration) -> Self {
+        Self {
+            drive: Drive::new(quick_stop_option, true),
+            enabling,
+            until: Instant::ZERO,
         }
+    }
+
+    /// Obeys a controlword.
+    pub fn command(&mut self, now: Instant, word: u16) {
+        // Before operation there is nothing to brake: a quick stop switches off (transition 10).
+        let word = if self.is_enabling() && word & 0x86 == 0x02 {
+            0
+        } else {
+            word
+        };
+        if self.drive.apply(word).contains(&4) {
+            self.until = now + self.enabling;
+        }
+        self.elapse(now);
+    }
+
+    /// What 0x605A holds.
+    pub fn set_quick_stop_option(&mut self, option: i16) {
+        self.drive.set_quick_stop_option(option);
+    }
+
+    /// What time alone does: enabling is over.
+    pub fn elapse(&mut self, now: Instant) {
+        if self.until <= now {
+            self.until = Instant::ZERO;
+        }
+    }
+
+    fn is_enabling(&self) -> bool {
+        self.until > Instant::ZERO && self.drive.state() == PowerState::OperationEnabled
+    }
+
+    /// The motor has come to a stand.
+    pub fn stands(&mut self) {
+        self.drive.stands();
+        self.drive.fault_reaction_done();
+    }
+
+    /// A fault; false when there is one already. Without `brakes`, and where there is nothing to brake, off at once.
+    pub fn fault(&mut self, brakes: bool) -> bool {
+        let brakes = brakes && self.stage().drives();
+        let new = self.drive.fault().is_some();
+        if new && !brakes {
+            self.drive.fault_reaction_done();
+        }
+        new
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn stage(&self) -> Stage {
+        match self.drive.state() {
+            PowerState::OperationEnabled if self.is_enabling() => {
+                Stage::Enabling { until: self.until }
+            }
+            PowerState::OperationEnabled => Stage::Enabled,
+            PowerState::QuickStopActive => Stage::QuickStop,
+            PowerState::FaultReactionActive => Stage::FaultReaction,
+            PowerState::Fault => Stage::Fault,
+            PowerState::NotReady
+            | PowerState::SwitchOnDisabled
+            | PowerState::ReadyToSwitchOn
+            | PowerState::SwitchedOn => Stage::Off,
+        }
+    }
+
+    /// Bits 0 to 3, 5 and 6 of the statusword; bit 4 (voltage) is the drive's own.
+    #[must_use]
+    pub fn status(&self) -> u16 {
+        let state = if self.is_enabling() {
+            PowerState::SwitchedOn.encode()
+        } else {
+            self.drive.statusword()
+        };
+        state & 0x6F
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use Power::{Enabled, Fault, FaultReaction, QuickStop, Ready, SwitchOnDisabled, SwitchedOn};
 
-    #[test]
-    fn commands_lead_where_the_standard_says() {
-        let table = [
-            // state, then: shutdown, switch on, enable, disable voltage, quick stop, fault reset
-            (
-                SwitchOnDisabled,
-                [
-                    Ready,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                ],
-            ),
-            (
-                Ready,
-                [
-                    Ready,
-                    SwitchedOn,
-                    Enabled,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                ],
-            ),
-            (
-                SwitchedOn,
-                [
-                    Ready,
-                    SwitchedOn,
-                    Enabled,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                    SwitchOnDisabled,
-                ],
-            ),
-            (
-                Enabled,
-                [
-                    Ready,
-                    SwitchedOn,
-                    Enabled,
-                    SwitchOnDisabled,
-                    QuickStop,
-                    SwitchOnDisabled,
-                ],
-            ),
-            (
-                QuickStop,
-                [
-                    QuickStop,
-                    QuickStop,
-                    Enabled,
-                    SwitchOnDisabled,
-                    QuickStop,
-                    SwitchOnDisabled,
-                ],
-            ),
-            (FaultReaction, [FaultReaction; 6]),
-            (Fault, [Fault, Fault, Fault, Fault, Fault, SwitchOnDisabled]),
-        ];
-        let manner = Manner {
-            enabling: Duration::ZERO,
-            resumes: true,
-        };
-        for (from, expected) in table {
-            let words = [0x06, 0x07, 0x0F, 0x00, 0x02, 0x80];
-            let reached = words.map(|word| from.command(word, 0, Instant::ZERO, manner));
-            assert_eq!(reached, expected, "{from:?}");
-        }
-        // The EPOS notes' quick stop, and a fault reset without an edge.
-        assert_eq!(Enabled.command(0x0B, 0, Instant::ZERO, manner), QuickStop);
-        assert_eq!(Fault.command(0x80, 0x80, Instant::ZERO, manner), Fault);
-        let held = Manner {
-            resumes: false,
-            ..manner
-        };
-        assert_eq!(QuickStop.command(0x0F, 0, Instant::ZERO, held), QuickStop);
+    fn at(ms: u64) -> Instant {
+        Instant::from_millis(ms)
+    }
+
+    fn enabling() -> Power {
+        let mut power = Power::new(6, Duration::from_millis(40));
+        power.command(at(1), 0x06);
+        power.command(at(1), 0x0F);
+        power
     }
 
     #[test]
-    fn enabling_takes_its_time_and_can_be_left() {
-        let manner = Manner {
-            enabling: Duration::from_millis(40),
-            resumes: true,
-        };
-        let enabling = SwitchedOn.command(0x0F, 0, Instant::ZERO, manner);
-        assert_eq!(enabling.status(), 0x23);
-        assert_eq!(enabling.elapse(Instant::from_millis(39)), enabling);
-        assert_eq!(enabling.elapse(Instant::from_millis(40)), Enabled);
+    fn enabling_takes_its_time_and_looks_like_switched_on() {
+        let mut power = enabling();
         assert_eq!(
-            enabling.command(0x0F, 0x0F, Instant::from_millis(20), manner),
-            enabling
+            (power.stage(), power.status()),
+            (Stage::Enabling { until: at(41) }, 0x23)
         );
+        power.command(at(20), 0x0F);
+        power.elapse(at(40));
+        assert_eq!(power.stage(), Stage::Enabling { until: at(41) });
+        power.elapse(at(41));
+        assert_eq!((power.stage(), power.status()), (Stage::Enabled, 0x27));
+        power.command(at(50), 0x02);
+        assert_eq!(power.stage(), Stage::QuickStop);
+        power.command(at(60), 0x0F);
         assert_eq!(
-            enabling.command(0x02, 0x0F, Instant::from_millis(20), manner),
-            SwitchOnDisabled
+            power.stage(),
+            Stage::Enabled,
+            "resumed without enabling again"
         );
-        assert_eq!(
-            enabling.command(0x00, 0x0F, Instant::from_millis(20), manner),
-            SwitchOnDisabled
-        );
+    }
+
+    #[test]
+    fn a_quick_stop_before_operation_switches_off() {
+        let mut power = enabling();
+        power.command(at(20), 0x02);
+        assert_eq!((power.stage(), power.status()), (Stage::Off, 0x40));
+    }
+
+    #[test]
+    fn a_fault_brakes_only_what_moves() {
+        let mut power = enabling();
+        assert!(power.fault(true) && !power.fault(true));
+        assert_eq!(power.stage(), Stage::Fault);
+        let mut power = enabling();
+        power.elapse(at(41));
+        assert!(power.fault(true));
+        assert_eq!(power.stage(), Stage::FaultReaction);
+        power.stands();
+        assert_eq!((power.stage(), power.status()), (Stage::Fault, 0x08));
+        power.command(at(50), 0x80);
+        assert_eq!(power.stage(), Stage::Off);
     }
 }
