@@ -73,9 +73,17 @@ enum Command {
 /// Runs the executable.
 #[must_use]
 pub fn main() -> ExitCode {
-    let Cli { common, command } = Cli::parse();
+    let Cli { common, command } = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and version are no errors.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) => {
+            complain(&one_line(&error.to_string()));
+            return ExitCode::from(2);
+        }
+    };
     for warning in lcm_warnings(&common.lcm_url()) {
-        let _ = std::io::stderr().write_all(format!("advee: {warning}\n").as_bytes());
+        complain(&warning);
     }
     let result = match command {
         Command::Up(command) => up::up(&common, &command),
@@ -87,9 +95,29 @@ pub fn main() -> ExitCode {
         Command::Lcm(command) => lcm::lcm(&common, &command),
     };
     result.unwrap_or_else(|Failed { code, why }| {
-        let _ = std::io::stderr().write_all(format!("advee: {why}\n").as_bytes());
+        if !why.is_empty() {
+            complain(&why);
+        }
         ExitCode::from(code)
     })
+}
+
+/// A line on stderr; with that gone there is nobody to tell.
+fn complain(what: &impl Display) {
+    let _ = std::io::stderr().write_all(format!("advee: {what}\n").as_bytes());
+}
+
+/// What clap says on several lines, up to its hints for beginners.
+fn one_line(error: &str) -> String {
+    let lines = error
+        .lines()
+        .map(str::trim)
+        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let text = lines
+        .filter(|line| !line.is_empty())
+        .collect::<Vec<_>>()
+        .join(" ");
+    format!("{}; see --help", text.trim_start_matches("error: "))
 }
 
 /// Why a command did not do what it was asked for.
@@ -107,14 +135,24 @@ impl From<String> for Failed {
 
 impl From<&str> for Failed {
     fn from(why: &str) -> Self {
-        Self { code: 1, why: why.into() }
+        Self {
+            code: 1,
+            why: why.into(),
+        }
     }
 }
 
 impl From<ConfigError> for Failed {
     fn from(error: ConfigError) -> Self {
-        let heading = if error.0.len() > 1 { "the configuration is refused:\n" } else { "" };
-        Self { code: module::exit::RESOURCE, why: format!("{heading}{error}") }
+        let heading = if error.0.len() > 1 {
+            "the configuration is refused:\n"
+        } else {
+            ""
+        };
+        Self {
+            code: module::exit::RESOURCE,
+            why: format!("{heading}{error}"),
+        }
     }
 }
 
@@ -122,16 +160,37 @@ type Outcome = Result<ExitCode, Failed>;
 
 impl Common {
     fn config_dir(&self) -> PathBuf {
-        self.config.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.0 } else { INSTALLED.0 }).into())
+        self.config.clone().unwrap_or_else(|| {
+            Path::new(if in_checkout() {
+                CHECKOUT.0
+            } else {
+                INSTALLED.0
+            })
+            .into()
+        })
     }
 
     fn run_dir(&self) -> PathBuf {
-        self.run_dir.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.1 } else { INSTALLED.1 }).into())
+        self.run_dir.clone().unwrap_or_else(|| {
+            Path::new(if in_checkout() {
+                CHECKOUT.1
+            } else {
+                INSTALLED.1
+            })
+            .into()
+        })
     }
 
     fn lcm_url(&self) -> String {
-        let from_environment = || env::var("LCM_DEFAULT_URL").ok().filter(|url| !url.is_empty());
-        self.lcm_url.clone().or_else(from_environment).unwrap_or_else(|| LCM_URL.into())
+        let from_environment = || {
+            env::var("LCM_DEFAULT_URL")
+                .ok()
+                .filter(|url| !url.is_empty())
+        };
+        self.lcm_url
+            .clone()
+            .or_else(from_environment)
+            .unwrap_or_else(|| LCM_URL.into())
     }
 
     fn load(&self, sim: bool) -> Result<Config, ConfigError> {
@@ -141,26 +200,39 @@ impl Common {
 
 /// What a URL says to no effect; that it is none at all, the command itself will find.
 fn lcm_warnings(url: &str) -> Vec<::lcm::url::Warning> {
-    ::lcm::Url::parse(url).map(|(_, warnings)| warnings).unwrap_or_default()
+    ::lcm::Url::parse(url)
+        .map(|(_, warnings)| warnings)
+        .unwrap_or_default()
 }
 
 fn in_checkout() -> bool {
     Path::new(CHECKOUT.0).join("robot.toml").exists()
 }
 
-/// Prints a line of output. With nobody left to read it there is no reason to go on.
+/// Prints a line of output. A reader that has read enough (`| head`) ends the command, without a word.
 fn print(line: impl Display) -> Result<(), Failed> {
-    writeln!(std::io::stdout(), "{line}").map_err(|error| Failed::from(format!("stdout: {error}")))
+    writeln!(std::io::stdout(), "{line}").map_err(|error| match error.kind() {
+        std::io::ErrorKind::BrokenPipe => Failed {
+            code: 0,
+            why: String::new(),
+        },
+        _ => Failed::from(format!("stdout: {error}")),
+    })
 }
 
 /// A duration in seconds as people give it.
 fn seconds(text: &str) -> Result<std::time::Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "expected seconds".to_string())?;
     let in_range = seconds > 0.0 && seconds <= 1e9;
-    in_range.then(|| std::time::Duration::from_secs_f64(seconds)).ok_or_else(|| "expected seconds above 0".into())
+    in_range
+        .then(|| std::time::Duration::from_secs_f64(seconds))
+        .ok_or_else(|| "expected seconds above 0".into())
 }
 
 /// A number that is one.
 fn finite(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "expected a number".into())
+    text.parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite())
+        .ok_or_else(|| "expected a number".into())
 }

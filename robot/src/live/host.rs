@@ -67,20 +67,38 @@ impl Host {
         // Before anything else may start a thread: all of them inherit the mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
         let mut channels: Vec<&str> = vec![messages::Channel::CmCmdState.name()];
-        channels.extend(shell.module().subscriptions().iter().map(|channel| channel.name()));
+        channels.extend(
+            shell
+                .module()
+                .subscriptions()
+                .iter()
+                .map(|channel| channel.name()),
+        );
         channels.dedup();
         let bus = Bus::open(&config.lcm_url, &channels)?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
-        let ports: Vec<Port> =
-            specs.iter().zip(config.ports).map(|(spec, config)| Port::new(spec.bus.clone(), config)).collect();
+        let ports: Vec<Port> = specs
+            .iter()
+            .zip(config.ports)
+            .map(|(spec, config)| Port::new(spec.bus.clone(), config))
+            .collect();
         let polled = |errno: Errno| format!("epoll: {}", errno.desc());
         let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(polled)?;
-        let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC)
-            .map_err(|errno| format!("timerfd: {}", errno.desc()))?;
-        epoll.add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER)).map_err(polled)?;
-        epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
-        epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
+        let timer = TimerFd::new(
+            ClockId::CLOCK_MONOTONIC,
+            TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC,
+        )
+        .map_err(|errno| format!("timerfd: {}", errno.desc()))?;
+        epoll
+            .add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER))
+            .map_err(polled)?;
+        epoll
+            .add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS))
+            .map_err(polled)?;
+        epoll
+            .add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS))
+            .map_err(polled)?;
         let epoch = clock::epoch();
         Ok(Self {
             log: Log::new(shell.name()),
@@ -91,7 +109,9 @@ impl Host {
             bus_more: true,
             notes: vec![String::new(); ports.len()],
             ports,
-            processes: config.launch.map(|launch| Processes::new(clock::now(), launch)),
+            processes: config
+                .launch
+                .map(|launch| Processes::new(clock::now(), launch)),
             epoll,
             timer,
             armed: None,
@@ -111,7 +131,9 @@ impl Host {
             {
                 return Ok(code);
             }
-            let count = self.wait(now, &mut ready).map_err(|errno| format!("epoll: {}", errno.desc()))?;
+            let count = self
+                .wait(now, &mut ready)
+                .map_err(|errno| format!("epoll: {}", errno.desc()))?;
             for event in &ready[..count] {
                 match event.data() {
                     TIMER => self.timer_fired(),
@@ -155,8 +177,12 @@ impl Host {
         match due {
             // Zero would disarm it.
             Some(due) => {
-                let at = TimeSpec::from_duration(std::time::Duration::from_nanos(due.as_nanos().max(1)));
-                self.timer.set(Expiration::OneShot(at), TimerSetTimeFlags::TFD_TIMER_ABSTIME)
+                let at =
+                    TimeSpec::from_duration(std::time::Duration::from_nanos(due.as_nanos().max(1)));
+                self.timer.set(
+                    Expiration::OneShot(at),
+                    TimerSetTimeFlags::TFD_TIMER_ABSTIME,
+                )
             }
             None => self.timer.unset(),
         }
@@ -207,11 +233,15 @@ impl Host {
                 }
                 FromBus::Message { at, message } => {
                     if self.shell.wants(message.channel()) {
-                        self.feed(Event::Message { at, message: &message });
+                        self.feed(Event::Message {
+                            at,
+                            message: &message,
+                        });
                     }
                 }
                 FromBus::Malformed { subject, why } => {
-                    let report = Report::new(Severity::Warning, Fault::MessageMalformed, subject, why);
+                    let report =
+                        Report::new(Severity::Warning, Fault::MessageMalformed, subject, why);
                     self.shell.raise(now, report, &mut self.out);
                     self.act();
                 }
@@ -277,13 +307,17 @@ impl Host {
     }
 
     fn queue_news(&mut self) {
-        let Some(processes) = &mut self.processes else { return };
+        let Some(processes) = &mut self.processes else {
+            return;
+        };
         let (shell, out) = (&mut self.shell, &mut self.out);
         while processes.poll_event(|news| shell.handle(clock::now(), Event::Process(news), out)) {}
     }
 
     fn send(&mut self, index: usize, output: &Output) {
-        let Some(port) = self.ports.get_mut(index) else { return };
+        let Some(port) = self.ports.get_mut(index) else {
+            return;
+        };
         if port.state != PortState::Up {
             return;
         }
@@ -291,8 +325,12 @@ impl Host {
         match port.device.send(now, output) {
             Ok(true) => self.watch_writing(index),
             Ok(false) => {
-                let report =
-                    Report::new(Severity::Warning, Fault::PortOverrun, &*port.name, "output is dropped: it does not leave");
+                let report = Report::new(
+                    Severity::Warning,
+                    Fault::PortOverrun,
+                    &*port.name,
+                    "output is dropped: it does not leave",
+                );
                 self.shell.raise(now, report, &mut self.out);
             }
             Err(reason) => self.lose(index, &reason),
@@ -322,7 +360,10 @@ impl Host {
         let now = clock::now();
         // Closing its descriptor takes it out of the epoll.
         self.ports[index].lose(now);
-        let event = Event::Port { port: PortId(index as u8), input: Input::Down(reason) };
+        let event = Event::Port {
+            port: PortId(index as u8),
+            input: Input::Down(reason),
+        };
         self.shell.handle(now, event, &mut self.out);
     }
 
@@ -331,15 +372,28 @@ impl Host {
         let id = PortId(index as u8);
         match self.ports[index].try_open(now) {
             Some(Ok(())) => match self.watch(index) {
-                Ok(()) => self.feed(Event::Port { port: id, input: Input::Up }),
+                Ok(()) => self.feed(Event::Port {
+                    port: id,
+                    input: Input::Up,
+                }),
                 Err(errno) => self.lose(index, errno.desc()),
             },
-            Some(Err(reason)) => self.feed(Event::Port { port: id, input: Input::Down(&reason) }),
+            Some(Err(reason)) => self.feed(Event::Port {
+                port: id,
+                input: Input::Down(&reason),
+            }),
             None => {}
         }
-        while self.ports[index].device.sent_at().is_some_and(|at| at <= now) {
+        while self.ports[index]
+            .device
+            .sent_at()
+            .is_some_and(|at| at <= now)
+        {
             self.ports[index].device.sent_told();
-            self.feed(Event::Port { port: id, input: Input::Sent });
+            self.feed(Event::Port {
+                port: id,
+                input: Input::Sent,
+            });
         }
     }
 
@@ -350,13 +404,18 @@ impl Host {
             false => EpollFlags::EPOLLIN,
         };
         let event = EpollEvent::new(flags, PORTS + index as u64);
-        port.device.fd().map_or(Ok(()), |fd| self.epoll.add(fd, event))
+        port.device
+            .fd()
+            .map_or(Ok(()), |fd| self.epoll.add(fd, event))
     }
 
     fn port_ready(&mut self, index: usize, flags: EpollFlags) {
-        let Some(port) = self.ports.get_mut(index) else { return };
+        let Some(port) = self.ports.get_mut(index) else {
+            return;
+        };
         // An error or a hang-up is found by reading.
-        port.more |= flags.intersects(EpollFlags::EPOLLIN | EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR);
+        port.more |=
+            flags.intersects(EpollFlags::EPOLLIN | EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR);
         if flags.contains(EpollFlags::EPOLLOUT) && port.state == PortState::Up {
             match port.device.on_writable(clock::now()) {
                 Ok(()) => self.watch_writing(index),
@@ -377,7 +436,8 @@ impl Host {
             match port.device.receive(now) {
                 Ok(Received::Nothing) => port.more = false,
                 Ok(Received::Input(input)) => {
-                    self.shell.handle(now, Event::Port { port: id, input }, &mut self.out);
+                    self.shell
+                        .handle(now, Event::Port { port: id, input }, &mut self.out);
                 }
                 Ok(Received::Fault(fault, why)) => {
                     let report = Report::new(Severity::Warning, fault, &*port.name, why);

@@ -76,7 +76,9 @@ impl Serial {
 
     /// What the words of an output cost on the wire.
     fn wire_time(&self, words: u64) -> Duration {
-        Duration::from_nanos(words.saturating_mul(BITS_PER_WORD * 1_000_000_000) / u64::from(self.baud))
+        Duration::from_nanos(
+            words.saturating_mul(BITS_PER_WORD * 1_000_000_000) / u64::from(self.baud),
+        )
     }
 
     fn forget(&mut self) {
@@ -107,7 +109,9 @@ impl Serial {
 
     fn write_what_goes(&mut self, now: Instant) -> Result<(), Lost> {
         while !self.queue.is_empty() {
-            let Some(file) = &self.file else { return Ok(()) };
+            let Some(file) = &self.file else {
+                return Ok(());
+            };
             match write(file, self.queue.as_slices().0) {
                 Ok(count) => {
                     self.queue.drain(..count);
@@ -133,7 +137,8 @@ impl Serial {
 /// Opens a device raw, 8 data bits, no parity, 1 stop bit, and keeps others out.
 fn open_terminal(path: &Path, baud: u32) -> Result<OwnedFd, Lost> {
     let named = |errno: Errno| format!("{}: {}", path.display(), errno.desc());
-    let rate = baud_rate(baud).ok_or_else(|| format!("{}: {baud} Bd is no rate of a terminal", path.display()))?;
+    let rate = baud_rate(baud)
+        .ok_or_else(|| format!("{}: {baud} Bd is no rate of a terminal", path.display()))?;
     let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
     let file = open(path, flags, Mode::empty()).map_err(named)?;
     sys::take_exclusively(file.as_fd()).map_err(|error| format!("{}: {error}", path.display()))?;
@@ -144,7 +149,8 @@ fn open_terminal(path: &Path, baud: u32) -> Result<OwnedFd, Lost> {
 
 /// Makes a pseudo-terminal and a link to its other side, in place of any old link.
 fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
-    let master = posix_openpt(OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC);
+    let master =
+        posix_openpt(OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC);
     let named = |errno: Errno| format!("pseudo-terminal: {}", errno.desc());
     let master = master.map_err(named)?;
     grantpt(&master).map_err(named)?;
@@ -163,8 +169,12 @@ fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
 fn make_raw(file: &impl AsFd, rate: Option<BaudRate>) -> nix::Result<()> {
     let mut settings = termios::tcgetattr(file)?;
     termios::cfmakeraw(&mut settings);
-    settings.control_flags.remove(ControlFlags::CSTOPB | ControlFlags::CRTSCTS);
-    settings.control_flags.insert(ControlFlags::CLOCAL | ControlFlags::CREAD);
+    settings
+        .control_flags
+        .remove(ControlFlags::CSTOPB | ControlFlags::CRTSCTS);
+    settings
+        .control_flags
+        .insert(ControlFlags::CLOCAL | ControlFlags::CREAD);
     settings.control_chars[SpecialCharacterIndices::VMIN as usize] = 1;
     settings.control_chars[SpecialCharacterIndices::VTIME as usize] = 0;
     if let Some(rate) = rate {
@@ -204,7 +214,9 @@ impl Device for Serial {
         self.forget();
         self.codec.reset();
         let was_open = self.file.take().is_some();
-        let Place::Pseudo(link, other_side) = &self.place else { return };
+        let Place::Pseudo(link, other_side) = &self.place else {
+            return;
+        };
         // Only while it is ours: another may have made its own meanwhile.
         if was_open && fs::read_link(link).is_ok_and(|target| target == *other_side) {
             let _ = fs::remove_file(link);
@@ -222,12 +234,18 @@ impl Device for Serial {
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
         let mut bytes = [0; READ_MAX];
         loop {
-            let Some(file) = &self.file else { return Ok(Received::Nothing) };
+            let Some(file) = &self.file else {
+                return Ok(Received::Nothing);
+            };
             match read(file, &mut bytes) {
                 Ok(0) => return Err("the device is gone".into()),
                 Ok(count) => {
                     self.words.clear();
-                    self.words.extend(bytes[..count].iter().filter_map(|byte| self.codec.decode(*byte)));
+                    self.words.extend(
+                        bytes[..count]
+                            .iter()
+                            .filter_map(|byte| self.codec.decode(*byte)),
+                    );
                     return Ok(Received::Input(Input::Words(&self.words)));
                 }
                 Err(Errno::EINTR) => {}
@@ -242,12 +260,16 @@ impl Device for Serial {
     }
 
     fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost> {
-        let Output::Words(words) = output else { return Ok(false) };
+        let Output::Words(words) = output else {
+            return Ok(false);
+        };
         if self.queue.len() + 2 * words.len() > QUEUE_MAX {
             return Ok(false);
         }
-        self.queue.extend(words.iter().copied().flat_map(TwoByte::encode));
-        self.outputs.push_back((self.written + self.queue.len() as u64, words.len() as u64));
+        self.queue
+            .extend(words.iter().copied().flat_map(TwoByte::encode));
+        self.outputs
+            .push_back((self.written + self.queue.len() as u64, words.len() as u64));
         self.write_what_goes(now)?;
         Ok(true)
     }
