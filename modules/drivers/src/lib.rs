@@ -2,4 +2,5 @@
 //! heard of each other, of ports' names or of processes.
 #![forbid(unsafe_code)]
 
+pub mod canbus;
 pub mod rs485a;

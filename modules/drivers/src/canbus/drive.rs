@@ -1,0 +1,213 @@
+//! What both drives have in common: a node that boots, is lost and comes back, an axis that is walked through its
+//! states, faults that are told once and reset calmly.
+
+use base::{Duration, Fault, Instant, Severity, Ticker};
+use canopen::Master;
+use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, PowerState};
+use canopen::master::{BootError, LostReason, Step};
+use canopen::wire::Emergency;
+use messages::lowlevel;
+use module::Actions;
+
+/// A command that must arrive is repeated this often: a frame may be lost where CAN is carried by UDP.
+const REPEAT: Duration = Duration::from_millis(50);
+/// A fault is reset this often; whether anything moves then is not decided here.
+const RESET: Duration = Duration::from_secs(1);
+/// An axis that did not obey, or left by itself, stands against motion at least this long.
+const TROUBLE: Duration = Duration::from_millis(500);
+
+/// One drive.
+pub(super) struct Drive {
+    /// `propulsion` or `steering`.
+    pub(super) name: &'static str,
+    pub(super) node: u8,
+    pub(super) axis: Axis,
+    booted: bool,
+    /// Why it is not booted, for people.
+    why: String,
+    error_code: u16,
+    trouble: Option<(Instant, String)>,
+    reset: Option<Instant>,
+    repeat: Ticker,
+    sent: Option<[u8; 6]>,
+    changed: bool,
+}
+
+impl Drive {
+    pub(super) fn new(name: &'static str, node: u8, config: AxisConfig) -> Self {
+        Self {
+            name,
+            node,
+            axis: Axis::new(config),
+            booted: false,
+            why: "is being booted".into(),
+            error_code: 0,
+            trouble: None,
+            reset: None,
+            repeat: Ticker::new(Instant::NEVER, REPEAT),
+            sent: None,
+            changed: true,
+        }
+    }
+
+    pub(super) fn is_booted(&self) -> bool {
+        self.booted
+    }
+
+    pub(super) fn on_booted(&mut self, now: Instant, out: &mut Actions) {
+        self.booted = true;
+        self.sent = None;
+        self.error_code = 0;
+        self.repeat = Ticker::new(now, REPEAT);
+        self.changed = true;
+        for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch] {
+            out.clear(fault, self.name, format!("{} drive (node {}) is there and set up", self.name, self.node));
+        }
+    }
+
+    pub(super) fn on_boot_failed(&mut self, step: Step, reason: BootError, out: &mut Actions) {
+        let fault = match reason {
+            BootError::Mismatch { .. } => Fault::DriveMismatch,
+            _ => Fault::DriveBootFailed,
+        };
+        self.why = format!("cannot be booted: {step}: {reason}");
+        let message = format!("{} drive (node {}) {}; tried again each second", self.name, self.node, self.why);
+        out.raise(Severity::Error, fault, self.name, message);
+    }
+
+    pub(super) fn on_lost(&mut self, reason: LostReason, out: &mut Actions) {
+        self.booted = false;
+        self.axis.lost();
+        self.why = format!("is lost: {reason}");
+        self.changed = true;
+        let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
+        out.raise(Severity::Error, Fault::DriveLost, self.name, message);
+    }
+
+    pub(super) fn on_emergency(&mut self, emergency: &Emergency, suppressed: u32, out: &mut Actions) {
+        self.error_code = emergency.code;
+        self.changed = true;
+        let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
+        let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
+        let message = format!(
+            "{} drive (node {}): emergency 0x{:04X} ({}), register 0x{:02X}{more}",
+            self.name,
+            self.node,
+            emergency.code,
+            emergency.class(),
+            emergency.register
+        );
+        out.report(severity, Fault::DriveEmergency, self.name, message);
+    }
+
+    pub(super) fn on_statusword(&mut self, now: Instant, statusword: u16, out: &mut Actions) {
+        self.axis.handle_statusword(now, statusword);
+        self.drain(now, out);
+    }
+
+    fn drain(&mut self, now: Instant, out: &mut Actions) {
+        while let Some(event) = self.axis.poll_event() {
+            self.changed = true;
+            match event {
+                AxisEvent::Fault { statusword } => {
+                    self.reset = Some(now + RESET);
+                    let message = format!(
+                        "{} drive (node {}) is in fault, error code 0x{:04X}, statusword 0x{statusword:04X}",
+                        self.name, self.node, self.error_code
+                    );
+                    out.raise(Severity::Error, Fault::DriveFault, self.name, message);
+                }
+                AxisEvent::Dropped { to, statusword } => {
+                    let why = format!("left by itself to {to}, statusword 0x{statusword:04X}");
+                    self.trouble = Some((now + TROUBLE, why));
+                }
+                AxisEvent::Stuck { state, goal, statusword, controlword } => {
+                    let state = state.map_or("unseen".into(), |state| state.to_string());
+                    let why = format!(
+                        "stays {state} on the way to {goal:?}: controlword 0x{controlword:04X}, statusword 0x{statusword:04X}"
+                    );
+                    out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
+                    self.trouble = Some((now + TROUBLE, why));
+                }
+                AxisEvent::State { to: PowerState::SwitchOnDisabled, from: Some(PowerState::Fault) } => {
+                    self.reset = None;
+                    out.clear(Fault::DriveFault, self.name, format!("{} drive: fault reset", self.name));
+                }
+                AxisEvent::State { .. } | AxisEvent::Reached(_) => {}
+            }
+        }
+    }
+
+    /// Serves what is due; to be called after every event, before the frames are made.
+    pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) {
+        if self.trouble.as_ref().is_some_and(|(until, _)| *until <= now) {
+            self.trouble = None;
+        }
+        if self.reset.is_some_and(|at| at <= now) {
+            self.reset = Some(now + RESET);
+            self.axis.reset_fault(now);
+        }
+        self.axis.handle_timeout(now);
+        self.drain(now, out);
+    }
+
+    /// Sends its frame when it says something new, or something that has not been seen done.
+    pub(super) fn send(&mut self, now: Instant, master: &mut Master, rpdo: u8, data: [u8; 6]) {
+        if !self.booted {
+            return;
+        }
+        let repeat = self.repeat.due(now) && !self.is_at_rest();
+        if (self.sent != Some(data) || repeat) && master.send_pdo(self.node, rpdo, &data).is_ok() {
+            self.sent = Some(data);
+        }
+    }
+
+    /// Nothing is on its way: what was commanded has been seen, and it is not motion.
+    fn is_at_rest(&self) -> bool {
+        match self.axis.goal() {
+            Goal::Enabled => false,
+            Goal::QuickStop | Goal::Disabled => self.axis.poll_timeout().is_none(),
+        }
+    }
+
+    /// What stands against motion from this drive's side.
+    pub(super) fn objection(&self) -> Option<String> {
+        if !self.booted {
+            return Some(format!("the {} drive {}", self.name, self.why));
+        }
+        if let Some((_, why)) = &self.trouble {
+            return Some(format!("the {} drive {why}", self.name));
+        }
+        match self.axis.state() {
+            Some(PowerState::Fault | PowerState::FaultReactionActive) => {
+                Some(format!("the {} drive is in fault, error code 0x{:04X}", self.name, self.error_code))
+            }
+            None => Some(format!("the {} drive has not told its state", self.name)),
+            Some(_) => None,
+        }
+    }
+
+    /// Its row in `LL_DATA_AXES`, but for what it measures.
+    pub(super) fn row(&self, master: &Master, position: f64, velocity: f64) -> lowlevel::Axis {
+        lowlevel::Axis {
+            name: self.name.into(),
+            nmt_state: master.nmt_state(self.node).map_or(-1, |state| state as i8),
+            statusword: i32::from(self.axis.statusword()),
+            error_code: i32::from(self.error_code),
+            position,
+            velocity,
+            current: f64::NAN,
+        }
+    }
+
+    /// Whether something of its state changed since the last call.
+    pub(super) fn take_changed(&mut self) -> bool {
+        std::mem::take(&mut self.changed)
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        let repeat = (self.booted && !self.is_at_rest()).then(|| self.repeat.next());
+        let trouble = self.trouble.as_ref().map(|(until, _)| *until);
+        [self.axis.poll_timeout(), self.reset, repeat, trouble].into_iter().flatten().min()
+    }
+}

@@ -1,0 +1,487 @@
+//! `driver_canbus`: CANopen master of the propulsion and the steering drive, and the place where it is decided whether
+//! the robot may move.
+//!
+//! Read [`arbiter`] first (who may command), then [`surroundings`] (what else must be well), then `decide` here, which
+//! turns both into what the two axes are told. Everything that is not a clear permission is a quick stop.
+//!
+//! Device    EPOS 70/10 and IclA N065; facts in `canopen::drives`
+//! Timing    a command lives 250 ms; the master's heartbeat leaves every 50 ms, so a dead host stops the drives
+//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself
+
+pub mod arbiter;
+pub mod surroundings;
+
+mod config;
+mod drive;
+mod propulsion;
+mod steering;
+#[cfg(test)]
+mod tests;
+
+pub use config::{Config, Limits, PropulsionConfig, SteeringConfig};
+
+use arbiter::{Arbiter, Command, Verdict};
+use base::{Duration, Fault, Instant, Severity, Ticker};
+use canopen::master::ConfigError;
+use canopen::{Event as Heard, Master, MasterConfig};
+use messages::{Channel, Message, common, lowlevel};
+use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
+use propulsion::Propulsion;
+use steering::Steering;
+use surroundings::{Objection, Surroundings};
+
+/// The module's name.
+pub const NAME: &str = "driver_canbus";
+
+const CAN: PortId = PortId(0);
+const MOTION_PERIOD: Duration = Duration::from_millis(50);
+const AXES_PERIOD: Duration = Duration::from_millis(200);
+/// Slower than this the robot stands, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
+const STANDING: f64 = 0.02;
+
+/// The module.
+pub struct Canbus {
+    config: Config,
+    ports: [PortSpec; 1],
+    master: Master,
+    propulsion: Propulsion,
+    steering: Steering,
+    arbiter: Arbiter,
+    around: Surroundings,
+    state: State,
+    port_up: bool,
+    /// What stands against motion, as it was decided last.
+    blocked: Option<Blocked>,
+    /// A command out of limits stops the robot until it has been absent for its time to live.
+    refused_until: Option<Instant>,
+    /// The last command that was not followed, and why; shown for its time to live.
+    ignored: Option<(Instant, String)>,
+    contested: Option<Instant>,
+    working: Option<bool>,
+    motion: Ticker,
+    axes: Ticker,
+    now: Instant,
+}
+
+/// Why the robot must not move.
+#[derive(Clone, Debug, PartialEq)]
+struct Blocked {
+    reason: String,
+    objection: Option<Objection>,
+}
+
+impl Canbus {
+    /// The module.
+    ///
+    /// # Errors
+    /// What CANopen does not allow: node ids out of range or given twice.
+    pub fn new(config: Config) -> Result<Self, ConfigError> {
+        let ports = [PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } }];
+        let propulsion = Propulsion::new(&config);
+        let steering = Steering::new(&config);
+        let nodes = [propulsion.node_config(), steering.node_config()];
+        let master = Master::new(MasterConfig { id: config.node_id, ..MasterConfig::default() }, &nodes)?;
+        Ok(Self {
+            master,
+            arbiter: Arbiter::new(config.ttl),
+            around: Surroundings::new(config.critical.clone(), config.has_pause_line),
+            ports,
+            propulsion,
+            steering,
+            config,
+            state: State::Init,
+            port_up: false,
+            blocked: None,
+            refused_until: None,
+            ignored: None,
+            contested: None,
+            working: None,
+            motion: Ticker::new(Instant::NEVER, MOTION_PERIOD),
+            axes: Ticker::new(Instant::NEVER, AXES_PERIOD),
+            now: Instant::ZERO,
+        })
+    }
+
+    fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
+        match message {
+            Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
+            Message::LlCmdHoming(homing) => self.on_homing(homing, out),
+            Message::CmDataProcesses(list) => self.around.on_processes(at, list),
+            Message::LlEventStop(stop) => self.around.on_stop(at, stop),
+            Message::MlDataEstimate(estimate) => self.around.on_estimate(at, estimate),
+            Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.release_planner(now),
+            Message::CmCmdState(command) => self.on_state_command(now, command),
+            _ => {}
+        }
+    }
+
+    fn on_motion(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
+        // A command that waited longer than it lives says what somebody wanted then, not what he wants now.
+        if now.since(at) >= self.config.ttl {
+            return;
+        }
+        let limits = &self.config.limits;
+        let in_limits = command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering;
+        if !in_limits || !arbiter::is_priority(command.priority) {
+            self.refuse(now, command, out);
+            return;
+        }
+        let asked = Command {
+            speed: command.speed,
+            steering: command.steering,
+            priority: command.priority,
+            source: command.source.clone(),
+        };
+        let verdict = self.arbiter.command(at, asked, self.blocked.is_some());
+        let why = match verdict {
+            Verdict::Holds => {
+                self.ignored = None;
+                return;
+            }
+            Verdict::Overruled => format!("{} is overruled by a higher priority", command.source),
+            Verdict::Contested => format!("{} must wait: another source of its priority moves the robot", command.source),
+            Verdict::NotReleased => format!("{} must send zero first: the robot was stopped", command.source),
+            Verdict::Latched => format!("{} must be let go by an operator first", command.source),
+        };
+        if verdict == Verdict::Contested {
+            self.contested = Some(now + self.config.ttl);
+            out.raise(Severity::Warning, Fault::MotionContested, "", why.as_str());
+        }
+        self.ignored = Some((now + self.config.ttl, why));
+    }
+
+    /// A command that no honest source sends: the robot stops, whoever sent it.
+    fn refuse(&mut self, now: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
+        let limits = &self.config.limits;
+        let message = format!(
+            "command of {} refused: speed {} m/s (at most {}), steering {} rad (at most {}), priority {}",
+            command.source, command.speed, limits.speed, command.steering, limits.steering, command.priority
+        );
+        self.refused_until = Some(now + self.config.ttl);
+        out.raise(Severity::Error, Fault::MotionRefused, "", message);
+    }
+
+    fn on_homing(&mut self, homing: &lowlevel::CmdHoming, out: &mut Actions) {
+        match homing.axis.as_str() {
+            "steering" if self.is_standing() && self.state == State::Run => self.steering.home_again(),
+            "steering" => {
+                let why = "homing the steering refused: the robot moves, or the module is not in RUN";
+                out.report(Severity::Warning, Fault::CommandForbidden, "steering", why);
+            }
+            axis => {
+                let why = format!("homing of {axis:?} refused: only the steering has a reference");
+                out.report(Severity::Warning, Fault::CommandForbidden, axis, why);
+            }
+        }
+    }
+
+    fn on_state_command(&mut self, now: Instant, command: &common::CmdState) {
+        let planner = command.module == "planner" || command.module == "*";
+        if planner && command.manual && command.state == State::Run as i8 {
+            self.release_planner(now);
+        }
+    }
+
+    fn release_planner(&mut self, now: Instant) {
+        if self.blocked.is_none() {
+            self.arbiter.release_planner(now);
+        }
+    }
+
+    fn on_port(&mut self, now: Instant, down: Option<&str>, out: &mut Actions) {
+        let bus = self.config.bus.as_str();
+        self.port_up = down.is_none();
+        match down {
+            Some(why) => {
+                self.master.handle_bus_down(now);
+                out.raise(Severity::Error, Fault::PortDown, bus, format!("{bus} is down: {why}; tried again"));
+            }
+            None => {
+                out.clear(Fault::PortDown, bus, format!("{bus} is up"));
+                self.master.handle_timeout(now);
+            }
+        }
+    }
+
+    fn on_master(&mut self, now: Instant, out: &mut Actions) {
+        while let Some(event) = self.master.poll_event() {
+            self.on_heard(now, event, out);
+        }
+        let working = self.propulsion.drive.is_booted() && self.steering.drive.is_booted();
+        // Until the first success the module is starting; what it waits for has been reported.
+        if working != self.working.unwrap_or(false) {
+            self.working = Some(working);
+            if working { out.working() } else { out.failed() }
+        }
+    }
+
+    fn on_heard(&mut self, now: Instant, event: Heard, out: &mut Actions) {
+        match event {
+            Heard::Booted { node } => {
+                if let Some(drive) = self.drive_mut(node) {
+                    drive.on_booted(now, out);
+                }
+                if node == self.steering.drive.node {
+                    self.steering.on_booted();
+                }
+            }
+            Heard::BootFailed { node, step, reason } => {
+                if let Some(drive) = self.drive_mut(node) {
+                    drive.on_boot_failed(step, reason, out);
+                }
+            }
+            Heard::Lost { node, reason } => {
+                if let Some(drive) = self.drive_mut(node) {
+                    drive.on_lost(reason, out);
+                }
+                if node == self.steering.drive.node {
+                    self.steering.on_lost();
+                }
+            }
+            Heard::Emergency { node, emergency, suppressed } => {
+                if let Some(drive) = self.drive_mut(node) {
+                    drive.on_emergency(&emergency, suppressed, out);
+                }
+            }
+            Heard::Pdo { node, number, data, len } => {
+                let data = &data[..usize::from(len).min(data.len())];
+                if node == self.propulsion.drive.node {
+                    self.propulsion.on_pdo(now, number, data, out);
+                } else if node == self.steering.drive.node {
+                    self.steering.on_pdo(now, number, data, out);
+                }
+            }
+            Heard::SdoRead { .. } | Heard::SdoWritten { .. } | Heard::SdoFailed { .. } => {
+                self.steering.on_sdo(now, &event);
+            }
+            Heard::Malformed { node, count } => {
+                let message = format!("{count} frames of node {node} that CANopen does not allow, dropped");
+                out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
+            }
+            Heard::SecondMaster => {
+                let message = format!("another master with node id {} is on {}", self.config.node_id, self.config.bus);
+                out.report(Severity::Error, Fault::CanMalformed, "master", message);
+            }
+        }
+    }
+
+    fn drive_mut(&mut self, node: u8) -> Option<&mut drive::Drive> {
+        [&mut self.propulsion.drive, &mut self.steering.drive].into_iter().find(|drive| drive.node == node)
+    }
+
+    fn is_standing(&self) -> bool {
+        self.propulsion.speed().abs() < STANDING
+    }
+
+    /// What stands against any motion, in the order in which an engineer would ask.
+    fn objection(&self, now: Instant) -> Option<Blocked> {
+        let plain = |reason: String| Some(Blocked { reason, objection: None });
+        if self.state != State::Run {
+            return plain(format!("{NAME} is in {}", self.state));
+        }
+        if !self.port_up {
+            return plain(format!("{} is down", self.config.bus));
+        }
+        if let Some(reason) = self.propulsion.drive.objection().or_else(|| self.steering.drive.objection()) {
+            return plain(reason);
+        }
+        if let Some(objection) = self.around.objection(now) {
+            return Some(Blocked { reason: objection.to_string(), objection: Some(objection) });
+        }
+        if self.refused_until.is_some() {
+            return plain("a command was out of limits".into());
+        }
+        if !self.steering.is_homed() {
+            return plain(self.steering.why_not_homed());
+        }
+        None
+    }
+
+    /// Turns what is known into what the axes are told. Called after every event.
+    fn decide(&mut self, now: Instant, out: &mut Actions) {
+        self.forget(now, out);
+        let blocked = self.objection(now);
+        if blocked != self.blocked {
+            self.report_change(blocked.as_ref(), out);
+            if blocked.is_some() {
+                self.arbiter.stopped();
+            }
+            self.blocked = blocked;
+        }
+        if self.is_standing() {
+            self.arbiter.standing(now);
+        }
+        match self.permitted(now) {
+            Some((speed, steering)) => {
+                self.steering.go(steering);
+                self.propulsion.drive(speed);
+            }
+            None => {
+                self.propulsion.quick_stop();
+                self.decide_steering(now);
+            }
+        }
+        self.propulsion.advance(now, &mut self.master, out);
+        self.steering.advance(now, &mut self.master, out);
+    }
+
+    /// The steering while nobody moves the robot: it is homed as soon as nothing but that stands against motion, holds
+    /// its angle when nobody commands, and stops where it is when something is wrong.
+    fn decide_steering(&mut self, now: Instant) {
+        let well = self.state == State::Run && self.port_up && self.around.objection(now).is_none();
+        let drives_well = self.propulsion.drive.objection().is_none() && self.steering.drive.objection().is_none();
+        if self.blocked.is_none() {
+            self.steering.hold();
+        } else if well && drives_well && !self.steering.is_homed() && self.is_standing() {
+            self.steering.home();
+        } else {
+            self.steering.quick_stop();
+        }
+    }
+
+    /// Speed and steering that may be driven now.
+    fn permitted(&self, now: Instant) -> Option<(f64, f64)> {
+        if self.blocked.is_some() {
+            return None;
+        }
+        let command = self.arbiter.current(now)?;
+        let limits = &self.config.limits;
+        let planner = command.priority == arbiter::PLANNER;
+        if planner && !self.around.is_located(now) {
+            return None;
+        }
+        let by_source = if planner { limits.speed_autonomous } else { limits.speed_manual };
+        let curvature = libm::fabs(libm::tan(command.steering) / self.config.wheelbase);
+        let by_curve = if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration / curvature) } else { by_source };
+        let bound = by_source.min(by_curve);
+        Some((command.speed.clamp(-bound, bound), command.steering))
+    }
+
+    fn forget(&mut self, now: Instant, out: &mut Actions) {
+        if self.refused_until.is_some_and(|until| until <= now) {
+            self.refused_until = None;
+            out.clear(Fault::MotionRefused, "", "commands are within limits again");
+        }
+        if self.contested.is_some_and(|until| until <= now) {
+            self.contested = None;
+            out.clear(Fault::MotionContested, "", "one source commands the motion");
+        }
+        if self.ignored.as_ref().is_some_and(|(until, _)| *until <= now) {
+            self.ignored = None;
+        }
+    }
+
+    fn report_change(&self, blocked: Option<&Blocked>, out: &mut Actions) {
+        let fault = |blocked: &Blocked| blocked.objection.as_ref().and_then(Objection::fault);
+        let was = self.blocked.as_ref().and_then(fault);
+        let is = blocked.and_then(fault);
+        if let Some(was) = was.filter(|was| is != Some(*was)) {
+            out.clear(was, "", "what stopped the robot is over; it moves when it is commanded anew");
+        }
+        if let (Some(is), Some(blocked)) = (is, blocked) {
+            out.raise(Severity::Error, is, "", format!("the robot is stopped: {}", blocked.reason));
+        }
+    }
+
+    /// Why it does not move; empty when it does as commanded.
+    fn reason(&self, now: Instant) -> String {
+        let ignored = || self.ignored.as_ref().map(|(_, why)| why.clone());
+        match (&self.blocked, self.arbiter.current(now)) {
+            (Some(blocked), _) => blocked.reason.clone(),
+            (None, Some(command)) if command.priority == arbiter::PLANNER && !self.around.is_located(now) => {
+                "the planner has no estimate to drive by".into()
+            }
+            (None, Some(_)) => String::new(),
+            (None, None) => ignored().unwrap_or_else(|| "nobody commands the motion".into()),
+        }
+    }
+
+    fn publish_motion(&self, now: Instant, out: &mut Actions) {
+        let (speed_target, steering_target) = self.permitted(now).unwrap_or((0.0, self.steering.angle()));
+        let source = self.arbiter.current(now).map_or(String::new(), |command| command.source.clone());
+        out.publish(lowlevel::DataMotion {
+            timestamp: out.timestamp(now),
+            speed: self.propulsion.speed(),
+            steering: self.steering.angle(),
+            speed_target,
+            steering_target,
+            enabled: self.propulsion.is_enabled() && self.steering.is_enabled(),
+            homed: self.steering.is_homed(),
+            quick_stop: self.propulsion.is_quick_stopped(),
+            source,
+            reason: self.reason(now),
+        });
+    }
+
+    fn publish_axes(&self, now: Instant, out: &mut Actions) {
+        let axes = vec![self.propulsion.row(&self.master), self.steering.row(&self.master)];
+        out.publish(lowlevel::DataAxes { timestamp: out.timestamp(now), axes });
+    }
+}
+
+impl Module for Canbus {
+    fn subscriptions(&self) -> &[Channel] {
+        &[
+            Channel::LlCmdMotion,
+            Channel::LlCmdHoming,
+            Channel::LlEventStop,
+            Channel::CmDataProcesses,
+            Channel::CmCmdState,
+            Channel::MlDataEstimate,
+            Channel::MlCmdGoal,
+        ]
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        self.now = now;
+        match event {
+            Event::Start => {
+                self.motion = Ticker::new(now, MOTION_PERIOD);
+                self.axes = Ticker::new(now, AXES_PERIOD);
+            }
+            Event::Message { at, message } => self.on_message(now, at, message, out),
+            Event::Port { input: Input::Can(frame), .. } => self.master.handle_rx(now, &frame),
+            Event::Port { input: Input::Up, .. } => self.on_port(now, None, out),
+            Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
+            Event::State(state) => self.state = state,
+            Event::Timer if self.port_up => self.master.handle_timeout(now),
+            Event::Port { .. } | Event::Process(_) | Event::Timer => {}
+        }
+        self.on_master(now, out);
+        self.decide(now, out);
+        self.on_master(now, out);
+        while let Some(frame) = self.master.poll_tx() {
+            out.send_can(CAN, frame);
+        }
+        if self.motion.due(now) {
+            self.publish_motion(now, out);
+        }
+        if self.axes.due(now) | self.propulsion.drive.take_changed() | self.steering.drive.take_changed() {
+            self.publish_axes(now, out);
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let own = [
+            Some(self.motion.next()),
+            Some(self.axes.next()),
+            self.master.poll_timeout().filter(|_| self.port_up),
+            self.propulsion.drive.poll_timeout(),
+            self.steering.poll_timeout(),
+            self.arbiter.poll_timeout(self.now),
+            self.around.poll_timeout().filter(|due| *due > self.now),
+            self.refused_until,
+            self.contested,
+        ];
+        own.into_iter().flatten().min()
+    }
+
+    /// The drives hold the robot's last speed until their ramp is done: the process stays, and its heartbeat with it.
+    fn finished(&self) -> bool {
+        !self.port_up || !self.propulsion.drive.is_booted() || self.is_standing()
+    }
+}

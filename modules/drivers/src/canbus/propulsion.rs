@@ -1,0 +1,92 @@
+//! The drive of the rear axle: m/s in, rpm of the motor shaft out.
+
+use super::Config;
+use super::drive::Drive;
+use base::Instant;
+use canopen::axis::{Goal, PowerState};
+use canopen::drives::epos;
+use canopen::{Master, NodeConfig};
+use messages::lowlevel;
+use module::Actions;
+
+pub(super) struct Propulsion {
+    pub(super) drive: Drive,
+    parameters: epos::Parameters,
+    rpm_per_mps: f64,
+    target_rpm: i32,
+    goal: Goal,
+    /// As the drive says, m/s; NaN before it did.
+    speed: f64,
+}
+
+impl Propulsion {
+    pub(super) fn new(config: &Config) -> Self {
+        let own = &config.propulsion;
+        let rpm = |mps: f64| libm::fabs(mps * own.rpm_per_mps).clamp(1.0, 1e9) as u32;
+        let parameters = epos::Parameters {
+            // A margin above the limit of commands, for the drive's own controller.
+            velocity_max_rpm: rpm(config.limits.speed * 1.1).min(25_000),
+            acceleration: rpm(config.limits.acceleration),
+            deceleration: rpm(config.limits.deceleration),
+            quick_stop_deceleration: rpm(config.limits.quick_stop),
+            ..epos::Parameters::new(own.node)
+        };
+        Self {
+            drive: Drive::new("propulsion", own.node, epos::axis_config()),
+            parameters,
+            rpm_per_mps: own.rpm_per_mps,
+            target_rpm: 0,
+            goal: Goal::QuickStop,
+            speed: f64::NAN,
+        }
+    }
+
+    pub(super) fn node_config(&self) -> NodeConfig {
+        epos::node_config("propulsion", &self.parameters)
+    }
+
+    pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
+        let Some(status) = epos::unpack(number, data) else { return };
+        if let Some(rpm) = status.velocity_rpm {
+            self.speed = f64::from(rpm) / self.rpm_per_mps;
+        }
+        self.drive.on_statusword(now, status.statusword, out);
+    }
+
+    /// Drive at `speed`, m/s.
+    pub(super) fn drive(&mut self, speed: f64) {
+        self.goal = Goal::Enabled;
+        self.target_rpm = libm::round(speed * self.rpm_per_mps) as i32;
+    }
+
+    /// Stop by the quick stop ramp, and stay stopped.
+    pub(super) fn quick_stop(&mut self) {
+        self.goal = Goal::QuickStop;
+        self.target_rpm = 0;
+    }
+
+    pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
+        self.drive.axis.set_goal(now, self.goal);
+        self.drive.handle_timeout(now, out);
+        let data = epos::pack(self.drive.axis.controlword(), self.target_rpm);
+        self.drive.send(now, master, epos::RPDO, data);
+    }
+
+    /// m/s as the drive measures it; zero before it told.
+    pub(super) fn speed(&self) -> f64 {
+        if self.speed.is_nan() { 0.0 } else { self.speed }
+    }
+
+    pub(super) fn is_enabled(&self) -> bool {
+        self.drive.axis.is_enabled()
+    }
+
+    pub(super) fn is_quick_stopped(&self) -> bool {
+        self.drive.axis.goal() == Goal::QuickStop
+            && matches!(self.drive.axis.state(), Some(PowerState::OperationEnabled | PowerState::QuickStopActive))
+    }
+
+    pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {
+        self.drive.row(master, f64::NAN, self.speed)
+    }
+}

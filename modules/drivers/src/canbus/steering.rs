@@ -1,0 +1,300 @@
+//! The drive of the front wheels' steering: radians in, counts out; homed to its switch before anything moves.
+
+use super::drive::Drive;
+use super::{Config, SteeringConfig};
+use base::{Duration, Fault, Instant, Severity};
+use canopen::axis::Goal;
+use canopen::drives::homing::{Access, Homing, HomingConfig, HomingError};
+use canopen::drives::icla;
+use canopen::drives::pp::{Setpoint, SetpointEvent};
+use canopen::master::Ticket;
+use canopen::{Event as Heard, Master, NodeConfig, Payload, sdo};
+use core::f64::consts::TAU;
+use messages::lowlevel;
+use module::Actions;
+
+/// A set-point is acknowledged within this time, or its edge is repeated.
+const ACKNOWLEDGE: Duration = Duration::from_millis(100);
+/// So many edges in a row without an answer are worth a report.
+const TRIES: u32 = 5;
+/// After homing the wheels are straight when they are within this of the middle, rad.
+const STRAIGHT: f64 = 0.01;
+/// The edge of the switch is searched at this share of the speed towards it.
+const ZERO_SEARCH: f64 = 0.2;
+/// The ramps of the steering: its full speed in this time, and to a quick stop, s.
+const RAMP: f64 = 0.1;
+const QUICK_STOP_RAMP: f64 = 0.05;
+
+/// What is wanted of the steering.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Want {
+    Stop,
+    Hold,
+    Go(f64),
+    Home,
+}
+
+/// Whether the position means an angle.
+#[derive(Clone, Debug, PartialEq)]
+enum Reference {
+    None,
+    /// Homed; on the way to straight ahead.
+    Centering,
+    Known,
+    /// Homing failed; it is tried again when it is commanded.
+    Failed(String),
+}
+
+pub(super) struct Steering {
+    pub(super) drive: Drive,
+    config: SteeringConfig,
+    want: Want,
+    reference: Reference,
+    homing: Homing,
+    ticket: Option<Ticket>,
+    setpoint: Setpoint,
+    /// Counts, as the drive says.
+    position: Option<i32>,
+}
+
+impl Steering {
+    pub(super) fn new(config: &Config) -> Self {
+        let config = config.steering.clone();
+        let homing = HomingConfig {
+            method: config.homing_method,
+            switch_speed: config.rpm(config.homing_speed),
+            zero_speed: config.rpm(config.homing_speed * ZERO_SEARCH),
+            acceleration: Some(config.rpm(config.homing_speed / RAMP)),
+            offset: Some(config.counts(config.switch)),
+            mode_after: icla::PROFILE_POSITION,
+            timeout: config.homing_timeout,
+        };
+        Self {
+            drive: Drive::new("steering", config.node, icla::axis_config()),
+            config,
+            want: Want::Stop,
+            reference: Reference::None,
+            homing: Homing::new(homing),
+            ticket: None,
+            setpoint: Setpoint::new(ACKNOWLEDGE),
+            position: None,
+        }
+    }
+
+    pub(super) fn node_config(&self) -> NodeConfig {
+        let config = &self.config;
+        let parameters = icla::Parameters {
+            velocity_rpm: config.rpm(config.speed),
+            acceleration: config.rpm(config.speed / RAMP),
+            deceleration: config.rpm(config.speed / RAMP),
+            quick_stop_deceleration: config.rpm(config.speed / QUICK_STOP_RAMP),
+            ..icla::Parameters::new(config.node)
+        };
+        icla::node_config("steering", &parameters)
+    }
+
+    pub(super) fn on_booted(&mut self) {
+        self.reference = Reference::None;
+    }
+
+    pub(super) fn on_lost(&mut self) {
+        self.reference = Reference::None;
+        self.homing.lost();
+        self.ticket = None;
+        self.position = None;
+    }
+
+    pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
+        let Some(status) = icla::unpack(number, data) else { return };
+        self.position = status.position.or(self.position);
+        self.drive.on_statusword(now, status.statusword, out);
+        if self.homing.is_running() {
+            self.homing.handle_statusword(now, status.statusword);
+        } else {
+            self.setpoint.handle_statusword(now, status.statusword);
+        }
+    }
+
+    pub(super) fn on_sdo(&mut self, now: Instant, event: &Heard) {
+        let (ticket, result) = match event {
+            Heard::SdoRead { ticket, data, .. } => (ticket, Ok(data.clone())),
+            Heard::SdoWritten { ticket, .. } => (ticket, Ok(Payload::EMPTY)),
+            Heard::SdoFailed { ticket, error, .. } => (ticket, Err(*error)),
+            _ => return,
+        };
+        if self.ticket == Some(*ticket) {
+            self.ticket = None;
+            self.homing.handle_sdo(now, result);
+        }
+    }
+
+    /// Steer to `angle`, rad.
+    pub(super) fn go(&mut self, angle: f64) {
+        self.want = Want::Go(angle);
+    }
+
+    /// Keep the angle.
+    pub(super) fn hold(&mut self) {
+        self.want = Want::Hold;
+    }
+
+    /// Find the reference, then steer straight ahead.
+    pub(super) fn home(&mut self) {
+        self.want = Want::Home;
+    }
+
+    /// Forget the reference; it is looked for as soon as nothing else stands against motion.
+    pub(super) fn home_again(&mut self) {
+        self.reference = Reference::None;
+    }
+
+    /// Stop where it is, by the quick stop ramp.
+    pub(super) fn quick_stop(&mut self) {
+        self.want = Want::Stop;
+    }
+
+    pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
+        let goal = if self.want == Want::Stop { Goal::QuickStop } else { Goal::Enabled };
+        self.drive.axis.set_goal(now, goal);
+        self.drive.handle_timeout(now, out);
+        self.advance_homing(now, master, out);
+        self.advance_setpoint(now, out);
+        let data = self.command();
+        self.drive.send(now, master, icla::RPDO, data);
+    }
+
+    fn advance_homing(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
+        match self.want {
+            Want::Home if self.reference == Reference::None && self.drive.axis.is_enabled() => self.homing.start(),
+            Want::Home => {}
+            _ => self.homing.cancel(),
+        }
+        self.homing.handle_timeout(now);
+        while let Some(access) = self.homing.poll_sdo() {
+            let node = self.config.node;
+            let asked = match access {
+                Access::ReadMode => master.sdo_read(now, node, 0x6061, 0),
+                Access::Write(write) => master.sdo_write(now, node, write.index, write.sub, write.value),
+            };
+            match asked {
+                Ok(ticket) => self.ticket = Some(ticket),
+                Err(_) => self.homing.handle_sdo(now, Err(sdo::Error::Cancelled)),
+            }
+        }
+        if let Some(result) = self.homing.poll_finished() {
+            self.on_homing_finished(result, out);
+        }
+    }
+
+    fn on_homing_finished(&mut self, result: Result<(), HomingError>, out: &mut Actions) {
+        self.setpoint.reset(self.position.unwrap_or(0));
+        self.reference = match result {
+            Ok(()) => {
+                out.clear(Fault::HomingFailed, "steering", "the steering is homed");
+                Reference::Centering
+            }
+            // It was stopped for something else, and begins anew when that is over.
+            Err(HomingError::Cancelled) => Reference::None,
+            Err(error) => {
+                let message = format!("homing the steering failed: {error}; `advee home steering` tries again");
+                out.raise(Severity::Error, Fault::HomingFailed, "steering", message);
+                Reference::Failed(error.to_string())
+            }
+        };
+    }
+
+    fn advance_setpoint(&mut self, now: Instant, out: &mut Actions) {
+        let ready = self.drive.axis.is_enabled() && !self.homing.is_running();
+        if !ready {
+            // What stands on the wire until the axis is enabled again is where it is: nothing moves by enabling.
+            self.setpoint.reset(self.position.unwrap_or(0));
+            return;
+        }
+        let target = match (self.want, &self.reference) {
+            (Want::Go(angle), Reference::Known) => Some(self.config.counts(angle)),
+            (Want::Home, Reference::Centering) => Some(0),
+            _ => None,
+        };
+        if let Some(target) = target {
+            self.setpoint.set(now, target);
+        }
+        self.setpoint.handle_timeout(now);
+        while let Some(event) = self.setpoint.poll_event() {
+            if matches!(event, SetpointEvent::Retried { tries: TRIES, .. }) {
+                let message = format!("steering drive does not take its target, asked {TRIES} times; asked on");
+                out.report(Severity::Error, Fault::DriveFault, "steering", message);
+            }
+        }
+        if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT {
+            self.reference = Reference::Known;
+        }
+    }
+
+    fn command(&self) -> [u8; 6] {
+        let position = self.position.unwrap_or(0);
+        let controlword = self.drive.axis.controlword();
+        if !self.drive.axis.is_enabled() {
+            icla::pack(controlword, position)
+        } else if self.homing.is_running() {
+            icla::pack(controlword | self.homing.controlword_bits(), position)
+        } else {
+            let (bits, target) = self.setpoint.command();
+            icla::pack(controlword | bits, target)
+        }
+    }
+
+    /// rad, counter-clockwise; NaN while the drive has not told its position, or there is no reference for it.
+    pub(super) fn angle(&self) -> f64 {
+        match (&self.reference, self.position) {
+            (Reference::Known | Reference::Centering, Some(position)) => self.config.angle(position),
+            _ => f64::NAN,
+        }
+    }
+
+    pub(super) fn is_homed(&self) -> bool {
+        self.reference == Reference::Known
+    }
+
+    /// Why it is not homed, for people; empty when it is.
+    pub(super) fn why_not_homed(&self) -> String {
+        match &self.reference {
+            Reference::Known => String::new(),
+            Reference::None if self.homing.is_running() => "the steering is being homed".into(),
+            Reference::None => "the steering is not homed yet".into(),
+            Reference::Centering => "the steering is homed and turns straight".into(),
+            Reference::Failed(why) => format!("homing the steering failed: {why}"),
+        }
+    }
+
+    pub(super) fn is_enabled(&self) -> bool {
+        self.drive.axis.is_enabled()
+    }
+
+    pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {
+        self.drive.row(master, self.angle(), f64::NAN)
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        let setpoint = self.setpoint.poll_timeout().filter(|_| self.drive.axis.is_enabled());
+        [self.drive.poll_timeout(), self.homing.poll_timeout(), setpoint].into_iter().flatten().min()
+    }
+}
+
+impl SteeringConfig {
+    fn counts_per_rad(&self) -> f64 {
+        self.counts_per_turn * self.gear / TAU
+    }
+
+    fn counts(&self, angle: f64) -> i32 {
+        libm::round(angle * self.counts_per_rad()) as i32
+    }
+
+    fn angle(&self, counts: i32) -> f64 {
+        f64::from(counts) / self.counts_per_rad()
+    }
+
+    /// A rate of the steering, rad/s, in rpm of the motor (and rad/s² in rpm/s).
+    fn rpm(&self, rate: f64) -> u32 {
+        libm::round(libm::fabs(rate * self.gear) / TAU * 60.0).clamp(1.0, 1e9) as u32
+    }
+}

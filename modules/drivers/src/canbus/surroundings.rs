@@ -1,0 +1,172 @@
+//! What besides the drives the motion depends on: the critical modules, the watchdog, the PAUSE line, the estimate.
+
+use base::{Duration, Fault, Instant};
+use messages::{common, lowlevel, middlelevel};
+use std::fmt;
+
+/// `CM_DATA_PROCESSES` comes ten times a second; without it for this long the watchdog is not heard.
+const WATCHDOG_SILENT: Duration = Duration::from_millis(250);
+/// `LL_EVENT_STOP` comes every 500 ms; without it for this long the PAUSE line is unknown.
+const PAUSE_UNKNOWN: Duration = Duration::from_millis(1200);
+/// The planner may not drive by an estimate older than this.
+const ESTIMATE_OLD: Duration = Duration::from_millis(200);
+
+/// Why the robot must not move, whatever anybody commands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Objection {
+    /// A module that the motion depends on does not run.
+    Critical(String),
+    /// The watchdog was heard once and is not heard now.
+    WatchdogSilent,
+    /// The PAUSE line is engaged, by this source.
+    Paused(String),
+    /// The PAUSE line is not heard of.
+    PauseUnknown,
+}
+
+impl Objection {
+    /// The fault to report it as; an engaged PAUSE line is not a fault.
+    #[must_use]
+    pub fn fault(&self) -> Option<Fault> {
+        match self {
+            Self::Critical(_) => Some(Fault::CriticalModule),
+            Self::WatchdogSilent => Some(Fault::WatchdogSilent),
+            Self::Paused(_) | Self::PauseUnknown => None,
+        }
+    }
+}
+
+impl fmt::Display for Objection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Critical(module) => write!(f, "critical module {module} is not running"),
+            Self::WatchdogSilent => f.write_str("the watchdog is not heard"),
+            Self::Paused(source) => write!(f, "PAUSE is engaged by {source}"),
+            Self::PauseUnknown => f.write_str("the state of the PAUSE line is unknown"),
+        }
+    }
+}
+
+/// What was last heard of the surroundings, each with when.
+#[derive(Debug)]
+pub struct Surroundings {
+    critical: Vec<String>,
+    has_pause_line: bool,
+    /// None until the watchdog was heard: without it this module is run by hand, and nothing guards the others.
+    processes: Option<(Instant, Option<String>)>,
+    /// Since when the PAUSE line is listened to, or its last message.
+    pause: (Instant, Option<String>),
+    estimate: Option<Instant>,
+}
+
+impl Surroundings {
+    /// Nothing heard yet. `has_pause_line`: the robot has a power controller that tells of the PAUSE line.
+    #[must_use]
+    pub fn new(critical: Vec<String>, has_pause_line: bool) -> Self {
+        let pause = (Instant::ZERO, has_pause_line.then(|| "nobody heard of yet".into()));
+        Self { critical, has_pause_line, processes: None, pause, estimate: None }
+    }
+
+    /// The watchdog's list, received at `at`.
+    pub fn on_processes(&mut self, at: Instant, list: &common::DataProcesses) {
+        let runs = |name: &str| {
+            list.processes.iter().any(|p| p.module == name && p.phase == common::Process::RUNNING)
+        };
+        let missing = self.critical.iter().find(|name| !runs(name)).cloned();
+        self.processes = Some((at, missing));
+    }
+
+    /// The PAUSE line, received at `at`.
+    pub fn on_stop(&mut self, at: Instant, stop: &lowlevel::EventStop) {
+        self.pause = (at, stop.engaged.then(|| stop.source.clone()));
+    }
+
+    /// An estimate, received at `at`; a lost one does not count.
+    pub fn on_estimate(&mut self, at: Instant, estimate: &middlelevel::DataEstimate) {
+        let known = estimate.quality >= middlelevel::DataEstimate::COARSE;
+        self.estimate = known.then_some(at);
+    }
+
+    /// What stands against any motion at `now`.
+    #[must_use]
+    pub fn objection(&self, now: Instant) -> Option<Objection> {
+        if self.has_pause_line {
+            match &self.pause {
+                (at, _) if now.since(*at) >= PAUSE_UNKNOWN => return Some(Objection::PauseUnknown),
+                (_, Some(source)) => return Some(Objection::Paused(source.clone())),
+                (_, None) => {}
+            }
+        }
+        match self.processes.as_ref()? {
+            (at, _) if now.since(*at) >= WATCHDOG_SILENT => Some(Objection::WatchdogSilent),
+            (_, Some(module)) => Some(Objection::Critical(module.clone())),
+            (_, None) => None,
+        }
+    }
+
+    /// Whether the planner may drive by the estimate it has.
+    #[must_use]
+    pub fn is_located(&self, now: Instant) -> bool {
+        self.estimate.is_some_and(|at| now.since(at) < ESTIMATE_OLD)
+    }
+
+    /// When an objection may arise from silence, if nothing is heard until then.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let watchdog = self.processes.as_ref().map(|(at, _)| *at + WATCHDOG_SILENT);
+        let pause = self.has_pause_line.then(|| self.pause.0 + PAUSE_UNKNOWN);
+        [watchdog, pause].into_iter().flatten().min()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ms: u64) -> Instant {
+        Instant::from_millis(ms)
+    }
+
+    fn processes(running: &[&str]) -> common::DataProcesses {
+        let process = |name: &&str| common::Process {
+            module: (*name).into(),
+            phase: common::Process::RUNNING,
+            ..common::Process::default()
+        };
+        common::DataProcesses { timestamp: 0, processes: running.iter().map(process).collect() }
+    }
+
+    #[test]
+    fn a_critical_module_that_does_not_run_stands_against_motion() {
+        let mut around = Surroundings::new(vec!["eyes".into()], false);
+        assert_eq!(around.objection(at(0)), None, "run by hand, without a watchdog");
+        around.on_processes(at(0), &processes(&["nerves"]));
+        assert_eq!(around.objection(at(0)), Some(Objection::Critical("eyes".into())));
+        around.on_processes(at(100), &processes(&["nerves", "eyes"]));
+        assert_eq!(around.objection(at(349)), None);
+        assert_eq!(around.objection(at(350)), Some(Objection::WatchdogSilent));
+        assert_eq!(around.poll_timeout(), Some(at(350)));
+    }
+
+    #[test]
+    fn the_pause_line_must_be_known_and_open_where_there_is_one() {
+        let mut around = Surroundings::new(vec![], true);
+        assert!(around.objection(at(0)).is_some());
+        let open = lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() };
+        around.on_stop(at(100), &open);
+        assert_eq!(around.objection(at(1299)), None);
+        assert_eq!(around.objection(at(1300)), Some(Objection::PauseUnknown));
+        around.on_stop(at(1400), &lowlevel::EventStop { engaged: true, source: "button".into(), ..open });
+        assert_eq!(around.objection(at(1400)), Some(Objection::Paused("button".into())));
+    }
+
+    #[test]
+    fn a_lost_or_old_estimate_does_not_carry_the_planner() {
+        let mut around = Surroundings::new(vec![], false);
+        let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
+        around.on_estimate(at(0), &fine);
+        assert!(around.is_located(at(199)) && !around.is_located(at(200)));
+        around.on_estimate(at(300), &middlelevel::DataEstimate { quality: middlelevel::DataEstimate::LOST, ..fine });
+        assert!(!around.is_located(at(300)));
+    }
+}
