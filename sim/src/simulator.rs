@@ -431,4 +431,6 @@ impl Module for Simulator {
 #[cfg(test)]
 mod drive_tests;
 #[cfg(test)]
+mod host_tests;
+#[cfg(test)]
 mod tests;

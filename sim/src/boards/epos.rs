@@ -22,6 +22,9 @@ pub const UNDERVOLTAGE: u16 = 0x3220;
 /// Wheel force per motor current, N/A (facts/robot.md 1.2: 83 N at 10 A).
 const FORCE_PER_AMPERE: f64 = 8.3;
 
+/// Below this the motor stands, rpm.
+const STANDSTILL: f64 = 10.0;
+
 const PROFILE_VELOCITY: i64 = 3;
 const HALT: u16 = 1 << 8;
 
@@ -40,6 +43,8 @@ pub struct Epos {
     power: Power,
     halted: bool,
     ramp: SpeedRamp,
+    /// rpm.
+    actual: f64,
     remote: bool,
 }
 
@@ -51,6 +56,7 @@ impl Epos {
             power: Power::new(QUICK_STOP_OPTION, ENABLING),
             halted: false,
             ramp: SpeedRamp::default(),
+            actual: 0.0,
             remote: false,
         }
     }
@@ -116,11 +122,12 @@ impl Epos {
                 .ramp
                 .step(self.target(objects), rate(0x6083), rate(0x6084), dt),
             Stage::QuickStop | Stage::FaultReaction => {
-                self.ramp.step(0.0, rate(0x6085), rate(0x6085), dt)
+                self.ramp.step(0.0, rate(0x6085), rate(0x6085), dt);
             }
             _ => return None,
         }
-        if self.ramp.demand == 0.0 && self.stage() == Stage::FaultReaction {
+        let stands = self.ramp.demand == 0.0 && libm::fabs(self.actual) < STANDSTILL;
+        if stands && self.stage() == Stage::FaultReaction {
             self.power.stands();
             return None;
         }
@@ -144,6 +151,7 @@ impl Epos {
             // Switched on again while it rolls, it takes over at the speed it has.
             self.ramp.demand = rpm;
         }
+        self.actual = rpm;
         let velocity = libm::round(rpm) as i64;
         let quadcounts = body.travelled() * turns * 4.0 * node.get(0x2210, 1).unwrap_or(500) as f64;
         let milliamperes = body.force() / FORCE_PER_AMPERE * 1000.0;

@@ -65,7 +65,7 @@ impl Bus {
         for (at, action) in self.bench.done() {
             match action {
                 Action::Send(_, Output::Can(frame)) => {
-                    sent.push((at.as_nanos() as f64 / 1e6, text(&frame)))
+                    sent.push((at.as_nanos() as f64 / 1e6, text(&frame)));
                 }
                 Action::Publish(Message::SimDataTruth(truth)) => self.truth = truth,
                 _ => {}

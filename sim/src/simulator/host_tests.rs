@@ -1,0 +1,209 @@
+//! The simulator in the virtual host, with a driver that knows nothing but a script.
+
+use super::*;
+use crate::host::{self, News, Virtual};
+use base::can::Frame;
+use base::serial::Word;
+use module::{Shell, ShellConfig, State};
+use navitools::Pose;
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+/// Brings the propulsion up, drives it at 0.5 m/s with a heartbeat of 50 ms, asks the odometry board at 4 Hz.
+struct Script {
+    ports: [PortSpec; 2],
+    beat: Ticker,
+    poll: Ticker,
+    step: u32,
+    ticks: Rc<Cell<i16>>,
+    asked: Instant,
+    round_trip: Rc<Cell<u64>>,
+}
+
+impl Script {
+    fn frames(&mut self) -> Vec<Frame> {
+        self.step += 1;
+        let frame = |id, data: &[u8]| Frame::standard(id, data);
+        let beat = frame(0x77F, &[5]);
+        match self.step {
+            3 => vec![beat, frame(0x601, &[0x2F, 0x60, 0x60, 0, 3, 0, 0, 0])],
+            4 => vec![beat, frame(0x601, &[0x23, 0x16, 0x10, 1, 0xC8, 0, 0x7F, 0])],
+            5 => vec![frame(0, &[1, 0]), beat],
+            6 => vec![beat, frame(0x501, &[6, 0, 0, 0, 0, 0])],
+            step if step > 6 => vec![beat, frame(0x501, &[0x0F, 0, 0xD9, 4, 0, 0])],
+            _ => vec![beat],
+        }
+    }
+}
+
+impl Module for Script {
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Port {
+                input: Input::Words(words),
+                ..
+            } if words.len() == 9 => {
+                self.ticks
+                    .set(i16::from_le_bytes([words[4].byte, words[5].byte]));
+                self.round_trip.set(now.since(self.asked).as_nanos() as u64);
+            }
+            Event::Timer => {
+                if self.beat.due(now) {
+                    self.frames()
+                        .into_iter()
+                        .for_each(|frame| out.send_can(PortId(0), frame));
+                }
+                if self.poll.due(now) {
+                    self.asked = now;
+                    let request = [0x01, 0x00, 0x00, 0x9C].map(Word::data);
+                    out.send_words(PortId(1), &[&[Word::address(0x20)][..], &request].concat());
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        Some(self.beat.next().min(self.poll.next()))
+    }
+}
+
+struct Run {
+    machine: Virtual,
+    ticks: Rc<Cell<i16>>,
+    round_trip: Rc<Cell<u64>>,
+    truth: Rc<RefCell<simulation::DataTruth>>,
+}
+
+fn config() -> Config {
+    let board = BoardConfig {
+        name: "so1".into(),
+        address: 0x20,
+        kind: BoardKind::So1,
+    };
+    let gearing = Gearing::default();
+    let mut world = World::hall(400.0, 12.0);
+    world.start = Pose::new(5.0, 6.0, 0.0);
+    Config {
+        world,
+        can: Some(CanConfig {
+            bus: "can.main".into(),
+            bitrate: 1_000_000,
+            propulsion: 1,
+            steering: 2,
+            gearing,
+        }),
+        serial: vec![SerialConfig {
+            bus: "rs485.a".into(),
+            baud: 115_200,
+            crc: Crc8::SAE_J1850,
+            boards: vec![board],
+        }],
+        ..Config::default()
+    }
+}
+
+fn run(seed: u64) -> Run {
+    let (ticks, round_trip) = (Rc::new(Cell::new(0)), Rc::new(Cell::new(0)));
+    let inner = (ticks.clone(), round_trip.clone());
+    let factory = move |name: &str, wanted| {
+        let module: Box<dyn Module> = match name {
+            "simulator" => Box::new(Simulator::new(Config { seed, ..config() })),
+            _ => Box::new(Script {
+                ports: [
+                    PortSpec {
+                        bus: "can.main".into(),
+                        line: Line::Can { bitrate: 1_000_000 },
+                    },
+                    PortSpec {
+                        bus: "rs485.a".into(),
+                        line: Line::Serial { baud: 115_200 },
+                    },
+                ],
+                beat: Ticker::new(Instant::from_millis(50), Duration::from_millis(50)),
+                poll: Ticker::new(Instant::from_millis(333), Duration::from_millis(250)),
+                step: 0,
+                ticks: inner.0.clone(),
+                asked: Instant::ZERO,
+                round_trip: inner.1.clone(),
+            }),
+        };
+        Ok(Shell::new(
+            ShellConfig {
+                wanted,
+                ..ShellConfig::new(name)
+            },
+            module,
+        ))
+    };
+    let mut machine = Virtual::new(
+        host::Config {
+            seed,
+            ..host::Config::default()
+        },
+        factory,
+    );
+    let truth = Rc::new(RefCell::new(simulation::DataTruth::default()));
+    let seen = truth.clone();
+    machine.observe(move |_, news| {
+        if let News::Message {
+            message: Message::SimDataTruth(new),
+            ..
+        } = news
+        {
+            *seen.borrow_mut() = new.clone();
+        }
+    });
+    machine.spawn("simulator", State::Run).unwrap();
+    machine.spawn("script", State::Run).unwrap();
+    Run {
+        machine,
+        ticks,
+        round_trip,
+        truth,
+    }
+}
+
+#[test]
+fn the_wires_time_is_counted_once() {
+    let mut run = run(1);
+    run.machine.run_until(Instant::from_millis(1000));
+    // 5 and 9 words of 11 bits at 115200 Bd, and 200 us of the board between.
+    assert_eq!(run.round_trip.get(), 477_430 + 859_375 + 200_000);
+}
+
+#[test]
+fn it_drives_and_stops_when_its_master_dies_and_repeats_to_the_bit() {
+    let go = |seed| {
+        let mut run = run(seed);
+        run.machine.run_until(Instant::from_millis(10_000));
+        assert!(
+            (run.truth.borrow().speed - 0.5).abs() < 0.001,
+            "{:?}",
+            run.truth
+        );
+        let expected =
+            ((run.truth.borrow().x - 5.0) * 4096.0 / (0.2 * core::f64::consts::PI)) as i64 as i16;
+        assert!(
+            (run.ticks.get().wrapping_sub(expected)).abs() < 1000,
+            "{} {expected}",
+            run.ticks.get()
+        );
+        let script = run.machine.pid("script").unwrap();
+        run.machine.kill(script);
+        run.machine.run_until(Instant::from_millis(10_140));
+        assert!(
+            run.truth.borrow().speed > 0.49,
+            "the heartbeat is not yet missed"
+        );
+        run.machine.run_until(Instant::from_millis(11_000));
+        assert_eq!(run.truth.borrow().speed, 0.0);
+        run.machine.digest()
+    };
+    let digest = go(1);
+    assert!(digest == go(1) && digest != go(2));
+}
