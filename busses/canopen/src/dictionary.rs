@@ -27,7 +27,7 @@ pub enum DataType {
 impl DataType {
     /// Bytes on the wire; `None` when that varies.
     #[must_use]
-    pub const fn len(self) -> Option<usize> {
+    pub const fn width(self) -> Option<usize> {
         Some(match self {
             Self::Bool | Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -275,7 +275,7 @@ impl Dictionary {
     #[must_use]
     pub fn get(&self, index: u16, sub: u8) -> Option<i64> {
         let slot = &self.slots[self.find(index, sub).ok()?];
-        slot.entry.data_type.len().map(|_| slot.value)
+        slot.entry.data_type.width().map(|_| slot.value)
     }
 
     /// Sets a number, whoever may write it, cut to its width. Whether it is another value than before.
@@ -305,7 +305,7 @@ impl Dictionary {
         if !slot.entry.access.reads() {
             return Err(Abort::WRITE_ONLY);
         }
-        Ok(match slot.entry.data_type.len() {
+        Ok(match slot.entry.data_type.width() {
             Some(len) => Payload::from(&slot.value.to_le_bytes()[..len]),
             None => slot.bytes.clone(),
         })
@@ -325,7 +325,7 @@ impl Dictionary {
         if !entry.access.writes() {
             return Err(Abort::READ_ONLY);
         }
-        let fixed = entry.data_type.len();
+        let fixed = entry.data_type.width();
         let (low, high) = (fixed.unwrap_or(0), fixed.unwrap_or(MAX_BYTES));
         match size {
             Some(size) if size > high => Err(Abort::TOO_LONG),
@@ -362,7 +362,7 @@ impl Dictionary {
         let value = self.parse(index, sub, data)?;
         let at = self.find(index, sub)?;
         let slot = &mut self.slots[at];
-        match slot.entry.data_type.len() {
+        match slot.entry.data_type.width() {
             Some(_) => slot.value = value,
             None => slot.bytes = Payload::from(data),
         }
@@ -414,7 +414,7 @@ impl Dictionary {
         } else {
             entry.access.reads()
         };
-        if entry.mappable && direction && entry.data_type.len() == Some(len) {
+        if entry.mappable && direction && entry.data_type.width() == Some(len) {
             Ok(at)
         } else {
             Err(Abort::NOT_MAPPABLE)

@@ -85,19 +85,19 @@ impl Master {
         }
         match Service::of(frame) {
             Some(Service::ErrorControl { node }) if node == self.shared.config.id => {
-                self.own_heartbeat(now)
+                self.own_heartbeat(now);
             }
             Some(Service::ErrorControl { node }) => {
-                self.to(node, |peer, shared| peer.heartbeat(now, frame, shared))
+                self.to(node, |peer, shared| peer.heartbeat(now, frame, shared));
             }
             Some(Service::SdoResponse { node }) => {
-                self.to(node, |peer, shared| peer.sdo_response(now, frame, shared))
+                self.to(node, |peer, shared| peer.sdo_response(now, frame, shared));
             }
             Some(Service::Emergency { node }) => {
-                self.to(node, |peer, shared| peer.emergency(now, frame, shared))
+                self.to(node, |peer, shared| peer.emergency(now, frame, shared));
             }
             Some(Service::Tpdo { node, number }) => {
-                self.to(node, |peer, shared| peer.tpdo(number, frame, shared))
+                self.to(node, |peer, shared| peer.tpdo(number, frame, shared));
             }
             // NMT, SYNC, RPDO and SDO requests are our own frames come back, or another master's.
             Some(

@@ -167,11 +167,11 @@ impl Node {
         match (service, state) {
             (Some(Service::Nmt), _) => self.nmt(now, frame.data()),
             (Some(Service::ErrorControl { node }), _) => {
-                self.error_control(now, node, frame.data())
+                self.error_control(now, node, frame.data());
             }
             (_, NmtState::Stopped | NmtState::Initialising) => {}
             (Some(Service::SdoRequest { node }), _) if node == self.id() => {
-                self.sdo(now, frame.data())
+                self.sdo(now, frame.data());
             }
             (Some(Service::Sync), _) => self.sync(now, state),
             (_, NmtState::Operational) => self.rpdo(id, frame.data()),

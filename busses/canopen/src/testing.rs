@@ -1,10 +1,12 @@
 //! A simulated wire between engines: in order, with latency, loss and duplication from a seed.
 
 use crate::{Event, Master, Node, NodeEvent};
-use base::can::Frame;
+use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use std::collections::VecDeque;
+use std::string::String;
 use std::vec::Vec;
+use std::{assert_eq, format, panic};
 
 /// A small generator (xorshift64*): same seed, same run.
 pub(crate) struct Random(u64);
@@ -160,5 +162,160 @@ impl Bus {
             "not seen in {millis} ms; events: {:#?}",
             &self.events[from..]
         );
+    }
+}
+
+/// What a transcript plays with.
+pub(crate) trait Engine {
+    fn input(&mut self, now: Instant, words: &[&str]);
+    fn timeout(&mut self, now: Instant);
+    fn outputs(&mut self) -> Vec<String>;
+    fn deadline(&self) -> Option<Instant>;
+}
+
+/// Plays a transcript: `TIMEms > what the world does`, `TIMEms < what the engine answers`, `# remarks`. Frames are
+/// written as `ID DATA`, in hexadecimal. Time jumps from deadline to deadline up to the last line's.
+pub(crate) fn check(engine: &mut impl Engine, script: &str) {
+    let lines = script
+        .lines()
+        .filter_map(|line| line.split('#').next())
+        .map(|line| {
+            let words: Vec<_> = line.split_whitespace().collect();
+            words.join(" ")
+        });
+    let expected: Vec<_> = lines.filter(|line| !line.is_empty()).collect();
+    let mut actual = Vec::new();
+    for line in &expected {
+        let (time, rest) = line.split_once("ms ").expect("a line begins with its time");
+        let until = Instant::from_millis(time.parse().expect("milliseconds"));
+        let input = rest.strip_prefix("> ");
+        // What is due at the moment of an input comes before it; what an output awaits, by then.
+        play(engine, until, &mut actual);
+        if let Some(input) = input {
+            actual.push(line.clone());
+            engine.input(until, &input.split(' ').collect::<Vec<_>>());
+            engine.timeout(until);
+            tell(engine, until, &mut actual);
+        }
+    }
+    assert_eq!(actual.join("\n"), expected.join("\n"));
+}
+
+fn play(engine: &mut impl Engine, until: Instant, actual: &mut Vec<String>) {
+    for _ in 0..10_000 {
+        let Some(next) = engine.deadline().filter(|next| *next <= until) else {
+            return;
+        };
+        engine.timeout(next);
+        tell(engine, next, actual);
+    }
+    panic!("something is due for ever");
+}
+
+fn tell(engine: &mut impl Engine, now: Instant, actual: &mut Vec<String>) {
+    let millis = now.as_nanos() / 1_000_000;
+    actual.extend(
+        engine
+            .outputs()
+            .into_iter()
+            .map(|output| format!("{millis}ms < {output}")),
+    );
+}
+
+/// A frame of a transcript.
+pub(crate) fn parse(words: &[&str]) -> Frame {
+    let id = u16::from_str_radix(words[0], 16).expect("an identifier");
+    let data: Vec<_> = words[1..]
+        .iter()
+        .map(|word| u8::from_str_radix(word, 16).expect("a byte"))
+        .collect();
+    Frame::new(Id::Standard(id), &data).expect("a frame")
+}
+
+fn print(frame: &Frame) -> String {
+    let Id::Standard(id) = frame.id() else {
+        panic!("29 bits")
+    };
+    let mut text = format!("{id:03X}");
+    for byte in frame.data() {
+        text += &format!(" {byte:02X}");
+    }
+    text
+}
+
+impl Engine for Node {
+    /// `on`, `set INDEX SUB VALUE`, or a frame.
+    fn input(&mut self, now: Instant, words: &[&str]) {
+        let number = |word: &str| u16::from_str_radix(word, 16).expect("a number");
+        match words {
+            ["on"] => self.power_on(now),
+            ["set", index, sub, value] => {
+                self.set(
+                    number(index),
+                    number(sub) as u8,
+                    value.parse().expect("a value"),
+                );
+            }
+            frame => self.handle_rx(now, &parse(frame)),
+        }
+    }
+
+    fn timeout(&mut self, now: Instant) {
+        self.handle_timeout(now);
+    }
+
+    fn outputs(&mut self) -> Vec<String> {
+        let mut all = Vec::new();
+        while let Some(frame) = self.poll_tx() {
+            all.push(print(&frame));
+        }
+        while let Some(event) = self.poll_event() {
+            all.push(match event {
+                NodeEvent::ObjectWritten { index, sub } => format!("written {index:04X} {sub}"),
+                NodeEvent::NmtState(state) => format!("state {state:?}"),
+                NodeEvent::HeartbeatLost { node } => format!("lost {node}"),
+                NodeEvent::HeartbeatBack { node } => format!("back {node}"),
+                NodeEvent::ResetApplication => String::from("reset"),
+                NodeEvent::PdoTooShort { number } => format!("short {number}"),
+            });
+        }
+        all
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        self.poll_timeout()
+    }
+}
+
+impl Engine for Master {
+    /// A frame.
+    fn input(&mut self, now: Instant, words: &[&str]) {
+        self.handle_rx(now, &parse(words));
+    }
+
+    fn timeout(&mut self, now: Instant) {
+        self.handle_timeout(now);
+    }
+
+    fn outputs(&mut self) -> Vec<String> {
+        let mut all = Vec::new();
+        while let Some(frame) = self.poll_tx() {
+            all.push(print(&frame));
+        }
+        while let Some(event) = self.poll_event() {
+            all.push(match event {
+                Event::Booted { node } => format!("booted {node}"),
+                Event::BootFailed { node, step, reason } => {
+                    format!("failed {node} {step}: {reason}")
+                }
+                Event::Lost { node, reason } => format!("lost {node}: {reason}"),
+                other => format!("{other:?}"),
+            });
+        }
+        all
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        self.poll_timeout()
     }
 }

@@ -17,7 +17,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// The little-endian bytes; the first `len()` of them count.
+    /// The little-endian bytes; the first [`width`](Self::width) of them count.
     #[must_use]
     pub const fn bytes(self) -> [u8; 4] {
         self.bits().to_le_bytes()
@@ -25,18 +25,12 @@ impl Value {
 
     /// Bytes on the wire: 1, 2 or 4.
     #[must_use]
-    pub const fn len(self) -> usize {
+    pub const fn width(self) -> usize {
         match self {
             Self::U8(_) | Self::I8(_) => 1,
             Self::U16(_) | Self::I16(_) => 2,
             Self::U32(_) | Self::I32(_) => 4,
         }
-    }
-
-    /// Never: a number has bytes.
-    #[must_use]
-    pub const fn is_empty(self) -> bool {
-        false
     }
 
     /// The bit pattern, without sign extension: `I8(-1)` is 0xFF.
@@ -135,7 +129,7 @@ impl From<&[u8]> for Payload {
 
 impl From<Value> for Payload {
     fn from(value: Value) -> Self {
-        Self::from(&value.bytes()[..value.len()])
+        Self::from(&value.bytes()[..value.width()])
     }
 }
 

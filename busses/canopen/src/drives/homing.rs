@@ -275,7 +275,7 @@ impl Homing {
                 self.finish(Err(HomingError::Sdo { index, sub, error }));
             }
             (State::Restoring { result } | State::Leaving { result, .. }, _, Err(_)) => {
-                self.finish(result)
+                self.finish(result);
             }
             (State::Idle, ..) => {}
             (_, _, Err(error)) => self.restore(Err(HomingError::Sdo { index, sub, error })),
@@ -296,7 +296,7 @@ impl Homing {
                 };
             }
             (State::Entering { until, .. }, Access::ReadMode, Ok(mode)) => {
-                self.entered(now, &mode, until)
+                self.entered(now, &mode, until);
             }
             (State::Leaving { result, until, .. }, Access::ReadMode, Ok(mode)) => {
                 if *mode == self.config.mode_after.to_le_bytes() {
@@ -356,13 +356,13 @@ impl Homing {
             _ if !began => {}
             Progress::Done => self.restore(Ok(())),
             Progress::ErrorMoving | Progress::ErrorStopped => {
-                self.restore(Err(HomingError::Refused))
+                self.restore(Err(HomingError::Refused));
             }
             Progress::NotStarted if before != Progress::NotStarted => {
                 self.restore(Err(HomingError::Interrupted));
             }
             Progress::NotStarted if progress != before => {
-                self.restore(Err(HomingError::Interrupted))
+                self.restore(Err(HomingError::Interrupted));
             }
             Progress::NotStarted | Progress::Running | Progress::AttainedMoving => {}
         }
@@ -386,7 +386,7 @@ impl Homing {
                 self.finish(result.and(Err(HomingError::Mode)));
             }
             State::Entering { look, .. } | State::Leaving { look, .. } if look <= now => {
-                self.look()
+                self.look();
             }
             State::Running {
                 began: false,

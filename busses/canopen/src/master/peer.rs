@@ -266,7 +266,7 @@ impl Peer {
             match done.result {
                 Ok(_) => self.stats.succeeded(done.took),
                 Err(sdo::Error::Timeout) => {
-                    self.stats.timeouts = self.stats.timeouts.saturating_add(1)
+                    self.stats.timeouts = self.stats.timeouts.saturating_add(1);
                 }
                 Err(_) => {}
             }
@@ -416,7 +416,7 @@ impl Peer {
         self.nmt_state = Some(state);
         match (state, self.phase) {
             (NmtState::Initialising, Phase::Running { .. }) => {
-                self.lose(now, shared, LostReason::BootUp)
+                self.lose(now, shared, LostReason::BootUp);
             }
             (NmtState::Initialising, Phase::Resetting { .. } | Phase::Resting { .. }) => {
                 self.begin(now, shared, true);
@@ -531,11 +531,11 @@ impl Peer {
         self.advance(now, shared);
         match self.phase {
             Phase::Resting { until } if until <= now && self.sdo.is_idle() => {
-                self.begin(now, shared, false)
+                self.begin(now, shared, false);
             }
             Phase::Resetting { until } if until <= now => self.work(now, shared, 0, false),
             Phase::Listening { until } if until <= now => {
-                self.fail(now, shared, BootError::NoHeartbeat)
+                self.fail(now, shared, BootError::NoHeartbeat);
             }
             Phase::Starting { until, starts_left } if until <= now => {
                 match (starts_left, self.nmt_state) {
@@ -545,7 +545,7 @@ impl Peer {
                 }
             }
             Phase::Running { until } if until <= now => {
-                self.lose(now, shared, LostReason::Heartbeat)
+                self.lose(now, shared, LostReason::Heartbeat);
             }
             _ => {}
         }

@@ -273,12 +273,12 @@ impl Client {
         let limit = size.map_or(MAX_LEN, |size| size as usize);
         match () {
             () if data.len() > limit && size.is_none() => {
-                self.give_up(now, transfer, Abort::OUT_OF_MEMORY)
+                self.give_up(now, transfer, Abort::OUT_OF_MEMORY);
             }
             () if data.len() > limit => self.give_up(now, transfer, Abort::TOO_LONG),
             () if !segment.last => self.ask_segment(now, transfer, !toggle, size, data),
             () if size.is_some() && data.len() < limit => {
-                self.give_up(now, transfer, Abort::TOO_SHORT)
+                self.give_up(now, transfer, Abort::TOO_SHORT);
             }
             () => self.finish(now, transfer, Ok(data)),
         }
