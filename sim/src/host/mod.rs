@@ -9,6 +9,7 @@
 //! processes that are started, ended, killed, hung. What is not: computing time (an event is served at once),
 //! resource usage ([`module::ProcessEvent::Usage`] is never sent).
 
+mod agenda;
 mod can;
 mod config;
 mod digest;
@@ -16,26 +17,27 @@ mod news;
 mod serial;
 #[cfg(test)]
 mod tests;
+mod wire;
 
 pub use can::frame_bits;
 pub use config::Config;
 pub use news::News;
 
 use crate::random::Random;
+use agenda::{Entry, Happening, Waiting};
 use base::serial::Word;
 use base::{Duration, Instant};
-use can::CanWire;
 use digest::Digest;
 use messages::Message;
 use module::{
-    Action, Actions, Event, ExitStatus, Input, Line, Output, PortId, ProcessCommand, ProcessEvent,
-    Shell, State,
+    Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell,
+    State,
 };
-use serial::SerialWire;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 use std::mem;
 use std::rc::Rc;
+use wire::{Kind, Owner, Wire, open};
 
 /// SIGKILL's number.
 const SIGKILL: i32 = 9;
@@ -45,50 +47,6 @@ const FIRST_PID: u32 = 1000;
 const BACKLOG: usize = 1024;
 /// A module that is due at once this often in a row does not move on.
 const SPIN: u32 = 10_000;
-
-/// A port of a process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Owner {
-    pid: u32,
-    port: PortId,
-}
-
-/// A wire and when it is to be served.
-struct Wire {
-    bus: Rc<str>,
-    kind: Kind,
-    due: Option<(Instant, u64)>,
-}
-
-enum Kind {
-    Can(CanWire),
-    Serial(SerialWire),
-}
-
-impl Wire {
-    fn poll_timeout(&self) -> Option<Instant> {
-        match &self.kind {
-            Kind::Can(wire) => wire.poll_timeout(),
-            Kind::Serial(wire) => wire.poll_timeout(),
-        }
-    }
-
-    fn rate(&self) -> Line {
-        match &self.kind {
-            Kind::Can(wire) => Line::Can {
-                bitrate: wire.bitrate,
-            },
-            Kind::Serial(wire) => Line::Serial { baud: wire.baud },
-        }
-    }
-
-    fn ports(&mut self) -> &mut Vec<Owner> {
-        match &mut self.kind {
-            Kind::Can(wire) => &mut wire.ports,
-            Kind::Serial(wire) => &mut wire.ports,
-        }
-    }
-}
 
 /// A process.
 struct Process {
@@ -105,49 +63,6 @@ struct Process {
     due: Option<(Instant, u64)>,
     /// When it was last served by its timer, and how often at that moment.
     spin: (Instant, u32),
-}
-
-/// An event with its data, as a hung process's buffers hold it.
-enum Waiting {
-    Message(Instant, Rc<Message>),
-    Can(PortId, base::can::Frame),
-    Words(PortId, Rc<[Word]>),
-    Sent(PortId),
-    Exited(u32, ExitStatus),
-    Started(Rc<str>, u32),
-    Unstartable(Rc<str>, Rc<str>),
-    Terminate,
-}
-
-/// What happens at a moment besides timers and wires.
-enum Happening {
-    Start(u32),
-    Deliver(Rc<Message>),
-    Inject(Message),
-    Tell(u32, Waiting),
-}
-
-struct Entry {
-    at: Instant,
-    number: u64,
-    happening: Happening,
-}
-
-impl PartialEq for Entry {
-    fn eq(&self, other: &Self) -> bool {
-        (self.at, self.number) == (other.at, other.number)
-    }
-}
-impl Eq for Entry {}
-impl PartialOrd for Entry {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Entry {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (self.at, self.number).cmp(&(other.at, other.number))
-    }
 }
 
 /// Makes a module's shell by name, to go to the wanted state; refuses with one line why.
@@ -244,6 +159,12 @@ impl Virtual {
     pub fn state(&self, pid: u32) -> Option<State> {
         self.place(pid)
             .map(|place| self.processes[place].shell.state())
+    }
+
+    /// A process's shell, to look at.
+    #[must_use]
+    pub fn shell(&self, pid: u32) -> Option<&Shell> {
+        self.place(pid).map(|place| &self.processes[place].shell)
     }
 
     /// Starts a process that nobody guards.
@@ -735,33 +656,4 @@ impl Virtual {
             (_, due) => due.map(|due| (due, self.number())),
         }
     }
-}
-
-/// The wire of a bus, made when it is first asked for.
-fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line) -> Result<usize, String> {
-    if let Some(place) = wires.iter().position(|wire| &*wire.bus == bus) {
-        let there = wires[place].rate();
-        return if there == line {
-            Ok(place)
-        } else {
-            Err(format!("bus {bus} is {there:?}, not {line:?}"))
-        };
-    }
-    let kind = match line {
-        Line::Can { bitrate } => Kind::Can(CanWire::new(bitrate)),
-        Line::Serial { baud } => {
-            let random = Random::stream(config.seed, 16 + wires.len() as u64);
-            Kind::Serial(SerialWire::new(
-                baud,
-                config.full_duplex.iter().any(|name| name == bus),
-                random,
-            ))
-        }
-    };
-    wires.push(Wire {
-        bus: bus.into(),
-        kind,
-        due: None,
-    });
-    Ok(wires.len() - 1)
 }

@@ -1,0 +1,53 @@
+//! What is to happen, in a total order: by moment, then by who asked first.
+
+use base::Instant;
+use base::can::Frame;
+use base::serial::Word;
+use messages::Message;
+use module::{ExitStatus, PortId};
+use std::cmp::Ordering;
+use std::rc::Rc;
+
+/// An event with its data, as a hung process's buffers hold it.
+pub(super) enum Waiting {
+    Message(Instant, Rc<Message>),
+    Can(PortId, Frame),
+    Words(PortId, Rc<[Word]>),
+    Sent(PortId),
+    Exited(u32, ExitStatus),
+    Started(Rc<str>, u32),
+    Unstartable(Rc<str>, Rc<str>),
+    Terminate,
+}
+
+/// What happens at a moment besides timers and wires.
+pub(super) enum Happening {
+    Start(u32),
+    Deliver(Rc<Message>),
+    Inject(Message),
+    Tell(u32, Waiting),
+}
+
+/// A happening and its place in the order of all.
+pub(super) struct Entry {
+    pub at: Instant,
+    pub number: u64,
+    pub happening: Happening,
+}
+
+impl PartialEq for Entry {
+    fn eq(&self, other: &Self) -> bool {
+        (self.at, self.number) == (other.at, other.number)
+    }
+}
+impl Eq for Entry {}
+impl PartialOrd for Entry {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Entry {
+    fn cmp(&self, other: &Self) -> Ordering {
+        (self.at, self.number).cmp(&(other.at, other.number))
+    }
+}
