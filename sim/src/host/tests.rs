@@ -3,7 +3,7 @@
 use super::*;
 use base::{Fault, Severity, Ticker};
 use messages::{Channel, simulation};
-use module::{Module, PortSpec, ShellConfig};
+use module::{Line, Module, PortSpec, ShellConfig};
 use std::cell::RefCell;
 
 type Log = Rc<RefCell<Vec<String>>>;
