@@ -1,13 +1,14 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
 use crate::config::{
-    self, CanBus, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
+    self, CanBus, CanDriver, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver,
+    SIMULATOR,
 };
 use crate::live::HostConfig;
 use crate::live::ports::PortConfig;
 use crate::live::processes::Launch;
 use base::Duration;
-use drivers::rs485a;
+use drivers::{canbus, rs485a};
 use module::{Module, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
 use rs485::crc::Crc8;
@@ -44,6 +45,7 @@ pub fn module(
     let module: Box<dyn Module> = match name {
         watchdog::NAME => Box::new(Watchdog::new(watchdog(&config))),
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
+        canbus::NAME => Box::new(canbus(&config)?),
         SIMULATOR if place.sim => Box::new(sim::Simulator::new(simulator(place, &config.robot)?)),
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
         _ => {
@@ -75,7 +77,7 @@ pub fn module(
     Ok((Shell::new(shell, module), host))
 }
 
-const MODULES: [&str; 4] = [watchdog::NAME, SIMULATOR, "driver_rs485a", "driver_canbus"];
+const MODULES: [&str; 4] = [watchdog::NAME, SIMULATOR, "driver_rs485a", canbus::NAME];
 /// The watchdog ends modules one after the other, those that others depend on last.
 const WATCHDOG_END: Duration = Duration::from_secs(6);
 
@@ -263,10 +265,90 @@ fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
         .map_err(|error| ConfigError(vec![format!("driver_rs485a: {error}")]))
 }
 
+/// `driver_canbus`: the CAN bus that both drives are on.
+fn canbus(config: &Config) -> Result<canbus::Canbus, ConfigError> {
+    let robot = &config.robot;
+    let found = robot
+        .can
+        .iter()
+        .find_map(|bus| Some((bus, propulsion(robot, bus)?, steering(robot, bus)?)));
+    let Some((bus, propulsion, steering)) = found else {
+        return refused(
+            "driver_canbus: robot.toml has no [can.<bus>] with an epos and an icla".into(),
+        );
+    };
+    let limits = robot.limits;
+    let critical = config
+        .modules
+        .iter()
+        .filter(|module| module.critical && module.name != canbus::NAME);
+    let config = canbus::Config {
+        bus: format!("can.{}", bus.name),
+        bitrate: bus.bitrate,
+        node_id: bus.master,
+        wheelbase: robot.geometry.wheelbase_m,
+        limits: canbus::Limits {
+            speed: limits.speed_mps,
+            steering: limits.steering_rad,
+            speed_manual: limits.speed_manual_mps,
+            speed_autonomous: limits.speed_autonomous_mps,
+            lateral_acceleration: limits.lateral_acceleration_mps2,
+            acceleration: limits.acceleration_mps2,
+            deceleration: limits.deceleration_mps2,
+            quick_stop: limits.quick_stop_mps2,
+        },
+        ttl: Duration::from_secs_f64(limits.command_ttl_s),
+        critical: critical.map(|module| module.name.clone()).collect(),
+        // No table `power` in this version: no power controller that tells of the PAUSE line.
+        has_pause_line: false,
+        propulsion,
+        steering,
+    };
+    canbus::Canbus::new(config)
+        .map_err(|error| ConfigError(vec![format!("driver_canbus: {error}")]))
+}
+
+fn propulsion(robot: &Robot, bus: &CanBus) -> Option<canbus::PropulsionConfig> {
+    bus.nodes.iter().find_map(|node| match node.driver {
+        CanDriver::Epos { gear } => {
+            let metres_per_turn = 2.0 * std::f64::consts::PI * robot.geometry.wheel_radius_m;
+            Some(canbus::PropulsionConfig {
+                node: node.id,
+                rpm_per_mps: 60.0 * gear / metres_per_turn,
+            })
+        }
+        CanDriver::Icla { .. } => None,
+    })
+}
+
+fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
+    bus.nodes.iter().find_map(|node| match node.driver {
+        CanDriver::Icla {
+            gear,
+            counts_per_turn,
+            switch_rad,
+            homing_method,
+            homing_speed_radps,
+            homing_timeout_s,
+        } => Some(canbus::SteeringConfig {
+            node: node.id,
+            counts_per_turn,
+            gear,
+            switch: switch_rad,
+            homing_method,
+            homing_speed: homing_speed_radps,
+            homing_timeout: Duration::from_secs_f64(homing_timeout_s),
+            speed: robot.limits.steering_rate_radps,
+        }),
+        CanDriver::Epos { .. } => None,
+    })
+}
+
 /// `simulator`: every serial bus with its boards, the robot's body, a world.
 fn simulator(place: &Place, robot: &Robot) -> Result<sim::Config, ConfigError> {
     let world = config::world(&place.config, place.world.as_deref())?;
     let geometry = robot.geometry;
+    let can = robot.can.iter().find_map(drives);
     let parameters = sim::body::Parameters {
         wheelbase: geometry.wheelbase_m,
         track: geometry.track_m,
@@ -274,6 +356,9 @@ fn simulator(place: &Place, robot: &Robot) -> Result<sim::Config, ConfigError> {
         overhang_front: geometry.length_m - geometry.rear_overhang_m - geometry.wheelbase_m,
         width: geometry.width_m,
         wheel_radius: geometry.wheel_radius_m,
+        gear: can
+            .as_ref()
+            .map_or(sim::body::Parameters::default().gear, |(_, gear)| *gear),
         encoder_counts: f64::from(geometry.ticks_per_turn),
         steering_rate: robot.limits.steering_rate_radps,
         ..sim::body::Parameters::default()
@@ -288,10 +373,44 @@ fn simulator(place: &Place, robot: &Robot) -> Result<sim::Config, ConfigError> {
     Ok(sim::Config {
         world,
         parameters,
+        can: can.map(|(can, _)| can),
         serial: serial.collect(),
         wire_time: true,
         ..sim::Config::default()
     })
+}
+
+/// A CAN bus with both drives on it, and the gear of the propulsion.
+fn drives(bus: &CanBus) -> Option<(sim::CanConfig, f64)> {
+    let (propulsion, gear) = bus.nodes.iter().find_map(|node| match node.driver {
+        CanDriver::Epos { gear } => Some((node.id, gear)),
+        CanDriver::Icla { .. } => None,
+    })?;
+    let (steering, gearing) = bus.nodes.iter().find_map(|node| match node.driver {
+        CanDriver::Icla {
+            gear,
+            counts_per_turn,
+            ..
+        } => Some((
+            node.id,
+            sim::boards::icla::Gearing {
+                counts_per_turn,
+                gear,
+            },
+        )),
+        CanDriver::Epos { .. } => None,
+    })?;
+    let (bus, bitrate) = (format!("can.{}", bus.name), bus.bitrate);
+    Some((
+        sim::CanConfig {
+            bus,
+            bitrate,
+            propulsion,
+            steering,
+            gearing,
+        },
+        gear,
+    ))
 }
 
 fn board(robot: &Robot, node: &config::Rs485Node) -> sim::BoardConfig {

@@ -124,8 +124,11 @@ pub enum CanDriver {
     },
     /// `icla`: Berger Lahr IclA.
     Icla {
-        /// Position counts per radian of the equivalent single front wheel, ±1e9, not 0; positive counter-clockwise.
-        counts_per_rad: f64,
+        /// Motor turns per turn of the equivalent single front wheel, -10 000..=10 000, not 0; negative when counts
+        /// fall counter-clockwise.
+        gear: f64,
+        /// Position counts per turn of the motor, 1..=1e6; default 4096.
+        counts_per_turn: f64,
         /// The angle at which the homing switch closes, -2..=2 rad.
         switch_rad: f64,
         /// CiA 402 homing method, -128..=127; default 23.
@@ -356,7 +359,7 @@ impl CanInterface {
 
 impl CanNode {
     fn read(table: &mut Table<'_>) -> Self {
-        Self {
+        let node = Self {
             id: table.integer("id", None, 1..=127),
             axis: table.choice(
                 "axis",
@@ -374,14 +377,29 @@ impl CanNode {
                     gear: not_zero(table, "gear", 1000.0),
                 },
                 false => CanDriver::Icla {
-                    counts_per_rad: not_zero(table, "counts_per_rad", 1e9),
+                    gear: not_zero(table, "gear", 10_000.0),
+                    counts_per_turn: table.number("counts_per_turn", Some(4096.0), 1.0..=1e6),
                     switch_rad: table.number("switch_rad", None, -2.0..=2.0),
                     homing_method: table.integer("homing_method", Some(23), -128..=127),
                     homing_speed_radps: table.number("homing_speed_radps", None, 0.001..=10.0),
                     homing_timeout_s: table.number("homing_timeout_s", Some(15.0), 1.0..=120.0),
                 },
             },
+        };
+        let moves = match node.driver {
+            CanDriver::Epos { .. } => (
+                Axis::Propulsion,
+                r#""propulsion", which is all that this driver can move"#,
+            ),
+            CanDriver::Icla { .. } => (
+                Axis::Steering,
+                r#""steering", which is all that this driver can move"#,
+            ),
+        };
+        if node.axis != moves.0 {
+            table.refuse("axis", moves.1);
         }
+        node
     }
 }
 

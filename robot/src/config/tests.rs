@@ -35,7 +35,7 @@ steering_rate_radps = 0.7
 interface = "can0"
 nodes = [
     { id = 1, driver = "epos", axis = "propulsion", gear = 26 },
-    { id = 2, driver = "icla", axis = "steering", counts_per_rad = 1e4, switch_rad = 0, homing_speed_radps = 0.2 },
+    { id = 2, driver = "icla", axis = "steering", gear = 180, switch_rad = 0, homing_speed_radps = 0.2 },
 ]
 [rs485.a]
 port = "/dev/ttyS1"
@@ -200,16 +200,34 @@ fn a_choice_names_the_choices() {
 fn a_drive_s_keys_are_those_of_its_driver() {
     refused(
         "gear = 26",
-        "counts_per_rad = 1e4",
+        "switch_rad = 0",
         &[
             "robot.toml:24: can.main.nodes[0].gear: missing, expected a number from -1000 to 1000",
-            "robot.toml:24: can.main.nodes[0].counts_per_rad: unknown key, expected one of id, axis, eds, driver, gear",
+            "robot.toml:24: can.main.nodes[0].switch_rad: unknown key, expected one of id, axis, eds, driver, gear",
         ],
     );
     refused(
         "gear = 26",
         "gear = 0",
         &["robot.toml:24: can.main.nodes[0].gear = 0: expected a number that is not 0"],
+    );
+}
+
+#[test]
+fn a_drive_moves_the_axis_that_its_driver_can() {
+    let from =
+        "axis = \"propulsion\", gear = 26 },\n    { id = 2, driver = \"icla\", axis = \"steering\"";
+    let to =
+        "axis = \"steering\", gear = 26 },\n    { id = 2, driver = \"icla\", axis = \"propulsion\"";
+    refused(
+        from,
+        to,
+        &[
+            "robot.toml:24: can.main.nodes[0].axis = \"steering\": \
+             expected \"propulsion\", which is all that this driver can move",
+            "robot.toml:25: can.main.nodes[1].axis = \"propulsion\": \
+             expected \"steering\", which is all that this driver can move",
+        ],
     );
 }
 
