@@ -127,6 +127,9 @@ impl Drive {
                 NodeEvent::ObjectWritten { .. } | NodeEvent::HeartbeatBack { .. } => {}
             }
         }
+        if news && let Kind::Epos(epos) = &mut self.kind {
+            epos.configure(self.node.dictionary());
+        }
         news
     }
 
@@ -163,7 +166,7 @@ impl Drive {
     /// Whether time alone changes nothing.
     pub fn rests(&self) -> bool {
         match &self.kind {
-            Kind::Epos(epos) => epos.rests(self.node.dictionary()),
+            Kind::Epos(epos) => epos.rests(),
             Kind::Icla(icla, _) => icla.rests(self.node.dictionary()),
         }
     }
@@ -172,7 +175,7 @@ impl Drive {
     pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
         match &mut self.kind {
             Kind::Epos(epos) => {
-                let rpm = epos.step(now, self.node.dictionary(), dt)?;
+                let rpm = epos.step(now, dt)?;
                 Some(rpm / 60.0 / body.parameters().motor_turns_per_metre())
             }
             Kind::Icla(icla, _) => icla.step(now, self.node.dictionary(), body, dt),

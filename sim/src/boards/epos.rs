@@ -5,6 +5,7 @@
 //! Silence   the heartbeat consumer's event: emergency 0x8130, quick stop ramp, then Fault
 //! Quick stop is kept until told otherwise: there is no 0x605A
 
+use super::mirror::Mirror;
 use super::motion::SpeedRamp;
 use super::power::{Power, Stage};
 use crate::body::Body;
@@ -37,9 +38,25 @@ pub struct Emergency {
     pub register: u8,
 }
 
+/// What the objects ask of the drive; read when they were written, not at every step.
+#[derive(Clone, Copy, Debug, Default)]
+struct Settings {
+    /// Profile velocity is the mode; the other modes are not driven here and hold still.
+    profile_velocity: bool,
+    mode: i64,
+    /// Target velocity within its limit, rpm.
+    target: f64,
+    acceleration: f64,
+    deceleration: f64,
+    quick_stop: f64,
+    quadcounts_per_turn: f64,
+}
+
 /// The drive behind its objects.
 #[derive(Debug)]
 pub struct Epos {
+    settings: Settings,
+    mirror: Mirror<8>,
     power: Power,
     halted: bool,
     ramp: SpeedRamp,
@@ -53,6 +70,8 @@ impl Epos {
     #[must_use]
     pub fn new() -> Self {
         Self {
+            settings: Settings::default(),
+            mirror: Mirror::default(),
             power: Power::new(QUICK_STOP_OPTION, ENABLING),
             halted: false,
             ramp: SpeedRamp::default(),
@@ -70,6 +89,22 @@ impl Epos {
     /// The NMT state became Operational, or is so no more.
     pub fn set_remote(&mut self, operational: bool) {
         self.remote = operational;
+    }
+
+    /// The objects may have changed.
+    pub fn configure(&mut self, objects: &Dictionary) {
+        let number = |index| objects.get(index, 0).unwrap_or(0);
+        let rate = |index| number(index).max(1) as f64;
+        let most = number(0x607F).max(0);
+        self.settings = Settings {
+            profile_velocity: number(0x6060) == PROFILE_VELOCITY,
+            mode: number(0x6060),
+            target: number(0x60FF).clamp(-most, most) as f64,
+            acceleration: rate(0x6083),
+            deceleration: rate(0x6084),
+            quick_stop: rate(0x6085),
+            quadcounts_per_turn: 4.0 * objects.get(0x2210, 1).unwrap_or(500) as f64,
+        };
     }
 
     /// The master wrote objects, of a PDO all of them: obeys the controlword.
@@ -104,25 +139,30 @@ impl Epos {
 
     /// Whether time alone changes nothing.
     #[must_use]
-    pub fn rests(&self, objects: &Dictionary) -> bool {
+    pub fn rests(&self) -> bool {
         match self.stage() {
             Stage::Enabling { .. } | Stage::FaultReaction => false,
-            Stage::Enabled => self.ramp.demand == 0.0 && self.target(objects) == 0.0,
+            Stage::Enabled => self.ramp.demand == 0.0 && self.target() == 0.0,
             Stage::QuickStop => self.ramp.demand == 0.0,
             _ => true,
         }
     }
 
     /// Goes on by `dt` s; answers the motor's demanded speed, rpm; none with the power stage off.
-    pub fn step(&mut self, now: Instant, objects: &Dictionary, dt: f64) -> Option<f64> {
+    pub fn step(&mut self, now: Instant, dt: f64) -> Option<f64> {
         self.power.elapse(now);
-        let rate = |index| objects.get(index, 0).unwrap_or(1).max(1) as f64;
+        let Settings {
+            acceleration,
+            deceleration,
+            quick_stop,
+            ..
+        } = self.settings;
         match self.stage() {
             Stage::Enabled => self
                 .ramp
-                .step(self.target(objects), rate(0x6083), rate(0x6084), dt),
+                .step(self.target(), acceleration, deceleration, dt),
             Stage::QuickStop | Stage::FaultReaction => {
-                self.ramp.step(0.0, rate(0x6085), rate(0x6085), dt);
+                self.ramp.step(0.0, quick_stop, quick_stop, dt);
             }
             _ => return None,
         }
@@ -134,13 +174,10 @@ impl Epos {
         Some(self.ramp.demand)
     }
 
-    /// What profile velocity aims at, rpm; the other modes are not driven here and hold still.
-    fn target(&self, objects: &Dictionary) -> f64 {
-        if objects.get(0x6060, 0) != Some(PROFILE_VELOCITY) || self.halted {
-            return 0.0;
-        }
-        let most = objects.get(0x607F, 0).unwrap_or(0);
-        objects.get(0x60FF, 0).unwrap_or(0).clamp(-most, most) as f64
+    /// What profile velocity aims at, rpm.
+    fn target(&self) -> f64 {
+        let moves = self.settings.profile_velocity && !self.halted;
+        if moves { self.settings.target } else { 0.0 }
     }
 
     /// Writes what the drive measures into its objects.
@@ -153,33 +190,33 @@ impl Epos {
         }
         self.actual = rpm;
         let velocity = libm::round(rpm) as i64;
-        let quadcounts = body.travelled() * turns * 4.0 * node.get(0x2210, 1).unwrap_or(500) as f64;
+        let quadcounts = body.travelled() * turns * self.settings.quadcounts_per_turn;
         let milliamperes = body.force() / FORCE_PER_AMPERE * 1000.0;
-        node.set(0x606C, 0, velocity);
-        node.set(0x6069, 0, velocity);
-        node.set(0x2028, 0, velocity);
-        node.set(0x606B, 0, libm::round(self.ramp.demand) as i64);
-        node.set(0x6064, 0, libm::floor(quadcounts) as i64);
-        node.set(0x6078, 0, libm::round(milliamperes) as i64);
-        let (mode, status) = (
-            node.get(0x6060, 0),
-            self.status(now, node.dictionary(), velocity),
-        );
-        node.set(0x6061, 0, mode.unwrap_or(0));
-        node.set(0x6041, 0, i64::from(status));
+        let status = i64::from(self.status(now, velocity));
+        let objects = [
+            (0x606C, velocity),
+            (0x6069, velocity),
+            (0x2028, velocity),
+            (0x606B, libm::round(self.ramp.demand) as i64),
+            (0x6064, libm::floor(quadcounts) as i64),
+            (0x6078, libm::round(milliamperes) as i64),
+            (0x6061, self.settings.mode),
+            (0x6041, status),
+        ];
+        self.mirror.write(node, objects);
     }
 
-    fn status(&self, now: Instant, objects: &Dictionary, velocity: i64) -> u16 {
+    fn status(&self, now: Instant, velocity: i64) -> u16 {
         let (refresh, measure) = match self.stage() {
             Stage::Enabling { until } => (now + ENABLING / 2 < until, now + ENABLING / 2 >= until),
             _ => (false, false),
         };
         let reached = match self.stage() {
-            Stage::Enabled => self.ramp.demand == self.target(objects),
+            Stage::Enabled => self.ramp.demand == self.target(),
             Stage::QuickStop => self.ramp.demand == 0.0,
             _ => false,
         };
-        let standing = velocity == 0 && objects.get(0x6060, 0) == Some(PROFILE_VELOCITY);
+        let standing = velocity == 0 && self.settings.profile_velocity;
         let bit = |on: bool, bit: u16| u16::from(on) << bit;
         self.power.status()
             | bit(measure || self.stage().drives(), 4)

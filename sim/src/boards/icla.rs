@@ -10,6 +10,7 @@
 mod homing;
 
 use super::epos::{Emergency, HEARTBEAT};
+use super::mirror::Mirror;
 use super::motion::{Limits, PositionProfile, SpeedRamp};
 use super::power::{Power, Stage};
 use crate::body::Body;
@@ -58,6 +59,7 @@ impl Gearing {
 #[derive(Debug)]
 pub struct Icla {
     gearing: Gearing,
+    mirror: Mirror<8>,
     power: Power,
     before: u16,
     remote: bool,
@@ -80,6 +82,7 @@ impl Icla {
         let position = body.steering_output() * gearing.counts_per_radian();
         Self {
             gearing,
+            mirror: Mirror::default(),
             power: Power::new(2, Duration::ZERO),
             before: 0,
             remote: false,
@@ -321,27 +324,23 @@ impl Icla {
                 speed: 0.0,
             };
         }
-        let rpm = |counts: f64| libm::round(counts / self.gearing.counts_per_turn * 60.0) as i64;
-        node.set(0x6064, 0, libm::round(position - self.zero) as i64);
-        node.set(
-            0x6062,
-            0,
-            libm::round(self.profile.demand - self.zero) as i64,
-        );
-        node.set(
-            0x60F4,
-            0,
-            libm::round(self.profile.demand - position) as i64,
-        );
-        node.set(0x606B, 0, rpm(self.profile.speed));
-        node.set(0x606C, 0, rpm(speed * per_radian));
-        node.set(0x60FD, 0, i64::from(body.switch_closed()) << 2);
-        let mode = node.get(0x6060, 0).unwrap_or(0);
-        node.set(0x6061, 0, mode);
+        let turn = self.gearing.counts_per_turn;
+        let rpm = |counts: f64| libm::round(counts / turn * 60.0) as i64;
+        let whole = |counts: f64| libm::round(counts) as i64;
         let window = node.get(0x6067, 0).unwrap_or(0) as f64;
         let near = libm::fabs(self.profile.demand - position) <= window;
-        let status = self.status(node.dictionary(), near);
-        node.set(0x6041, 0, i64::from(status));
+        let status = i64::from(self.status(node.dictionary(), near));
+        let objects = [
+            (0x6064, whole(position - self.zero)),
+            (0x6062, whole(self.profile.demand - self.zero)),
+            (0x60F4, whole(self.profile.demand - position)),
+            (0x606B, rpm(self.profile.speed)),
+            (0x606C, rpm(speed * per_radian)),
+            (0x60FD, i64::from(body.switch_closed()) << 2),
+            (0x6061, node.get(0x6060, 0).unwrap_or(0)),
+            (0x6041, status),
+        ];
+        self.mirror.write(node, objects);
     }
 
     fn status(&self, objects: &Dictionary, near: bool) -> u16 {

@@ -4,6 +4,7 @@ pub(crate) mod drive;
 pub mod epos;
 pub mod icla;
 pub(crate) mod line;
+mod mirror;
 pub mod motion;
 pub mod power;
 pub mod sd1;
