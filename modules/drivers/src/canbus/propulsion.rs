@@ -46,11 +46,17 @@ impl Propulsion {
     }
 
     pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
-        let Some(status) = epos::unpack(number, data) else { return };
+        let Some(status) = epos::unpack(number, data) else {
+            return;
+        };
         if let Some(rpm) = status.velocity_rpm {
-            self.speed = f64::from(rpm) / self.rpm_per_mps;
+            self.on_velocity(rpm);
         }
         self.drive.on_statusword(now, status.statusword, out);
+    }
+
+    pub(super) fn on_velocity(&mut self, rpm: i32) {
+        self.speed = f64::from(rpm) / self.rpm_per_mps;
     }
 
     /// Drive at `speed`, m/s.
@@ -83,7 +89,10 @@ impl Propulsion {
 
     pub(super) fn is_quick_stopped(&self) -> bool {
         self.drive.axis.goal() == Goal::QuickStop
-            && matches!(self.drive.axis.state(), Some(PowerState::OperationEnabled | PowerState::QuickStopActive))
+            && matches!(
+                self.drive.axis.state(),
+                Some(PowerState::OperationEnabled | PowerState::QuickStopActive)
+            )
     }
 
     pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {

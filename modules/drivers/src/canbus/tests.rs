@@ -1,1 +1,529 @@
-//! x
+//! The module against fake drives, in virtual time: each rule of who may move the robot, and what stops it.
+
+mod fake;
+
+use super::{Canbus, Config, Limits, NAME, PropulsionConfig, SteeringConfig};
+use base::{Duration, Fault, Instant, Severity, can};
+use canopen::axis::PowerState;
+use canopen::drives::{epos, icla};
+use fake::Fake;
+use messages::{Message, common, lowlevel};
+use module::bench::Bench;
+use module::{Action, Event, Input, Output, PortId, Shell, ShellConfig, State};
+
+const MS: Duration = Duration::from_millis(1);
+
+fn config() -> Config {
+    Config {
+        bus: "can.main".into(),
+        bitrate: 1_000_000,
+        node_id: 127,
+        wheelbase: 0.6,
+        limits: Limits {
+            speed: 1.2,
+            steering: 0.61,
+            speed_manual: 0.6,
+            speed_autonomous: 0.8,
+            lateral_acceleration: 0.8,
+            acceleration: 0.5,
+            deceleration: 0.8,
+            quick_stop: 1.5,
+        },
+        ttl: Duration::from_millis(250),
+        critical: vec!["driver_rs485a".into()],
+        has_pause_line: false,
+        propulsion: PropulsionConfig {
+            node: 1,
+            rpm_per_mps: 2483.0,
+        },
+        steering: SteeringConfig {
+            node: 2,
+            counts_per_turn: 4096.0,
+            gear: 180.0,
+            switch: -0.628,
+            homing_method: 27,
+            homing_speed: 0.17,
+            homing_timeout: Duration::from_secs(15),
+            speed: 0.7,
+        },
+    }
+}
+
+/// The module, both drives, a wire that takes no time, and a watchdog that finds everything well.
+struct Robot {
+    bench: Bench,
+    epos: Fake,
+    icla: Fake,
+    watchdog: bool,
+    missing: &'static str,
+    frames: Vec<(Instant, can::Frame)>,
+    motion: Option<lowlevel::DataMotion>,
+    errors: Vec<(Fault, Severity)>,
+}
+
+impl Robot {
+    fn new() -> Self {
+        Self::with(epos::dictionary(1), config())
+    }
+
+    fn with(epos: canopen::Dictionary, config: Config) -> Self {
+        let canbus = Canbus::new(config).expect("a good configuration");
+        let mut robot = Self {
+            bench: Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(canbus))),
+            epos: Fake::new(epos, 6),
+            icla: Fake::new(icla::dictionary(2), 6),
+            watchdog: true,
+            missing: "",
+            frames: Vec::new(),
+            motion: None,
+            errors: Vec::new(),
+        };
+        robot.bench.start();
+        robot
+    }
+
+    /// Booted, homed, nobody commands.
+    fn ready() -> Self {
+        let mut robot = Self::new();
+        robot.pass(3000);
+        assert_eq!(robot.bench.shell.state(), State::Run);
+        assert!(robot.motion().homed, "{}", robot.reason());
+        robot.frames.clear();
+        robot
+    }
+
+    fn pass(&mut self, ms: u32) {
+        for _ in 0..ms {
+            let now = self.bench.now() + MS;
+            self.bench.pass(MS);
+            if self.watchdog && now.as_nanos().is_multiple_of(100_000_000) {
+                let process = |module: &str| common::Process {
+                    module: module.into(),
+                    phase: common::Process::RUNNING,
+                    ..common::Process::default()
+                };
+                let modules = [NAME, "driver_rs485a"]
+                    .into_iter()
+                    .filter(|module| *module != self.missing);
+                self.bench.message(common::DataProcesses {
+                    timestamp: 0,
+                    processes: modules.map(process).collect(),
+                });
+            }
+            self.epos.handle_timeout(now);
+            self.icla.handle_timeout(now);
+            self.exchange();
+        }
+    }
+
+    fn exchange(&mut self) {
+        loop {
+            let now = self.bench.now();
+            let mut quiet = true;
+            for (_, action) in self.bench.done() {
+                match action {
+                    Action::Send(_, Output::Can(frame)) => {
+                        quiet = false;
+                        self.frames.push((now, frame));
+                        self.epos.handle_rx(now, &frame);
+                        self.icla.handle_rx(now, &frame);
+                    }
+                    Action::Publish(Message::LlDataMotion(motion)) => self.motion = Some(motion),
+                    Action::Report(report) => self.errors.push((report.fault, report.severity)),
+                    _ => {}
+                }
+            }
+            for drive in [&mut self.epos, &mut self.icla] {
+                while let Some(frame) = drive.poll_tx() {
+                    quiet = false;
+                    self.bench.can(PortId(0), frame);
+                }
+            }
+            if quiet {
+                return;
+            }
+        }
+    }
+
+    fn command(&mut self, speed: f64, steering: f64) {
+        self.bench.message(lowlevel::CmdMotion {
+            timestamp: 0,
+            speed,
+            steering,
+            priority: lowlevel::CmdMotion::REMOTE,
+            source: "test".into(),
+        });
+        self.exchange();
+    }
+
+    /// Commands at 20 Hz.
+    fn drive(&mut self, speed: f64, ms: u32) {
+        for _ in 0..ms / 50 {
+            self.command(speed, 0.0);
+            self.pass(50);
+        }
+    }
+
+    fn motion(&self) -> &lowlevel::DataMotion {
+        self.motion.as_ref().expect("20 Hz")
+    }
+
+    fn reason(&self) -> String {
+        self.motion().reason.clone()
+    }
+
+    /// The last RPDO4 and when it left.
+    fn last_rpdo4(&self) -> (Instant, [u8; 6]) {
+        let (at, frame) = self
+            .frames
+            .iter()
+            .rev()
+            .find(|(_, frame)| frame.id() == can::Id::Standard(0x501))
+            .unwrap();
+        (*at, frame.data().try_into().unwrap())
+    }
+
+    fn moves(&self) -> bool {
+        self.epos.power.state() == PowerState::OperationEnabled
+            && self.epos.node.get(0x606C, 0) != Some(0)
+    }
+}
+
+#[test]
+fn both_drives_are_booted_and_the_steering_is_homed_before_anything_moves() {
+    let mut robot = Robot::new();
+    robot.drive(0.4, 600);
+    let enabled =
+        |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] == 0x0F;
+    assert!(
+        !robot.frames.iter().any(|(_, frame)| enabled(frame)),
+        "enabled before it was homed"
+    );
+    robot.pass(3000);
+    assert_eq!(robot.bench.shell.state(), State::Run);
+    assert!(robot.motion().homed);
+    // Homed to the switch at -0.628 rad, then straight ahead.
+    assert_eq!(
+        robot.icla.node.get(0x607C, 0),
+        Some((-0.628_f64 * 4096.0 * 180.0 / core::f64::consts::TAU).round() as i64)
+    );
+    assert_eq!(robot.icla.node.get(0x6064, 0), Some(0));
+}
+
+#[test]
+fn a_command_is_on_the_bus_in_the_same_turn() {
+    let mut robot = Robot::ready();
+    robot.drive(0.2, 300);
+    let now = robot.bench.now();
+    robot.command(0.4, 0.0);
+    // 0.4 m/s are 993 rpm: enable operation and 0x000003E1, little endian (facts 2.2).
+    assert_eq!(
+        robot.last_rpdo4(),
+        (now, [0x0F, 0x00, 0xE1, 0x03, 0x00, 0x00])
+    );
+    robot.command(-0.4, 0.0);
+    assert_eq!(robot.last_rpdo4().1, [0x0F, 0x00, 0x1F, 0xFC, 0xFF, 0xFF]);
+}
+
+#[test]
+fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    assert!(robot.moves());
+    robot.command(0.4, 0.0);
+    let last = robot.bench.now();
+    robot.pass(249);
+    assert!(robot.moves());
+    robot.pass(10);
+    let stop = robot
+        .frames
+        .iter()
+        .find(|(at, frame)| *at > last && frame.data().starts_with(&[0x0B, 0x00]));
+    assert_eq!(stop.unwrap().0, last + Duration::from_millis(250));
+    assert!(!robot.moves());
+    robot.pass(100);
+    assert!(robot.motion().quick_stop);
+    assert_eq!(robot.reason(), "nobody commands the motion");
+}
+
+#[test]
+fn a_command_out_of_limits_or_not_a_number_stops_whoever_moves() {
+    for (speed, steering) in [
+        (f64::NAN, 0.0),
+        (0.0, f64::INFINITY),
+        (1.3, 0.0),
+        (0.4, -0.7),
+    ] {
+        let mut robot = Robot::ready();
+        robot.drive(0.4, 500);
+        assert!(robot.moves());
+        robot.command(speed, steering);
+        assert!(!robot.moves(), "{speed} {steering}");
+        assert!(
+            robot
+                .errors
+                .contains(&(Fault::MotionRefused, Severity::Error))
+        );
+        // The honest source goes on commanding and must let go first.
+        robot.drive(0.4, 600);
+        assert!(!robot.moves());
+        robot.drive(0.0, 100);
+        robot.drive(0.4, 200);
+        assert!(robot.moves(), "{}", robot.reason());
+    }
+}
+
+#[test]
+fn a_command_that_waited_too_long_is_not_obeyed() {
+    let mut robot = Robot::ready();
+    let message = Message::from(lowlevel::CmdMotion {
+        timestamp: 0,
+        speed: 0.4,
+        steering: 0.0,
+        priority: 1,
+        source: "frozen".into(),
+    });
+    let at = robot.bench.now() - Duration::from_millis(250);
+    robot.bench.event(Event::Message {
+        at,
+        message: &message,
+    });
+    robot.pass(100);
+    assert!(!robot.moves());
+}
+
+#[test]
+fn a_critical_module_that_dies_stops_the_robot_and_nothing_resumes_by_itself() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.missing = "driver_rs485a";
+    robot.drive(0.4, 200);
+    assert!(!robot.moves());
+    assert!(
+        robot.reason().contains("driver_rs485a"),
+        "{}",
+        robot.reason()
+    );
+    robot.missing = "";
+    robot.drive(0.4, 500);
+    assert!(!robot.moves());
+    assert_eq!(
+        robot.reason(),
+        "test must send zero first: the robot was stopped"
+    );
+    let critical: Vec<_> = robot
+        .errors
+        .iter()
+        .filter(|(fault, _)| *fault == Fault::CriticalModule)
+        .collect();
+    assert_eq!(
+        critical,
+        [
+            &(Fault::CriticalModule, Severity::Error),
+            &(Fault::CriticalModule, Severity::Notice)
+        ]
+    );
+    robot.pass(300);
+    robot.drive(0.4, 200);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_silent_watchdog_stops_the_robot() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.watchdog = false;
+    robot.drive(0.4, 400);
+    assert!(!robot.moves());
+    assert_eq!(robot.reason(), "the watchdog is not heard");
+}
+
+#[test]
+fn a_lost_drive_stops_the_other_one_and_is_booted_again() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.icla.alive = false;
+    robot.drive(0.4, 250);
+    assert!(!robot.moves(), "the propulsion goes on without steering");
+    assert_eq!(robot.bench.shell.state(), State::Error);
+    assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Error)));
+    robot.icla.alive = true;
+    robot.drive(0.4, 5000);
+    assert_eq!(robot.bench.shell.state(), State::Run);
+    assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Notice)));
+    assert!(
+        robot.motion().homed && !robot.moves(),
+        "homed again, and waits to be asked anew"
+    );
+    robot.drive(0.0, 100);
+    robot.drive(0.4, 200);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_drive_in_fault_stops_the_robot_and_is_reset_calmly() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    let now = robot.bench.now();
+    robot.epos.fault(now, 0x2310);
+    robot.drive(0.4, 200);
+    assert!(robot.reason().contains("0x2310"), "{}", robot.reason());
+    assert!(
+        robot
+            .errors
+            .contains(&(Fault::DriveEmergency, Severity::Error))
+    );
+    robot.drive(0.4, 2000);
+    assert!(
+        robot
+            .errors
+            .contains(&(Fault::DriveFault, Severity::Notice)),
+        "{:?}",
+        robot.errors
+    );
+    assert!(!robot.moves());
+    robot.drive(0.0, 100);
+    robot.drive(0.4, 300);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_drive_that_is_not_the_configured_one_never_moves() {
+    // Node 1 answers as the steering drive does.
+    let mut robot = Robot::with(icla::dictionary(1), config());
+    robot.drive(0.4, 5000);
+    assert_eq!(robot.bench.shell.state(), State::Init);
+    let mismatches = robot
+        .errors
+        .iter()
+        .filter(|(fault, _)| *fault == Fault::DriveMismatch)
+        .count();
+    assert_eq!(mismatches, 1, "reported once: {:?}", robot.errors);
+    assert!(
+        !robot
+            .frames
+            .iter()
+            .any(|(_, frame)| frame.id() == can::Id::Standard(0x501)),
+        "no PDO before it is known"
+    );
+    assert!(robot.reason().contains("propulsion"), "{}", robot.reason());
+}
+
+#[test]
+fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
+    for state in [State::Pause, State::Stop] {
+        let mut robot = Robot::ready();
+        robot.drive(0.4, 500);
+        let (module, source) = (NAME.into(), "test".into());
+        let command = common::CmdState {
+            timestamp: 0,
+            module,
+            state: state as i8,
+            manual: true,
+            source,
+        };
+        robot.bench.message(command.clone());
+        robot.drive(0.4, 500);
+        assert!(!robot.moves());
+        assert_eq!(robot.epos.power.state(), PowerState::QuickStopActive);
+        assert_eq!(robot.reason(), format!("driver_canbus is in {state}"));
+        robot.bench.message(common::CmdState {
+            state: State::Run as i8,
+            ..command
+        });
+        robot.drive(0.4, 300);
+        assert!(!robot.moves(), "it resumed by itself");
+        robot.pass(300);
+        robot.drive(0.4, 300);
+        assert!(robot.moves(), "{}", robot.reason());
+    }
+}
+
+#[test]
+fn a_lost_port_is_told_and_everything_begins_again_when_it_is_back() {
+    let mut robot = Robot::ready();
+    robot.bench.event(Event::Port {
+        port: PortId(0),
+        input: Input::Down("cable pulled"),
+    });
+    robot.pass(500);
+    assert_eq!(robot.bench.shell.state(), State::Error);
+    assert!(robot.errors.contains(&(Fault::PortDown, Severity::Error)));
+    robot.bench.event(Event::Port {
+        port: PortId(0),
+        input: Input::Up,
+    });
+    robot.pass(5000);
+    assert_eq!(robot.bench.shell.state(), State::Run);
+    assert!(robot.motion().homed, "{}", robot.reason());
+}
+
+#[test]
+fn the_end_waits_until_the_robot_stands() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    let (module, source) = ("*".into(), "test".into());
+    robot.bench.message(common::CmdState {
+        timestamp: 0,
+        module,
+        state: State::Terminate as i8,
+        manual: false,
+        source,
+    });
+    robot.exchange();
+    assert_eq!(
+        robot.last_rpdo4().1[0],
+        0x0B,
+        "a quick stop is the last word"
+    );
+    assert!(!robot.moves());
+}
+
+#[test]
+fn homing_is_for_the_steering_and_for_a_robot_that_stands() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    let homing = |axis: &str| lowlevel::CmdHoming {
+        timestamp: 0,
+        axis: axis.into(),
+    };
+    robot.bench.message(homing("steering"));
+    robot.bench.message(homing("propulsion"));
+    robot.drive(0.4, 100);
+    assert!(robot.moves() && robot.motion().homed);
+    assert_eq!(
+        robot
+            .errors
+            .iter()
+            .filter(|(fault, _)| *fault == Fault::CommandForbidden)
+            .count(),
+        2
+    );
+    robot.pass(1000);
+    robot.bench.message(homing("steering"));
+    robot.pass(60);
+    assert!(!robot.motion().homed);
+    robot.pass(2000);
+    assert!(robot.motion().homed);
+}
+
+#[test]
+fn any_frames_on_the_bus_are_survived() {
+    let mut robot = Robot::ready();
+    let mut seed = 1_u64;
+    let mut random = || {
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as u32
+    };
+    for _ in 0..20_000 {
+        let data: Vec<u8> = (0..random() % 9).map(|_| random() as u8).collect();
+        // Every identifier of both nodes.
+        let frame = can::Frame::standard((((random() % 16) << 7) | (random() % 3)) as u16, &data);
+        robot.bench.can(PortId(0), frame);
+        robot.pass(random() % 2);
+    }
+    robot.pass(20_000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+}

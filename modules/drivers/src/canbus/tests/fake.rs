@@ -1,0 +1,112 @@
+//! A drive that is no more than its objects: it obeys at once. What a drive really does is the simulator's affair.
+
+use base::can::Frame;
+use base::{Duration, Instant};
+use canopen::axis::drive::Drive;
+use canopen::axis::{PowerState, status};
+use canopen::{Dictionary, Node, NodeEvent};
+
+pub struct Fake {
+    pub node: Node,
+    pub power: Drive,
+    /// It takes part in the bus.
+    pub alive: bool,
+    homing: Option<Instant>,
+    bits: u16,
+}
+
+impl Fake {
+    pub fn new(dictionary: Dictionary, quick_stop_option: i16) -> Self {
+        let mut node = Node::new(dictionary, Duration::from_millis(5));
+        node.power_on(Instant::ZERO);
+        let power = Drive::new(quick_stop_option, true);
+        Self {
+            node,
+            power,
+            alive: true,
+            homing: None,
+            bits: status::REMOTE,
+        }
+    }
+
+    pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
+        if self.alive {
+            self.node.handle_rx(now, frame);
+            self.serve(now);
+        }
+    }
+
+    pub fn handle_timeout(&mut self, now: Instant) {
+        if !self.alive {
+            return;
+        }
+        if self.homing.is_some_and(|at| at <= now) {
+            self.homing = None;
+            self.bits |= status::MODE_12 | status::TARGET_REACHED;
+            let home = self.node.get(0x607C, 0).unwrap_or(0);
+            self.node.set(0x6064, 0, home);
+        }
+        self.node.handle_timeout(now);
+        self.serve(now);
+    }
+
+    pub fn poll_tx(&mut self) -> Option<Frame> {
+        self.node.poll_tx().filter(|_| self.alive)
+    }
+
+    /// Something breaks inside: the drive tells and stops.
+    pub fn fault(&mut self, now: Instant, code: u16) {
+        self.power.fault();
+        self.power.fault_reaction_done();
+        self.node.emergency(code, 0x20, [0; 5]);
+        self.serve(now);
+    }
+
+    fn serve(&mut self, now: Instant) {
+        while let Some(event) = self.node.poll_event() {
+            match event {
+                NodeEvent::ObjectWritten { index: 0x6040, .. } => self.obey(now),
+                NodeEvent::ObjectWritten { index: 0x6060, .. } => {
+                    let mode = self.get(0x6060);
+                    self.node.set(0x6061, 0, mode);
+                    self.bits &= !(status::MODE_12 | status::TARGET_REACHED);
+                }
+                NodeEvent::HeartbeatLost { .. } => self.fault(now, 0x8130),
+                _ => {}
+            }
+        }
+        let word = self.power.statusword() | self.bits;
+        self.node.set(0x6041, 0, i64::from(word));
+        self.node.handle_timeout(now);
+    }
+
+    fn obey(&mut self, now: Instant) {
+        let word = self.get(0x6040) as u16;
+        self.power.apply(word);
+        let enabled = self.power.state() == PowerState::OperationEnabled;
+        match self.get(0x6061) {
+            3 => {
+                let velocity = if enabled { self.get(0x60FF) } else { 0 };
+                self.node.set(0x606C, 0, velocity);
+            }
+            1 if enabled && word & 0x10 != 0 => {
+                self.bits |= status::MODE_12;
+                let target = self.get(0x607A);
+                self.node.set(0x6064, 0, target);
+            }
+            1 => self.bits &= !status::MODE_12,
+            6 if enabled
+                && word & 0x10 != 0
+                && self.homing.is_none()
+                && self.bits & status::MODE_12 == 0 =>
+            {
+                self.homing = Some(now + Duration::from_millis(100));
+            }
+            _ => {}
+        }
+    }
+
+    fn get(&self, index: u16) -> i64 {
+        self.node.get(index, 0).unwrap_or(0)
+    }
+}
