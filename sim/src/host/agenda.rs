@@ -18,11 +18,11 @@ pub(super) enum Waiting {
     Started(Rc<str>, u32),
     Unstartable(Rc<str>, Rc<str>),
     Terminate,
+    Start,
 }
 
 /// What happens at a moment besides timers and wires.
 pub(super) enum Happening {
-    Start(u32),
     Deliver(Rc<Message>),
     Inject(Message),
     Tell(u32, Waiting),

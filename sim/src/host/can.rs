@@ -1,6 +1,7 @@
 //! A CAN wire: exact frame lengths, arbitration, one frame at a time (ISO 11898-1).
 
 use super::Owner;
+use super::news::Traffic;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use std::collections::VecDeque;
@@ -93,9 +94,7 @@ pub(super) struct CanWire {
     free: Instant,
     /// When the next arbitration begins; frames handed over at the same moment take part.
     start: Option<Instant>,
-    pub frames: u64,
-    pub dropped: u64,
-    pub busy: Duration,
+    pub traffic: Traffic,
 }
 
 impl CanWire {
@@ -107,9 +106,7 @@ impl CanWire {
             sending: None,
             free: Instant::ZERO,
             start: None,
-            frames: 0,
-            dropped: 0,
-            busy: Duration::ZERO,
+            traffic: Traffic::default(),
         }
     }
 
@@ -128,7 +125,7 @@ impl CanWire {
             });
         let queue = &mut self.queues[place].1;
         if queue.len() >= QUEUE {
-            self.dropped += 1;
+            self.traffic.dropped += 1;
             return;
         }
         queue.push_back(frame);
@@ -147,7 +144,7 @@ impl CanWire {
             self.free = now + self.time(INTERMISSION);
             let waiting = self.queues.iter().any(|(_, queue)| !queue.is_empty());
             self.start = waiting.then_some(self.free);
-            self.frames += 1;
+            self.traffic.sent += 1;
             return Some((owner, frame));
         }
         self.start = None;
@@ -158,7 +155,7 @@ impl CanWire {
         let winner = heads.min_by_key(|(owner, queue)| (queue.front().map(rank), *owner))?;
         let (owner, frame) = (winner.0, winner.1.pop_front()?);
         let time = self.time(frame_bits(&frame));
-        self.busy += time;
+        self.traffic.busy += time;
         self.sending = Some((now + time, owner, frame));
         None
     }

@@ -21,7 +21,7 @@ mod wire;
 
 pub use can::frame_bits;
 pub use config::Config;
-pub use news::News;
+pub use news::{News, Traffic};
 
 use crate::random::Random;
 use agenda::{Entry, Happening, Waiting};
@@ -167,6 +167,15 @@ impl Virtual {
         self.place(pid).map(|place| &self.processes[place].shell)
     }
 
+    /// What has passed on a bus; none when no port was ever on it.
+    #[must_use]
+    pub fn traffic(&self, bus: &str) -> Option<Traffic> {
+        self.wires
+            .iter()
+            .find(|wire| &*wire.bus == bus)
+            .map(Wire::traffic)
+    }
+
     /// Starts a process that nobody guards.
     ///
     /// # Errors
@@ -295,7 +304,10 @@ impl Virtual {
             due: None,
             spin: (Instant::ZERO, 0),
         });
-        self.schedule(self.now + self.config.start_delay, Happening::Start(pid));
+        self.schedule(
+            self.now + self.config.start_delay,
+            Happening::Tell(pid, Waiting::Start),
+        );
         self.news(&News::Started { module, pid });
         Ok(pid)
     }
@@ -305,7 +317,6 @@ impl Virtual {
             return;
         };
         match entry.happening {
-            Happening::Start(pid) => self.begin(pid),
             Happening::Deliver(message) => self.deliver(&message),
             Happening::Inject(message) => self.publish(0, message),
             Happening::Tell(pid, waiting) => self.tell(pid, waiting),
@@ -490,6 +501,7 @@ impl Virtual {
                     }),
                 );
             }
+            Waiting::Start => self.begin(pid),
             Waiting::Terminate => {
                 let mut out = mem::take(&mut self.out);
                 process.shell.terminate(self.now, &mut out);

@@ -1,7 +1,7 @@
 //! What observers of a virtual machine are told.
 
-use base::Report;
 use base::serial::Word;
+use base::{Duration, Report};
 use messages::Message;
 use module::{ExitStatus, State};
 
@@ -68,4 +68,17 @@ pub enum News<'a> {
         /// How.
         status: ExitStatus,
     },
+}
+
+/// What has passed on a bus since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// CAN frames that left the wire, or words that were put on it.
+    pub sent: u64,
+    /// CAN frames that found the sender's queue full.
+    pub dropped: u64,
+    /// Serial talk that began while another talked.
+    pub collisions: u64,
+    /// How long the wire was taken.
+    pub busy: Duration,
 }

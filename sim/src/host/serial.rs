@@ -1,6 +1,7 @@
 //! A serial wire of 9-bit words, 11 bits each: who talks when, and what becomes of two who talk at once.
 
 use super::Owner;
+use super::news::Traffic;
 use crate::random::Random;
 use base::Instant;
 use base::serial::Word;
@@ -28,7 +29,7 @@ pub(super) struct SerialWire {
     pub ports: Vec<Owner>,
     bursts: VecDeque<Burst>,
     random: Random,
-    pub collisions: u64,
+    pub traffic: Traffic,
 }
 
 /// Words that have arrived.
@@ -47,7 +48,7 @@ impl SerialWire {
             ports: Vec::new(),
             bursts: VecDeque::new(),
             random,
-            collisions: 0,
+            traffic: Traffic::default(),
         }
     }
 
@@ -73,6 +74,8 @@ impl SerialWire {
         if !self.full_duplex {
             self.collide(&mut burst);
         }
+        self.traffic.sent += burst.words.len() as u64;
+        self.traffic.busy += self.after(start, burst.words.len()).since(start);
         self.bursts.push_back(burst);
     }
 
@@ -86,7 +89,7 @@ impl SerialWire {
             if other.owner == burst.owner || other_end <= burst.start || end <= other_start {
                 continue;
             }
-            self.collisions += 1;
+            self.traffic.collisions += 1;
             for i in 0..burst.words.len() {
                 if self.after(burst.start, i) < other_end
                     && other_start < self.after(burst.start, i + 1)
@@ -212,7 +215,7 @@ mod tests {
         };
         assert_eq!(wrong(&all[0].2, 0x55), [false, false, false, true, true]);
         assert_eq!(wrong(&all[1].2, 0xAA), [true, true, false, false, false]);
-        assert_eq!(wire.collisions, 1);
+        assert_eq!(wire.traffic.collisions, 1);
     }
 
     #[test]
@@ -225,6 +228,6 @@ mod tests {
                 .iter()
                 .all(|(_, _, words, _)| words.iter().all(|word| !word.ninth))
         );
-        assert_eq!(wire.collisions, 0);
+        assert_eq!(wire.traffic.collisions, 0);
     }
 }

@@ -306,6 +306,16 @@ fn a_hung_process_does_nothing_and_finds_its_input_afterwards() {
 }
 
 #[test]
+fn a_process_that_hangs_before_it_starts_starts_when_it_goes_on() {
+    let (mut machine, log) = pair(Config::default());
+    machine.hang(1001);
+    machine.run_until(ms(30));
+    assert_eq!(*log.borrow(), [" 20000000 ping start"]);
+    machine.resume(1001);
+    assert_eq!(log.borrow()[1], " 30000000 pong start");
+}
+
+#[test]
 fn a_killed_process_is_gone_at_once_and_its_parent_hears_of_it() {
     let (mut machine, log) = machine(Config::default());
     machine.spawn("parent", State::Run).unwrap();

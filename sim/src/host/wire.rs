@@ -2,6 +2,7 @@
 
 use super::can::CanWire;
 use super::config::Config;
+use super::news::Traffic;
 use super::serial::SerialWire;
 use crate::random::Random;
 use base::Instant;
@@ -42,6 +43,13 @@ impl Wire {
                 bitrate: wire.bitrate,
             },
             Kind::Serial(wire) => Line::Serial { baud: wire.baud },
+        }
+    }
+
+    pub fn traffic(&self) -> Traffic {
+        match &self.kind {
+            Kind::Can(wire) => wire.traffic,
+            Kind::Serial(wire) => wire.traffic,
         }
     }
 

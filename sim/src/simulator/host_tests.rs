@@ -108,11 +108,19 @@ fn config() -> Config {
 }
 
 fn run(seed: u64) -> Run {
+    run_in(seed, |_| {})
+}
+
+fn run_in(seed: u64, change: impl Fn(&mut Config) + 'static) -> Run {
     let (ticks, round_trip) = (Rc::new(Cell::new(0)), Rc::new(Cell::new(0)));
     let inner = (ticks.clone(), round_trip.clone());
     let factory = move |name: &str, wanted| {
         let module: Box<dyn Module> = match name {
-            "simulator" => Box::new(Simulator::new(Config { seed, ..config() })),
+            "simulator" => {
+                let mut config = Config { seed, ..config() };
+                change(&mut config);
+                Box::new(Simulator::new(config))
+            }
             _ => Box::new(Script {
                 ports: [
                     PortSpec {
@@ -206,4 +214,35 @@ fn it_drives_and_stops_when_its_master_dies_and_repeats_to_the_bit() {
     };
     let digest = go(1);
     assert!(digest == go(1) && digest != go(2));
+}
+
+#[test]
+fn over_a_drop_the_board_cuts_the_motors_feed_without_the_host() {
+    let mut run = run_in(1, |config| {
+        let p = |x, y| navitools::Point { x, y };
+        config
+            .world
+            .drops
+            .push(vec![p(8.0, 0.0), p(9.0, 0.0), p(9.0, 12.0), p(8.0, 12.0)]);
+        let front = Sd1Config {
+            srfs: Vec::new(),
+            irs: vec![p(0.9, 0.2), p(0.9, -0.2)],
+        };
+        let board = BoardConfig {
+            name: "sd1_front".into(),
+            address: 0x10,
+            kind: BoardKind::Sd1(front),
+        };
+        config.serial[0].boards.push(board);
+    });
+    run.machine.run_until(Instant::from_millis(10_000));
+    let truth = run.truth.borrow().clone();
+    assert_eq!(truth.speed, 0.0);
+    // The rangers see the edge at x = 7.1, two samples later it coasts: 0.72 m from 0.5 m/s.
+    let coasting = 0.25 / (2.0 * Parameters::default().coasting());
+    assert!(
+        (truth.x - 7.1 - coasting).abs() < 0.03,
+        "{} {coasting}",
+        truth.x
+    );
 }
