@@ -1,1 +1,337 @@
-//! Tests.
+//! The tables of CiA 402 as text, and the walk of a master against a drive.
+
+use super::drive::Drive;
+use super::*;
+use base::{Duration, Instant};
+use std::string::String;
+use std::vec::Vec;
+use std::{format, vec};
+
+const MS: Duration = Duration::from_millis(1);
+
+#[test]
+fn statuswords_name_the_states_of_the_facts() {
+    use PowerState::*;
+    // EPOS's full patterns (Firmware Specification, 8.1), Refresh and Measure Init among them, then others' plain ones.
+    for (word, state) in [
+        (0x0100, NotReady),
+        (0x0140, SwitchOnDisabled),
+        (0x0121, ReadyToSwitchOn),
+        (0x0123, SwitchedOn),
+        (0x4123, SwitchedOn),
+        (0x0133, SwitchedOn),
+        (0x0137, OperationEnabled),
+        (0x0117, QuickStopActive),
+        (0x010F, FaultReactionActive),
+        (0x011F, FaultReactionActive),
+        (0x0108, Fault),
+        (0x0250, SwitchOnDisabled),
+        (0x0231, ReadyToSwitchOn),
+        (0x0637, OperationEnabled),
+        (0x0028, Fault),
+    ] {
+        assert_eq!(PowerState::decode(word), Some(state), "{word:04X}");
+    }
+    assert_eq!(PowerState::decode(0x0001), None);
+    for state in PowerState::ALL {
+        assert_eq!(PowerState::decode(state.encode()), Some(state));
+        assert_eq!(PowerState::decode(state.encode() | 0xFF80), Some(state));
+    }
+}
+
+/// A drive in `state`.
+fn drive_in(state: PowerState, option: i16) -> Drive {
+    use PowerState::*;
+    let mut drive = Drive::new(option, false);
+    let words: &[u16] = match state {
+        NotReady => panic!("left by itself"),
+        SwitchOnDisabled | FaultReactionActive | Fault => &[],
+        ReadyToSwitchOn => &[6],
+        SwitchedOn => &[6, 7],
+        OperationEnabled => &[6, 7, 15],
+        QuickStopActive => &[6, 7, 15, 2],
+    };
+    for word in words {
+        drive.apply(*word);
+    }
+    if matches!(state, FaultReactionActive | Fault) {
+        drive.fault();
+    }
+    if state == Fault {
+        drive.fault_reaction_done();
+    }
+    assert_eq!(drive.state(), state);
+    drive
+}
+
+#[test]
+fn a_drive_takes_the_transitions_of_the_standard_and_no_others() {
+    let mut table = String::new();
+    for state in &PowerState::ALL[1..] {
+        table += &format!("{state:24}");
+        for word in [0x00, 0x06, 0x07, 0x0F, 0x02, 0x0B, 0x80] {
+            let mut drive = drive_in(*state, 6);
+            let taken = drive.apply(word);
+            table += &match taken.first() {
+                Some(transition) => format!("{transition:4}"),
+                None => String::from("   -"),
+            };
+        }
+        table += "\n";
+    }
+    let expected = "
+                          00  06  07  0F  02  0B  80
+switch on disabled         -   2   -   -   -   -   -
+ready to switch on         7   -   3   3   7   7   -
+switched on               10   6   -   4  10  10   -
+operation enabled          9   8   5   -  11  11   -
+quick stop active         12   -   -  16   -   -   -
+fault reaction active      -   -   -   -   -   -   -
+fault                      -   -   -   -   -   -  15
+";
+    let rows: Vec<_> = expected.lines().skip(2).collect();
+    assert_eq!(table.lines().collect::<Vec<_>>(), rows);
+}
+
+#[test]
+fn options_of_quick_stop_and_faults_are_obeyed() {
+    let mut drive = drive_in(PowerState::QuickStopActive, 2);
+    assert!(drive.apply(0x0F).is_empty(), "option 2 does not resume");
+    assert_eq!(
+        (drive.stands(), drive.state()),
+        (Some(12), PowerState::SwitchOnDisabled)
+    );
+    assert_eq!(drive_in(PowerState::QuickStopActive, 6).stands(), None);
+    assert_eq!(
+        drive_in(PowerState::OperationEnabled, 0)
+            .apply(0x02)
+            .as_slice(),
+        [9]
+    );
+
+    let mut drive = drive_in(PowerState::OperationEnabled, 6);
+    assert_eq!((drive.fault(), drive.fault()), (Some(13), None));
+    drive.apply(0x80);
+    assert_eq!(drive.fault_reaction_done(), Some(14));
+    assert!(drive.apply(0x80).is_empty(), "no rising edge");
+    drive.apply(0x00);
+    assert_eq!(drive.apply(0x8F).as_slice(), [15]);
+
+    let mut epos = Drive::new(6, true);
+    epos.apply(6);
+    assert_eq!(epos.apply(0x0F).as_slice(), [3, 4]);
+}
+
+/// What a master commands for goal and state.
+#[test]
+fn the_commands_for_each_goal_and_state() {
+    let mut table = String::new();
+    for state in PowerState::ALL {
+        table += &format!("{state:24}");
+        for (goal, resumes) in [
+            (Goal::Disabled, true),
+            (Goal::Enabled, false),
+            (Goal::Enabled, true),
+            (Goal::QuickStop, true),
+        ] {
+            let mut axis = Axis::new(AxisConfig {
+                resumes,
+                ..AxisConfig::default()
+            });
+            axis.handle_statusword(Instant::ZERO, state.encode());
+            axis.set_goal(Instant::ZERO, goal);
+            table += &format!("  {:02X}", axis.controlword());
+        }
+        table += "\n";
+    }
+    let expected = "
+                         dis  en  en* quick     (* T16 allowed)
+not ready to switch on    00  00  00  02
+switch on disabled        00  06  06  02
+ready to switch on        00  07  07  02
+switched on               06  0F  0F  02
+operation enabled         07  0F  0F  02
+quick stop active         00  00  0F  02
+fault reaction active     00  00  00  02
+fault                     00  00  00  00
+";
+    let rows: Vec<_> = expected.lines().skip(2).collect();
+    assert_eq!(table.lines().collect::<Vec<_>>(), rows);
+}
+
+/// An axis and a drive that answers each controlword at once, for `steps` ms.
+fn walk(axis: &mut Axis, drive: &mut Drive, now: &mut Instant, steps: u32) -> Vec<AxisEvent> {
+    let mut events = vec![];
+    for _ in 0..steps {
+        drive.apply(axis.controlword());
+        axis.handle_statusword(*now, drive.statusword());
+        *now += MS;
+        axis.handle_timeout(*now);
+        events.extend(core::iter::from_fn(|| axis.poll_event()));
+    }
+    events
+}
+
+#[test]
+fn an_axis_walks_up_stops_resumes_and_walks_down() {
+    for resumes in [false, true] {
+        let mut axis = Axis::new(AxisConfig {
+            resumes,
+            ..AxisConfig::default()
+        });
+        let (mut drive, mut now) = (Drive::new(6, false), Instant::ZERO);
+        walk(&mut axis, &mut drive, &mut now, 100);
+        assert_eq!(
+            drive.state(),
+            PowerState::SwitchOnDisabled,
+            "never without being told"
+        );
+        for _ in 0..3 {
+            axis.set_goal(now, Goal::Enabled);
+            let events = walk(&mut axis, &mut drive, &mut now, 10);
+            assert_eq!(
+                (events.last(), axis.is_enabled()),
+                (Some(&AxisEvent::Reached(Goal::Enabled)), true)
+            );
+            axis.set_goal(now, Goal::QuickStop);
+            let events = walk(&mut axis, &mut drive, &mut now, 10);
+            assert_eq!(events.last(), Some(&AxisEvent::Reached(Goal::QuickStop)));
+            assert_eq!(drive.state(), PowerState::QuickStopActive);
+        }
+        axis.set_goal(now, Goal::Enabled);
+        walk(&mut axis, &mut drive, &mut now, 10);
+        axis.set_goal(now, Goal::Disabled);
+        let events = walk(&mut axis, &mut drive, &mut now, 10);
+        assert_eq!(events.last(), Some(&AxisEvent::Reached(Goal::Disabled)));
+        assert_eq!(
+            (drive.state(), axis.poll_timeout()),
+            (PowerState::SwitchOnDisabled, None)
+        );
+    }
+}
+
+#[test]
+fn a_fault_is_told_once_and_needs_a_reset_and_a_new_goal() {
+    let mut axis = Axis::new(AxisConfig::default());
+    let (mut drive, mut now) = (Drive::new(6, false), Instant::ZERO);
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 10);
+    drive.fault();
+    let mut events = walk(&mut axis, &mut drive, &mut now, 10);
+    drive.fault_reaction_done();
+    events.extend(walk(&mut axis, &mut drive, &mut now, 3000));
+    let faults = events
+        .iter()
+        .filter(|event| matches!(event, AxisEvent::Fault { .. }))
+        .count();
+    assert_eq!(
+        (faults, axis.goal(), drive.state()),
+        (1, Goal::Disabled, PowerState::Fault)
+    );
+    axis.reset_fault(now);
+    assert_eq!(axis.controlword(), 0, "first low");
+    walk(&mut axis, &mut drive, &mut now, 100);
+    assert_eq!(
+        drive.state(),
+        PowerState::SwitchOnDisabled,
+        "reset, not enabled"
+    );
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 10);
+    assert!(axis.is_enabled());
+}
+
+#[test]
+fn a_fault_that_stays_is_reset_by_a_fresh_edge_each_time() {
+    let mut axis = Axis::new(AxisConfig::default());
+    let mut now = Instant::ZERO;
+    axis.handle_statusword(now, 0x08);
+    for _ in 0..3 {
+        let mut words = vec![];
+        axis.reset_fault(now);
+        for _ in 0..2000 {
+            words.push(axis.controlword());
+            now += MS;
+            axis.handle_timeout(now);
+        }
+        let edges = words
+            .windows(2)
+            .filter(|pair| pair[0] & 0x80 == 0 && pair[1] & 0x80 != 0)
+            .count();
+        assert_eq!((words[0], edges, words.last()), (0, 1, Some(&0)));
+        let stuck = core::iter::from_fn(|| axis.poll_event())
+            .any(|event| matches!(event, AxisEvent::Stuck { .. }));
+        assert!(stuck);
+    }
+}
+
+#[test]
+fn an_axis_that_drops_out_is_not_enabled_again_by_itself() {
+    let mut axis = Axis::new(AxisConfig::default());
+    let (mut drive, mut now) = (Drive::new(6, false), Instant::ZERO);
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 10);
+    let mut drive = Drive::new(6, false);
+    let events = walk(&mut axis, &mut drive, &mut now, 100);
+    let dropped = AxisEvent::Dropped {
+        to: PowerState::SwitchOnDisabled,
+        statusword: 0x40,
+    };
+    assert!(events.contains(&dropped), "{events:?}");
+    assert_eq!(
+        (axis.goal(), drive.state()),
+        (Goal::Disabled, PowerState::SwitchOnDisabled)
+    );
+    axis.lost();
+    assert_eq!(
+        (axis.state(), axis.goal(), axis.controlword()),
+        (None, Goal::Disabled, 0)
+    );
+}
+
+#[test]
+fn a_transition_that_does_not_come_is_named_once() {
+    let mut axis = Axis::new(AxisConfig::default());
+    axis.handle_statusword(Instant::ZERO, 0x0221);
+    axis.set_goal(Instant::ZERO, Goal::Enabled);
+    let until = Instant::from_millis(1000);
+    assert_eq!(axis.poll_timeout(), Some(until));
+    axis.handle_timeout(until);
+    axis.handle_timeout(until + MS);
+    let events: Vec<_> = core::iter::from_fn(|| axis.poll_event()).collect();
+    let state = Some(PowerState::ReadyToSwitchOn);
+    let stuck = AxisEvent::Stuck {
+        state,
+        goal: Goal::Enabled,
+        statusword: 0x0221,
+        controlword: 7,
+    };
+    assert_eq!(
+        events.iter().filter(|event| **event == stuck).count(),
+        1,
+        "{events:?}"
+    );
+    assert_eq!(axis.poll_timeout(), None);
+}
+
+#[test]
+fn a_stop_and_a_start_in_one_breath_are_no_drop() {
+    let mut axis = Axis::new(AxisConfig {
+        resumes: true,
+        ..AxisConfig::default()
+    });
+    let (mut drive, mut now) = (Drive::new(6, false), Instant::ZERO);
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 10);
+    axis.set_goal(now, Goal::QuickStop);
+    drive.apply(axis.controlword());
+    axis.set_goal(now, Goal::Enabled);
+    let events = walk(&mut axis, &mut drive, &mut now, 10);
+    assert!(
+        !events
+            .iter()
+            .any(|event| matches!(event, AxisEvent::Dropped { .. })),
+        "{events:?}"
+    );
+    assert!(axis.is_enabled());
+}

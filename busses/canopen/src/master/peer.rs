@@ -13,8 +13,9 @@ use base::{Duration, Instant, Queue};
 
 /// Emergencies are reported this often at most.
 const EMERGENCY_EVERY: Duration = Duration::from_millis(100);
-/// Boot-up messages that nobody asked for, within one attempt.
-const RESTLESS: u8 = 3;
+/// Boot-up messages that nobody asked for before an attempt fails. One is forgiven: a node that was switched on
+/// just when it was reset sends two.
+const RESTLESS: u8 = 2;
 /// NMT starts sent before an attempt fails.
 const STARTS: u8 = 3;
 
@@ -153,12 +154,12 @@ impl Peer {
 
     // ---- boot-up
 
-    /// A new attempt. A node that has just booted needs no reset.
-    fn begin(&mut self, now: Instant, shared: &mut Shared, fresh: bool) {
+    /// A new attempt. It begins with a reset even when the node has just booted: only so a second node with the
+    /// same id shows, by its own boot-up message.
+    fn begin(&mut self, now: Instant, shared: &mut Shared) {
         self.abandon(shared);
         self.nmt_state = None;
-        self.boot_ups = 0;
-        if self.config.reset && !fresh {
+        if self.config.reset {
             shared
                 .tx
                 .push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
@@ -168,6 +169,11 @@ impl Peer {
         } else {
             self.work(now, shared, 0, false);
         }
+    }
+
+    fn first(&mut self, now: Instant, shared: &mut Shared) {
+        self.boot_ups = 0;
+        self.begin(now, shared);
     }
 
     /// Gives up the transfer under way; one on demand is told so.
@@ -216,6 +222,10 @@ impl Peer {
                 | Phase::Starting { .. } => {}
             }
         }
+        self.flush(shared);
+    }
+
+    fn flush(&mut self, shared: &mut Shared) {
         while let Some(data) = self.sdo.poll_tx() {
             shared.tx.push(Frame::standard(
                 Service::SdoRequest { node: self.id() }.cob_id(),
@@ -262,6 +272,7 @@ impl Peer {
 
     /// Takes the end of a transfer and goes on.
     fn advance(&mut self, now: Instant, shared: &mut Shared) {
+        self.flush(shared);
         if let Some(done) = self.sdo.poll_done() {
             match done.result {
                 Ok(_) => self.stats.succeeded(done.took),
@@ -393,7 +404,7 @@ impl Peer {
             node: self.id(),
             reason,
         });
-        self.begin(now, shared, reason == LostReason::BootUp);
+        self.first(now, shared);
     }
 
     /// No stale command may reach a drive that comes back (yarp-devices #246, #251).
@@ -418,9 +429,8 @@ impl Peer {
             (NmtState::Initialising, Phase::Running { .. }) => {
                 self.lose(now, shared, LostReason::BootUp);
             }
-            (NmtState::Initialising, Phase::Resetting { .. } | Phase::Resting { .. }) => {
-                self.begin(now, shared, true);
-            }
+            (NmtState::Initialising, Phase::Resetting { .. }) => self.work(now, shared, 0, false),
+            (NmtState::Initialising, Phase::Resting { .. }) => self.first(now, shared),
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { .. }) => {
                 self.phase = Phase::Running {
@@ -441,12 +451,11 @@ impl Peer {
     }
 
     fn booted_unasked(&mut self, now: Instant, shared: &mut Shared) {
-        let boot_ups = self.boot_ups + 1;
-        if boot_ups >= RESTLESS {
+        self.boot_ups += 1;
+        if self.boot_ups >= RESTLESS {
             return self.fail(now, shared, BootError::Restless);
         }
-        self.begin(now, shared, true);
-        self.boot_ups = boot_ups;
+        self.begin(now, shared);
     }
 
     fn start(&mut self, now: Instant, shared: &mut Shared, starts_left: u8) {
@@ -531,7 +540,7 @@ impl Peer {
         self.advance(now, shared);
         match self.phase {
             Phase::Resting { until } if until <= now && self.sdo.is_idle() => {
-                self.begin(now, shared, false);
+                self.first(now, shared);
             }
             Phase::Resetting { until } if until <= now => self.work(now, shared, 0, false),
             Phase::Listening { until } if until <= now => {
@@ -588,7 +597,7 @@ impl Peer {
         if self.is_operational() {
             self.lose(now, shared, LostReason::Reboot);
         } else {
-            self.begin(now, shared, false);
+            self.first(now, shared);
         }
     }
 
