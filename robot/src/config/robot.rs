@@ -131,7 +131,7 @@ pub enum CanDriver {
         counts_per_turn: f64,
         /// The angle at which the homing switch closes, -2..=2 rad.
         switch_rad: f64,
-        /// CiA 402 homing method, -128..=127; default 23.
+        /// CiA 402 homing method, -128..=127; default 27: onto the switch from above, and off it.
         homing_method: i8,
         /// Towards the switch, 0.001..=10 rad/s.
         homing_speed_radps: f64,
@@ -380,7 +380,7 @@ impl CanNode {
                     gear: not_zero(table, "gear", 10_000.0),
                     counts_per_turn: table.number("counts_per_turn", Some(4096.0), 1.0..=1e6),
                     switch_rad: table.number("switch_rad", None, -2.0..=2.0),
-                    homing_method: table.integer("homing_method", Some(23), -128..=127),
+                    homing_method: table.integer("homing_method", Some(27), -128..=127),
                     homing_speed_radps: table.number("homing_speed_radps", None, 0.001..=10.0),
                     homing_timeout_s: table.number("homing_timeout_s", Some(15.0), 1.0..=120.0),
                 },
