@@ -137,7 +137,7 @@ enum State {
         look: Instant,
         until: Instant,
     },
-    /// Bit 4 is high. `before`: what the drive said then; `began`: it showed that it started.
+    /// Bit 4 is high. `before`: what the drive said then; `began`: it was seen moving.
     Running {
         before: Progress,
         began: bool,
@@ -344,8 +344,14 @@ impl Homing {
             return;
         };
         let progress = Progress::decode(statusword);
-        // What the drive said before the start is old news until something else was seen.
-        let began = began || progress != before || progress == Progress::Running;
+        let moves = matches!(progress, Progress::Running | Progress::AttainedMoving);
+        let began = began || moves;
+        // What the drive said before the start is old news until it says something else.
+        let before = if progress == Progress::NotStarted {
+            progress
+        } else {
+            before
+        };
         self.state = State::Running {
             before,
             began,
@@ -353,18 +359,14 @@ impl Homing {
             until,
         };
         match progress {
-            _ if !began => {}
+            _ if moves || !began && progress == before => {}
             Progress::Done => self.restore(Ok(())),
             Progress::ErrorMoving | Progress::ErrorStopped => {
                 self.restore(Err(HomingError::Refused));
             }
-            Progress::NotStarted if before != Progress::NotStarted => {
+            Progress::NotStarted | Progress::Running | Progress::AttainedMoving => {
                 self.restore(Err(HomingError::Interrupted));
             }
-            Progress::NotStarted if progress != before => {
-                self.restore(Err(HomingError::Interrupted));
-            }
-            Progress::NotStarted | Progress::Running | Progress::AttainedMoving => {}
         }
     }
 

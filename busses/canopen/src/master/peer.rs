@@ -196,14 +196,17 @@ impl Peer {
 
     fn work(&mut self, now: Instant, shared: &mut Shared, at: usize, verify: bool) {
         let retries_left = shared.config.sdo_retries;
+        let heard = self.nmt_state == Some(NmtState::PreOperational);
         self.phase = match self.plan.get(at) {
             Some(_) => Phase::Working {
                 at,
                 verify,
                 retries_left,
             },
+            // A write of 0x1017 starts the heartbeat at once, so it may have come during the read-back.
+            None if heard => return self.start(now, shared, STARTS),
             None => Phase::Listening {
-                until: now + self.config.heartbeat_limit.max(self.config.heartbeat * 2),
+                until: now + self.config.heartbeat_limit,
             },
         };
         self.pump(now, shared);
@@ -482,6 +485,7 @@ impl Peer {
             return self.malformed(shared);
         }
         self.sdo.handle_rx(now, frame.data());
+        self.stats.ignored = self.sdo.ignored();
         self.advance(now, shared);
     }
 

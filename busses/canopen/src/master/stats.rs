@@ -45,6 +45,8 @@ pub struct Stats {
     pub timeouts: u32,
     /// Frames that CANopen does not allow.
     pub malformed: u32,
+    /// SDO answers to what was not asked, late ones among them.
+    pub ignored: u32,
     /// Emergencies.
     pub emergencies: u32,
     /// PDOs taken.
