@@ -12,6 +12,7 @@ use drivers::{canbus, rs485a};
 use module::{Module, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
 use rs485::crc::Crc8;
+use sim::host::{self, Virtual};
 use std::ffi::OsString;
 use std::net::SocketAddrV4;
 use std::path::PathBuf;
@@ -42,11 +43,51 @@ pub fn module(
     wanted: State,
 ) -> Result<(Shell, HostConfig), ConfigError> {
     let config = Config::load(&place.config, place.sim, &place.sets)?;
+    // A pseudo-terminal has no wire: the time on it must be played.
+    let shell = shell(place, &config, name, wanted, true)?;
+    let simulated_side = name == SIMULATOR;
+    let ports = shell
+        .module()
+        .ports()
+        .iter()
+        .map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
+    let ports = ports.collect::<Result<_, _>>()?;
+    let launch = match name {
+        watchdog::NAME => Some(launcher(place, &config)?),
+        _ => None,
+    };
+    let host = HostConfig {
+        lcm_url: place.lcm_url.clone(),
+        ports,
+        launch,
+    };
+    Ok((shell, host))
+}
+
+/// The same robot in virtual time: spawn its watchdog, and it starts the rest.
+pub fn virtual_machine(place: &Place, config: host::Config) -> Result<Virtual, ConfigError> {
+    let read = Config::load(&place.config, place.sim, &place.sets)?;
+    let place = place.clone();
+    Ok(Virtual::new(config, move |name, wanted| {
+        shell(&place, &read, name, wanted, false).map_err(|error| error.to_string())
+    }))
+}
+
+fn shell(
+    place: &Place,
+    config: &Config,
+    name: &str,
+    wanted: State,
+    wire_time: bool,
+) -> Result<Shell, ConfigError> {
     let module: Box<dyn Module> = match name {
-        watchdog::NAME => Box::new(Watchdog::new(watchdog(&config))),
+        watchdog::NAME => Box::new(Watchdog::new(watchdog(config))),
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
-        canbus::NAME => Box::new(canbus(&config)?),
-        SIMULATOR if place.sim => Box::new(sim::Simulator::new(simulator(place, &config.robot)?)),
+        canbus::NAME => Box::new(canbus(config)?),
+        SIMULATOR if place.sim => {
+            let config = simulator(place, &config.robot, wire_time)?;
+            Box::new(sim::Simulator::new(config))
+        }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
         _ => {
             return refused(format!(
@@ -55,26 +96,13 @@ pub fn module(
             ));
         }
     };
-    let simulated_side = name == SIMULATOR;
-    let ports = module
-        .ports()
-        .iter()
-        .map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
-    let ports = ports.collect::<Result<_, _>>()?;
     let mut shell = ShellConfig::new(name);
     shell.wanted = wanted;
-    let mut launch = None;
     if name == watchdog::NAME {
         shell.obeys_all = false;
         shell.end_within = WATCHDOG_END;
-        launch = Some(launcher(place, &config)?);
     }
-    let host = HostConfig {
-        lcm_url: place.lcm_url.clone(),
-        ports,
-        launch,
-    };
-    Ok((Shell::new(shell, module), host))
+    Ok(Shell::new(shell, module))
 }
 
 const MODULES: [&str; 4] = [watchdog::NAME, SIMULATOR, "driver_rs485a", canbus::NAME];
@@ -345,7 +373,11 @@ fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
 }
 
 /// `simulator`: every serial bus with its boards, the robot's body, a world.
-fn simulator(place: &Place, robot: &Robot) -> Result<sim::Config, ConfigError> {
+fn simulator(
+    place: &Place,
+    robot: &Robot,
+    wire_time: bool,
+) -> Result<sim::Config, ConfigError> {
     let world = config::world(&place.config, place.world.as_deref())?;
     let geometry = robot.geometry;
     let can = robot.can.iter().find_map(drives);
@@ -369,13 +401,12 @@ fn simulator(place: &Place, robot: &Robot) -> Result<sim::Config, ConfigError> {
         crc: crc(bus.crc),
         boards: bus.nodes.iter().map(|node| board(robot, node)).collect(),
     });
-    // A pseudo-terminal has no wire: the time on it must be played.
     Ok(sim::Config {
         world,
         parameters,
         can: can.map(|(can, _)| can),
         serial: serial.collect(),
-        wire_time: true,
+        wire_time,
         ..sim::Config::default()
     })
 }

@@ -72,6 +72,11 @@ impl Bus {
             .map_err(|error| format!("{channel} cannot be sent: {error}"))
     }
 
+    /// How many datagrams the kernel had no room for so far.
+    pub fn kernel_dropped(&self) -> u64 {
+        self.lcm.stats().kernel_dropped
+    }
+
     /// Takes what has come, decoded.
     pub fn receive(&mut self, now: Instant) -> Received {
         loop {

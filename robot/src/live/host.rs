@@ -9,6 +9,7 @@ use super::log::Log;
 use super::ports::{Port, PortConfig, PortState, Received};
 use super::processes::{Launch, Processes};
 use base::{Duration, Fault, Instant, Report, Severity};
+use messages::Message;
 use module::{Action, Actions, Event, Input, Output, PortId, Shell};
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
@@ -22,6 +23,9 @@ use std::mem;
 const BURST: usize = 64;
 /// What a module sent last has this long to leave.
 const FLUSH: Duration = Duration::from_millis(100);
+
+/// Messages are no longer being lost when none was for this long.
+const LOSSES_OVER: Duration = Duration::from_secs(10);
 
 const TIMER: u64 = 0;
 const SIGNALS: u64 = 1;
@@ -51,6 +55,10 @@ struct Host {
     log: Log,
     bus: Bus,
     bus_more: bool,
+    /// The bus did not take the last message.
+    bus_refuses: bool,
+    /// Messages that the kernel had no room for, and when that was last seen to grow.
+    lost: (u64, Option<Instant>),
     ports: Vec<Port>,
     /// The last note of each port: one that repeats itself is not printed again.
     notes: Vec<String>,
@@ -107,6 +115,8 @@ impl Host {
             spare: Actions::new(epoch),
             bus,
             bus_more: true,
+            bus_refuses: false,
+            lost: (0, None),
             notes: vec![String::new(); ports.len()],
             ports,
             processes: config
@@ -229,6 +239,7 @@ impl Host {
             match self.bus.receive(now) {
                 FromBus::Nothing => {
                     self.bus_more = false;
+                    self.watch_losses(now);
                     return;
                 }
                 FromBus::Message { at, message } => {
@@ -279,12 +290,7 @@ impl Host {
 
     fn act_on(&mut self, action: Action) {
         match action {
-            Action::Publish(message) => {
-                if let Err(why) = self.bus.publish(&message) {
-                    let report = Report::new(Severity::Warning, Fault::PortDown, "lcm", why);
-                    self.shell.raise(clock::now(), report, &mut self.out);
-                }
-            }
+            Action::Publish(message) => self.publish(&message),
             Action::Send(PortId(index), output) => self.send(usize::from(index), &output),
             Action::Report(report) => self.log.report(&report),
             Action::Note(line) => self.log.line(line),
@@ -297,6 +303,50 @@ impl Host {
             Action::Exit(code) => self.end = Some((code, clock::now() + FLUSH)),
             // The shell keeps these to itself, except the state, which is announced on the bus.
             Action::Raise(_) | Action::Clear(_) | Action::Condition(_) | Action::State(_) => {}
+        }
+    }
+
+    fn publish(&mut self, message: &Message) {
+        let (now, sent) = (clock::now(), self.bus.publish(message));
+        match sent {
+            Ok(()) if self.bus_refuses => {
+                self.bus_refuses = false;
+                let report = Report::new(
+                    Severity::Notice,
+                    Fault::PortDown,
+                    "lcm",
+                    "messages leave again",
+                );
+                self.shell.clear(now, report, &mut self.out);
+            }
+            Ok(()) => {}
+            Err(why) => {
+                self.bus_refuses = true;
+                let report = Report::new(Severity::Warning, Fault::PortDown, "lcm", why);
+                self.shell.raise(now, report, &mut self.out);
+            }
+        }
+    }
+
+    /// Tells once of messages that came faster than they were taken, and once that this is over.
+    fn watch_losses(&mut self, now: Instant) {
+        let count = self.bus.kernel_dropped();
+        if count > self.lost.0 {
+            self.lost = (count, Some(now));
+            self.raise(
+                Fault::PortOverrun,
+                "lcm",
+                "messages are lost: they come faster than they are taken",
+            );
+        } else if self.lost.1.is_some_and(|at| now.since(at) >= LOSSES_OVER) {
+            self.lost.1 = None;
+            let message = format!(
+                "no message lost for {} s; {count} in all",
+                LOSSES_OVER.as_secs()
+            );
+            let report = Report::new(Severity::Notice, Fault::PortOverrun, "lcm", message);
+            self.shell.clear(now, report, &mut self.out);
+            self.act();
         }
     }
 
@@ -323,14 +373,23 @@ impl Host {
         }
         let now = clock::now();
         match port.device.send(now, output) {
-            Ok(true) => self.watch_writing(index),
+            Ok(true) => {
+                if port.overrun && !port.device.wants_to_write() {
+                    port.overrun = false;
+                    let report = Report::new(
+                        Severity::Notice,
+                        Fault::PortOverrun,
+                        &*port.name,
+                        "output leaves again",
+                    );
+                    self.shell.clear(now, report, &mut self.out);
+                }
+                self.watch_writing(index);
+            }
             Ok(false) => {
-                let report = Report::new(
-                    Severity::Warning,
-                    Fault::PortOverrun,
-                    &*port.name,
-                    "output is dropped: it does not leave",
-                );
+                port.overrun = true;
+                let why = "output is dropped: it does not leave";
+                let report = Report::new(Severity::Warning, Fault::PortOverrun, &*port.name, why);
                 self.shell.raise(now, report, &mut self.out);
             }
             Err(reason) => self.lose(index, &reason),

@@ -102,6 +102,8 @@ pub struct Port {
     pub state: PortState,
     /// More may be had without waiting.
     pub more: bool,
+    /// The last output was dropped: there was no room for it.
+    pub overrun: bool,
     /// What the poller was told: to wait for room to write, too.
     pub polls_write: bool,
 }
@@ -142,6 +144,7 @@ impl Port {
             device,
             state,
             more: false,
+            overrun: false,
             polls_write: false,
         }
     }
