@@ -363,3 +363,58 @@ fn no_frames_panic_and_nothing_stays_due() {
         assert!(node.poll_timeout().is_none_or(|next| next > now));
     }
 }
+
+#[test]
+fn a_value_out_of_its_limits_changes_nothing_by_pdo_either() {
+    let now = Instant::from_millis(5);
+    let objects = Dictionary::new(3)
+        .with(&[
+            Entry::new(0x6081, 0, DataType::U16, Access::ReadWrite, 5)
+                .limits(1, 100)
+                .mappable(),
+            Entry::new(0x6040, 0, DataType::U16, Access::ReadWrite, 0).mappable(),
+        ])
+        .with_rpdo(1, 0x200, &[0x6081_0010, 0x6040_0010], false);
+    let mut node = Node::new(objects, Duration::ZERO);
+    node.power_on(now);
+    node.handle_timeout(now);
+    node.handle_rx(now, &wire::nmt(NmtCommand::Start, 0));
+    while node.poll_event().is_some() {}
+    node.handle_rx(now, &Frame::standard(0x203, &[101, 0, 6, 0]));
+    assert_eq!(
+        (node.get(0x6081, 0), node.get(0x6040, 0)),
+        (Some(5), Some(6))
+    );
+    let written = NodeEvent::ObjectWritten {
+        index: 0x6040,
+        sub: 0,
+    };
+    assert_eq!(
+        (node.poll_event(), node.poll_event()),
+        (Some(written), None)
+    );
+}
+
+#[test]
+fn a_drive_without_0x1029_is_told_of_a_dead_master_and_reacts_itself() {
+    check(
+        &mut epos(),
+        "
+          0ms > on
+          0ms < state Initialising
+          5ms < 701 00
+          5ms < state PreOperational
+         20ms > 601 23 16 10 01 C8 00 7F 00     # watch 127 for 200 ms
+         20ms < 581 60 16 10 01 00 00 00 00
+         20ms < written 1016 1
+         30ms > 000 01 01
+         30ms < 181 00 00
+         30ms < state Operational
+         40ms > 77F 05
+         90ms > 77F 05
+        290ms < lost 127
+        300ms > set 6041 0 567                  # still Operational: its statusword leaves
+        300ms < 181 37 02
+        ",
+    );
+}
