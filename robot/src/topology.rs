@@ -373,11 +373,7 @@ fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
 }
 
 /// `simulator`: every serial bus with its boards, the robot's body, a world.
-fn simulator(
-    place: &Place,
-    robot: &Robot,
-    wire_time: bool,
-) -> Result<sim::Config, ConfigError> {
+fn simulator(place: &Place, robot: &Robot, wire_time: bool) -> Result<sim::Config, ConfigError> {
     let world = config::world(&place.config, place.world.as_deref())?;
     let geometry = robot.geometry;
     let can = robot.can.iter().find_map(drives);

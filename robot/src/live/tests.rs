@@ -250,6 +250,31 @@ fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
 }
 
 #[test]
+fn a_flood_of_messages_does_not_hold_timers_up() {
+    let url = lcm_url();
+    let mut lcm = lcm::live::Lcm::new(&lcm::Url::parse(&url).unwrap().0).unwrap();
+    let (toy, notes) = Toy::new(SHORT, None, None);
+    let flood = thread::spawn(move || {
+        let mut data = Vec::new();
+        Message::from(lowlevel::DataOdo::default())
+            .encode(&mut data)
+            .unwrap();
+        let until = clock::now() + SHORT;
+        while clock::now() < until {
+            let _ = lcm.publish("LL_DATA_ODO", &data);
+        }
+    });
+    assert_eq!(host(toy, &url, Vec::new()), 0);
+    flood.join().unwrap();
+    assert!(count(&notes, "odo 0") > 1000);
+    assert!(
+        count(&notes, "tick") >= 15,
+        "{} ticks of 10 ms in 300 ms",
+        count(&notes, "tick")
+    );
+}
+
+#[test]
 fn words_cross_a_pair_of_pseudo_terminal_and_terminal() {
     let link = path("line");
     let words = [
