@@ -275,7 +275,8 @@ impl Master {
         self.shared.tx.push(wire::nmt(command, node));
     }
 
-    /// Boots a node anew, from its reset; false when it is not configured.
+    /// Boots a node anew, from its reset; false when it is not configured. Stop a drive first: what it does when it
+    /// is reset while it turns is its own affair.
     pub fn reboot(&mut self, now: Instant, node: u8) -> bool {
         let known = self.peer_mut(node);
         known.is_some_and(|(peer, shared)| {

@@ -25,6 +25,8 @@ pub const QUICK_STOP: u16 = 0x000B;
 
 const DEVICE_TYPE: u32 = 0x0002_0192;
 const VENDOR: u32 = 0x0000_00FB;
+/// 0x2003:2 of the 70/10, any revision; the product code may be an application number instead.
+const HARDWARE: u32 = 0x6410;
 const CONTROL_VELOCITY: [u32; 2] = [0x6040_0010, 0x60FF_0020];
 const STATUS: [u32; 1] = [0x6041_0010];
 const STATUS_VELOCITY: [u32; 2] = [0x6041_0010, 0x606C_0020];
@@ -113,6 +115,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
         device_type: Some(DEVICE_TYPE),
         identity: [
             Expect::equal(0x1018, 1, VENDOR),
+            Expect::masked(0x2003, 2, 0xFFF0, HARDWARE),
             Expect::at_least(0x2003, 1, FIRMWARE_MIN),
         ]
         .into(),

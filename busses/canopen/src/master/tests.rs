@@ -320,6 +320,10 @@ fn what_is_not_the_configured_drive_is_refused() {
         (Step::Identity, mismatch(0x1018, 1, 0xFB, 0x5A))
     );
     assert_eq!(
+        refused(number(0x2003, 2, 0x6010)),
+        (Step::Identity, mismatch(0x2003, 2, 0x6410, 0x6010))
+    );
+    assert_eq!(
         refused(number(0x2003, 1, 0x2024)),
         (Step::Identity, mismatch(0x2003, 1, 0x2030, 0x2024))
     );
