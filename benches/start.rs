@@ -14,9 +14,8 @@ const STARTS: usize = 11;
 const IDLE_S: f64 = 10.0;
 
 fn main() {
-    let mut starts: Vec<Duration> = (0..STARTS)
-        .map(|_| Robot::start(&[]).until("all modules RUN", 20.0, support::View::all_run))
-        .collect();
+    let mut starts: Vec<Duration> =
+        (0..STARTS).map(|_| Robot::start(&[]).until("all modules RUN", 20.0, support::View::all_run)).collect();
     starts.sort();
     let ms = |duration: Duration| duration.as_secs_f64() * 1e3;
     println!(

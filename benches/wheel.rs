@@ -85,7 +85,7 @@ fn wait_for_rpdo4(can: &UdpSocket, begin: Instant) -> Option<Duration> {
         can.set_read_timeout(Some(left)).expect("a time limit");
         let len = can.recv(&mut datagram).ok()?;
         let took = begin.elapsed();
-        let frame = robot::live::ports::can_udp::codec::decode(&datagram[..len]).ok()?;
+        let frame = robot::live::ports::can_udp_codec::decode(&datagram[..len]).ok()?;
         if frame.id() == base::can::Id::Standard(0x501) {
             return Some(took);
         }

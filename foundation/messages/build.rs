@@ -1,8 +1,5 @@
 //! Generates the Rust types of `/messages/**/*.lcm`, and the list of these files.
-#![allow(
-    clippy::disallowed_methods,
-    reason = "a build script runs on the builder's machine"
-)]
+#![allow(clippy::disallowed_methods, reason = "a build script runs on the builder's machine")]
 
 use std::{env, path::Path};
 

@@ -1,6 +1,6 @@
 //! A datagram on the virtual CAN bus.
 #![no_main]
-use robot::live::ports::can_udp::codec::{decode, encode};
+use robot::live::ports::can_udp_codec::{decode, encode};
 
 libfuzzer_sys::fuzz_target!(|datagram: &[u8]| {
     if let Ok(frame) = decode(datagram) {

@@ -1,5 +1,11 @@
 //! A configuration file.
 #![no_main]
+use robot::config::{Node, Problems, Robot, Table};
+use std::path::Path;
+
 libfuzzer_sys::fuzz_target!(|text: &str| {
-    let _ = robot::config::parse("fuzz.toml", text);
+    if let Ok(node) = Node::parse(Path::new("fuzz.toml"), text) {
+        let problems = Problems::default();
+        let _ = Table::new(&node, "", &problems).and_then(Robot::read);
+    }
 });

@@ -20,13 +20,7 @@ impl RunFolder {
             fs::create_dir_all(path).map_err(named)?;
             let name = path.join("lock");
             let mut options = OpenOptions::new();
-            let mut file = match options
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .open(&name)
-            {
+            let mut file = match options.read(true).write(true).create(true).truncate(false).open(&name) {
                 Ok(file) => file,
                 // Someone just gave it back, folder and all.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
@@ -35,29 +29,18 @@ impl RunFolder {
             let mut holder = String::new();
             // What is in there is for people.
             let _ = (&mut file).take(32).read_to_string(&mut holder);
-            let mut lock = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(
-                |(_, errno)| match errno {
-                    nix::errno::Errno::EWOULDBLOCK => {
-                        format!(
-                            "run folder {} is held by another advee up, process {}",
-                            path.display(),
-                            holder.trim()
-                        )
-                    }
-                    other => named(other.into()),
-                },
-            )?;
+            let mut lock = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| match errno {
+                nix::errno::Errno::EWOULDBLOCK => {
+                    format!("run folder {} is held by another advee up, process {}", path.display(), holder.trim())
+                }
+                other => named(other.into()),
+            })?;
             // A lock on a file that was removed meanwhile holds nothing.
             let held = lock.metadata().map_err(named)?;
-            if fs::metadata(&name)
-                .is_ok_and(|there| (there.dev(), there.ino()) == (held.dev(), held.ino()))
-            {
+            if fs::metadata(&name).is_ok_and(|there| (there.dev(), there.ino()) == (held.dev(), held.ino())) {
                 lock.set_len(0).map_err(named)?;
                 writeln!(lock, "{}", std::process::id()).map_err(named)?;
-                return Ok(Self {
-                    path: path.into(),
-                    lock,
-                });
+                return Ok(Self { path: path.into(), lock });
             }
         }
     }
@@ -88,14 +71,9 @@ mod tests {
     fn a_folder_is_held_once_and_nothing_is_left() {
         let path = fresh("held");
         let first = RunFolder::take(&path).unwrap();
-        let Err(refusal) = RunFolder::take(&path) else {
-            panic!("taken twice")
-        };
-        let expected = format!(
-            "run folder {} is held by another advee up, process {}",
-            path.display(),
-            std::process::id()
-        );
+        let Err(refusal) = RunFolder::take(&path) else { panic!("taken twice") };
+        let expected =
+            format!("run folder {} is held by another advee up, process {}", path.display(), std::process::id());
         assert_eq!(refusal, expected);
         first.give_back();
         assert!(!path.exists());
@@ -115,12 +93,7 @@ mod tests {
 
     #[test]
     fn a_folder_that_cannot_be_made_is_one_line() {
-        let Err(why) = RunFolder::take(Path::new("/proc/nothing/run")) else {
-            panic!()
-        };
-        assert!(
-            why.starts_with("run folder /proc/nothing/run: ") && !why.contains('\n'),
-            "{why}"
-        );
+        let Err(why) = RunFolder::take(Path::new("/proc/nothing/run")) else { panic!() };
+        assert!(why.starts_with("run folder /proc/nothing/run: ") && !why.contains('\n'), "{why}");
     }
 }

@@ -1,8 +1,7 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
 use crate::config::{
-    self, CanBus, CanDriver, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver,
-    SIMULATOR,
+    self, CanBus, CanDriver, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
 use crate::live::HostConfig;
 use crate::live::ports::PortConfig;
@@ -37,30 +36,18 @@ pub struct Place {
 }
 
 /// Makes the module `name` in its shell, to start in `wanted`, and says where its host finds what it needs.
-pub fn module(
-    place: &Place,
-    name: &str,
-    wanted: State,
-) -> Result<(Shell, HostConfig), ConfigError> {
+pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostConfig), ConfigError> {
     let config = Config::load(&place.config, place.sim, &place.sets)?;
     // A pseudo-terminal has no wire: the time on it must be played.
     let shell = shell(place, &config, name, wanted, true)?;
     let simulated_side = name == SIMULATOR;
-    let ports = shell
-        .module()
-        .ports()
-        .iter()
-        .map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
+    let ports = shell.module().ports().iter().map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
     let ports = ports.collect::<Result<_, _>>()?;
     let launch = match name {
         watchdog::NAME => Some(launcher(place, &config)?),
         _ => None,
     };
-    let host = HostConfig {
-        lcm_url: place.lcm_url.clone(),
-        ports,
-        launch,
-    };
+    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, launch };
     Ok((shell, host))
 }
 
@@ -73,13 +60,7 @@ pub fn virtual_machine(place: &Place, config: host::Config) -> Result<Virtual, C
     }))
 }
 
-fn shell(
-    place: &Place,
-    config: &Config,
-    name: &str,
-    wanted: State,
-    wire_time: bool,
-) -> Result<Shell, ConfigError> {
+fn shell(place: &Place, config: &Config, name: &str, wanted: State, wire_time: bool) -> Result<Shell, ConfigError> {
     let module: Box<dyn Module> = match name {
         watchdog::NAME => Box::new(Watchdog::new(watchdog(config))),
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
@@ -90,10 +71,7 @@ fn shell(
         }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
         _ => {
-            return refused(format!(
-                "module {name}: there is none of that name; there are {}",
-                MODULES.join(", ")
-            ));
+            return refused(format!("module {name}: there is none of that name; there are {}", MODULES.join(", ")));
         }
     };
     let mut shell = ShellConfig::new(name);
@@ -114,21 +92,11 @@ fn refused<T>(why: String) -> Result<T, ConfigError> {
 }
 
 /// Where a port of a bus is; the simulator has the other end of a serial line.
-fn place_of(
-    place: &Place,
-    robot: &Robot,
-    bus: &str,
-    simulated_side: bool,
-) -> Result<PortConfig, ConfigError> {
-    if let Some(can) = bus
-        .strip_prefix("can.")
-        .and_then(|name| robot.can.iter().find(|can| can.name == name))
-    {
+fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Result<PortConfig, ConfigError> {
+    if let Some(can) = bus.strip_prefix("can.").and_then(|name| robot.can.iter().find(|can| can.name == name)) {
         return can_port(place, can);
     }
-    let serial = bus
-        .strip_prefix("rs485.")
-        .and_then(|name| robot.rs485.iter().find(|line| line.name == name));
+    let serial = bus.strip_prefix("rs485.").and_then(|name| robot.rs485.iter().find(|line| line.name == name));
     let Some(Rs485Bus { port, baud, .. }) = serial else {
         return refused(format!("bus {bus}: robot.toml has no table [{bus}]"));
     };
@@ -136,25 +104,18 @@ fn place_of(
     let path = place.run_dir.join(port);
     match simulated_side {
         true if relative => Ok(PortConfig::Pseudo { link: path, baud }),
-        true => refused(format!(
-            "{bus}.port = {port:?}: the simulator needs a name in the run folder"
-        )),
+        true => refused(format!("{bus}.port = {port:?}: the simulator needs a name in the run folder")),
         false => Ok(PortConfig::Terminal { path, baud }),
     }
 }
 
 fn can_port(place: &Place, can: &CanBus) -> Result<PortConfig, ConfigError> {
     match &can.interface {
-        CanInterface::Socket(interface) => Ok(PortConfig::CanSocket {
-            interface: interface.clone(),
-        }),
+        CanInterface::Socket(interface) => Ok(PortConfig::CanSocket { interface: interface.clone() }),
         CanInterface::Udp { group, port } => {
-            let (url, _) = lcm::Url::parse(&place.lcm_url)
-                .map_err(|error| ConfigError(vec![error.to_string()]))?;
+            let (url, _) = lcm::Url::parse(&place.lcm_url).map_err(|error| ConfigError(vec![error.to_string()]))?;
             let port = port.unwrap_or_else(|| can_port_beside(url.port));
-            Ok(PortConfig::CanUdp {
-                bus: SocketAddrV4::new(*group, port),
-            })
+            Ok(PortConfig::CanUdp { bus: SocketAddrV4::new(*group, port) })
         }
     }
 }
@@ -179,16 +140,12 @@ fn watchdog(config: &Config) -> watchdog::Config {
         depends: module.depends.clone(),
         restart: module.restart,
     });
-    watchdog::Config {
-        modules: modules.collect(),
-        ..watchdog::Config::default()
-    }
+    watchdog::Config { modules: modules.collect(), ..watchdog::Config::default() }
 }
 
 /// How the watchdog's host starts a module: our own executable with our own arguments, unless the list says otherwise.
 fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
-    let own = std::env::current_exe()
-        .map_err(|error| ConfigError(vec![format!("own executable: {error}")]))?;
+    let own = std::env::current_exe().map_err(|error| ConfigError(vec![format!("own executable: {error}")]))?;
     let place = place.clone();
     let modules = config.modules.clone();
     Ok(Box::new(move |name, state| {
@@ -200,10 +157,7 @@ fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
             return command;
         }
         let mut command = Command::new(&own);
-        command
-            .args(["run", name, "--state", state.name()])
-            .args(place.arguments())
-            .args(args);
+        command.args(["run", name, "--state", state.name()]).args(place.arguments()).args(args);
         command
     }))
 }
@@ -230,12 +184,7 @@ impl Place {
 }
 
 fn crc(crc: config::Crc) -> Crc8 {
-    Crc8 {
-        poly: crc.polynomial,
-        init: crc.initial,
-        reflected: crc.reflected,
-        xorout: crc.final_xor,
-    }
+    Crc8 { poly: crc.polynomial, init: crc.initial, reflected: crc.reflected, xorout: crc.final_xor }
 }
 
 /// `driver_rs485a`: the bus `a`.
@@ -255,22 +204,8 @@ fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
     });
     let rangers = |rangers: &[config::Ranger]| {
         let ranger = |ranger: &config::Ranger| {
-            let config::Ranger {
-                id,
-                board,
-                channel,
-                x,
-                y,
-                theta,
-            } = *ranger;
-            rs485a::Ranger {
-                id,
-                board,
-                channel,
-                x,
-                y,
-                theta,
-            }
+            let config::Ranger { id, board, channel, x, y, theta } = *ranger;
+            rs485a::Ranger { id, board, channel, x, y, theta }
         };
         rangers.iter().map(ranger).collect()
     };
@@ -289,27 +224,18 @@ fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
             speed_max_mps: robot.limits.speed_mps,
         },
     };
-    rs485a::Rs485a::new(config)
-        .map_err(|error| ConfigError(vec![format!("driver_rs485a: {error}")]))
+    rs485a::Rs485a::new(config).map_err(|error| ConfigError(vec![format!("driver_rs485a: {error}")]))
 }
 
 /// `driver_canbus`: the CAN bus that both drives are on.
 fn canbus(config: &Config) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
-    let found = robot
-        .can
-        .iter()
-        .find_map(|bus| Some((bus, propulsion(robot, bus)?, steering(robot, bus)?)));
+    let found = robot.can.iter().find_map(|bus| Some((bus, propulsion(robot, bus)?, steering(robot, bus)?)));
     let Some((bus, propulsion, steering)) = found else {
-        return refused(
-            "driver_canbus: robot.toml has no [can.<bus>] with an epos and an icla".into(),
-        );
+        return refused("driver_canbus: robot.toml has no [can.<bus>] with an epos and an icla".into());
     };
     let limits = robot.limits;
-    let critical = config
-        .modules
-        .iter()
-        .filter(|module| module.critical && module.name != canbus::NAME);
+    let critical = config.modules.iter().filter(|module| module.critical && module.name != canbus::NAME);
     let config = canbus::Config {
         bus: format!("can.{}", bus.name),
         bitrate: bus.bitrate,
@@ -332,18 +258,14 @@ fn canbus(config: &Config) -> Result<canbus::Canbus, ConfigError> {
         propulsion,
         steering,
     };
-    canbus::Canbus::new(config)
-        .map_err(|error| ConfigError(vec![format!("driver_canbus: {error}")]))
+    canbus::Canbus::new(config).map_err(|error| ConfigError(vec![format!("driver_canbus: {error}")]))
 }
 
 fn propulsion(robot: &Robot, bus: &CanBus) -> Option<canbus::PropulsionConfig> {
     bus.nodes.iter().find_map(|node| match node.driver {
         CanDriver::Epos { gear } => {
             let metres_per_turn = 2.0 * std::f64::consts::PI * robot.geometry.wheel_radius_m;
-            Some(canbus::PropulsionConfig {
-                node: node.id,
-                rpm_per_mps: 60.0 * gear / metres_per_turn,
-            })
+            Some(canbus::PropulsionConfig { node: node.id, rpm_per_mps: 60.0 * gear / metres_per_turn })
         }
         CanDriver::Icla { .. } => None,
     })
@@ -351,23 +273,18 @@ fn propulsion(robot: &Robot, bus: &CanBus) -> Option<canbus::PropulsionConfig> {
 
 fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
     bus.nodes.iter().find_map(|node| match node.driver {
-        CanDriver::Icla {
-            gear,
-            counts_per_turn,
-            switch_rad,
-            homing_method,
-            homing_speed_radps,
-            homing_timeout_s,
-        } => Some(canbus::SteeringConfig {
-            node: node.id,
-            counts_per_turn,
-            gear,
-            switch: switch_rad,
-            homing_method,
-            homing_speed: homing_speed_radps,
-            homing_timeout: Duration::from_secs_f64(homing_timeout_s),
-            speed: robot.limits.steering_rate_radps,
-        }),
+        CanDriver::Icla { gear, counts_per_turn, switch_rad, homing_method, homing_speed_radps, homing_timeout_s } => {
+            Some(canbus::SteeringConfig {
+                node: node.id,
+                counts_per_turn,
+                gear,
+                switch: switch_rad,
+                homing_method,
+                homing_speed: homing_speed_radps,
+                homing_timeout: Duration::from_secs_f64(homing_timeout_s),
+                speed: robot.limits.steering_rate_radps,
+            })
+        }
         CanDriver::Epos { .. } => None,
     })
 }
@@ -384,9 +301,7 @@ fn simulator(place: &Place, robot: &Robot, wire_time: bool) -> Result<sim::Confi
         overhang_front: geometry.length_m - geometry.rear_overhang_m - geometry.wheelbase_m,
         width: geometry.width_m,
         wheel_radius: geometry.wheel_radius_m,
-        gear: can
-            .as_ref()
-            .map_or(sim::body::Parameters::default().gear, |(_, gear)| *gear),
+        gear: can.as_ref().map_or(sim::body::Parameters::default().gear, |(_, gear)| *gear),
         encoder_counts: f64::from(geometry.ticks_per_turn),
         steering_rate: robot.limits.steering_rate_radps,
         ..sim::body::Parameters::default()
@@ -414,74 +329,34 @@ fn drives(bus: &CanBus) -> Option<(sim::CanConfig, f64)> {
         CanDriver::Icla { .. } => None,
     })?;
     let (steering, gearing) = bus.nodes.iter().find_map(|node| match node.driver {
-        CanDriver::Icla {
-            gear,
-            counts_per_turn,
-            ..
-        } => Some((
-            node.id,
-            sim::boards::icla::Gearing {
-                counts_per_turn,
-                gear,
-            },
-        )),
+        CanDriver::Icla { gear, counts_per_turn, .. } => {
+            Some((node.id, sim::boards::icla::Gearing { counts_per_turn, gear }))
+        }
         CanDriver::Epos { .. } => None,
     })?;
     let (bus, bitrate) = (format!("can.{}", bus.name), bus.bitrate);
-    Some((
-        sim::CanConfig {
-            bus,
-            bitrate,
-            propulsion,
-            steering,
-            gearing,
-        },
-        gear,
-    ))
+    Some((sim::CanConfig { bus, bitrate, propulsion, steering, gearing }, gear))
 }
 
 fn board(robot: &Robot, node: &config::Rs485Node) -> sim::BoardConfig {
     let kind = match node.driver {
         Rs485Driver::So1 => sim::BoardKind::So1,
         Rs485Driver::Sd1 => sim::BoardKind::Sd1(sim::boards::sd1::Sd1Config {
-            srfs: by_channel(&robot.srfs, node.address, |ranger| {
-                Pose::new(ranger.x, ranger.y, ranger.theta)
-            }),
-            irs: by_channel(&robot.irs, node.address, |ranger| Point {
-                x: ranger.x,
-                y: ranger.y,
-            }),
+            srfs: by_channel(&robot.srfs, node.address, |ranger| Pose::new(ranger.x, ranger.y, ranger.theta)),
+            irs: by_channel(&robot.irs, node.address, |ranger| Point { x: ranger.x, y: ranger.y }),
         }),
     };
-    sim::BoardConfig {
-        name: node.name.clone(),
-        address: node.address,
-        kind,
-    }
+    sim::BoardConfig { name: node.name.clone(), address: node.address, kind }
 }
 
 /// A board's rangers in the order of their channels. A channel without a ranger takes the place of the one before it:
 /// nobody asks for it.
-fn by_channel<T>(
-    rangers: &[config::Ranger],
-    board: u8,
-    place: impl Fn(&config::Ranger) -> T,
-) -> Vec<T> {
-    let mut own: Vec<&config::Ranger> = rangers
-        .iter()
-        .filter(|ranger| ranger.board == board)
-        .collect();
+fn by_channel<T>(rangers: &[config::Ranger], board: u8, place: impl Fn(&config::Ranger) -> T) -> Vec<T> {
+    let mut own: Vec<&config::Ranger> = rangers.iter().filter(|ranger| ranger.board == board).collect();
     own.sort_by_key(|ranger| ranger.channel);
     let count = own.last().map_or(0, |last| usize::from(last.channel) + 1);
-    let at = |channel| {
-        own.iter()
-            .rev()
-            .find(|ranger| usize::from(ranger.channel) <= channel)
-            .or(own.first())
-    };
-    (0..count)
-        .filter_map(|channel| at(channel).map(|ranger| place(ranger)))
-        .collect()
+    let at = |channel| own.iter().rev().find(|ranger| usize::from(ranger.channel) <= channel).or(own.first());
+    (0..count).filter_map(|channel| at(channel).map(|ranger| place(ranger))).collect()
 }
 
 #[cfg(test)]
@@ -517,10 +392,7 @@ mod tests {
             let listed = config.modules.iter().map(|module| module.name.as_str());
             for name in listed.chain([watchdog::NAME]) {
                 let (shell, host) = module(&place, name, State::Run).unwrap();
-                assert_eq!(
-                    (shell.name(), shell.module().ports().len()),
-                    (name, host.ports.len())
-                );
+                assert_eq!((shell.name(), shell.module().ports().len()), (name, host.ports.len()));
             }
         }
     }
@@ -531,26 +403,14 @@ mod tests {
         let (_, driver) = module(&place, "driver_rs485a", State::Run).unwrap();
         let (_, simulator) = module(&place, SIMULATOR, State::Run).unwrap();
         let path = PathBuf::from("/run/advee/rs485-a");
-        assert_eq!(
-            driver.ports,
-            [PortConfig::Terminal {
-                path: path.clone(),
-                baud: 115_200
-            }]
-        );
-        assert!(simulator.ports.contains(&PortConfig::Pseudo {
-            link: path,
-            baud: 115_200
-        }));
+        assert_eq!(driver.ports, [PortConfig::Terminal { path: path.clone(), baud: 115_200 }]);
+        assert!(simulator.ports.contains(&PortConfig::Pseudo { link: path, baud: 115_200 }));
     }
 
     #[test]
     fn a_module_that_is_not_there_is_refused() {
         let why = |place, name| module(&place, name, State::Run).err().unwrap().to_string();
-        assert_eq!(
-            why(shipped(false), SIMULATOR),
-            "module simulator: only with --sim"
-        );
+        assert_eq!(why(shipped(false), SIMULATOR), "module simulator: only with --sim");
         assert!(
             why(shipped(true), "planner")
                 .starts_with("module planner: there is none of that name; there are watchdog, ")

@@ -1,5 +1,7 @@
 //! The picture in ARCHITECTURE.md and the code cannot part: crates use what their row allows, pure crates say so.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -76,7 +76,7 @@ fn the_death_of_the_drives_driver_is_noticed_by_the_drives_themselves() {
     robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
     robot.until("it is back and homed", 15.0, |view| view.runs("driver_canbus"));
     robot.view.motion = None;
-    robot.until("the steering is homed again", 15.0, |view| view.is_homed());
+    robot.until("the steering is homed again", 15.0, support::View::is_homed);
     robot.drive(0.0, 0.0, 0.2);
     robot.drive(0.4, 0.0, 1.2);
     assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
@@ -101,7 +101,8 @@ fn the_death_of_the_watchdog_stops_the_robot_and_a_new_one_begins() {
     robot.drive(0.4, 0.0, 1.2);
     let modules: Vec<i32> = robot.view.processes.values().map(|process| process.pid).collect();
     let watchdog = robot.processes().into_iter().find(|pid| {
-        std::fs::read(format!("/proc/{pid}/cmdline")).is_ok_and(|line| String::from_utf8_lossy(&line).contains("run\0watchdog"))
+        std::fs::read(format!("/proc/{pid}/cmdline"))
+            .is_ok_and(|line| String::from_utf8_lossy(&line).contains("run\0watchdog"))
     });
     support::signal(watchdog.expect("the watchdog runs") as i32, "KILL");
     robot.view.processes.clear();

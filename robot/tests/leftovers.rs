@@ -10,11 +10,7 @@ use support::Robot;
 fn all_gone(robot: &Robot) {
     let begin = Instant::now();
     while !robot.processes().is_empty() {
-        assert!(
-            begin.elapsed() < Duration::from_secs(3),
-            "left over: {:?}",
-            robot.processes()
-        );
+        assert!(begin.elapsed() < Duration::from_secs(3), "left over: {:?}", robot.processes());
         std::thread::sleep(Duration::from_millis(10));
     }
 }
@@ -22,31 +18,20 @@ fn all_gone(robot: &Robot) {
 #[test]
 fn nothing_outlives_a_parent_that_is_killed_and_the_next_one_clears_up() {
     let mut robot = Robot::start(&[]);
-    robot.until("the boards' driver runs", 10.0, |view| {
-        view.runs("driver_rs485a")
-    });
+    robot.until("the boards' driver runs", 10.0, |view| view.runs("driver_rs485a"));
     let refused = robot.advee(&["up", "--sim", "--headless"]);
     let why = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(
-        !refused.status.success()
-            && why.contains("is held by another advee up")
-            && why.lines().count() == 1,
+        !refused.status.success() && why.contains("is held by another advee up") && why.lines().count() == 1,
         "{why}"
     );
 
     support::signal(up(&robot), "KILL");
     all_gone(&robot);
-    assert!(
-        robot.run_dir.join("lock").exists(),
-        "killed, it could not clear up"
-    );
+    assert!(robot.run_dir.join("lock").exists(), "killed, it could not clear up");
 
     let mut next = support::advee(&robot.url, &robot.run_dir);
-    let mut next = next
-        .args(["up", "--sim", "--headless"])
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut next = next.args(["up", "--sim", "--headless"]).stderr(std::process::Stdio::null()).spawn().unwrap();
     robot.view.processes.clear();
     robot.until("the next one runs", 10.0, |view| view.runs("driver_rs485a"));
     support::signal(next.id() as i32, "TERM");
@@ -57,14 +42,10 @@ fn nothing_outlives_a_parent_that_is_killed_and_the_next_one_clears_up() {
 #[test]
 fn a_watchdog_that_is_killed_takes_its_modules_along_and_a_new_one_has_new_ones() {
     let mut robot = Robot::start(&[]);
-    robot.until("the boards' driver runs", 10.0, |view| {
-        view.runs("driver_rs485a")
-    });
+    robot.until("the boards' driver runs", 10.0, |view| view.runs("driver_rs485a"));
     let old = robot.view.pid("driver_rs485a");
     support::signal(watchdog(&robot), "KILL");
-    robot.until("a new one runs", 10.0, |view| {
-        view.runs("driver_rs485a") && view.pid("driver_rs485a") != old
-    });
+    robot.until("a new one runs", 10.0, |view| view.runs("driver_rs485a") && view.pid("driver_rs485a") != old);
     assert!(!robot.processes().contains(&(old as u32)));
     assert_eq!(robot.stop(), 0);
     assert!(robot.processes().is_empty() && !robot.run_dir.exists());

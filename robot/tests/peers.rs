@@ -13,7 +13,9 @@ fn a_program_on_the_official_lcm_drives_a_square() {
     let mut files = Vec::new();
     for folder in std::fs::read_dir(workspace().join("messages")).unwrap() {
         let entries = std::fs::read_dir(folder.unwrap().path()).into_iter().flatten();
-        files.extend(entries.map(|entry| entry.unwrap().path()).filter(|path| path.extension().is_some_and(|e| e == "lcm")));
+        files.extend(
+            entries.map(|entry| entry.unwrap().path()).filter(|path| path.extension().is_some_and(|e| e == "lcm")),
+        );
     }
     let generator = python.with_file_name("lcm-gen");
     let generated = Command::new(generator).arg("-p").arg("--ppath").arg(&build).args(&files).output().unwrap();
@@ -68,7 +70,10 @@ fn canopen_for_python_reads_both_drives_by_sdo() {
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{out}{err}");
     let read: serde_json::Value = serde_json::from_str(out.trim()).unwrap();
-    assert_eq!(read["epos"], serde_json::json!({"type": 0x0002_0192, "vendor": 0xFB, "name": "EPOS", "absent": 0x0602_0000}));
+    assert_eq!(
+        read["epos"],
+        serde_json::json!({"type": 0x0002_0192, "vendor": 0xFB, "name": "EPOS", "absent": 0x0602_0000})
+    );
     assert_eq!(read["icla"]["type"], 0x0002_0192);
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Steps of [`STEP`], in each of which acceleration is constant: straight runs and ramps are exact, and so is the arc
 //! of the step's mean speed. The current loop and the speed loop of the drive are faster than a step (time constants
-//! 0.7 ms and 4 ms, facts/robot.md 2.4): within its force the motor has the demanded speed at the step's end.
+//! 0.7 ms and 4 ms, docs/facts/robot.md 2.4): within its force the motor has the demanded speed at the step's end.
 
 use crate::world::World;
 use base::Duration;
@@ -15,7 +15,7 @@ const GRAVITY: f64 = 9.81;
 /// A contact lasts until the body is this far away, m.
 const RELEASE: f64 = 0.01;
 
-/// What the body is; the defaults are the parameter table of facts/robot.md 1.2.
+/// What the body is; the defaults are the parameter table of docs/facts/robot.md 1.2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameters {
     /// Between the axles, m.
@@ -141,10 +141,7 @@ impl Body {
     /// Standing at `pose`, wheels straight.
     #[must_use]
     pub fn new(parameters: Parameters, pose: Pose) -> Self {
-        let geometry = Ackermann {
-            wheelbase_m: parameters.wheelbase,
-            track_m: parameters.track,
-        };
+        let geometry = Ackermann { wheelbase_m: parameters.wheelbase, track_m: parameters.track };
         Self {
             parameters,
             geometry,
@@ -231,12 +228,7 @@ impl Body {
 
     fn clearance_at(&self, world: &World, pose: Pose) -> f64 {
         let p = &self.parameters;
-        world.clearance(
-            pose,
-            -p.overhang_rear,
-            p.wheelbase + p.overhang_front,
-            p.width / 2.0,
-        )
+        world.clearance(pose, -p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0)
     }
 
     /// Whether a step with this demand changes nothing.
@@ -244,16 +236,11 @@ impl Body {
     pub fn rests(&self, demand: &Demand) -> bool {
         self.speed == 0.0
             && demand.speed.is_none_or(|speed| speed == 0.0)
-            && demand
-                .steering
-                .is_none_or(|angle| self.reachable(angle) == self.steering.0)
+            && demand.steering.is_none_or(|angle| self.reachable(angle) == self.steering.0)
     }
 
     fn reachable(&self, angle: f64) -> f64 {
-        angle.clamp(
-            -self.parameters.steering_stop,
-            self.parameters.steering_stop,
-        )
+        angle.clamp(-self.parameters.steering_stop, self.parameters.steering_stop)
     }
 
     /// Goes on by [`STEP`].
@@ -274,17 +261,10 @@ impl Body {
             let gap = target - self.steering.0;
             let rate = (gap / p.steering_lag.max(DT)).clamp(-p.steering_rate, p.steering_rate);
             // The last thousandth of a degree is friction's.
-            self.steering.0 = if libm::fabs(gap) < 2e-5 {
-                target
-            } else {
-                self.steering.0 + rate * DT
-            };
+            self.steering.0 = if libm::fabs(gap) < 2e-5 { target } else { self.steering.0 + rate * DT };
         }
         let half = p.steering_play / 2.0;
-        let wheels = self
-            .steering
-            .1
-            .clamp(self.steering.0 - half, self.steering.0 + half);
+        let wheels = self.steering.1.clamp(self.steering.0 - half, self.steering.0 + half);
         if wheels != self.steering.1 {
             self.steering.1 = wheels;
             self.curvature = self.geometry.curvature(wheels);
@@ -311,11 +291,7 @@ impl Body {
         let force = p.force_max / p.mass;
         // Losses help to brake and hinder to gain speed, whichever way it rolls.
         let towards = if old == 0.0 { demand } else { old };
-        let against = if towards == 0.0 {
-            0.0
-        } else {
-            libm::copysign(losses, towards)
-        };
+        let against = if towards == 0.0 { 0.0 } else { libm::copysign(losses, towards) };
         let change = (demand - old).clamp((-force - against) * DT, (force - against) * DT);
         self.speed = old + change;
         self.force = (change / DT + against) * p.mass;
@@ -325,10 +301,7 @@ impl Body {
     /// Moves along the arc; false, and nothing moved, when something is in the way.
     fn advance(&mut self, world: &World, way: f64) -> bool {
         let p = &self.parameters;
-        let pose = self.pose.along(Motion {
-            translation: way,
-            rotation: way * self.curvature,
-        });
+        let pose = self.pose.along(Motion { translation: way, rotation: way * self.curvature });
         let corner = p.wheelbase + p.overhang_front + p.width / 2.0;
         let most = libm::fabs(way) * (1.0 + libm::fabs(self.curvature) * corner);
         self.free_way -= most;
@@ -353,10 +326,7 @@ mod tests {
     use navitools::odometry::SteeredWheels;
 
     fn body() -> (Body, World) {
-        (
-            Body::new(Parameters::default(), Pose::default()),
-            World::default(),
-        )
+        (Body::new(Parameters::default(), Pose::default()), World::default())
     }
 
     fn run(body: &mut Body, world: &World, seconds: f64, demand: Demand) {
@@ -366,10 +336,7 @@ mod tests {
     }
 
     fn speed(speed: f64) -> Demand {
-        Demand {
-            speed: Some(speed),
-            steering: None,
-        }
+        Demand { speed: Some(speed), steering: None }
     }
 
     #[test]
@@ -391,11 +358,7 @@ mod tests {
         run(&mut body, &world, 0.5, speed(2.4));
         // (208 N - 14 N - 2.4 N) / 95 kg for half a second.
         let expected = (208.0 / 95.0 - 0.015 * 9.81 - 2.4 / 95.0) * 0.5;
-        assert!(
-            (body.speed() - expected).abs() < 1e-9,
-            "{} {expected}",
-            body.speed()
-        );
+        assert!((body.speed() - expected).abs() < 1e-9, "{} {expected}", body.speed());
         run(&mut body, &world, 5.0, speed(9.0));
         assert_eq!(body.speed(), 2.42);
     }
@@ -407,11 +370,7 @@ mod tests {
         let start = body.pose().x;
         run(&mut body, &world, 10.0, Demand::default());
         let expected = 0.8 * 0.8 / (2.0 * body.parameters().coasting());
-        assert!(
-            (body.pose().x - start - expected).abs() < 1e-9,
-            "{} {expected}",
-            body.pose().x - start
-        );
+        assert!((body.pose().x - start - expected).abs() < 1e-9, "{} {expected}", body.pose().x - start);
         assert!(body.rests(&Demand::default()));
     }
 
@@ -419,35 +378,12 @@ mod tests {
     fn full_lock_drives_a_circle_of_the_table_s_radius_and_the_odometry_agrees() {
         let (mut body, world) = body();
         let lock = 35f64.to_radians();
-        let steer = Demand {
-            speed: Some(0.0),
-            steering: Some(lock + 0.25f64.to_radians()),
-        };
+        let steer = Demand { speed: Some(0.0), steering: Some(lock + 0.25f64.to_radians()) };
         run(&mut body, &world, 3.0, steer);
-        assert!(
-            (body.steering() - lock).abs() < 1e-6,
-            "{}",
-            body.steering().to_degrees()
-        );
-        run(
-            &mut body,
-            &world,
-            1.0,
-            Demand {
-                speed: Some(0.5),
-                ..steer
-            },
-        );
+        assert!((body.steering() - lock).abs() < 1e-6, "{}", body.steering().to_degrees());
+        run(&mut body, &world, 1.0, Demand { speed: Some(0.5), ..steer });
         let (from, path, ticks) = (body.pose(), body.travelled(), body.ticks());
-        run(
-            &mut body,
-            &world,
-            4.0,
-            Demand {
-                speed: Some(0.5),
-                ..steer
-            },
-        );
+        run(&mut body, &world, 4.0, Demand { speed: Some(0.5), ..steer });
         let radius = 0.60 / libm::tan(lock);
         let turned = (body.pose().theta - from.theta).radians();
         let expected = navitools::wrap((body.travelled() - path) / radius);
@@ -455,26 +391,16 @@ mod tests {
         assert!((radius - 0.857).abs() < 0.0005);
         let per_tick = body.parameters().metres_per_tick();
         let way = |new: i64, old: i64| (new - old) as f64 * per_tick;
-        let seen = SteeredWheels::new(0.60, 0.50)
-            .motion(way(body.ticks().0, ticks.0), way(body.ticks().1, ticks.1));
-        assert!(
-            (seen.translation - 2.0).abs() < 1e-3 && (seen.rotation - 2.0 / radius).abs() < 3e-3,
-            "{seen:?}"
-        );
+        let seen = SteeredWheels::new(0.60, 0.50).motion(way(body.ticks().0, ticks.0), way(body.ticks().1, ticks.1));
+        assert!((seen.translation - 2.0).abs() < 1e-3 && (seen.rotation - 2.0 / radius).abs() < 3e-3, "{seen:?}");
     }
 
     #[test]
     fn steering_is_limited_in_rate_then_lags_and_has_play() {
         let (mut body, world) = body();
-        let demand = Demand {
-            speed: None,
-            steering: Some(30f64.to_radians()),
-        };
+        let demand = Demand { speed: None, steering: Some(30f64.to_radians()) };
         run(&mut body, &world, 0.5, demand);
-        assert!(
-            (body.steering_output().to_degrees() - 20.0).abs() < 1e-9,
-            "40 deg/s for 0.5 s"
-        );
+        assert!((body.steering_output().to_degrees() - 20.0).abs() < 1e-9, "40 deg/s for 0.5 s");
         // The rate limit lasts until the gap is 4 deg (0.65 s); from there it closes with 0.1 s.
         run(&mut body, &world, 0.15, demand);
         assert!((body.steering_output().to_degrees() - 26.0).abs() < 1e-6);
@@ -483,20 +409,13 @@ mod tests {
         assert!((gap - 4.0 * libm::exp(-1.0)).abs() < 0.05, "{gap}");
         run(&mut body, &world, 2.0, demand);
         assert!(body.rests(&demand));
-        assert!(
-            (body.steering().to_degrees() - 29.75).abs() < 1e-9,
-            "{}",
-            body.steering().to_degrees()
-        );
+        assert!((body.steering().to_degrees() - 29.75).abs() < 1e-9, "{}", body.steering().to_degrees());
     }
 
     #[test]
     fn the_switch_closes_before_the_stop() {
         let (mut body, world) = body();
-        let demand = Demand {
-            speed: None,
-            steering: Some(-1.0),
-        };
+        let demand = Demand { speed: None, steering: Some(-1.0) };
         run(&mut body, &world, 0.8, demand);
         assert!(!body.switch_closed());
         run(&mut body, &world, 2.0, demand);

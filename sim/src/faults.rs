@@ -74,14 +74,8 @@ mod tests {
 
     #[test]
     fn names_are_known_or_not() {
-        assert_eq!(
-            Ailment::from_name("fault", 8976.0),
-            Some(Ailment::Fault(0x2310))
-        );
-        assert_eq!(
-            Ailment::from_name("fault", f64::NAN),
-            Some(Ailment::Fault(0x1000))
-        );
+        assert_eq!(Ailment::from_name("fault", 8976.0), Some(Ailment::Fault(0x2310)));
+        assert_eq!(Ailment::from_name("fault", f64::NAN), Some(Ailment::Fault(0x1000)));
         assert_eq!(Ailment::from_name("on fire", 0.0), None);
     }
 }

@@ -31,26 +31,11 @@ pub struct Scene {
 impl Scene {
     /// The body at the world's start; time counts from `start`.
     #[must_use]
-    pub fn new(
-        start: Instant,
-        world: World,
-        parameters: Parameters,
-        sonar: Sonar,
-        seed: u64,
-    ) -> Self {
+    pub fn new(start: Instant, world: World, parameters: Parameters, sonar: Sonar, seed: u64) -> Self {
         let body = Body::new(parameters, world.start);
         let mut past = VecDeque::with_capacity(MEMORY);
         past.push_back((0, body.pose()));
-        Self {
-            world,
-            body,
-            cone: Cone::new(sonar),
-            seed,
-            demand: Demand::default(),
-            start,
-            steps: 0,
-            past,
-        }
+        Self { world, body, cone: Cone::new(sonar), seed, demand: Demand::default(), start, steps: 0, past }
     }
 
     /// The body.
@@ -101,32 +86,21 @@ impl Scene {
     pub fn pose_at(&self, at: Instant) -> Pose {
         let step = at.since(self.start).as_nanos() as u64 / STEP.as_nanos() as u64;
         let known = self.past.iter().rev().find(|(from, _)| *from <= step);
-        known
-            .or(self.past.front())
-            .map_or(self.body.pose(), |(_, pose)| *pose)
+        known.or(self.past.front()).map_or(self.body.pose(), |(_, pose)| *pose)
     }
 
     /// What a sonar at `mount` on the robot measured when it was fired at `at`, m. The same question has the same
     /// answer: its noise is drawn from a stream of its own.
     #[must_use]
     pub fn sonar(&self, mount: Pose, at: Instant, stream: u64) -> Option<f64> {
-        self.cone.measure(
-            &self.world,
-            self.pose_at(at) * mount,
-            &mut Random::stream(self.seed, stream),
-        )
+        self.cone.measure(&self.world, self.pose_at(at) * mount, &mut Random::stream(self.seed, stream))
     }
 
     /// What a ranger that looks at the floor at `mount` on the robot measures now, m.
     #[must_use]
     pub fn ranger(&self, mount: Point, stream: u64) -> Option<f64> {
         let at = self.body.pose() * mount;
-        floor_distance(
-            &self.world,
-            at,
-            RANGER_HEIGHT,
-            &mut Random::stream(self.seed, stream),
-        )
+        floor_distance(&self.world, at, RANGER_HEIGHT, &mut Random::stream(self.seed, stream))
     }
 }
 
@@ -137,13 +111,7 @@ mod tests {
     #[test]
     fn it_remembers_where_it_was() {
         let start = Instant::from_millis(3);
-        let mut scene = Scene::new(
-            start,
-            World::hall(20.0, 12.0),
-            Parameters::default(),
-            Sonar::default(),
-            1,
-        );
+        let mut scene = Scene::new(start, World::hall(20.0, 12.0), Parameters::default(), Sonar::default(), 1);
         scene.demand.speed = Some(0.5);
         let mut true_pose = vec![(start, scene.body().pose())];
         for _ in 0..400 {

@@ -125,16 +125,12 @@ impl Simulator {
     /// The simulator of this configuration; its time begins with its start.
     #[must_use]
     pub fn new(config: Config) -> Self {
-        let can = config.can.iter().map(|can| PortSpec {
-            bus: can.bus.clone(),
-            line: Line::Can {
-                bitrate: can.bitrate,
-            },
-        });
-        let serial = config.serial.iter().map(|serial| PortSpec {
-            bus: serial.bus.clone(),
-            line: Line::Serial { baud: serial.baud },
-        });
+        let can =
+            config.can.iter().map(|can| PortSpec { bus: can.bus.clone(), line: Line::Can { bitrate: can.bitrate } });
+        let serial = config
+            .serial
+            .iter()
+            .map(|serial| PortSpec { bus: serial.bus.clone(), line: Line::Serial { baud: serial.baud } });
         let ports = can.chain(serial).collect();
         let never = Ticker::new(Instant::NEVER, TRUTH);
         Self {
@@ -157,19 +153,11 @@ impl Simulator {
 
     fn start(&mut self, now: Instant, out: &mut Actions) {
         self.scene = scene(&self.config, now);
-        self.lines = self
-            .config
-            .serial
-            .iter()
-            .map(|serial| self.line(serial, now))
-            .collect();
+        self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         let body = self.scene.body();
         self.drives = match &self.config.can {
             Some(can) => {
-                vec![
-                    Drive::propulsion(can.propulsion),
-                    Drive::steering(can.steering, can.gearing, body),
-                ]
+                vec![Drive::propulsion(can.propulsion), Drive::steering(can.steering, can.gearing, body)]
             }
             None => Vec::new(),
         };
@@ -179,33 +167,21 @@ impl Simulator {
         self.truth = Ticker::new(now, TRUTH);
         self.clock = Ticker::new(now, CLOCK);
         // Without drops the floor rangers find nothing.
-        let first = if self.scene.world().drops.is_empty() {
-            Instant::NEVER
-        } else {
-            now + RANGER_PERIOD
-        };
+        let first = if self.scene.world().drops.is_empty() { Instant::NEVER } else { now + RANGER_PERIOD };
         self.rangers = Ticker::new(first, RANGER_PERIOD);
         out.working();
     }
 
     fn line(&self, serial: &SerialConfig, now: Instant) -> SerialLine {
         let board = |board: &BoardConfig| {
-            let config = slave::Config {
-                baud: serial.baud,
-                crc: serial.crc,
-                ..slave::Config::new(board.address)
-            };
+            let config = slave::Config { baud: serial.baud, crc: serial.crc, ..slave::Config::new(board.address) };
             let kind = match &board.kind {
                 BoardKind::Sd1(config) => Kind::Sd1(Sd1::new(board.address, config.clone(), now)),
                 BoardKind::So1 => Kind::So1(So1::new(&self.scene)),
             };
             Board::new(&board.name, Slave::new(config), kind)
         };
-        SerialLine::new(
-            serial.baud,
-            self.config.wire_time,
-            serial.boards.iter().map(board).collect(),
-        )
+        SerialLine::new(serial.baud, self.config.wire_time, serial.boards.iter().map(board).collect())
     }
 
     /// The number of the serial line at a port.
@@ -248,10 +224,7 @@ impl Simulator {
             out.publish(self.truth(out.timestamp(now)));
         }
         if self.clock.due(now) {
-            out.publish(simulation::DataClock {
-                timestamp: out.timestamp(now),
-                rate: self.config.rate,
-            });
+            out.publish(simulation::DataClock { timestamp: out.timestamp(now), rate: self.config.rate });
         }
         if self.rangers.due(now) {
             for board in self.lines.iter_mut().flat_map(|line| &mut line.boards) {
@@ -283,11 +256,7 @@ impl Simulator {
             speed: body.speed(),
             steering: body.steering(),
             // What is infinite has no place in JSON.
-            clearance: if clearance.is_finite() {
-                clearance
-            } else {
-                f64::NAN
-            },
+            clearance: if clearance.is_finite() { clearance } else { f64::NAN },
             collisions: i32::try_from(body.collisions()).unwrap_or(i32::MAX),
         }
     }
@@ -295,9 +264,7 @@ impl Simulator {
     /// Whether a board pulls the PAUSE line.
     fn paused(&self) -> bool {
         let mut boards = self.lines.iter().flat_map(|line| &line.boards);
-        boards.any(
-            |board| matches!(&board.kind, Kind::Sd1(board) if board.pause() != PauseSource::None),
-        )
+        boards.any(|board| matches!(&board.kind, Kind::Sd1(board) if board.pause() != PauseSource::None))
     }
 
     fn propulsion_fault(&mut self, now: Instant, code: u16) {
@@ -313,12 +280,7 @@ impl Simulator {
             .is_some_and(|ailment| self.ail(now, &command.target, ailment, until));
         if !known {
             let subject = format!("{} {}", command.target, command.fault);
-            out.report(
-                Severity::Warning,
-                Fault::FaultUnknown,
-                subject,
-                "no such target, or not a fault of its kind",
-            );
+            out.report(Severity::Warning, Fault::FaultUnknown, subject, "no such target, or not a fault of its kind");
         }
     }
 
@@ -359,23 +321,14 @@ impl Simulator {
         let first = usize::from(self.config.can.is_some());
         for (port, line) in (first..).zip(&mut self.lines) {
             while let Some(words) = line.poll_tx(now) {
-                out.push(module::Action::Send(
-                    PortId(port as u8),
-                    Output::Words(words),
-                ));
+                out.push(module::Action::Send(PortId(port as u8), Output::Words(words)));
             }
         }
     }
 }
 
 fn scene(config: &Config, start: Instant) -> Scene {
-    Scene::new(
-        start,
-        config.world.clone(),
-        config.parameters,
-        config.sonar,
-        config.seed,
-    )
+    Scene::new(start, config.world.clone(), config.parameters, config.sonar, config.seed)
 }
 
 impl Module for Simulator {
@@ -394,26 +347,17 @@ impl Module for Simulator {
         match event {
             Event::Start => self.start(now, out),
             Event::Timer => self.timer(now, out),
-            Event::Port {
-                port,
-                input: Input::Words(words),
-            } => {
+            Event::Port { port, input: Input::Words(words) } => {
                 if let Some(line) = self.line_of(port).and_then(|line| self.lines.get_mut(line)) {
                     line.handle_rx(now, words, &self.scene);
                 }
             }
-            Event::Port {
-                input: Input::Can(frame),
-                ..
-            } => {
+            Event::Port { input: Input::Can(frame), .. } => {
                 for drive in &mut self.drives {
                     drive.handle_rx(now, &frame, self.scene.body());
                 }
             }
-            Event::Message {
-                message: Message::SimCmdFault(command),
-                ..
-            } => self.fault(now, command, out),
+            Event::Message { message: Message::SimCmdFault(command), .. } => self.fault(now, command, out),
             _ => {}
         }
         self.drain(now, out);

@@ -1,4 +1,4 @@
-//! The sonar cone (SRF-08) and the infrared ranger that looks at the floor (GP2Y0A41); facts/robot.md 2.1, 2.2.
+//! The sonar cone (SRF-08) and the infrared ranger that looks at the floor (GP2Y0A41); docs/facts/robot.md 2.1, 2.2.
 
 use crate::random::Random;
 use crate::world::{Hit, World};
@@ -79,10 +79,7 @@ impl Cone {
             }
         };
         for &(along, across) in &self.fan {
-            send(
-                (cos * along - sin * across, sin * along + cos * across),
-                &mut nearest,
-            );
+            send((cos * along - sin * across, sin * along + cos * across), &mut nearest);
         }
         // Between the rays of the fan: where a surface stands square to the sound, or a leg is thinner than the gap.
         for Point { x, y } in world.mirrors(from) {
@@ -99,12 +96,7 @@ impl Cone {
     #[must_use]
     pub fn measure(&self, world: &World, sensor: Pose, random: &mut Random) -> Option<f64> {
         let echo = self.echo(world, sensor)?;
-        let Sonar {
-            quantum,
-            sigma: (sigma, growth),
-            range: (least, most),
-            ..
-        } = self.sonar;
+        let Sonar { quantum, sigma: (sigma, growth), range: (least, most), .. } = self.sonar;
         let noisy = echo + random.normal() * (sigma + growth * echo);
         let steps = libm::round(noisy / quantum) * quantum;
         Some(steps.clamp(least, most))
@@ -120,7 +112,7 @@ impl Cone {
 /// What an infrared ranger at `height` m above the floor answers, m; none over a drop. `at` is where it looks.
 #[must_use]
 pub fn floor_distance(world: &World, at: Point, height: f64, random: &mut Random) -> Option<f64> {
-    // 20 mV of noise are about 2 mm at 12 cm (facts/robot.md 2.2).
+    // 20 mV of noise are about 2 mm at 12 cm (docs/facts/robot.md 2.2).
     world.floor(at).then(|| height + 0.002 * random.normal())
 }
 
@@ -147,20 +139,14 @@ mod tests {
         let world = World::hall(20.0, 12.0);
         // The beam reaches 27.5 deg to the side, a wall returns 25 deg: silent beyond 52.5.
         let heard = echo(&world, 17.0, 6.0, 51.0).unwrap();
-        assert!(
-            heard > 3.0 && heard < 3.0 / libm::cos(25f64.to_radians()) + 1e-9,
-            "{heard}"
-        );
+        assert!(heard > 3.0 && heard < 3.0 / libm::cos(25f64.to_radians()) + 1e-9, "{heard}");
         assert_eq!(echo(&world, 17.0, 6.0, 54.0), None);
     }
 
     #[test]
     fn a_thin_leg_is_heard_between_the_rays_but_not_far() {
         let mut world = World::default();
-        world.columns.push(Column {
-            centre: Point { x: 2.0, y: 0.0 },
-            radius: 0.06,
-        });
+        world.columns.push(Column { centre: Point { x: 2.0, y: 0.0 }, radius: 0.06 });
         for tenth in -270..=270 {
             let heard = echo(&world, 0.0, 0.0, f64::from(tenth) / 10.0).unwrap();
             assert!((heard - 1.94).abs() < 0.02, "{tenth}: {heard}");
@@ -184,15 +170,10 @@ mod tests {
         let run = |seed| {
             let mut random = Random::new(seed);
             let sensor = Pose::new(17.0, 6.0, 0.0);
-            (0..2000)
-                .map(|_| cone.measure(&world, sensor, &mut random).unwrap())
-                .collect::<Vec<_>>()
+            (0..2000).map(|_| cone.measure(&world, sensor, &mut random).unwrap()).collect::<Vec<_>>()
         };
         let all = run(1);
-        assert!(
-            all.iter()
-                .all(|m| (m * 100.0 - libm::round(m * 100.0)).abs() < 1e-9)
-        );
+        assert!(all.iter().all(|m| (m * 100.0 - libm::round(m * 100.0)).abs() < 1e-9));
         let variance = all.iter().map(|m| (m - 3.0) * (m - 3.0)).sum::<f64>() / 2000.0;
         assert!((libm::sqrt(variance) - 0.025).abs() < 0.002, "{variance}");
         assert!(all == run(1) && all != run(2));
@@ -202,9 +183,7 @@ mod tests {
     fn over_an_edge_there_is_no_floor() {
         let mut world = World::hall(20.0, 12.0);
         let p = |x, y| Point { x, y };
-        world
-            .drops
-            .push(vec![p(1.0, 1.0), p(2.0, 1.0), p(2.0, 2.0), p(1.0, 2.0)]);
+        world.drops.push(vec![p(1.0, 1.0), p(2.0, 1.0), p(2.0, 2.0), p(1.0, 2.0)]);
         let mut random = Random::new(1);
         assert_eq!(floor_distance(&world, p(1.5, 1.5), 0.12, &mut random), None);
         let seen = floor_distance(&world, p(5.0, 5.0), 0.12, &mut random).unwrap();

@@ -65,18 +65,9 @@ impl core::fmt::Display for WorldError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Wall(i) => write!(f, "walls[{i}]: not numbers within ±10000 m"),
-            Self::Column(i) => write!(
-                f,
-                "columns[{i}]: not numbers within ±10000 m, or no radius above 0"
-            ),
-            Self::Drop(i) => write!(
-                f,
-                "drops[{i}]: not numbers within ±10000 m, or fewer than 3 corners"
-            ),
-            Self::Beacon(i) => write!(
-                f,
-                "beacons[{i}]: not numbers within ±10000 m, or an id twice"
-            ),
+            Self::Column(i) => write!(f, "columns[{i}]: not numbers within ±10000 m, or no radius above 0"),
+            Self::Drop(i) => write!(f, "drops[{i}]: not numbers within ±10000 m, or fewer than 3 corners"),
+            Self::Beacon(i) => write!(f, "beacons[{i}]: not numbers within ±10000 m, or an id twice"),
             Self::Start => write!(f, "start: not numbers within ±10000 m"),
         }
     }
@@ -106,10 +97,7 @@ fn nearest(wall: &Segment, point: Point) -> Point {
     } else {
         (((point.x - wall.a.x) * dx + (point.y - wall.a.y) * dy) / length2).clamp(0.0, 1.0)
     };
-    Point {
-        x: wall.a.x + along * dx,
-        y: wall.a.y + along * dy,
-    }
+    Point { x: wall.a.x + along * dx, y: wall.a.y + along * dy }
 }
 
 impl World {
@@ -124,13 +112,7 @@ impl World {
         beacons: Vec<Beacon>,
         start: Pose,
     ) -> Result<Self, WorldError> {
-        let world = Self {
-            walls,
-            columns,
-            drops,
-            beacons,
-            start,
-        };
+        let world = Self { walls, columns, drops, beacons, start };
         world.check()?;
         Ok(world)
     }
@@ -139,23 +121,9 @@ impl World {
     #[must_use]
     pub fn hall(width: f64, depth: f64) -> Self {
         let corner = |x, y| Point { x, y };
-        let corners = [
-            corner(0.0, 0.0),
-            corner(width, 0.0),
-            corner(width, depth),
-            corner(0.0, depth),
-        ];
-        let walls = (0..4)
-            .map(|i| Segment {
-                a: corners[i],
-                b: corners[(i + 1) % 4],
-            })
-            .collect();
-        Self {
-            walls,
-            start: Pose::new(width / 2.0, depth / 2.0, 0.0),
-            ..Self::default()
-        }
+        let corners = [corner(0.0, 0.0), corner(width, 0.0), corner(width, depth), corner(0.0, depth)];
+        let walls = (0..4).map(|i| Segment { a: corners[i], b: corners[(i + 1) % 4] }).collect();
+        Self { walls, start: Pose::new(width / 2.0, depth / 2.0, 0.0), ..Self::default() }
     }
 
     /// Whether all is as the fields say.
@@ -168,25 +136,16 @@ impl World {
             bad(sane(wall.a) && sane(wall.b), WorldError::Wall(i))?;
         }
         for (i, column) in self.columns.iter().enumerate() {
-            bad(
-                sane(column.centre) && column.radius > 0.0 && column.radius <= 1e4,
-                WorldError::Column(i),
-            )?;
+            bad(sane(column.centre) && column.radius > 0.0 && column.radius <= 1e4, WorldError::Column(i))?;
         }
         for (i, drop) in self.drops.iter().enumerate() {
-            bad(
-                drop.len() >= 3 && drop.iter().all(|corner| sane(*corner)),
-                WorldError::Drop(i),
-            )?;
+            bad(drop.len() >= 3 && drop.iter().all(|corner| sane(*corner)), WorldError::Drop(i))?;
         }
         for (i, beacon) in self.beacons.iter().enumerate() {
             let twice = self.beacons[..i].iter().any(|other| other.id == beacon.id);
             bad(sane(beacon.at) && !twice, WorldError::Beacon(i))?;
         }
-        bad(
-            sane(self.start.point()) && !self.start.theta.radians().is_nan(),
-            WorldError::Start,
-        )
+        bad(sane(self.start.point()) && !self.start.theta.radians().is_nan(), WorldError::Start)
     }
 
     /// What a ray from `from` meets first within `reach` m; `(dx, dy)` has length 1. What `from` is inside of is not
@@ -201,20 +160,13 @@ impl World {
             let det = dx * ey - dy * ex;
             // Signs first: most walls are missed, and a division is dear.
             let (t, s) = (ox * ey - oy * ex, ox * dy - oy * dx);
-            let (t, s, det) = if det < 0.0 {
-                (-t, -s, -det)
-            } else {
-                (t, s, det)
-            };
+            let (t, s, det) = if det < 0.0 { (-t, -s, -det) } else { (t, s, det) };
             if det == 0.0 || t < 0.0 || s < 0.0 || s > det || t > best * det {
                 continue;
             }
             best = t / det;
-            hit = Some(Hit {
-                distance: best,
-                cos_incidence: det / libm::sqrt(ex * ex + ey * ey),
-                radius: f64::INFINITY,
-            });
+            hit =
+                Some(Hit { distance: best, cos_incidence: det / libm::sqrt(ex * ex + ey * ey), radius: f64::INFINITY });
         }
         for column in &self.columns {
             let (ox, oy) = (column.centre.x - from.x, column.centre.y - from.y);
@@ -230,11 +182,7 @@ impl World {
                 continue;
             }
             best = distance;
-            hit = Some(Hit {
-                distance,
-                cos_incidence: half / column.radius,
-                radius: column.radius,
-            });
+            hit = Some(Hit { distance, cos_incidence: half / column.radius, radius: column.radius });
         }
         hit
     }
@@ -266,18 +214,10 @@ impl World {
             let y = (libm::fabs(p.y) - half_width).max(0.0);
             libm::sqrt(x * x + y * y)
         };
-        let corners = [
-            (rear, -half_width),
-            (rear, half_width),
-            (front, half_width),
-            (front, -half_width),
-        ];
+        let corners = [(rear, -half_width), (rear, half_width), (front, half_width), (front, -half_width)];
         let mut least = f64::INFINITY;
         for wall in &self.walls {
-            let wall = Segment {
-                a: inner(wall.a),
-                b: inner(wall.b),
-            };
+            let wall = Segment { a: inner(wall.a), b: inner(wall.b) };
             if crosses(&wall, rear, front, half_width) {
                 return 0.0;
             }
@@ -298,12 +238,8 @@ impl World {
 fn crosses(wall: &Segment, rear: f64, front: f64, half_width: f64) -> bool {
     let (dx, dy) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
     let (mut from, mut to) = (0.0f64, 1.0f64);
-    let sides = [
-        (-dx, wall.a.x - rear),
-        (dx, front - wall.a.x),
-        (-dy, wall.a.y + half_width),
-        (dy, half_width - wall.a.y),
-    ];
+    let sides =
+        [(-dx, wall.a.x - rear), (dx, front - wall.a.x), (-dy, wall.a.y + half_width), (dy, half_width - wall.a.y)];
     for (slope, room) in sides {
         if slope == 0.0 {
             if room < 0.0 {
@@ -324,8 +260,7 @@ fn inside(polygon: &[Point], point: Point) -> bool {
     let mut previous = polygon[polygon.len() - 1];
     for &corner in polygon {
         if (corner.y > point.y) != (previous.y > point.y) {
-            let x =
-                corner.x + (point.y - corner.y) / (previous.y - corner.y) * (previous.x - corner.x);
+            let x = corner.x + (point.y - corner.y) / (previous.y - corner.y) * (previous.x - corner.x);
             inside ^= point.x < x;
         }
         previous = corner;
@@ -346,65 +281,38 @@ mod tests {
         let mut world = World::hall(20.0, 12.0);
         let (sin, cos) = libm::sincos(0.3);
         let hit = world.ray(p(10.0, 6.0), (cos, sin), 100.0).unwrap();
-        assert!(
-            (hit.distance - 10.0 / cos).abs() < 1e-12 && (hit.cos_incidence - cos).abs() < 1e-12,
-            "{hit:?}"
-        );
+        assert!((hit.distance - 10.0 / cos).abs() < 1e-12 && (hit.cos_incidence - cos).abs() < 1e-12, "{hit:?}");
         assert_eq!(world.ray(p(10.0, 6.0), (1.0, 0.0), 9.9), None);
-        world.columns.push(Column {
-            centre: p(14.0, 6.1),
-            radius: 0.5,
-        });
+        world.columns.push(Column { centre: p(14.0, 6.1), radius: 0.5 });
         let hit = world.ray(p(10.0, 6.0), (1.0, 0.0), 100.0).unwrap();
         let half = libm::sqrt(0.25 - 0.01);
-        assert!(
-            (hit.distance - (4.0 - half)).abs() < 1e-12
-                && (hit.cos_incidence - half / 0.5).abs() < 1e-12
-        );
-        assert_eq!(
-            world
-                .ray(p(10.0, 6.0), (-1.0, 0.0), 100.0)
-                .unwrap()
-                .distance,
-            10.0
-        );
+        assert!((hit.distance - (4.0 - half)).abs() < 1e-12 && (hit.cos_incidence - half / 0.5).abs() < 1e-12);
+        assert_eq!(world.ray(p(10.0, 6.0), (-1.0, 0.0), 100.0).unwrap().distance, 10.0);
     }
 
     #[test]
     fn clearance_is_the_gap_between_rectangle_and_world() {
         let mut world = World::hall(20.0, 12.0);
         let robot = |pose| (pose, -0.15, 0.75, 0.30);
-        let clearance =
-            |world: &World, (pose, rear, front, half)| world.clearance(pose, rear, front, half);
+        let clearance = |world: &World, (pose, rear, front, half)| world.clearance(pose, rear, front, half);
         assert!((clearance(&world, robot(Pose::new(10.0, 6.0, 0.0))) - 5.7).abs() < 1e-12);
         assert!((clearance(&world, robot(Pose::new(19.0, 6.0, 0.0))) - 0.25).abs() < 1e-12);
         // Turned by 45 degrees the front left corner is the nearest to the right wall... and the right one to the same.
-        let turned = clearance(
-            &world,
-            robot(Pose::new(18.0, 6.0, core::f64::consts::FRAC_PI_4)),
-        );
+        let turned = clearance(&world, robot(Pose::new(18.0, 6.0, core::f64::consts::FRAC_PI_4)));
         let reach = (0.75 + 0.30) * core::f64::consts::FRAC_1_SQRT_2;
         assert!((turned - (2.0 - reach)).abs() < 1e-12, "{turned}");
-        world.columns.push(Column {
-            centre: p(11.75, 6.3),
-            radius: 0.4,
-        });
+        world.columns.push(Column { centre: p(11.75, 6.3), radius: 0.4 });
         assert!((clearance(&world, robot(Pose::new(10.0, 6.0, 0.0))) - 0.6).abs() < 1e-12);
         assert_eq!(clearance(&world, robot(Pose::new(19.5, 6.0, 0.0))), 0.0);
         // A wall that runs through the body without an end in it.
         assert_eq!(clearance(&world, robot(Pose::new(10.0, 0.1, 0.0))), 0.0);
-        assert_eq!(
-            World::default().clearance(Pose::default(), -0.1, 0.1, 0.1),
-            f64::INFINITY
-        );
+        assert_eq!(World::default().clearance(Pose::default(), -0.1, 0.1, 0.1), f64::INFINITY);
     }
 
     #[test]
     fn there_is_no_floor_inside_a_drop() {
         let mut world = World::hall(20.0, 12.0);
-        world
-            .drops
-            .push(vec![p(1.0, 1.0), p(3.0, 1.0), p(3.0, 2.0), p(1.0, 2.0)]);
+        world.drops.push(vec![p(1.0, 1.0), p(3.0, 1.0), p(3.0, 2.0), p(1.0, 2.0)]);
         assert!(!world.floor(p(2.0, 1.5)) && world.floor(p(2.0, 2.5)) && world.floor(p(0.5, 1.5)));
     }
 
@@ -415,19 +323,10 @@ mod tests {
         bad.walls[2].a.x = f64::NAN;
         assert_eq!(bad.check(), Err(WorldError::Wall(2)));
         let mut bad = good.clone();
-        bad.columns.push(Column {
-            centre: p(0.0, 0.0),
-            radius: 0.0,
-        });
+        bad.columns.push(Column { centre: p(0.0, 0.0), radius: 0.0 });
         assert_eq!(bad.check(), Err(WorldError::Column(0)));
         let mut bad = good.clone();
-        bad.beacons = vec![
-            Beacon {
-                id: 1,
-                at: p(0.0, 0.0)
-            };
-            2
-        ];
+        bad.beacons = vec![Beacon { id: 1, at: p(0.0, 0.0) }; 2];
         assert_eq!(bad.check(), Err(WorldError::Beacon(1)));
         assert_eq!(good.check(), Ok(()));
     }

@@ -80,10 +80,7 @@ mod tests {
 
     #[test]
     fn an_abort_says_name_and_code() {
-        assert_eq!(
-            Abort::NO_OBJECT.to_string(),
-            "object does not exist (0x06020000)"
-        );
+        assert_eq!(Abort::NO_OBJECT.to_string(), "object does not exist (0x06020000)");
         assert_eq!(Abort(0x1234).to_string(), "unknown abort code (0x00001234)");
         assert!(Abort::ALL.windows(2).all(|pair| pair[0] < pair[1]));
     }

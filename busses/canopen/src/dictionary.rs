@@ -105,27 +105,13 @@ impl Entry {
     pub const fn new(index: u16, sub: u8, data_type: DataType, access: Access, value: i64) -> Self {
         let (low, high) = data_type.range();
         let value = data_type.wrap(value);
-        Self {
-            index,
-            sub,
-            data_type,
-            access,
-            mappable: false,
-            plus_node_id: false,
-            value,
-            text: "",
-            low,
-            high,
-        }
+        Self { index, sub, data_type, access, mappable: false, plus_node_id: false, value, text: "", low, high }
     }
 
     /// May be mapped into a PDO, in the directions its access allows.
     #[must_use]
     pub const fn mappable(self) -> Self {
-        Self {
-            mappable: true,
-            ..self
-        }
+        Self { mappable: true, ..self }
     }
 
     /// Writes outside `low..=high` are refused.
@@ -137,10 +123,7 @@ impl Entry {
     /// The default is `$NODEID` plus the given value.
     #[must_use]
     pub const fn plus_node_id(self) -> Self {
-        Self {
-            plus_node_id: true,
-            ..self
-        }
+        Self { plus_node_id: true, ..self }
     }
 
     /// The default of a text.
@@ -174,10 +157,7 @@ impl Dictionary {
     /// Without objects, of the node with this id (1..=127, kept in that range).
     #[must_use]
     pub fn new(node: u8) -> Self {
-        Self {
-            node: node.clamp(1, 127),
-            slots: Vec::new(),
-        }
+        Self { node: node.clamp(1, 127), slots: Vec::new() }
     }
 
     /// The node id.
@@ -191,10 +171,7 @@ impl Dictionary {
     pub fn with(mut self, entries: &[Entry]) -> Self {
         for entry in entries {
             let slot = self.fresh(*entry);
-            match self
-                .slots
-                .binary_search_by_key(&entry.key(), |slot| slot.entry.key())
-            {
+            match self.slots.binary_search_by_key(&entry.key(), |slot| slot.entry.key()) {
                 Ok(at) => self.slots[at] = slot,
                 Err(at) => self.slots.insert(at, slot),
             }
@@ -216,8 +193,7 @@ impl Dictionary {
     pub fn with_tpdo(self, number: u16, cob_id: u32, mapping: &[u32], event_timer: bool) -> Self {
         let index = 0x1800 + number.clamp(1, 512) - 1;
         let high = if event_timer { 5 } else { 3 };
-        self.with_pdo(index, high, cob_id, mapping)
-            .with(&[Entry::new(index, 3, DataType::U16, Access::ReadWrite, 0)])
+        self.with_pdo(index, high, cob_id, mapping).with(&[Entry::new(index, 3, DataType::U16, Access::ReadWrite, 0)])
     }
 
     fn with_pdo(self, index: u16, high: u8, cob_id: u32, mapping: &[u32]) -> Self {
@@ -241,34 +217,18 @@ impl Dictionary {
     }
 
     fn fresh(&self, entry: Entry) -> Slot {
-        let id = if entry.plus_node_id {
-            i64::from(self.node)
-        } else {
-            0
-        };
+        let id = if entry.plus_node_id { i64::from(self.node) } else { 0 };
         let value = entry.data_type.wrap(entry.value + id);
         let bytes = Payload::from(entry.text.as_bytes());
-        Slot {
-            entry,
-            value,
-            bytes: bytes.clone(),
-            power_on: (value, bytes),
-        }
+        Slot { entry, value, bytes: bytes.clone(), power_on: (value, bytes) }
     }
 
     pub(crate) fn find(&self, index: u16, sub: u8) -> Result<usize, Abort> {
-        self.slots
-            .binary_search_by_key(&(index, sub), |slot| slot.entry.key())
-            .map_err(|at| {
-                let same = |slot: &Slot| slot.entry.index == index;
-                let near =
-                    self.slots.get(at).is_some_and(same) || at > 0 && same(&self.slots[at - 1]);
-                if near {
-                    Abort::NO_SUB_INDEX
-                } else {
-                    Abort::NO_OBJECT
-                }
-            })
+        self.slots.binary_search_by_key(&(index, sub), |slot| slot.entry.key()).map_err(|at| {
+            let same = |slot: &Slot| slot.entry.index == index;
+            let near = self.slots.get(at).is_some_and(same) || at > 0 && same(&self.slots[at - 1]);
+            if near { Abort::NO_SUB_INDEX } else { Abort::NO_OBJECT }
+        })
     }
 
     /// The value of a number, whoever may read it; `None` when there is no such number.
@@ -315,12 +275,7 @@ impl Dictionary {
     ///
     /// # Errors
     /// The abort code.
-    pub fn check_write(
-        &self,
-        index: u16,
-        sub: u8,
-        size: Option<usize>,
-    ) -> Result<Option<usize>, Abort> {
+    pub fn check_write(&self, index: u16, sub: u8, size: Option<usize>) -> Result<Option<usize>, Abort> {
         let entry = &self.slots[self.find(index, sub)?].entry;
         if !entry.access.writes() {
             return Err(Abort::READ_ONLY);
@@ -345,9 +300,7 @@ impl Dictionary {
         let entry = &self.slots[self.find(index, sub)?].entry;
         let value = entry.data_type.wrap(number(data));
         match () {
-            () if entry.data_type == DataType::Bool && data != [value as u8] => {
-                Err(Abort::TOO_HIGH)
-            }
+            () if entry.data_type == DataType::Bool && data != [value as u8] => Err(Abort::TOO_HIGH),
             () if value > entry.high => Err(Abort::TOO_HIGH),
             () if value < entry.low => Err(Abort::TOO_LOW),
             () => Ok(value),
@@ -371,11 +324,7 @@ impl Dictionary {
 
     /// Everything within `indices` back to its power-on value.
     pub fn reset(&mut self, indices: RangeInclusive<u16>) {
-        for slot in self
-            .slots
-            .iter_mut()
-            .filter(|slot| indices.contains(&slot.entry.index))
-        {
+        for slot in self.slots.iter_mut().filter(|slot| indices.contains(&slot.entry.index)) {
             slot.value = slot.power_on.0;
             slot.bytes = slot.power_on.1.clone();
         }
@@ -383,11 +332,7 @@ impl Dictionary {
 
     /// The present values of all writable objects become their power-on values (0x1010).
     pub fn store(&mut self) {
-        for slot in self
-            .slots
-            .iter_mut()
-            .filter(|slot| slot.entry.access.writes())
-        {
+        for slot in self.slots.iter_mut().filter(|slot| slot.entry.access.writes()) {
             slot.power_on = (slot.value, slot.bytes.clone());
         }
     }
@@ -400,20 +345,10 @@ impl Dictionary {
     }
 
     /// Where an object is that may be mapped with `len` bytes; `received`: into an RPDO.
-    pub(crate) fn find_mappable(
-        &self,
-        index: u16,
-        sub: u8,
-        len: usize,
-        received: bool,
-    ) -> Result<usize, Abort> {
+    pub(crate) fn find_mappable(&self, index: u16, sub: u8, len: usize, received: bool) -> Result<usize, Abort> {
         let at = self.find(index, sub)?;
         let entry = &self.slots[at].entry;
-        let direction = if received {
-            entry.access.writes()
-        } else {
-            entry.access.reads()
-        };
+        let direction = if received { entry.access.writes() } else { entry.access.reads() };
         if entry.mappable && direction && entry.data_type.width() == Some(len) {
             Ok(at)
         } else {
@@ -443,17 +378,13 @@ impl Dictionary {
     /// All indices within a range that have an object, sub-index 0.
     pub(crate) fn indices(&self, within: RangeInclusive<u16>) -> impl Iterator<Item = u16> + '_ {
         let keys = self.slots.iter().map(|slot| slot.entry.key());
-        keys.filter(move |(index, sub)| *sub == 0 && within.contains(index))
-            .map(|(index, _)| index)
+        keys.filter(move |(index, sub)| *sub == 0 && within.contains(index)).map(|(index, _)| index)
     }
 }
 
 /// Up to eight little-endian bytes, without sign extension.
 fn number(data: &[u8]) -> i64 {
-    data.iter()
-        .take(8)
-        .rev()
-        .fold(0, |sum, byte| sum << 8 | i64::from(*byte))
+    data.iter().take(8).rev().fold(0, |sum, byte| sum << 8 | i64::from(*byte))
 }
 
 #[cfg(test)]
@@ -491,11 +422,7 @@ mod tests {
             (0x607F, 0, &[0, 0, 0, 0], Abort::TOO_LOW),
             (0x2F02, 0, &[2], Abort::TOO_HIGH),
         ] {
-            assert_eq!(
-                objects.write(index, sub, data),
-                Err(expected),
-                "{index:04X}:{sub}"
-            );
+            assert_eq!(objects.write(index, sub, data), Err(expected), "{index:04X}:{sub}");
         }
         assert_eq!(objects.read(0x2F01, 0), Err(Abort::WRITE_ONLY));
         assert_eq!(objects.read(0x1018, 2), Err(Abort::NO_SUB_INDEX));
@@ -506,10 +433,7 @@ mod tests {
         let mut objects = dictionary();
         objects.write(0x60FF, 0, &[0x24, 0xFA, 0xFF, 0xFF]).unwrap();
         assert_eq!(objects.get(0x60FF, 0), Some(-1500));
-        assert_eq!(
-            &*objects.read(0x60FF, 0).unwrap(),
-            &[0x24, 0xFA, 0xFF, 0xFF]
-        );
+        assert_eq!(&*objects.read(0x60FF, 0).unwrap(), &[0x24, 0xFA, 0xFF, 0xFF]);
         objects.write(0x6060, 0, &[0xFF]).unwrap();
         assert_eq!(objects.get(0x6060, 0), Some(-1));
         assert_eq!(&*objects.read(0x1008, 0).unwrap(), b"EPOS");

@@ -50,23 +50,9 @@ impl Master {
     /// What is wrong with the configuration.
     pub fn new(config: MasterConfig, nodes: &[NodeConfig]) -> Result<Self, ConfigError> {
         config.check(nodes)?;
-        let peers = nodes
-            .iter()
-            .map(|node| Peer::new(node.clone(), &config))
-            .collect();
-        let shared = Shared {
-            config,
-            tx: Queue::new(),
-            events: Queue::new(),
-        };
-        Ok(Self {
-            shared,
-            peers,
-            heartbeat: None,
-            sync: None,
-            tickets: 0,
-            foreign: 0,
-        })
+        let peers = nodes.iter().map(|node| Peer::new(node.clone(), &config)).collect();
+        let shared = Shared { config, tx: Queue::new(), events: Queue::new() };
+        Ok(Self { shared, peers, heartbeat: None, sync: None, tickets: 0, foreign: 0 })
     }
 
     fn peer(&self, node: u8) -> Option<&Peer> {
@@ -100,13 +86,7 @@ impl Master {
                 self.to(node, |peer, shared| peer.tpdo(number, frame, shared));
             }
             // NMT, SYNC, RPDO and SDO requests are our own frames come back, or another master's.
-            Some(
-                Service::Nmt
-                | Service::Sync
-                | Service::Time
-                | Service::Rpdo { .. }
-                | Service::SdoRequest { .. },
-            )
+            Some(Service::Nmt | Service::Sync | Service::Time | Service::Rpdo { .. } | Service::SdoRequest { .. })
             | None => self.foreign = self.foreign.saturating_add(1),
         }
     }
@@ -130,19 +110,12 @@ impl Master {
     /// Does what is due at `now`. Late or needless calls do no harm.
     pub fn handle_timeout(&mut self, now: Instant) {
         let config = &self.shared.config;
-        let heartbeat = self
-            .heartbeat
-            .get_or_insert_with(|| OwnHeartbeat::new(now, config));
+        let heartbeat = self.heartbeat.get_or_insert_with(|| OwnHeartbeat::new(now, config));
         if heartbeat.due(now) {
-            self.shared
-                .tx
-                .push(wire::heartbeat(config.id, NmtState::Operational));
+            self.shared.tx.push(wire::heartbeat(config.id, NmtState::Operational));
         }
         if let Some(period) = config.sync
-            && self
-                .sync
-                .get_or_insert_with(|| Ticker::new(now, period))
-                .due(now)
+            && self.sync.get_or_insert_with(|| Ticker::new(now, period)).due(now)
         {
             self.shared.tx.push(wire::sync());
         }
@@ -176,14 +149,7 @@ impl Master {
             return Some(Instant::ZERO);
         };
         let peers = self.peers.iter().filter_map(Peer::poll_timeout).min();
-        [
-            Some(heartbeat.next()),
-            self.sync.map(|ticker| ticker.next()),
-            peers,
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        [Some(heartbeat.next()), self.sync.map(|ticker| ticker.next()), peers].into_iter().flatten().min()
     }
 
     /// Sends the data (at most 8 bytes) of an RPDO, numbered 1 to 4 from the node's side.
@@ -198,11 +164,7 @@ impl Master {
             () if data.len() > 8 => Err(PdoError::TooLong),
             () => {
                 let frame = Frame::standard(Service::Rpdo { node, number }.cob_id(), data);
-                if self.shared.tx.push(frame) {
-                    Ok(())
-                } else {
-                    Err(PdoError::QueueFull)
-                }
+                if self.shared.tx.push(frame) { Ok(()) } else { Err(PdoError::QueueFull) }
             }
         }
     }
@@ -212,13 +174,7 @@ impl Master {
     ///
     /// # Errors
     /// Why not; nothing was sent.
-    pub fn sdo_read(
-        &mut self,
-        now: Instant,
-        node: u8,
-        index: u16,
-        sub: u8,
-    ) -> Result<Ticket, RequestError> {
+    pub fn sdo_read(&mut self, now: Instant, node: u8, index: u16, sub: u8) -> Result<Ticket, RequestError> {
         self.request(now, node, index, sub, None)
     }
 
@@ -251,16 +207,7 @@ impl Master {
     ) -> Result<Ticket, RequestError> {
         let ticket = Ticket(self.tickets);
         let (peer, shared) = self.peer_mut(node).ok_or(RequestError::UnknownNode)?;
-        peer.request(
-            now,
-            peer::Demand {
-                ticket,
-                index,
-                sub,
-                write,
-            },
-            shared,
-        )?;
+        peer.request(now, peer::Demand { ticket, index, sub, write }, shared)?;
         self.tickets = self.tickets.wrapping_add(1);
         Ok(ticket)
     }
@@ -318,9 +265,6 @@ impl Master {
     /// Frames and events lost because nobody drained them.
     #[must_use]
     pub fn dropped(&self) -> u32 {
-        self.shared
-            .tx
-            .dropped()
-            .saturating_add(self.shared.events.dropped())
+        self.shared.tx.dropped().saturating_add(self.shared.events.dropped())
     }
 }

@@ -121,20 +121,16 @@ impl Node {
     }
 
     fn boot(&mut self, now: Instant) {
-        self.phase = Phase::Booting {
-            until: now + self.boot_time,
-        };
+        self.phase = Phase::Booting { until: now + self.boot_time };
         self.server.reset();
         self.producer.stop();
         self.consumers.stop();
         self.pdos.reload(&self.dictionary);
-        self.events
-            .push(NodeEvent::NmtState(NmtState::Initialising));
+        self.events.push(NodeEvent::NmtState(NmtState::Initialising));
     }
 
     fn finish_boot(&mut self, now: Instant) {
-        self.tx
-            .push(wire::heartbeat(self.id(), NmtState::Initialising));
+        self.tx.push(wire::heartbeat(self.id(), NmtState::Initialising));
         self.producer.configure(self.number(0x1017, 0), now, false);
         self.consumers.configure(&self.dictionary);
         self.enter(now, NmtState::PreOperational);
@@ -214,19 +210,12 @@ impl Node {
     }
 
     fn sdo(&mut self, now: Instant, data: &[u8]) {
-        let mut guarded = Guarded {
-            dictionary: &mut self.dictionary,
-            phase: self.phase,
-            pdos: &self.pdos,
-            written: None,
-        };
+        let mut guarded =
+            Guarded { dictionary: &mut self.dictionary, phase: self.phase, pdos: &self.pdos, written: None };
         let answer = self.server.handle_rx(now, data, &mut guarded);
         let written = guarded.written;
         if let Some(answer) = answer {
-            self.tx.push(Frame::standard(
-                Service::SdoResponse { node: self.id() }.cob_id(),
-                &answer,
-            ));
+            self.tx.push(Frame::standard(Service::SdoResponse { node: self.id() }.cob_id(), &answer));
         }
         if let Some((index, sub)) = written {
             self.written(now, index, sub);
@@ -285,10 +274,8 @@ impl Node {
         for key in keys() {
             self.pdos.touch(&self.dictionary, key.0, key.1);
         }
-        let (last, first): (heapless::Vec<_, 8>, heapless::Vec<_, 8>) = (
-            keys().filter(|key| key.0 == 0x6040).collect(),
-            keys().filter(|key| key.0 != 0x6040).collect(),
-        );
+        let (last, first): (heapless::Vec<_, 8>, heapless::Vec<_, 8>) =
+            (keys().filter(|key| key.0 == 0x6040).collect(), keys().filter(|key| key.0 != 0x6040).collect());
         for (index, sub) in first.into_iter().chain(last) {
             self.events.push(NodeEvent::ObjectWritten { index, sub });
         }
@@ -302,40 +289,23 @@ impl Node {
         if code != 0 {
             self.remember(code, info);
         }
-        let talks = matches!(
-            self.phase,
-            Phase::Running(NmtState::Operational | NmtState::PreOperational)
-        );
-        let cob_id = self
-            .dictionary
-            .get(0x1014, 0)
-            .unwrap_or(0x80 + i64::from(self.id()));
+        let talks = matches!(self.phase, Phase::Running(NmtState::Operational | NmtState::PreOperational));
+        let cob_id = self.dictionary.get(0x1014, 0).unwrap_or(0x80 + i64::from(self.id()));
         if talks && cob_id & 1 << 31 == 0 {
-            let data = Emergency {
-                code,
-                register,
-                info,
-            }
-            .encode();
+            let data = Emergency { code, register, info }.encode();
             self.tx.push(Frame::standard(cob_id as u16, &data));
         }
     }
 
     /// The newest error moves to the front of 0x1003.
     fn remember(&mut self, code: u16, info: [u8; 5]) {
-        let room = (1..=254)
-            .take_while(|sub| self.dictionary.get(0x1003, *sub).is_some())
-            .count() as u8;
+        let room = (1..=254).take_while(|sub| self.dictionary.get(0x1003, *sub).is_some()).count() as u8;
         for sub in (1..room).rev() {
             let older = self.number(0x1003, sub);
             self.dictionary.set(0x1003, sub + 1, older);
         }
         let [low, high, ..] = info;
-        self.dictionary.set(
-            0x1003,
-            1,
-            i64::from(u16::from_le_bytes([low, high])) << 16 | i64::from(code),
-        );
+        self.dictionary.set(0x1003, 1, i64::from(u16::from_le_bytes([low, high])) << 16 | i64::from(code));
         let count = self.number(0x1003, 0) + 1;
         self.dictionary.set(0x1003, 0, count.min(i64::from(room)));
     }
@@ -367,10 +337,7 @@ impl Node {
             self.communication_error(now);
         }
         if let Some(answer) = self.server.handle_timeout(now) {
-            self.tx.push(Frame::standard(
-                Service::SdoResponse { node: self.id() }.cob_id(),
-                &answer,
-            ));
+            self.tx.push(Frame::standard(Service::SdoResponse { node: self.id() }.cob_id(), &answer));
         }
         if self.phase == Phase::Running(NmtState::Operational) {
             self.pdos.send_due(now, &self.dictionary, &mut self.tx);
@@ -405,18 +372,8 @@ impl Node {
             Phase::Booting { until } => return Some(until),
             Phase::Running(state) => state,
         };
-        let pdos = (state == NmtState::Operational)
-            .then(|| self.pdos.poll_timeout())
-            .flatten();
-        [
-            self.producer.next(),
-            self.consumers.next(),
-            self.server.poll_timeout(),
-            pdos,
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        let pdos = (state == NmtState::Operational).then(|| self.pdos.poll_timeout()).flatten();
+        [self.producer.next(), self.consumers.next(), self.server.poll_timeout(), pdos].into_iter().flatten().min()
     }
 
     /// The value of a number; `None` when there is no such number.

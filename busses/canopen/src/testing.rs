@@ -81,8 +81,7 @@ impl Bus {
                 self.put(at + 1, frame);
             }
             while let Some(event) = self.nodes[at].poll_event() {
-                self.node_events
-                    .push((self.now, self.nodes[at].id(), event));
+                self.node_events.push((self.now, self.nodes[at].id(), event));
             }
         }
         while let Some(event) = self.master.poll_event() {
@@ -104,11 +103,7 @@ impl Bus {
     }
 
     fn deadline(&self) -> Option<Instant> {
-        let timers = self
-            .nodes
-            .iter()
-            .filter_map(Node::poll_timeout)
-            .chain(self.master.poll_timeout());
+        let timers = self.nodes.iter().filter_map(Node::poll_timeout).chain(self.master.poll_timeout());
         timers.chain(self.wire.front().map(|(at, ..)| *at)).min()
     }
 
@@ -158,10 +153,7 @@ impl Bus {
             }
             self.run(1);
         }
-        panic!(
-            "not seen in {millis} ms; events: {:#?}",
-            &self.events[from..]
-        );
+        panic!("not seen in {millis} ms; events: {:#?}", &self.events[from..]);
     }
 }
 
@@ -176,13 +168,10 @@ pub(crate) trait Engine {
 /// Plays a transcript: `TIMEms > what the world does`, `TIMEms < what the engine answers`, `# remarks`. Frames are
 /// written as `ID DATA`, in hexadecimal. Time jumps from deadline to deadline up to the last line's.
 pub(crate) fn check(engine: &mut impl Engine, script: &str) {
-    let lines = script
-        .lines()
-        .filter_map(|line| line.split('#').next())
-        .map(|line| {
-            let words: Vec<_> = line.split_whitespace().collect();
-            words.join(" ")
-        });
+    let lines = script.lines().filter_map(|line| line.split('#').next()).map(|line| {
+        let words: Vec<_> = line.split_whitespace().collect();
+        words.join(" ")
+    });
     let expected: Vec<_> = lines.filter(|line| !line.is_empty()).collect();
     let mut actual = Vec::new();
     for line in &expected {
@@ -214,28 +203,18 @@ fn play(engine: &mut impl Engine, until: Instant, actual: &mut Vec<String>) {
 
 fn tell(engine: &mut impl Engine, now: Instant, actual: &mut Vec<String>) {
     let millis = now.as_nanos() / 1_000_000;
-    actual.extend(
-        engine
-            .outputs()
-            .into_iter()
-            .map(|output| format!("{millis}ms < {output}")),
-    );
+    actual.extend(engine.outputs().into_iter().map(|output| format!("{millis}ms < {output}")));
 }
 
 /// A frame of a transcript.
 pub(crate) fn parse(words: &[&str]) -> Frame {
     let id = u16::from_str_radix(words[0], 16).expect("an identifier");
-    let data: Vec<_> = words[1..]
-        .iter()
-        .map(|word| u8::from_str_radix(word, 16).expect("a byte"))
-        .collect();
+    let data: Vec<_> = words[1..].iter().map(|word| u8::from_str_radix(word, 16).expect("a byte")).collect();
     Frame::new(Id::Standard(id), &data).expect("a frame")
 }
 
 fn print(frame: &Frame) -> String {
-    let Id::Standard(id) = frame.id() else {
-        panic!("29 bits")
-    };
+    let Id::Standard(id) = frame.id() else { panic!("29 bits") };
     let mut text = format!("{id:03X}");
     for byte in frame.data() {
         text += &format!(" {byte:02X}");
@@ -250,11 +229,7 @@ impl Engine for Node {
         match words {
             ["on"] => self.power_on(now),
             ["set", index, sub, value] => {
-                self.set(
-                    number(index),
-                    number(sub) as u8,
-                    value.parse().expect("a value"),
-                );
+                self.set(number(index), number(sub) as u8, value.parse().expect("a value"));
             }
             frame => self.handle_rx(now, &parse(frame)),
         }

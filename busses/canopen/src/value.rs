@@ -68,10 +68,7 @@ enum Repr {
 
 impl Payload {
     /// No data.
-    pub const EMPTY: Self = Self(Repr::Short {
-        len: 0,
-        bytes: [0; 4],
-    });
+    pub const EMPTY: Self = Self(Repr::Short { len: 0, bytes: [0; 4] });
 
     /// The bytes.
     #[must_use]

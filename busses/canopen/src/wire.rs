@@ -53,14 +53,8 @@ impl Service {
             (0x2, 0) => Self::Time,
             (_, 0) => return None,
             (0x1, node) => Self::Emergency { node },
-            (0x3 | 0x5 | 0x7 | 0x9, node) => Self::Tpdo {
-                node,
-                number: ((function - 1) / 2) as u8,
-            },
-            (0x4 | 0x6 | 0x8 | 0xA, node) => Self::Rpdo {
-                node,
-                number: ((function - 2) / 2) as u8,
-            },
+            (0x3 | 0x5 | 0x7 | 0x9, node) => Self::Tpdo { node, number: ((function - 1) / 2) as u8 },
+            (0x4 | 0x6 | 0x8 | 0xA, node) => Self::Rpdo { node, number: ((function - 2) / 2) as u8 },
             (0xB, node) => Self::SdoResponse { node },
             (0xC, node) => Self::SdoRequest { node },
             (0xE, node) => Self::ErrorControl { node },
@@ -93,13 +87,8 @@ pub enum NmtCommand {
 
 impl NmtCommand {
     /// All commands.
-    pub const ALL: [Self; 5] = [
-        Self::Start,
-        Self::Stop,
-        Self::EnterPreOperational,
-        Self::ResetNode,
-        Self::ResetCommunication,
-    ];
+    pub const ALL: [Self; 5] =
+        [Self::Start, Self::Stop, Self::EnterPreOperational, Self::ResetNode, Self::ResetCommunication];
 
     fn from_byte(byte: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|command| *command as u8 == byte)
@@ -196,11 +185,7 @@ impl Emergency {
         let &[low, high, register, a, b, c, d, e] = data else {
             return None;
         };
-        Some(Self {
-            code: u16::from_le_bytes([low, high]),
-            register,
-            info: [a, b, c, d, e],
-        })
+        Some(Self { code: u16::from_le_bytes([low, high]), register, info: [a, b, c, d, e] })
     }
 
     /// What kind of error the code names (CiA 301, Table 21; the 81xx and 82xx codes by name).
@@ -259,25 +244,14 @@ mod tests {
         }
         assert_eq!(Service::Rpdo { node: 1, number: 4 }.cob_id(), 0x501);
         assert_eq!(Service::Tpdo { node: 2, number: 2 }.cob_id(), 0x282);
-        assert_eq!(
-            Service::of(&Frame::new(Id::Extended(0x181), &[]).unwrap()),
-            None
-        );
-        assert!(
-            is_restricted(0x701)
-                && is_restricted(0x101)
-                && !is_restricted(0x181)
-                && !is_restricted(0x080)
-        );
+        assert_eq!(Service::of(&Frame::new(Id::Extended(0x181), &[]).unwrap()), None);
+        assert!(is_restricted(0x701) && is_restricted(0x101) && !is_restricted(0x181) && !is_restricted(0x080));
     }
 
     #[test]
     fn nmt_and_heartbeat_stand_on_the_wire_as_the_standard_says() {
         assert_eq!(nmt(NmtCommand::ResetCommunication, 5).data(), [0x82, 5]);
-        assert_eq!(
-            heartbeat(1, NmtState::Initialising),
-            Frame::standard(0x701, &[0])
-        );
+        assert_eq!(heartbeat(1, NmtState::Initialising), Frame::standard(0x701, &[0]));
         assert_eq!(decode_nmt(&[1, 0]), Some((NmtCommand::Start, 0)));
         assert_eq!(decode_nmt(&[1, 128]), None);
         assert_eq!(decode_nmt(&[3, 1]), None);
@@ -289,22 +263,11 @@ mod tests {
 
     #[test]
     fn an_emergency_keeps_code_register_and_information() {
-        let emergency = Emergency {
-            code: 0x8130,
-            register: 0x10,
-            info: [1, 2, 3, 4, 5],
-        };
+        let emergency = Emergency { code: 0x8130, register: 0x10, info: [1, 2, 3, 4, 5] };
         assert_eq!(emergency.encode(), [0x30, 0x81, 0x10, 1, 2, 3, 4, 5]);
         assert_eq!(Emergency::decode(&emergency.encode()), Some(emergency));
         assert_eq!(Emergency::decode(&[0; 7]), None);
         assert_eq!(emergency.class(), "life guard or heartbeat error");
-        assert_eq!(
-            Emergency {
-                code: 0x3210,
-                ..emergency
-            }
-            .class(),
-            "voltage inside the device"
-        );
+        assert_eq!(Emergency { code: 0x3210, ..emergency }.class(), "voltage inside the device");
     }
 }

@@ -1,4 +1,4 @@
-//! The frame on the wire (`docs/boards.md` 1): address, instruction, flags or status, length, data, CRC. Stateless.
+//! The frame on the wire (`docs/facts/boards.md` 1): address, instruction, flags or status, length, data, CRC. Stateless.
 
 use crate::crc::Crc8;
 use base::serial::Word;
@@ -91,13 +91,7 @@ impl<'a> Frame<'a> {
         let data = &self.data[..self.data.len().min(MAX_DATA)];
         words.clear();
         let header = [self.address, self.instruction, self.flags, data.len() as u8];
-        words.extend(
-            header
-                .into_iter()
-                .chain(data.iter().copied())
-                .chain([0])
-                .map(Word::data),
-        );
+        words.extend(header.into_iter().chain(data.iter().copied()).chain([0]).map(Word::data));
         words[0].ninth = true;
         seal(crc, words);
     }
@@ -114,9 +108,7 @@ pub fn set_flags(crc: Crc8, words: &mut Words, flags: u8) {
 /// Whether the last of `bytes` is the CRC of those before it.
 #[must_use]
 pub fn intact(crc: Crc8, bytes: &[u8]) -> bool {
-    bytes
-        .split_last()
-        .is_some_and(|(last, covered)| crc.of(covered.iter().copied()) == *last)
+    bytes.split_last().is_some_and(|(last, covered)| crc.of(covered.iter().copied()) == *last)
 }
 
 fn seal(crc: Crc8, words: &mut Words) {
@@ -137,13 +129,7 @@ mod tests {
     #[test]
     fn a_request_stands_on_the_wire_as_the_table_says() {
         let mut words = Words::new();
-        Frame {
-            address: 0x20,
-            instruction: 0x01,
-            flags: 0,
-            data: &[],
-        }
-        .encode(Crc8::SAE_J1850, &mut words);
+        Frame { address: 0x20, instruction: 0x01, flags: 0, data: &[] }.encode(Crc8::SAE_J1850, &mut words);
         // CRC computed by another program.
         assert_eq!(bytes(&words), [0x20, 0x01, 0x00, 0x00, 0x9C]);
         assert!(words[0].ninth && words[1..].iter().all(|word| !word.ninth));
@@ -156,12 +142,7 @@ mod tests {
         let data: Vec<u8> = (0..=255).collect();
         let mut words = Words::new();
         for length in 0..=MAX_DATA {
-            let frame = Frame {
-                address: 0x10,
-                instruction: 0x02,
-                flags: 3,
-                data: &data[..length],
-            };
+            let frame = Frame { address: 0x10, instruction: 0x02, flags: 3, data: &data[..length] };
             frame.encode(Crc8::SAE_J1850, &mut words);
             let bytes = bytes(&words);
             assert!(intact(Crc8::SAE_J1850, &bytes));
@@ -173,13 +154,7 @@ mod tests {
     #[test]
     fn too_much_data_is_cut_off() {
         let mut words = Words::new();
-        Frame {
-            address: 1,
-            instruction: 2,
-            flags: 0,
-            data: &[7; 300],
-        }
-        .encode(Crc8::SAE_J1850, &mut words);
+        Frame { address: 1, instruction: 2, flags: 0, data: &[7; 300] }.encode(Crc8::SAE_J1850, &mut words);
         assert_eq!(words.len(), MAX_WORDS);
     }
 }

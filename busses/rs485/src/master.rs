@@ -26,7 +26,7 @@ pub use transaction::{BusStatistics, Config, Event, Lengths, Request, RequestErr
 /// Most nodes that a master counts errors of.
 pub const NODES_MAX: usize = 32;
 
-/// Silence owed to the bus before anyone talks, in words (`docs/boards.md` 1, turnaround).
+/// Silence owed to the bus before anyone talks, in words (`docs/facts/boards.md` 1, turnaround).
 const GAP_WORDS: u32 = 2;
 
 /// One attempt at a transaction.
@@ -136,46 +136,16 @@ impl Master {
             return Err(RequestError::Busy);
         }
         if request.data.len() > MAX_DATA {
-            return Err(RequestError::TooLong {
-                len: request.data.len(),
-                max: MAX_DATA,
-            });
+            return Err(RequestError::TooLong { len: request.data.len(), max: MAX_DATA });
         }
-        let Request {
-            to,
-            instruction,
-            data,
-            no_ack,
-            answer,
-        } = request;
+        let Request { to, instruction, data, no_ack, answer } = request;
         let flags = if no_ack { NO_ACK } else { 0 };
-        Frame {
-            address: to,
-            instruction,
-            flags,
-            data,
-        }
-        .encode(self.config.crc, &mut self.tx);
+        Frame { address: to, instruction, flags, data }.encode(self.config.crc, &mut self.tx);
         let answered = !no_ack && to != BROADCAST;
         let lost = self.health(to) == Health::Lost;
-        let retries_left = if answered && !lost {
-            self.config.retries
-        } else {
-            0
-        };
-        let attempt = Attempt {
-            to,
-            instruction,
-            answered,
-            answer,
-            retries_left,
-            first: true,
-        };
-        self.state = State::Gap {
-            attempt,
-            until: self.quiet,
-            latest: self.quiet + self.config.patience,
-        };
+        let retries_left = if answered && !lost { self.config.retries } else { 0 };
+        let attempt = Attempt { to, instruction, answered, answer, retries_left, first: true };
+        self.state = State::Gap { attempt, until: self.quiet, latest: self.quiet + self.config.patience };
         Ok(())
     }
 
@@ -194,35 +164,24 @@ impl Master {
     /// How well the node answers; a node that was not added is Ok.
     #[must_use]
     pub fn health(&self, address: u8) -> Health {
-        self.nodes
-            .iter()
-            .find(|node| node.address == address)
-            .map_or(Health::Ok, |node| node.errors.health())
+        self.nodes.iter().find(|node| node.address == address).map_or(Health::Ok, |node| node.errors.health())
     }
 
     /// The node's error counter, 0 to 128; none for a node that was not added.
     #[must_use]
     pub fn error_count(&self, address: u8) -> Option<u8> {
-        self.nodes
-            .iter()
-            .find(|node| node.address == address)
-            .map(|node| node.errors.value())
+        self.nodes.iter().find(|node| node.address == address).map(|node| node.errors.value())
     }
 
     /// The node's statistics; none for a node that was not added.
     #[must_use]
     pub fn statistics(&self, address: u8) -> Option<&Statistics> {
-        self.nodes
-            .iter()
-            .find(|node| node.address == address)
-            .map(|node| &node.statistics)
+        self.nodes.iter().find(|node| node.address == address).map(|node| &node.statistics)
     }
 
     /// The node's round trips since the last call.
     pub fn take_recent(&mut self, address: u8) -> RoundTrips {
-        self.node(address)
-            .map(|node| core::mem::take(&mut node.recent))
-            .unwrap_or_default()
+        self.node(address).map(|node| core::mem::take(&mut node.recent)).unwrap_or_default()
     }
 
     /// The bus's statistics.
@@ -257,27 +216,13 @@ impl Master {
         };
         self.state = match (self.state, answer) {
             (
-                State::Sending {
-                    attempt, started, ..
-                }
-                | State::Waiting {
-                    attempt, started, ..
-                },
+                State::Sending { attempt, started, .. } | State::Waiting { attempt, started, .. },
                 Answer::Good(status, data),
             ) => self.answered(now, attempt, started, status, data),
             (State::Waiting { attempt, .. }, Answer::Damaged(why)) => self.damaged(attempt, why),
             // The host may tell of what it sent after what it received; what is damaged then is judged at the deadline.
             (state @ State::Sending { .. }, Answer::Damaged(_)) => state,
-            (
-                State::Gap {
-                    attempt, latest, ..
-                },
-                _,
-            ) => State::Gap {
-                attempt,
-                until: self.quiet.min(latest),
-                latest,
-            },
+            (State::Gap { attempt, latest, .. }, _) => State::Gap { attempt, until: self.quiet.min(latest), latest },
             (state, Answer::None) => state,
             (state, Answer::Stray | Answer::Good(..) | Answer::Damaged(_)) => {
                 self.statistics.stray_frames += 1;
@@ -288,29 +233,16 @@ impl Master {
 
     /// The last bit of what [`Master::poll_tx`] gave has left the wire.
     pub fn handle_tx_done(&mut self, now: Instant) {
-        let State::Sending {
-            attempt,
-            started,
-            off,
-            ..
-        } = self.state
-        else {
+        let State::Sending { attempt, started, off, .. } = self.state else {
             return;
         };
         let now = now.max(off);
         self.quiet = now + self.word * GAP_WORDS;
         self.state = if attempt.answered {
             let timeout = self.timeout(attempt.to);
-            State::Waiting {
-                attempt,
-                started,
-                until: now + timeout,
-            }
+            State::Waiting { attempt, started, until: now + timeout }
         } else {
-            self.events.push(Event::Sent {
-                to: attempt.to,
-                instruction: attempt.instruction,
-            });
+            self.events.push(Event::Sent { to: attempt.to, instruction: attempt.instruction });
             State::Idle
         };
     }
@@ -318,18 +250,12 @@ impl Master {
     /// Serves deadlines; late and needless calls do no harm.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.state = match self.state {
-            State::Gap { attempt, until, .. } if until <= now => State::Ready {
-                attempt,
-                until: now + self.config.patience,
-            },
-            State::Ready { attempt, until } | State::Sending { attempt, until, .. }
-                if until <= now =>
-            {
+            State::Gap { attempt, until, .. } if until <= now => {
+                State::Ready { attempt, until: now + self.config.patience }
+            }
+            State::Ready { attempt, until } | State::Sending { attempt, until, .. } if until <= now => {
                 self.statistics.unsent += 1;
-                self.events.push(Event::Unsent {
-                    to: attempt.to,
-                    instruction: attempt.instruction,
-                });
+                self.events.push(Event::Unsent { to: attempt.to, instruction: attempt.instruction });
                 State::Idle
             }
             State::Waiting { attempt, until, .. } if until <= now && self.reader.is_untidy() => {
@@ -351,21 +277,12 @@ impl Master {
             return None;
         };
         let off = now + self.word * self.tx.len() as u32;
-        self.state = State::Sending {
-            attempt,
-            started: now,
-            off,
-            until: off + self.config.patience,
-        };
+        self.state = State::Sending { attempt, started: now, off, until: off + self.config.patience };
         self.reader.reset();
         self.statistics.frames += 1;
         self.statistics.words += self.tx.len() as u64;
         if let Some(node) = self.node(attempt.to) {
-            let counter = if attempt.first {
-                &mut node.statistics.requests
-            } else {
-                &mut node.statistics.retries
-            };
+            let counter = if attempt.first { &mut node.statistics.requests } else { &mut node.statistics.retries };
             *counter += 1;
         }
         Some(Transmit { words: &self.tx })
@@ -388,29 +305,15 @@ impl Master {
         }
     }
 
-    fn answered(
-        &mut self,
-        now: Instant,
-        attempt: Attempt,
-        started: Instant,
-        status: Status,
-        data: Data,
-    ) -> State {
-        let Attempt {
-            to, instruction, ..
-        } = attempt;
+    fn answered(&mut self, now: Instant, attempt: Attempt, started: Instant, status: Status, data: Data) -> State {
+        let Attempt { to, instruction, .. } = attempt;
         let change = self.node(to).and_then(|node| {
             let round_trip = now.since(started);
             node.statistics.round_trips.add(round_trip);
             node.recent.add(round_trip);
             node.errors.good()
         });
-        self.events.push(Event::Reply {
-            to,
-            instruction,
-            status,
-            data,
-        });
+        self.events.push(Event::Reply { to, instruction, status, data });
         self.changed(to, change);
         State::Idle
     }
@@ -419,9 +322,7 @@ impl Master {
         if let Some(node) = self.node(attempt.to) {
             node.statistics.timeouts += 1;
         }
-        let Attempt {
-            to, instruction, ..
-        } = attempt;
+        let Attempt { to, instruction, .. } = attempt;
         self.retry_or(attempt, 0, Event::Silent { to, instruction })
     }
 
@@ -431,39 +332,17 @@ impl Master {
         }
         // The first retry asks for the same answer again; if that does not help the node may have none to repeat. A
         // node that could not read the request has not.
-        let flags = if attempt.first && why != Why::Request {
-            RESEND
-        } else {
-            0
-        };
-        let Attempt {
-            to, instruction, ..
-        } = attempt;
-        self.retry_or(
-            attempt,
-            flags,
-            Event::Garbled {
-                to,
-                instruction,
-                why,
-            },
-        )
+        let flags = if attempt.first && why != Why::Request { RESEND } else { 0 };
+        let Attempt { to, instruction, .. } = attempt;
+        self.retry_or(attempt, flags, Event::Garbled { to, instruction, why })
     }
 
     fn retry_or(&mut self, attempt: Attempt, flags: u8, failure: Event) -> State {
         self.statistics.errors += 1;
         if attempt.retries_left > 0 {
             frame::set_flags(self.config.crc, &mut self.tx, flags);
-            let attempt = Attempt {
-                retries_left: attempt.retries_left - 1,
-                first: false,
-                ..attempt
-            };
-            return State::Gap {
-                attempt,
-                until: self.quiet,
-                latest: self.quiet + self.config.patience,
-            };
+            let attempt = Attempt { retries_left: attempt.retries_left - 1, first: false, ..attempt };
+            return State::Gap { attempt, until: self.quiet, latest: self.quiet + self.config.patience };
         }
         self.events.push(failure);
         let change = self.node(attempt.to).and_then(|node| node.errors.failed());
@@ -483,10 +362,7 @@ impl Master {
     }
 
     fn timeout(&self, address: u8) -> Duration {
-        self.nodes
-            .iter()
-            .find(|node| node.address == address)
-            .map_or(self.config.timeout, |node| node.timeout)
+        self.nodes.iter().find(|node| node.address == address).map_or(self.config.timeout, |node| node.timeout)
     }
 
     fn node(&mut self, address: u8) -> Option<&mut Node> {
@@ -510,18 +386,14 @@ impl Answer {
         let (State::Sending { attempt, .. } | State::Waiting { attempt, .. }) = state else {
             return Self::Stray;
         };
-        if (frame.address, frame.instruction) != (attempt.to, attempt.instruction)
-            || !attempt.answered
-        {
+        if (frame.address, frame.instruction) != (attempt.to, attempt.instruction) || !attempt.answered {
             return Self::Stray;
         }
         match Status::from_byte(frame.flags) {
             None => Self::Damaged(Why::Status { got: frame.flags }),
             Some(Status::BadCrc) => Self::Damaged(Why::Request),
             Some(Status::Ok) if !attempt.answer.allow(frame.data.len()) => {
-                Self::Damaged(Why::Length {
-                    got: frame.data.len() as u8,
-                })
+                Self::Damaged(Why::Length { got: frame.data.len() as u8 })
             }
             Some(status) => Self::Good(status, frame.data.iter().copied().collect()),
         }

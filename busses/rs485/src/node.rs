@@ -1,4 +1,4 @@
-//! What the master knows of each node: its error counter (`docs/boards.md` 2, after the CAN node's) and statistics.
+//! What the master knows of each node: its error counter (`docs/facts/boards.md` 2, after the CAN node's) and statistics.
 
 use base::Duration;
 
@@ -119,9 +119,7 @@ impl RoundTrips {
     #[must_use]
     pub fn mean(&self) -> Option<Duration> {
         let nanos = self.sum.as_nanos().checked_div(u128::from(self.count))?;
-        Some(Duration::from_nanos(
-            u64::try_from(nanos).unwrap_or(u64::MAX),
-        ))
+        Some(Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX)))
     }
 
     /// The longest; none when there was none.
@@ -131,11 +129,7 @@ impl RoundTrips {
     }
 
     pub(crate) fn add(&mut self, round_trip: Duration) {
-        self.min = if self.count == 0 {
-            round_trip
-        } else {
-            self.min.min(round_trip)
-        };
+        self.min = if self.count == 0 { round_trip } else { self.min.min(round_trip) };
         self.max = self.max.max(round_trip);
         self.sum = self.sum.saturating_add(round_trip);
         self.count += 1;
@@ -168,10 +162,7 @@ mod tests {
         let said = (0..12).filter_map(|_| counter.failed()).count();
         assert_eq!(said, 1);
         assert_eq!((counter.good(), counter.health()), (None, Health::Ok));
-        assert_eq!(
-            (counter.failed(), counter.health()),
-            (None, Health::Degraded)
-        );
+        assert_eq!((counter.failed(), counter.health()), (None, Health::Degraded));
         let last = (0..103).map(|_| counter.good()).last().flatten();
         assert_eq!((last, counter.value()), (Some(Change::Recovered), 0));
         assert_eq!(counter.good(), None);

@@ -48,15 +48,7 @@ impl Reader {
     #[must_use]
     pub fn new(crc: Crc8, gap: Option<Duration>) -> Self {
         let counters = Counters::default();
-        Self {
-            crc,
-            gap,
-            bytes: Vec::new(),
-            last: Instant::ZERO,
-            untidy: false,
-            complete: false,
-            counters,
-        }
+        Self { crc, gap, bytes: Vec::new(), last: Instant::ZERO, untidy: false, complete: false, counters }
     }
 
     /// Takes one word that ended at `at`.
@@ -74,7 +66,7 @@ impl Reader {
         match (word.ninth, self.bytes.is_empty()) {
             (true, true) => {}
             (true, false) => {
-                // The ninth bit starts a frame whatever came before (`docs/boards.md` 1).
+                // The ninth bit starts a frame whatever came before (`docs/facts/boards.md` 1).
                 self.bytes.clear();
                 self.untidy = true;
                 count(&mut self.counters.restarts);
@@ -89,11 +81,7 @@ impl Reader {
         // Room for the longest frame; a frame ends at its own length, so this is never refused.
         let _ = self.bytes.push(word.byte);
         let length = usize::from(*self.bytes.get(HEADER - 1)?);
-        if self.bytes.len() < length + OVERHEAD {
-            None
-        } else {
-            self.finish()
-        }
+        if self.bytes.len() < length + OVERHEAD { None } else { self.finish() }
     }
 
     fn finish(&mut self) -> Option<Received<'_>> {
@@ -176,61 +164,27 @@ mod tests {
     fn the_ninth_bit_starts_a_frame_in_the_middle_of_another() {
         let mut reader = reader();
         assert_eq!(read(&mut reader, "20! 01 00 04 01 20! 01 00 00 9c"), "[[]]");
-        assert_eq!(
-            reader.counters(),
-            Counters {
-                frames: 1,
-                restarts: 1,
-                ..Counters::default()
-            }
-        );
+        assert_eq!(reader.counters(), Counters { frames: 1, restarts: 1, ..Counters::default() });
     }
 
     #[test]
     fn a_gap_of_more_than_5_ms_drops_the_frame() {
         let mut reader = reader();
         assert_eq!(read(&mut reader, "20! 01 +4 00 00 9c"), "[[]]");
-        assert_eq!(
-            read(&mut reader, "20! 01 +5 00 00 9c 20! 01 00 00 9c"),
-            "[[]]"
-        );
-        assert_eq!(
-            reader.counters(),
-            Counters {
-                frames: 2,
-                gaps: 1,
-                stray_words: 3,
-                ..Counters::default()
-            }
-        );
+        assert_eq!(read(&mut reader, "20! 01 +5 00 00 9c 20! 01 00 00 9c"), "[[]]");
+        assert_eq!(reader.counters(), Counters { frames: 2, gaps: 1, stray_words: 3, ..Counters::default() });
     }
 
     #[test]
     fn a_reader_without_a_gap_waits_as_long_as_it_takes() {
-        assert_eq!(
-            read(
-                &mut Reader::new(Crc8::SAE_J1850, None),
-                "20! 01 +500 00 00 9c"
-            ),
-            "[[]]"
-        );
+        assert_eq!(read(&mut Reader::new(Crc8::SAE_J1850, None), "20! 01 +500 00 00 9c"), "[[]]");
     }
 
     #[test]
     fn a_wrong_crc_is_said_and_the_next_frame_is_read() {
         let mut reader = reader();
-        assert_eq!(
-            read(&mut reader, "20! 01 00 00 a4 20! 01 00 00 9c"),
-            "[bad crc][[]]"
-        );
-        assert_eq!(
-            reader.counters(),
-            Counters {
-                frames: 1,
-                crc_errors: 1,
-                ..Counters::default()
-            }
-        );
+        assert_eq!(read(&mut reader, "20! 01 00 00 a4 20! 01 00 00 9c"), "[bad crc][[]]");
+        assert_eq!(reader.counters(), Counters { frames: 1, crc_errors: 1, ..Counters::default() });
     }
 
     #[test]
@@ -247,20 +201,11 @@ mod tests {
         for _ in 0..2_000_000 {
             // One word in 16 starts a frame, one in 8 is small, so that short frames abound.
             let bits = random.next();
-            let byte = if bits & 0x700 == 0 {
-                bits as u8 & 7
-            } else {
-                bits as u8
-            };
-            let word = Word {
-                byte,
-                ninth: bits & 0xF000 == 0,
-            };
+            let byte = if bits & 0x700 == 0 { bits as u8 & 7 } else { bits as u8 };
+            let word = Word { byte, ninth: bits & 0xF000 == 0 };
             reader.push(Instant::ZERO, word);
         }
-        let Counters {
-            frames, crc_errors, ..
-        } = reader.counters();
+        let Counters { frames, crc_errors, .. } = reader.counters();
         let one_in = f64::from(frames + crc_errors) / f64::from(frames);
         assert!((200.0..330.0).contains(&one_in), "one in {one_in}");
     }

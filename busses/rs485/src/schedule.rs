@@ -3,7 +3,7 @@
 use base::{Duration, Instant, Queue, Ticker};
 use heapless::Vec;
 
-/// How often a lost node is asked (`docs/boards.md` 2).
+/// How often a lost node is asked (`docs/facts/boards.md` 2).
 pub const PROBE: Duration = Duration::from_secs(1);
 
 /// What to ask of whom.
@@ -33,21 +33,12 @@ impl<const N: usize> Schedule<N> {
     /// Nothing to ask.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            polls: Vec::new(),
-            demands: Queue::new(),
-        }
+        Self { polls: Vec::new(), demands: Queue::new() }
     }
 
     /// Asks `turn` at `first`, then every `period`. False when there is no room.
     pub fn poll(&mut self, first: Instant, period: Duration, turn: Turn) -> bool {
-        self.polls
-            .push(Poll {
-                turn,
-                period,
-                ticker: Ticker::new(first, period),
-            })
-            .is_ok()
+        self.polls.push(Poll { turn, period, ticker: Ticker::new(first, period) }).is_ok()
     }
 
     /// Asks `turn` once, before any poll. False when 8 wait already.
@@ -60,10 +51,7 @@ impl<const N: usize> Schedule<N> {
         if let Some(turn) = self.demands.pop() {
             return Some(turn);
         }
-        let poll = self
-            .polls
-            .iter_mut()
-            .min_by_key(|poll| poll.ticker.next())?;
+        let poll = self.polls.iter_mut().min_by_key(|poll| poll.ticker.next())?;
         poll.ticker.due(now).then_some(poll.turn)
     }
 
@@ -103,18 +91,9 @@ impl<const N: usize> Default for Schedule<N> {
 mod tests {
     use super::*;
 
-    const SD1: Turn = Turn {
-        to: 0x10,
-        instruction: 0x10,
-    };
-    const SO1: Turn = Turn {
-        to: 0x20,
-        instruction: 0x01,
-    };
-    const VERSION: Turn = Turn {
-        to: 0x10,
-        instruction: 0xFE,
-    };
+    const SD1: Turn = Turn { to: 0x10, instruction: 0x10 };
+    const SO1: Turn = Turn { to: 0x20, instruction: 0x01 };
+    const VERSION: Turn = Turn { to: 0x10, instruction: 0xFE };
 
     fn ms(ms: u64) -> Instant {
         Instant::from_millis(ms)
@@ -130,16 +109,10 @@ mod tests {
     #[test]
     fn polls_keep_their_grids_whenever_they_are_served() {
         let mut schedule = schedule();
-        assert_eq!(
-            [ms(0), ms(5), ms(17), ms(18)].map(|now| schedule.due(now)),
-            [Some(SD1), None, Some(SO1), None]
-        );
+        assert_eq!([ms(0), ms(5), ms(17), ms(18)].map(|now| schedule.due(now)), [Some(SD1), None, Some(SO1), None]);
         assert_eq!(schedule.next(), Some(ms(110)));
         // Served late, both are due: the one due longest first; what was missed is dropped.
-        assert_eq!(
-            [ms(460), ms(461), ms(462)].map(|now| schedule.due(now)),
-            [Some(SO1), Some(SD1), None]
-        );
+        assert_eq!([ms(460), ms(461), ms(462)].map(|now| schedule.due(now)), [Some(SO1), Some(SD1), None]);
         assert_eq!(schedule.next(), Some(ms(500)));
     }
 
@@ -148,14 +121,7 @@ mod tests {
         let mut schedule = schedule();
         assert!(schedule.demand(VERSION));
         assert_eq!(schedule.next(), Some(Instant::ZERO));
-        assert_eq!(
-            [
-                schedule.due(ms(0)),
-                schedule.due(ms(0)),
-                schedule.due(ms(0))
-            ],
-            [Some(VERSION), Some(SD1), None]
-        );
+        assert_eq!([schedule.due(ms(0)), schedule.due(ms(0)), schedule.due(ms(0))], [Some(VERSION), Some(SD1), None]);
     }
 
     #[test]
@@ -163,14 +129,10 @@ mod tests {
         let mut schedule = schedule();
         schedule.lost(ms(0), SO1.to);
         assert_eq!(schedule.due(ms(0)), Some(SD1));
-        let asked = (1..5000)
-            .filter(|now| schedule.due(ms(*now)) == Some(SO1))
-            .count();
+        let asked = (1..5000).filter(|now| schedule.due(ms(*now)) == Some(SO1)).count();
         assert_eq!(asked, 4);
         schedule.back(ms(5000), SO1.to);
-        let asked = (5000..6000)
-            .filter(|now| schedule.due(ms(*now)) == Some(SO1))
-            .count();
+        let asked = (5000..6000).filter(|now| schedule.due(ms(*now)) == Some(SO1)).count();
         assert_eq!(asked, 9);
     }
 

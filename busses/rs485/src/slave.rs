@@ -28,7 +28,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// 115200 Bd, the default CRC, answers after 200 us, a gap of 5 ms, 20 ms for the board (`docs/boards.md` 1).
+    /// 115200 Bd, the default CRC, answers after 200 us, a gap of 5 ms, 20 ms for the board (`docs/facts/boards.md` 1).
     #[must_use]
     pub const fn new(address: u8) -> Self {
         Self {
@@ -132,9 +132,7 @@ impl Slave {
         if frame.address != self.config.address && !broadcast {
             return;
         }
-        let Frame {
-            instruction, flags, ..
-        } = frame;
+        let Frame { instruction, flags, .. } = frame;
         let answered = !broadcast && flags & NO_ACK == 0;
         let due = at + self.config.delay;
         if !intact {
@@ -147,21 +145,9 @@ impl Slave {
             self.state = State::Answering { due };
         } else {
             self.repeatable = None;
-            self.asked = Some(Asked {
-                instruction,
-                data: frame.data.iter().copied().collect(),
-                answered,
-            });
+            self.asked = Some(Asked { instruction, data: frame.data.iter().copied().collect(), answered });
             let until = due + self.config.answer_within;
-            self.state = if answered {
-                State::Asked {
-                    instruction,
-                    due,
-                    until,
-                }
-            } else {
-                State::Listening
-            };
+            self.state = if answered { State::Asked { instruction, due, until } } else { State::Listening };
         }
     }
 
@@ -173,10 +159,7 @@ impl Slave {
     /// Answers the request that was polled last, at most [`MAX_DATA`] bytes (more are cut off). Does nothing when
     /// the master does not wait: a broadcast, `NO_ACK`, or answered already.
     pub fn respond(&mut self, status: Status, data: &[u8]) {
-        if let State::Asked {
-            instruction, due, ..
-        } = self.state
-        {
+        if let State::Asked { instruction, due, .. } = self.state {
             self.encode(instruction, status, &data[..data.len().min(MAX_DATA)]);
             self.repeatable = Some(instruction);
             self.state = State::Answering { due };
@@ -198,9 +181,7 @@ impl Slave {
         match self.state {
             State::Answering { due } if due <= now => {
                 self.state = State::Listening;
-                Some(Transmit {
-                    words: &self.answer,
-                })
+                Some(Transmit { words: &self.answer })
             }
             _ => None,
         }
@@ -226,13 +207,7 @@ impl Slave {
 
     fn encode(&mut self, instruction: u8, status: Status, data: &[u8]) {
         let address = self.config.address;
-        Frame {
-            address,
-            instruction,
-            flags: status as u8,
-            data,
-        }
-        .encode(self.config.crc, &mut self.answer);
+        Frame { address, instruction, flags: status as u8, data }.encode(self.config.crc, &mut self.answer);
     }
 }
 

@@ -8,13 +8,8 @@ use std::vec::Vec;
 /// Words from text: hexadecimal bytes, `!` after one with the ninth bit set.
 pub fn words(text: &str) -> Vec<Word> {
     let word = |token: &str| {
-        let (byte, ninth) = token
-            .strip_suffix('!')
-            .map_or((token, false), |byte| (byte, true));
-        Word {
-            byte: u8::from_str_radix(byte, 16).unwrap(),
-            ninth,
-        }
+        let (byte, ninth) = token.strip_suffix('!').map_or((token, false), |byte| (byte, true));
+        Word { byte: u8::from_str_radix(byte, 16).unwrap(), ninth }
     };
     text.split_whitespace().map(word).collect()
 }

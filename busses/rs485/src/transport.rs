@@ -3,7 +3,7 @@
 
 use base::serial::Word;
 
-/// The `two-byte` transport (`docs/boards.md` 1): the low byte, then 0x01 where the ninth bit is set, else 0x00.
+/// The `two-byte` transport (`docs/facts/boards.md` 1): the low byte, then 0x01 where the ninth bit is set, else 0x00.
 #[derive(Debug, Default)]
 pub struct TwoByte {
     low: Option<u8>,
@@ -14,10 +14,7 @@ impl TwoByte {
     /// A codec that expects a low byte.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            low: None,
-            slips: 0,
-        }
+        Self { low: None, slips: 0 }
     }
 
     /// The bytes of a word, in the order they are written.
@@ -64,10 +61,7 @@ mod tests {
     use std::vec::Vec;
 
     fn decode(codec: &mut TwoByte, bytes: &[u8]) -> Vec<Word> {
-        bytes
-            .iter()
-            .filter_map(|byte| codec.decode(*byte))
-            .collect()
+        bytes.iter().filter_map(|byte| codec.decode(*byte)).collect()
     }
 
     #[test]
@@ -80,16 +74,11 @@ mod tests {
 
     #[test]
     fn every_word_survives_and_reads_may_be_split_anywhere() {
-        let words: Vec<Word> = (0..=255)
-            .flat_map(|byte| [false, true].map(|ninth| Word { byte, ninth }))
-            .collect();
+        let words: Vec<Word> = (0..=255).flat_map(|byte| [false, true].map(|ninth| Word { byte, ninth })).collect();
         let bytes: Vec<u8> = words.iter().copied().flat_map(TwoByte::encode).collect();
         for size in [1, 2, 3, 7] {
             let mut codec = TwoByte::new();
-            let read: Vec<Word> = bytes
-                .chunks(size)
-                .flat_map(|chunk| decode(&mut codec, chunk))
-                .collect();
+            let read: Vec<Word> = bytes.chunks(size).flat_map(|chunk| decode(&mut codec, chunk)).collect();
             assert_eq!((read, codec.slips()), (words.clone(), 0));
         }
     }

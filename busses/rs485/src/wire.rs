@@ -65,28 +65,16 @@ impl Wire {
                 self.sent,
                 self.words.front().map(|(at, ..)| *at),
             ];
-            self.now = due
-                .into_iter()
-                .flatten()
-                .min()
-                .expect("a state that waits has a deadline")
-                .max(self.now);
+            self.now = due.into_iter().flatten().min().expect("a state that waits has a deadline").max(self.now);
             self.step();
         }
     }
 
     fn step(&mut self) {
-        while let Some((at, word, from_master)) = self
-            .words
-            .front()
-            .copied()
-            .filter(|(at, ..)| *at <= self.now)
-        {
+        while let Some((at, word, from_master)) = self.words.front().copied().filter(|(at, ..)| *at <= self.now) {
             self.words.pop_front();
             if from_master {
-                self.slaves
-                    .iter_mut()
-                    .for_each(|slave| slave.handle_rx(at, &[word]));
+                self.slaves.iter_mut().for_each(|slave| slave.handle_rx(at, &[word]));
             } else {
                 self.master.handle_rx(at, &[word]);
             }
@@ -96,9 +84,7 @@ impl Wire {
             self.master.handle_tx_done(self.now);
         }
         self.master.handle_timeout(self.now);
-        self.slaves
-            .iter_mut()
-            .for_each(|slave| slave.handle_timeout(self.now));
+        self.slaves.iter_mut().for_each(|slave| slave.handle_timeout(self.now));
         self.drain();
     }
 
@@ -112,14 +98,7 @@ impl Wire {
             if let Some(asked) = slave.poll_request() {
                 self.measured = self.measured.wrapping_add(1);
                 let data = measure(asked.instruction, self.measured);
-                slave.respond(
-                    if data.is_empty() {
-                        Status::UnknownInstruction
-                    } else {
-                        Status::Ok
-                    },
-                    &data,
-                );
+                slave.respond(if data.is_empty() { Status::UnknownInstruction } else { Status::Ok }, &data);
                 self.answered.push(data);
             }
             if let Some(Transmit { words }) = slave.poll_tx(self.now) {
@@ -139,14 +118,9 @@ impl Wire {
 
     fn disturb(&mut self, word: Word) -> Word {
         let Some(flips) = self.flips else { return word };
-        let mask = (0..9).fold(0_u16, |mask, bit| {
-            mask | u16::from(self.random.one_in(flips)) << bit
-        });
+        let mask = (0..9).fold(0_u16, |mask, bit| mask | u16::from(self.random.one_in(flips)) << bit);
         self.flipped += u64::from(mask.count_ones());
-        Word {
-            byte: word.byte ^ mask as u8,
-            ninth: word.ninth ^ (mask & 0x100 != 0),
-        }
+        Word { byte: word.byte ^ mask as u8, ninth: word.ninth ^ (mask & 0x100 != 0) }
     }
 }
 
@@ -168,21 +142,14 @@ fn measure(instruction: u8, n: u32) -> Vec<u8> {
 fn ask(wire: &mut Wire, transactions: u32) -> [u32; 3] {
     let [mut right, mut wrong, mut failed] = [0; 3];
     for n in 0..transactions {
-        let request = if n % 2 == 0 {
-            sd1::GET_BOTH_DATA.ask(sd1::FRONT, &[])
-        } else {
-            so1::GET_TICKS.ask(so1::ADDRESS, &[])
-        };
+        let request =
+            if n % 2 == 0 { sd1::GET_BOTH_DATA.ask(sd1::FRONT, &[]) } else { so1::GET_TICKS.ask(so1::ADDRESS, &[]) };
         wire.answered.clear();
         wire.master.request(request).unwrap();
         wire.run();
         for event in wire.events.drain(..) {
             match event {
-                Event::Reply {
-                    status: Status::Ok,
-                    data,
-                    ..
-                } => {
+                Event::Reply { status: Status::Ok, data, .. } => {
                     let published = match n % 2 {
                         0 => sd1::Both::parse(&data).is_ok(),
                         _ => so1::parse_ticks(&data).is_ok(),
@@ -203,15 +170,9 @@ fn on_a_clean_wire_every_answer_is_right_at_once() {
     let mut wire = Wire::new(None);
     assert_eq!(ask(&mut wire, 1000), [1000, 0, 0]);
     let sd1 = *wire.master.statistics(sd1::FRONT).unwrap();
-    assert_eq!(
-        (sd1.requests, sd1.retries, sd1.round_trips.count()),
-        (500, 0, 500)
-    );
+    assert_eq!((sd1.requests, sd1.retries, sd1.round_trips.count()), (500, 0, 500));
     // 5 words out, 200 us, 25 words back.
-    assert_eq!(
-        sd1.round_trips.mean(),
-        Some(word_time(BAUD) * 30 + Duration::from_micros(200))
-    );
+    assert_eq!(sd1.round_trips.mean(), Some(word_time(BAUD) * 30 + Duration::from_micros(200)));
     // The wire is in use but for the slaves' 200 us and the master's two words a transaction.
     let busy = word_time(BAUD) * wire.master.bus_statistics().words as u32;
     let pauses = (Duration::from_micros(200) + word_time(BAUD) * 2) * 1000;
@@ -224,16 +185,10 @@ fn on_a_noisy_wire_every_answer_is_right_or_refused_but_for_what_a_crc_of_8_bits
     let mut wire = Wire::new(Some(200));
     let [right, wrong, failed] = ask(&mut wire, 60_000);
     let damaged = wire.master.bus_statistics().errors;
-    assert!(
-        right > 40_000,
-        "{right} right, {wrong} wrong, {failed} failed, {damaged} damaged"
-    );
-    // Single and double errors, the most, never pass; of triple ones 0.4 % do (facts/robot.md 2.5), and ninth bits,
+    assert!(right > 40_000, "{right} right, {wrong} wrong, {failed} failed, {damaged} damaged");
+    // Single and double errors, the most, never pass; of triple ones 0.4 % do (docs/facts/robot.md 2.5), and ninth bits,
     // lengths, counts and distances are looked at too: 2 in 72 663 here, where 284 would pass the CRC of noise.
-    assert!(
-        wrong > 0 && u64::from(wrong) * 4096 < damaged,
-        "{wrong} wrong of {damaged}"
-    );
+    assert!(wrong > 0 && u64::from(wrong) * 4096 < damaged, "{wrong} wrong of {damaged}");
 }
 
 #[test]

@@ -31,23 +31,14 @@ impl Frame {
         }
         let mut bytes = [0; 8];
         bytes[..data.len()].copy_from_slice(data);
-        Some(Self {
-            id,
-            remote: false,
-            len: data.len() as u8,
-            data: bytes,
-        })
+        Some(Self { id, remote: false, len: data.len() as u8, data: bytes })
     }
 
     /// A remote frame that asks for `len` bytes (0..=8).
     #[must_use]
     pub fn remote(id: Id, len: u8) -> Option<Self> {
         let frame = Self::new(id, &[])?;
-        (len <= 8).then_some(Self {
-            remote: true,
-            len,
-            ..frame
-        })
+        (len <= 8).then_some(Self { remote: true, len, ..frame })
     }
 
     /// A data frame with an 11-bit identifier, of which only the low 11 bits count; data beyond 8 bytes is cut
@@ -57,12 +48,7 @@ impl Frame {
         let len = data.len().min(8);
         let mut bytes = [0; 8];
         bytes[..len].copy_from_slice(&data[..len]);
-        Self {
-            id: Id::Standard(id & 0x7FF),
-            remote: false,
-            len: len as u8,
-            data: bytes,
-        }
+        Self { id: Id::Standard(id & 0x7FF), remote: false, len: len as u8, data: bytes }
     }
 
     /// The identifier.
@@ -86,11 +72,7 @@ impl Frame {
     /// The data; empty for a remote frame.
     #[must_use]
     pub fn data(&self) -> &[u8] {
-        if self.remote {
-            &[]
-        } else {
-            &self.data[..usize::from(self.len)]
-        }
+        if self.remote { &[] } else { &self.data[..usize::from(self.len)] }
     }
 }
 

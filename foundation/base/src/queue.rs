@@ -13,10 +13,7 @@ impl<T, const N: usize> Queue<T, N> {
     /// An empty queue.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            items: Deque::new(),
-            dropped: 0,
-        }
+        Self { items: Deque::new(), dropped: 0 }
     }
 
     /// Appends `item`; false when the queue is full: the item is gone and counted.
@@ -83,9 +80,6 @@ mod tests {
     fn a_full_queue_refuses_and_counts() {
         let mut queue = Queue::<u8, 2>::new();
         assert!(queue.push(1) && queue.push(2) && !queue.push(3));
-        assert_eq!(
-            (queue.pop(), queue.pop(), queue.pop(), queue.dropped()),
-            (Some(1), Some(2), None, 1)
-        );
+        assert_eq!((queue.pop(), queue.pop(), queue.pop(), queue.dropped()), (Some(1), Some(2), None, 1));
     }
 }

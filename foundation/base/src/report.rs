@@ -131,12 +131,7 @@ impl Report {
     /// A report that is not fatal, made where it is called.
     #[must_use]
     #[track_caller]
-    pub fn new(
-        severity: Severity,
-        fault: Fault,
-        subject: impl Into<String>,
-        message: impl Into<String>,
-    ) -> Self {
+    pub fn new(severity: Severity, fault: Fault, subject: impl Into<String>, message: impl Into<String>) -> Self {
         Self {
             fault,
             subject: subject.into(),

@@ -43,11 +43,7 @@ impl Instant {
 
 const fn nanos(duration: Duration) -> u64 {
     let n = duration.as_nanos();
-    if n > u64::MAX as u128 {
-        u64::MAX
-    } else {
-        n as u64
-    }
+    if n > u64::MAX as u128 { u64::MAX } else { n as u64 }
 }
 
 impl Add<Duration> for Instant {
@@ -99,10 +95,7 @@ impl Ticker {
     /// First due at `first`, then every `period` (at least 1 ns).
     #[must_use]
     pub fn new(first: Instant, period: Duration) -> Self {
-        Self {
-            period: period.max(Duration::from_nanos(1)),
-            next: first,
-        }
+        Self { period: period.max(Duration::from_nanos(1)), next: first }
     }
 
     /// The next deadline.
@@ -124,11 +117,7 @@ impl Ticker {
         }
         let period = nanos(self.period);
         let missed = now.since(self.next).as_nanos() as u64 / period;
-        self.next = Instant(
-            self.next
-                .0
-                .saturating_add(period.saturating_mul(missed + 1)),
-        );
+        self.next = Instant(self.next.0.saturating_add(period.saturating_mul(missed + 1)));
         true
     }
 }
@@ -153,12 +142,6 @@ mod tests {
     fn time_saturates_instead_of_wrapping() {
         assert_eq!(Instant::NEVER + Duration::from_secs(1), Instant::NEVER);
         assert_eq!(Instant::ZERO.since(Instant::NEVER), Duration::ZERO);
-        assert_eq!(
-            Epoch {
-                offset_us: i64::MAX
-            }
-            .timestamp(Instant::NEVER),
-            i64::MAX
-        );
+        assert_eq!(Epoch { offset_us: i64::MAX }.timestamp(Instant::NEVER), i64::MAX);
     }
 }

@@ -37,11 +37,7 @@ impl Definition {
 }
 
 pub(crate) fn qualified(package: &str, short: &str) -> String {
-    if package.is_empty() {
-        short.to_owned()
-    } else {
-        format!("{package}.{short}")
-    }
+    if package.is_empty() { short.to_owned() } else { format!("{package}.{short}") }
 }
 
 /// What a definition is.

@@ -1,8 +1,5 @@
 //! For build scripts: reads a folder of `.lcm` files and writes Rust files.
-#![allow(
-    clippy::disallowed_methods,
-    reason = "build scripts run on the builder's machine, not on the robot"
-)]
+#![allow(clippy::disallowed_methods, reason = "build scripts run on the builder's machine, not on the robot")]
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -19,8 +16,7 @@ pub fn generate(folder: &Path, out: &Path) -> Result<(), String> {
     println!("cargo::rerun-if-changed={}", folder.display());
     let mut files = Vec::new();
     for path in lcm_files(folder)? {
-        let text =
-            fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let text = fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
         files.push((path.display().to_string(), text));
     }
     let schema = Schema::new(&files).map_err(|error| error.to_string())?;
@@ -38,9 +34,7 @@ pub fn list(folder: &Path, out: &Path) -> Result<(), String> {
     for path in lcm_files(folder)? {
         let below = path.strip_prefix(folder).unwrap_or(&path);
         let name: Vec<_> = below.iter().map(|part| part.to_string_lossy()).collect();
-        let whole = path
-            .canonicalize()
-            .map_err(|error| format!("{}: {error}", path.display()))?;
+        let whole = path.canonicalize().map_err(|error| format!("{}: {error}", path.display()))?;
         let _ = writeln!(code, "    ({:?}, include_str!({whole:?})),", name.join("/"));
     }
     code.push_str("]\n");

@@ -24,21 +24,13 @@ pub struct Error {
 
 impl Error {
     pub(crate) fn new(file: &str, at: At, message: impl Into<String>) -> Self {
-        Self {
-            file: file.to_owned(),
-            at,
-            message: message.into(),
-        }
+        Self { file: file.to_owned(), at, message: message.into() }
     }
 }
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}:{}:{}: {}",
-            self.file, self.at.line, self.at.column, self.message
-        )
+        write!(f, "{}:{}:{}: {}", self.file, self.at.line, self.at.column, self.message)
     }
 }
 

@@ -8,8 +8,7 @@ fn step(v: i64, c: i8) -> i64 {
 
 /// Takes in the length and each byte; both as C's `char`, which is signed where LCM was made.
 fn steps(v: i64, text: &str) -> i64 {
-    text.bytes()
-        .fold(step(v, text.len() as i8), |v, byte| step(v, byte as i8))
+    text.bytes().fold(step(v, text.len() as i8), |v, byte| step(v, byte as i8))
 }
 
 /// The hash of a definition alone. Leaves out the type's own name, the names of compound types, and constants.

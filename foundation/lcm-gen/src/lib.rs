@@ -24,9 +24,7 @@ pub mod rust;
 mod schema;
 mod token;
 
-pub use ast::{
-    Constant, Definition, Dim, Kind, Literal, Member, MemberType, Primitive, Size, Value,
-};
+pub use ast::{Constant, Definition, Dim, Kind, Literal, Member, MemberType, Primitive, Size, Value};
 pub use error::{At, Error};
 pub use parse::{File, parse};
 pub use schema::Schema;

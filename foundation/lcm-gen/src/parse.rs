@@ -2,9 +2,7 @@
 
 use crate::ast::qualified;
 use crate::token::{Spanned, Token, tokens};
-use crate::{
-    At, Constant, Definition, Dim, Error, Kind, Literal, Member, MemberType, Primitive, Size, Value,
-};
+use crate::{At, Constant, Definition, Dim, Error, Kind, Literal, Member, MemberType, Primitive, Size, Value};
 
 /// What a file says.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -23,12 +21,7 @@ pub struct File {
 /// The first thing that is wrong.
 pub fn parse(name: &str, text: &str) -> Result<File, Error> {
     let tokens = tokens(name, text)?;
-    let mut parser = Parser {
-        file: name,
-        tokens,
-        next: 0,
-        package: String::new(),
-    };
+    let mut parser = Parser { file: name, tokens, next: 0, package: String::new() };
     let mut file = File::default();
     loop {
         let doc = parser.peek().before.clone();
@@ -38,12 +31,8 @@ pub fn parse(name: &str, text: &str) -> Result<File, Error> {
                 parser.package()?;
                 file.packages.push((parser.package.clone(), doc));
             }
-            Token::Word("struct") => file
-                .definitions
-                .push(parser.definition(doc, Parser::structure)?),
-            Token::Word("enum") => file
-                .definitions
-                .push(parser.definition(doc, Parser::enumeration)?),
+            Token::Word("struct") => file.definitions.push(parser.definition(doc, Parser::structure)?),
+            Token::Word("enum") => file.definitions.push(parser.definition(doc, Parser::enumeration)?),
             _ => return Err(parser.unexpected("`package`, `struct` or `enum`")),
         }
     }
@@ -86,11 +75,7 @@ impl<'a> Parser<'a> {
     }
 
     fn expect(&mut self, symbol: char, after: &str) -> Result<(), Error> {
-        if self.eat(symbol) {
-            Ok(())
-        } else {
-            Err(self.unexpected(&format!("`{symbol}` after {after}")))
-        }
+        if self.eat(symbol) { Ok(()) } else { Err(self.unexpected(&format!("`{symbol}` after {after}"))) }
     }
 
     fn word(&mut self, expected: &str) -> Result<&'a str, Error> {
@@ -109,10 +94,7 @@ impl<'a> Parser<'a> {
         if is_name(word) {
             Ok(word)
         } else {
-            Err(self.error(
-                at,
-                format!("expected {expected}, found `{word}`: a name is letters, digits and `_`"),
-            ))
+            Err(self.error(at, format!("expected {expected}, found `{word}`: a name is letters, digits and `_`")))
         }
     }
 
@@ -122,10 +104,7 @@ impl<'a> Parser<'a> {
         if word.split('.').all(is_name) {
             Ok(word)
         } else {
-            Err(self.error(
-                at,
-                format!("expected {expected}, found `{word}`: a name is letters, digits and `_`"),
-            ))
+            Err(self.error(at, format!("expected {expected}, found `{word}`: a name is letters, digits and `_`")))
         }
     }
 
@@ -144,24 +123,14 @@ impl<'a> Parser<'a> {
         let at = self.at();
         let short = self.name("the name of a type")?.to_owned();
         if Primitive::from_name(&short).is_some() {
-            return Err(self.error(
-                at,
-                format!("`{short}` is a type of the language and cannot be defined"),
-            ));
+            return Err(self.error(at, format!("`{short}` is a type of the language and cannot be defined")));
         }
         if doc.is_empty() {
             doc = self.peek().after.clone();
         }
         self.expect('{', "the name of a type")?;
         let kind = body(self, &short)?;
-        Ok(Definition {
-            package: self.package.clone(),
-            short,
-            doc,
-            kind,
-            file: self.file.to_owned(),
-            at,
-        })
+        Ok(Definition { package: self.package.clone(), short, doc, kind, file: self.file.to_owned(), at })
     }
 
     fn structure(&mut self, _short: &str) -> Result<Kind, Error> {
@@ -191,40 +160,20 @@ impl<'a> Parser<'a> {
         Ok(if doc.is_empty() { trailing } else { doc })
     }
 
-    fn fresh(
-        &self,
-        at: At,
-        name: &str,
-        constants: &[Constant],
-        members: &[Member],
-    ) -> Result<(), Error> {
-        let known =
-            constants.iter().any(|c| c.name == name) || members.iter().any(|m| m.name == name);
-        if known {
-            Err(self.error(at, format!("`{name}` is declared twice")))
-        } else {
-            Ok(())
-        }
+    fn fresh(&self, at: At, name: &str, constants: &[Constant], members: &[Member]) -> Result<(), Error> {
+        let known = constants.iter().any(|c| c.name == name) || members.iter().any(|m| m.name == name);
+        if known { Err(self.error(at, format!("`{name}` is declared twice"))) } else { Ok(()) }
     }
 
-    fn constants(
-        &mut self,
-        constants: &mut Vec<Constant>,
-        members: &[Member],
-    ) -> Result<(), Error> {
+    fn constants(&mut self, constants: &mut Vec<Constant>, members: &[Member]) -> Result<(), Error> {
         let doc = self.peek().before.clone();
         self.next += 1;
         let at = self.at();
         let word = self.word("the type of a constant")?;
         let ty = Primitive::from_name(word)
-            .filter(|ty| {
-                ty.integer_bits().is_some() || matches!(ty, Primitive::Float | Primitive::Double)
-            })
+            .filter(|ty| ty.integer_bits().is_some() || matches!(ty, Primitive::Float | Primitive::Double))
             .ok_or_else(|| {
-                self.error(
-                    at,
-                    format!("a constant cannot be of type `{word}`, only integer, float, double"),
-                )
+                self.error(at, format!("a constant cannot be of type `{word}`, only integer, float, double"))
             })?;
         let first = constants.len();
         loop {
@@ -235,21 +184,13 @@ impl<'a> Parser<'a> {
             let at = self.at();
             let text = self.word("the value of a constant")?.to_owned();
             let literal = literal(ty, &text).map_err(|message| self.error(at, message))?;
-            constants.push(Constant {
-                name,
-                ty,
-                text,
-                literal,
-                doc: Vec::new(),
-            });
+            constants.push(Constant { name, ty, text, literal, doc: Vec::new() });
             if !self.eat(',') {
                 break;
             }
         }
         let doc = self.semicolon("the value of a constant", doc)?;
-        constants[first..]
-            .iter_mut()
-            .for_each(|constant| constant.doc.clone_from(&doc));
+        constants[first..].iter_mut().for_each(|constant| constant.doc.clone_from(&doc));
         Ok(())
     }
 
@@ -271,21 +212,13 @@ impl<'a> Parser<'a> {
                 dims.push(self.dimension(constants, members)?);
                 self.expect(']', "an array dimension")?;
             }
-            members.push(Member {
-                name,
-                ty: ty.clone(),
-                dims,
-                doc: Vec::new(),
-                at,
-            });
+            members.push(Member { name, ty: ty.clone(), dims, doc: Vec::new(), at });
             if !self.eat(',') {
                 break;
             }
         }
         let doc = self.semicolon("the name of a member", doc)?;
-        members[first..]
-            .iter_mut()
-            .for_each(|member| member.doc.clone_from(&doc));
+        members[first..].iter_mut().for_each(|member| member.doc.clone_from(&doc));
         Ok(())
     }
 
@@ -295,38 +228,19 @@ impl<'a> Parser<'a> {
         let constant = constants.iter().find(|constant| constant.name == word);
         let text = constant.map_or(word, |constant| &constant.text);
         if constant.is_some() || !is_name(word) {
-            let size = integer(text)
-                .and_then(|size| usize::try_from(size).ok())
-                .filter(|&size| size > 0);
-            let wrong = || {
-                self.error(
-                    at,
-                    format!("an array dimension must be an integer above 0, not `{text}`"),
-                )
-            };
-            return Ok(Dim {
-                size: Size::Fixed(size.ok_or_else(wrong)?),
-                text: text.to_owned(),
-            });
+            let size = integer(text).and_then(|size| usize::try_from(size).ok()).filter(|&size| size > 0);
+            let wrong = || self.error(at, format!("an array dimension must be an integer above 0, not `{text}`"));
+            return Ok(Dim { size: Size::Fixed(size.ok_or_else(wrong)?), text: text.to_owned() });
         }
         let length = members.iter().find(|member| member.name == word);
         match length {
-            Some(Member {
-                ty: MemberType::Primitive(ty),
-                dims,
-                ..
-            }) if ty.integer_bits().is_some() && dims.is_empty() => Ok(Dim {
-                size: Size::Variable,
-                text: word.to_owned(),
-            }),
-            Some(_) => Err(self.error(
-                at,
-                format!("`{word}` is no scalar integer and cannot be an array dimension"),
-            )),
-            None => Err(self.error(
-                at,
-                format!("`{word}` is no constant or member declared before"),
-            )),
+            Some(Member { ty: MemberType::Primitive(ty), dims, .. })
+                if ty.integer_bits().is_some() && dims.is_empty() =>
+            {
+                Ok(Dim { size: Size::Variable, text: word.to_owned() })
+            }
+            Some(_) => Err(self.error(at, format!("`{word}` is no scalar integer and cannot be an array dimension"))),
+            None => Err(self.error(at, format!("`{word}` is no constant or member declared before"))),
         }
     }
 
@@ -345,15 +259,8 @@ impl<'a> Parser<'a> {
                 number.ok_or_else(|| self.error(at, format!("`{text}` is no 32-bit integer")))?
             } else {
                 // lcmgen.c: the largest value so far, at least 0, plus 1.
-                let largest = values
-                    .iter()
-                    .map(|value| value.number)
-                    .max()
-                    .unwrap_or(0)
-                    .max(0);
-                largest
-                    .checked_add(1)
-                    .ok_or_else(|| self.error(at, "the value is above 32 bits"))?
+                let largest = values.iter().map(|value| value.number).max().unwrap_or(0).max(0);
+                largest.checked_add(1).ok_or_else(|| self.error(at, "the value is above 32 bits"))?
             };
             values.push(Value { name, number, doc });
             let _separated = self.eat(',') || self.eat(';');
@@ -373,18 +280,13 @@ fn integer(text: &str) -> Option<i128> {
         Some(digits) => (true, digits),
         None => (false, text.strip_prefix('+').unwrap_or(text)),
     };
-    let (digits, radix) = match digits
-        .strip_prefix("0x")
-        .or_else(|| digits.strip_prefix("0X"))
-    {
+    let (digits, radix) = match digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X")) {
         Some(hex) => (hex, 16),
         None if digits.len() > 1 && digits.starts_with('0') => (&digits[1..], 8),
         None => (digits, 10),
     };
     let unsigned = digits.starts_with(|c: char| c.is_digit(radix));
-    let magnitude = i128::from_str_radix(digits, radix)
-        .ok()
-        .filter(|_| unsigned)?;
+    let magnitude = i128::from_str_radix(digits, radix).ok().filter(|_| unsigned)?;
     Some(if negative { -magnitude } else { magnitude })
 }
 
@@ -394,26 +296,10 @@ fn literal(ty: Primitive, text: &str) -> Result<Literal, String> {
         let value = integer(text).ok_or_else(|| format!("`{text}` is no integer"))?;
         let limit = 1_i128 << (bits - 1);
         let fits = (-limit..limit).contains(&value);
-        return i64::try_from(value)
-            .ok()
-            .filter(|_| fits)
-            .map(Literal::Int)
-            .ok_or_else(out_of_range);
+        return i64::try_from(value).ok().filter(|_| fits).map(Literal::Int).ok_or_else(out_of_range);
     }
     let digits = text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c));
-    let value: f64 = text
-        .parse()
-        .ok()
-        .filter(|_| digits)
-        .ok_or_else(|| format!("`{text}` is no decimal number"))?;
-    let max = if ty == Primitive::Float {
-        f64::from(f32::MAX)
-    } else {
-        f64::MAX
-    };
-    if value.abs() <= max {
-        Ok(Literal::Float(value))
-    } else {
-        Err(out_of_range())
-    }
+    let value: f64 = text.parse().ok().filter(|_| digits).ok_or_else(|| format!("`{text}` is no decimal number"))?;
+    let max = if ty == Primitive::Float { f64::from(f32::MAX) } else { f64::MAX };
+    if value.abs() <= max { Ok(Literal::Float(value)) } else { Err(out_of_range()) }
 }

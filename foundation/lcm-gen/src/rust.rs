@@ -41,23 +41,12 @@ fn check_names(schema: &Schema) -> Result<(), Error> {
     let mut taken: BTreeMap<(String, String), &Definition> = BTreeMap::new();
     for definition in schema.definitions() {
         let wrong = |message: String| Err(Error::new(&definition.file, definition.at, message));
-        if definition
-            .package
-            .split('.')
-            .any(|segment| segment == "codec")
-        {
-            return wrong(
-                "a package cannot be named `codec` in Rust: the generated code needs the word"
-                    .to_owned(),
-            );
+        if definition.package.split('.').any(|segment| segment == "codec") {
+            return wrong("a package cannot be named `codec` in Rust: the generated code needs the word".to_owned());
         }
         let key = (definition.package.clone(), camel_case(&definition.short));
         if let Some(first) = taken.insert(key, definition) {
-            return wrong(format!(
-                "`{}` and `{}` get the same name in Rust",
-                first.name(),
-                definition.name()
-            ));
+            return wrong(format!("`{}` and `{}` get the same name in Rust", first.name(), definition.name()));
         }
     }
     Ok(())
@@ -75,9 +64,7 @@ impl<'a> Module<'a> {
         package
             .split('.')
             .filter(|segment| !segment.is_empty())
-            .fold(self, |module, segment| {
-                module.children.entry(segment.to_owned()).or_default()
-            })
+            .fold(self, |module, segment| module.children.entry(segment.to_owned()).or_default())
     }
 
     fn emit(&self, out: &mut String, schema: &Schema, depth: usize) {
@@ -91,17 +78,9 @@ impl<'a> Module<'a> {
         }
         for (name, child) in &self.children {
             code.push('\n');
-            let paragraphs: Vec<String> = child
-                .doc
-                .iter()
-                .map(|lines| lines.join("\n"))
-                .filter(|p| !p.is_empty())
-                .collect();
-            let doc = if paragraphs.is_empty() {
-                format!("Package `{name}`.")
-            } else {
-                paragraphs.join("\n\n")
-            };
+            let paragraphs: Vec<String> =
+                child.doc.iter().map(|lines| lines.join("\n")).filter(|p| !p.is_empty()).collect();
+            let doc = if paragraphs.is_empty() { format!("Package `{name}`.") } else { paragraphs.join("\n\n") };
             emit_doc(&mut code, "", doc.lines());
             let _ = writeln!(code, "pub mod {} {{", module(name));
             child.emit(&mut code, schema, depth + 1);
@@ -109,11 +88,7 @@ impl<'a> Module<'a> {
         }
         let indent = if depth == 0 { "" } else { "    " };
         for line in code.trim_start_matches('\n').lines() {
-            let _ = if line.is_empty() {
-                writeln!(out)
-            } else {
-                writeln!(out, "{indent}{line}")
-            };
+            let _ = if line.is_empty() { writeln!(out) } else { writeln!(out, "{indent}{line}") };
         }
     }
 }
@@ -154,16 +129,10 @@ fn emit_struct(
     members: &[Member],
 ) {
     let name = camel_case(&definition.short);
-    let fields: Vec<&Member> = members
-        .iter()
-        .filter(|member| !is_implicit(member, members))
-        .collect();
+    let fields: Vec<&Member> = members.iter().filter(|member| !is_implicit(member, members)).collect();
     let large = fields.iter().any(|member| is_large(member));
     let default = if large { "" } else { "Default, " };
-    let _ = writeln!(
-        out,
-        "#[derive(Clone, Debug, {default}PartialEq, ::serde::Serialize)]"
-    );
+    let _ = writeln!(out, "#[derive(Clone, Debug, {default}PartialEq, ::serde::Serialize)]");
     if has_upper_case(members) {
         out.push_str("#[allow(non_snake_case)]\n");
     }
@@ -174,12 +143,7 @@ fn emit_struct(
         for member in &fields {
             emit_doc_or(out, "    ", &member.doc, &declaration(member));
             emit_serde(out, member, &name);
-            let _ = writeln!(
-                out,
-                "    pub {}: {},",
-                field(&member.name),
-                scope.member_type(member)
-            );
+            let _ = writeln!(out, "    pub {}: {},", field(&member.name), scope.member_type(member));
         }
         out.push_str("}\n");
     }
@@ -194,30 +158,19 @@ fn emit_struct(
         emit_fixed(out, schema, &name, members);
         emit_type(out, schema, scope, definition, &Body::whole());
     } else {
-        emit_type(
-            out,
-            schema,
-            scope,
-            definition,
-            &Body::of(schema, definition),
-        );
+        emit_type(out, schema, scope, definition, &Body::of(schema, definition));
     }
 }
 
 /// Whether the member is a length and nothing else: the outermost dimension of an array.
 fn is_implicit(member: &Member, members: &[Member]) -> bool {
-    members.iter().any(|other| {
-        other
-            .dims
-            .first()
-            .is_some_and(|dim| dim.size == Size::Variable && dim.text == member.name)
-    })
+    members
+        .iter()
+        .any(|other| other.dims.first().is_some_and(|dim| dim.size == Size::Variable && dim.text == member.name))
 }
 
 fn has_upper_case(members: &[Member]) -> bool {
-    members
-        .iter()
-        .any(|member| member.name.contains(|c: char| c.is_ascii_uppercase()))
+    members.iter().any(|member| member.name.contains(|c: char| c.is_ascii_uppercase()))
 }
 
 /// The member as the language writes it.
@@ -226,11 +179,7 @@ fn declaration(member: &Member) -> String {
         MemberType::Primitive(primitive) => primitive.name(),
         MemberType::Named(name) => name,
     };
-    let dims: String = member
-        .dims
-        .iter()
-        .map(|dim| format!("[{}]", dim.text))
-        .collect();
+    let dims: String = member.dims.iter().map(|dim| format!("[{}]", dim.text)).collect();
     format!("{ty} {}{dims}", member.name)
 }
 
@@ -239,11 +188,7 @@ fn emit_serde(out: &mut String, member: &Member, owner: &str) {
         let _ = writeln!(out, "    #[serde(rename = \"{}\")]", member.name);
     }
     if is_large(member) {
-        let _ = writeln!(
-            out,
-            "    #[serde(serialize_with = \"{owner}::serialize_{}\")]",
-            member.name
-        );
+        let _ = writeln!(out, "    #[serde(serialize_with = \"{owner}::serialize_{}\")]", member.name);
     }
 }
 
@@ -253,26 +198,12 @@ fn emit_fixed(out: &mut String, schema: &Schema, name: &str, members: &[Member])
     for member in members {
         let end = offset + body::min_size(schema, member);
         let field = field(&member.name);
-        let _ = writeln!(
-            store,
-            "        self.{field}.store(&mut out[{offset}..{end}]);"
-        );
-        let _ = writeln!(
-            load,
-            "            {field}: codec::Fixed::load(&bytes[{offset}..{end}]),"
-        );
+        let _ = writeln!(store, "        self.{field}.store(&mut out[{offset}..{end}]);");
+        let _ = writeln!(load, "            {field}: codec::Fixed::load(&bytes[{offset}..{end}]),");
         offset = end;
     }
-    let (out_name, bytes_name) = if members.is_empty() {
-        ("_out", "_bytes")
-    } else {
-        ("out", "bytes")
-    };
-    let load = if members.is_empty() {
-        "Self {}".to_owned()
-    } else {
-        format!("Self {{\n{load}        }}")
-    };
+    let (out_name, bytes_name) = if members.is_empty() { ("_out", "_bytes") } else { ("out", "bytes") };
+    let load = if members.is_empty() { "Self {}".to_owned() } else { format!("Self {{\n{load}        }}") };
     let _ = write!(
         out,
         "
@@ -290,28 +221,13 @@ impl codec::Fixed for {name} {{
     );
 }
 
-fn emit_type(
-    out: &mut String,
-    schema: &Schema,
-    scope: &Scope,
-    definition: &Definition,
-    body: &Body,
-) {
+fn emit_type(out: &mut String, schema: &Schema, scope: &Scope, definition: &Definition, body: &Body) {
     let (name, lcm_name) = (camel_case(&definition.short), definition.name());
     let fingerprint = schema.fingerprint(&lcm_name).unwrap_or_default();
-    let allow = if has_upper_case(definition.members()) {
-        "#[allow(non_snake_case)]\n"
-    } else {
-        ""
-    };
+    let allow = if has_upper_case(definition.members()) { "#[allow(non_snake_case)]\n" } else { "" };
     let min_size = schema.min_size(&lcm_name).unwrap_or_default();
     let result = scope.std_name("Result", "::std::result::Result");
-    let Body {
-        writer,
-        reader,
-        encode,
-        decode,
-    } = body;
+    let Body { writer, reader, encode, decode } = body;
     let _ = write!(
         out,
         "

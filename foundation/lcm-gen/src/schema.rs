@@ -2,9 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{
-    Definition, Error, File, Kind, Member, MemberType, Primitive, Size, fingerprint, parse,
-};
+use crate::{Definition, Error, File, Kind, Member, MemberType, Primitive, Size, fingerprint, parse};
 
 /// The greatest message that a receiver takes (`lcm/lcm_udpm.c`: 2^28 bytes).
 const MESSAGE_MAX: usize = 1 << 28;
@@ -57,9 +55,7 @@ impl Schema {
     /// The fingerprint of a type, which stands in front of its messages.
     #[must_use]
     pub fn fingerprint(&self, name: &str) -> Option<u64> {
-        self.index
-            .get(name)
-            .map(|&i| self.full(i, &mut Vec::new(), &mut BTreeMap::new()))
+        self.index.get(name).map(|&i| self.full(i, &mut Vec::new(), &mut BTreeMap::new()))
     }
 
     /// The hash that `lcm-gen -d` shows: the definition alone, without its compound members' types.
@@ -83,17 +79,13 @@ impl Schema {
         let parts = self.reach[i].iter().chain([&i]);
         parts
             .flat_map(|&part| self.definitions[part].members())
-            .all(|member| {
-                !member.is_variable() && member.ty != MemberType::Primitive(Primitive::String)
-            })
+            .all(|member| !member.is_variable() && member.ty != MemberType::Primitive(Primitive::String))
     }
 
     /// Whether values of the type can hold, at any depth, values of the same type.
     #[must_use]
     pub fn is_recursive(&self, name: &str) -> bool {
-        self.index
-            .get(name)
-            .is_some_and(|i| self.reach[*i].contains(i))
+        self.index.get(name).is_some_and(|i| self.reach[*i].contains(i))
     }
 
     fn add(&mut self, file: File) -> Result<(), Error> {
@@ -101,10 +93,7 @@ impl Schema {
         for definition in file.definitions {
             let name = definition.name();
             if let Some(first) = self.get(&name) {
-                let message = format!(
-                    "`{name}` is already defined in {}:{}",
-                    first.file, first.at.line
-                );
+                let message = format!("`{name}` is already defined in {}:{}", first.file, first.at.line);
                 return Err(Error::new(&definition.file, definition.at, message));
             }
             self.index.insert(name, self.definitions.len());
@@ -123,9 +112,7 @@ impl Schema {
                 match self.get(name).map(|definition| &definition.kind) {
                     None => return wrong(format!("type `{name}` is defined nowhere")),
                     Some(Kind::Enum { .. }) if !member.dims.is_empty() => {
-                        return wrong(format!(
-                            "`{name}` is an enum: arrays of enums are encoded differently by C"
-                        ));
+                        return wrong(format!("`{name}` is an enum: arrays of enums are encoded differently by C"));
                     }
                     Some(_) => {}
                 }
@@ -143,12 +130,7 @@ impl Schema {
     }
 
     fn find_reach(&mut self) {
-        let targets = |i: usize| {
-            self.definitions[i]
-                .members()
-                .iter()
-                .filter_map(|member| self.target(member))
-        };
+        let targets = |i: usize| self.definitions[i].members().iter().filter_map(|member| self.target(member));
         self.reach = (0..self.definitions.len())
             .map(|start| {
                 let (mut reach, mut open) = (BTreeSet::new(), vec![start]);
@@ -175,13 +157,8 @@ impl Schema {
             return known;
         }
         parents.push(i);
-        let targets = definition
-            .members()
-            .iter()
-            .filter_map(|member| self.target(member));
-        let members = targets.fold(0_u64, |sum, target| {
-            sum.wrapping_add(self.full(target, parents, known))
-        });
+        let targets = definition.members().iter().filter_map(|member| self.target(member));
+        let members = targets.fold(0_u64, |sum, target| sum.wrapping_add(self.full(target, parents, known)));
         parents.pop();
         let full = fingerprint::full(fingerprint::base(definition), members);
         if free {
@@ -199,12 +176,7 @@ impl Schema {
         Ok(())
     }
 
-    fn find_size(
-        &self,
-        i: usize,
-        parents: &mut Vec<usize>,
-        sizes: &mut [Option<usize>],
-    ) -> Result<usize, Error> {
+    fn find_size(&self, i: usize, parents: &mut Vec<usize>, sizes: &mut [Option<usize>]) -> Result<usize, Error> {
         let definition = &self.definitions[i];
         if let Some(size) = sizes[i] {
             return Ok(size);
@@ -214,39 +186,22 @@ impl Schema {
             return Err(Error::new(&definition.file, definition.at, message));
         }
         parents.push(i);
-        let mut size: usize = if matches!(definition.kind, Kind::Enum { .. }) {
-            4
-        } else {
-            0
-        };
-        for member in definition
-            .members()
-            .iter()
-            .filter(|member| !member.is_variable())
-        {
+        let mut size: usize = if matches!(definition.kind, Kind::Enum { .. }) { 4 } else { 0 };
+        for member in definition.members().iter().filter(|member| !member.is_variable()) {
             let element = match (&member.ty, self.target(member)) {
                 (MemberType::Primitive(primitive), _) => primitive.min_size(),
                 (_, Some(target)) => self.find_size(target, parents, sizes)?,
                 (_, None) => 0,
             };
-            let total = member
-                .dims
-                .iter()
-                .fold(element, |size, dim| match dim.size {
-                    Size::Fixed(n) => size.max(1).saturating_mul(n),
-                    Size::Variable => 0,
-                });
-            // `max(1)`: an array of empty structs takes no bytes, but it takes a host's time and is as long.
-            size = size.saturating_add(if element == 0 && total <= MESSAGE_MAX {
-                0
-            } else {
-                total
+            let total = member.dims.iter().fold(element, |size, dim| match dim.size {
+                Size::Fixed(n) => size.max(1).saturating_mul(n),
+                Size::Variable => 0,
             });
+            // `max(1)`: an array of empty structs takes no bytes, but it takes a host's time and is as long.
+            size = size.saturating_add(if element == 0 && total <= MESSAGE_MAX { 0 } else { total });
             if size > MESSAGE_MAX {
-                let message = format!(
-                    "`{}` makes messages of more than 2^28 bytes, which nobody receives",
-                    member.name
-                );
+                let message =
+                    format!("`{}` makes messages of more than 2^28 bytes, which nobody receives", member.name);
                 return Err(Error::new(&definition.file, member.at, message));
             }
         }

@@ -23,10 +23,7 @@ pub struct Spanned<'a> {
 
 /// Splits `text`; the last token is [`Token::End`].
 pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> {
-    let mut cursor = Cursor {
-        rest: text,
-        at: At { line: 1, column: 1 },
-    };
+    let mut cursor = Cursor { rest: text, at: At { line: 1, column: 1 } };
     let mut tokens: Vec<Spanned> = Vec::new();
     let (mut before, mut last_comment) = (Vec::new(), 0);
     loop {
@@ -48,12 +45,7 @@ pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> 
             continue;
         }
         let token = cursor.token(file)?;
-        tokens.push(Spanned {
-            token,
-            at,
-            before: std::mem::take(&mut before),
-            after: Vec::new(),
-        });
+        tokens.push(Spanned { token, at, before: std::mem::take(&mut before), after: Vec::new() });
         if token == Token::End {
             return Ok(tokens);
         }
@@ -63,25 +55,13 @@ pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> 
 /// What a comment says, without its frame of slashes and asterisks.
 fn comment_lines(comment: &str) -> Vec<String> {
     let frame = |c: char| c.is_whitespace() || c == '*' || c == '/';
-    let mut lines: Vec<&str> = comment
-        .lines()
-        .map(|line| line.trim_start_matches(frame).trim_end())
-        .collect();
+    let mut lines: Vec<&str> = comment.lines().map(|line| line.trim_start_matches(frame).trim_end()).collect();
     if let Some(last) = lines.last_mut().filter(|_| comment.starts_with("/*")) {
         *last = last.trim_end_matches(frame);
     }
-    let first = lines
-        .iter()
-        .position(|line| !line.is_empty())
-        .unwrap_or(lines.len());
-    let end = lines
-        .iter()
-        .rposition(|line| !line.is_empty())
-        .map_or(first, |last| last + 1);
-    lines[first..end]
-        .iter()
-        .map(|&line| line.to_owned())
-        .collect()
+    let first = lines.iter().position(|line| !line.is_empty()).unwrap_or(lines.len());
+    let end = lines.iter().rposition(|line| !line.is_empty()).map_or(first, |last| last + 1);
+    lines[first..end].iter().map(|&line| line.to_owned()).collect()
 }
 
 struct Cursor<'a> {
@@ -95,10 +75,7 @@ impl<'a> Cursor<'a> {
         let (taken, rest) = self.rest.split_at(len);
         for c in taken.chars() {
             if c == '\n' {
-                self.at = At {
-                    line: self.at.line + 1,
-                    column: 1,
-                };
+                self.at = At { line: self.at.line + 1, column: 1 };
             } else {
                 self.at.column += 1;
             }
@@ -134,19 +111,13 @@ impl<'a> Cursor<'a> {
                 let word = self.word_len();
                 Ok(Token::Word(self.take(word)))
             }
-            Some(c) => Err(Error::new(
-                file,
-                self.at,
-                format!("unexpected character `{}`", c.escape_debug()),
-            )),
+            Some(c) => Err(Error::new(file, self.at, format!("unexpected character `{}`", c.escape_debug()))),
         }
     }
 
     /// A plus sign belongs to a word only as the sign of an exponent: `1.5e+3`.
     fn word_len(&self) -> usize {
-        let number = self
-            .rest
-            .starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '.' || c == '+');
+        let number = self.rest.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '.' || c == '+');
         let mut previous = ' ';
         for (i, c) in self.rest.char_indices() {
             let exponent = number && matches!(previous, 'e' | 'E');

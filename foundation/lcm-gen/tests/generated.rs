@@ -28,11 +28,7 @@ fn fingerprints_are_those_of_the_official_tools() {
     for known in &vectors.types {
         let name = known["type"].as_str().unwrap();
         let as_hex = |hash: Option<u64>| Value::String(format!("{:016x}", hash.unwrap()));
-        assert_eq!(
-            as_hex(schema.fingerprint(name)),
-            known["fingerprint"],
-            "{name}"
-        );
+        assert_eq!(as_hex(schema.fingerprint(name)), known["fingerprint"], "{name}");
         if known["kind"] == "struct" {
             assert_eq!(as_hex(schema.base_hash(name)), known["base_hash"], "{name}");
         }
@@ -45,12 +41,8 @@ fn messages_are_byte_for_byte_those_of_the_official_tools() {
     let vectors = Vectors::load();
     assert_eq!(vectors.messages.len(), 20);
     for known in &vectors.messages {
-        let (name, bytes) = (
-            known["type"].as_str().unwrap(),
-            hex(known["hex"].as_str().unwrap()),
-        );
-        let ours =
-            for_all_types(name, Both(&bytes)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let (name, bytes) = (known["type"].as_str().unwrap(), hex(known["hex"].as_str().unwrap()));
+        let ours = for_all_types(name, Both(&bytes)).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!(ours.bytes, bytes, "{name}");
         support::same(name, &ours.json, &known["value"]);
     }
@@ -73,10 +65,7 @@ impl support::Visitor for Both<'_> {
         let mut bytes = vec![0xA5]; // what stands before stays
         value.encode(&mut bytes).unwrap();
         assert_eq!(bytes.remove(0), 0xA5);
-        Ok(Ours {
-            json: serde_json::to_value(&value).unwrap(),
-            bytes,
-        })
+        Ok(Ours { json: serde_json::to_value(&value).unwrap(), bytes })
     }
 }
 
@@ -90,11 +79,7 @@ fn whatever_the_language_can_say_comes_back_as_it_was() {
             for _ in 0..200 {
                 let bytes = dynamic::message(&schema, &name, &mut random);
                 let ours = for_all_types(&name, Both(&bytes));
-                assert_eq!(
-                    ours.unwrap_or_else(|error| panic!("{name}: {error}")).bytes,
-                    bytes,
-                    "{name}"
-                );
+                assert_eq!(ours.unwrap_or_else(|error| panic!("{name}: {error}")).bytes, bytes, "{name}");
             }
         }
     }
@@ -103,22 +88,12 @@ fn whatever_the_language_can_say_comes_back_as_it_was() {
 #[test]
 fn a_message_cut_anywhere_is_refused() {
     for known in &Vectors::load().messages {
-        let (name, bytes) = (
-            known["type"].as_str().unwrap(),
-            hex(known["hex"].as_str().unwrap()),
-        );
+        let (name, bytes) = (known["type"].as_str().unwrap(), hex(known["hex"].as_str().unwrap()));
         for end in 0..bytes.len() {
-            assert!(
-                for_all_types(name, Both(&bytes[..end])).is_err(),
-                "{name} cut after {end} bytes"
-            );
+            assert!(for_all_types(name, Both(&bytes[..end])).is_err(), "{name} cut after {end} bytes");
         }
         let longer = [&bytes[..], &[0]].concat();
-        assert_eq!(
-            for_all_types(name, Both(&longer)).err(),
-            Some(DecodeError::LeftOver { extra: 1 }),
-            "{name}"
-        );
+        assert_eq!(for_all_types(name, Both(&longer)).err(), Some(DecodeError::LeftOver { extra: 1 }), "{name}");
     }
 }
 
@@ -140,14 +115,12 @@ fn no_bytes_make_the_decoder_panic() {
                         *byte = random.interesting_byte();
                     }
                 }
-                bytes.truncate(
-                    bytes.len() - random.below(bytes.len()) * usize::from(random.below(4) == 0),
-                );
+                bytes.truncate(bytes.len() - random.below(bytes.len()) * usize::from(random.below(4) == 0));
                 if let Ok(first) = for_all_types(&name, Both(&bytes)) {
                     accepted += 1;
                     assert_eq!(first.bytes.len(), bytes.len(), "{name}");
-                    let second = for_all_types(&name, Both(&first.bytes))
-                        .unwrap_or_else(|error| panic!("{name}: {error}"));
+                    let second =
+                        for_all_types(&name, Both(&first.bytes)).unwrap_or_else(|error| panic!("{name}: {error}"));
                     assert_eq!(second.bytes, first.bytes, "{name}");
                 }
             }
@@ -157,14 +130,8 @@ fn no_bytes_make_the_decoder_panic() {
 }
 
 fn refused<T: Type>(body: &str) -> String {
-    let bytes = [
-        &T::FINGERPRINT.to_be_bytes()[..],
-        &hex(&body.replace(' ', "")),
-    ]
-    .concat();
-    T::decode(&bytes)
-        .err()
-        .map_or_else(|| "accepted".to_owned(), |error| error.to_string())
+    let bytes = [&T::FINGERPRINT.to_be_bytes()[..], &hex(&body.replace(' ', ""))].concat();
+    T::decode(&bytes).err().map_or_else(|| "accepted".to_owned(), |error| error.to_string())
 }
 
 #[test]
@@ -172,118 +139,55 @@ fn every_reason_to_refuse_bytes_has_its_error() {
     use vec::{EnumUser, Nested, Ping, Tree};
     let other = [&Tree::FINGERPRINT.to_be_bytes()[..], &[0; 20]].concat();
     let (expected, found) = (EnumUser::FINGERPRINT, Tree::FINGERPRINT);
-    assert_eq!(
-        EnumUser::decode(&other).err(),
-        Some(DecodeError::Fingerprint { expected, found })
-    );
-    assert_eq!(
-        EnumUser::decode(&other[..7]).err(),
-        Some(DecodeError::Truncated { needed: 8, left: 7 })
-    );
-    assert_eq!(
-        refused::<EnumUser>("00000000"),
-        "truncated: 12 bytes needed, 4 left"
-    );
-    assert_eq!(
-        refused::<Tree>("00000000 00000000"),
-        "string length 0 with 4 bytes left"
-    );
-    assert_eq!(
-        refused::<Tree>("ffffffff 00000000"),
-        "string length -1 with 4 bytes left"
-    );
-    assert_eq!(
-        refused::<Tree>("7fffffff 00000000"),
-        "string length 2147483647 with 4 bytes left"
-    );
-    assert_eq!(
-        refused::<Tree>("00000002 6161 00000000"),
-        "string without a final NUL"
-    );
-    assert_eq!(
-        refused::<Tree>("00000003 610000 00000000"),
-        "string with a NUL inside"
-    );
-    assert_eq!(
-        refused::<Tree>("00000003 61ff00 00000000"),
-        "string is not UTF-8 after 1 bytes"
-    );
-    assert_eq!(
-        refused::<Tree>("00000002 6100 7fffffff"),
-        "array length 2147483647 where 0 to 0 are possible"
-    );
-    assert_eq!(
-        refused::<Ping>("00000000 ff"),
-        "array length -1 where 0 to 0 are possible"
-    );
-    assert_eq!(
-        refused::<Tree>("00000002 6100 00000000 00"),
-        "1 bytes left over"
-    );
+    assert_eq!(EnumUser::decode(&other).err(), Some(DecodeError::Fingerprint { expected, found }));
+    assert_eq!(EnumUser::decode(&other[..7]).err(), Some(DecodeError::Truncated { needed: 8, left: 7 }));
+    assert_eq!(refused::<EnumUser>("00000000"), "truncated: 12 bytes needed, 4 left");
+    assert_eq!(refused::<Tree>("00000000 00000000"), "string length 0 with 4 bytes left");
+    assert_eq!(refused::<Tree>("ffffffff 00000000"), "string length -1 with 4 bytes left");
+    assert_eq!(refused::<Tree>("7fffffff 00000000"), "string length 2147483647 with 4 bytes left");
+    assert_eq!(refused::<Tree>("00000002 6161 00000000"), "string without a final NUL");
+    assert_eq!(refused::<Tree>("00000003 610000 00000000"), "string with a NUL inside");
+    assert_eq!(refused::<Tree>("00000003 61ff00 00000000"), "string is not UTF-8 after 1 bytes");
+    assert_eq!(refused::<Tree>("00000002 6100 7fffffff"), "array length 2147483647 where 0 to 0 are possible");
+    assert_eq!(refused::<Ping>("00000000 ff"), "array length -1 where 0 to 0 are possible");
+    assert_eq!(refused::<Tree>("00000002 6100 00000000 00"), "1 bytes left over");
     let nested = format!("{} 7fff", "00".repeat(8 + 9 * 8));
-    assert_eq!(
-        refused::<Nested>(&nested),
-        "array length 32767 where 0 to 0 are possible"
-    );
+    assert_eq!(refused::<Nested>(&nested), "array length 32767 where 0 to 0 are possible");
 }
 
 #[test]
 fn a_length_that_stands_for_no_bytes_is_bounded_too() {
     // inner 0, both 0, outer 2^62: rows without columns, and structs without members.
     let body = "00000000 00 4000000000000000";
-    assert_eq!(
-        refused::<Lengths>(body),
-        "array length 4611686018427387904 where 0 to 65536 are possible"
-    );
+    assert_eq!(refused::<Lengths>(body), "array length 4611686018427387904 where 0 to 65536 are possible");
     // 30000 rows and 30000 lists of items fit, 30000 empty structs behind them do not any more.
     let body = "00000000 00 0000000000007530 0000";
-    assert_eq!(
-        refused::<Lengths>(body),
-        "array length 30000 where 0 to 5536 are possible"
-    );
+    assert_eq!(refused::<Lengths>(body), "array length 30000 where 0 to 5536 are possible");
     // The inner length is looked at even where the outer one is 0.
-    assert_eq!(
-        refused::<Lengths>("ffffffff 00 0000000000000000 0000"),
-        "array length -1 where 0 to 11 are possible"
-    );
+    assert_eq!(refused::<Lengths>("ffffffff 00 0000000000000000 0000"), "array length -1 where 0 to 11 are possible");
 }
 
 #[test]
 fn recursion_ends_at_64_levels_in_both_directions() {
     let leaf = || vec::Tree::default();
-    let deep = |levels: usize| {
-        (1..levels).fold(leaf(), |tree, _| vec::Tree {
-            children: vec![tree],
-            ..leaf()
-        })
-    };
+    let deep = |levels: usize| (1..levels).fold(leaf(), |tree, _| vec::Tree { children: vec![tree], ..leaf() });
     let mut bytes = Vec::new();
     deep(65).encode(&mut bytes).unwrap();
     assert_eq!(vec::Tree::decode(&bytes), Ok(deep(65)));
 
     bytes.truncate(8);
-    assert_eq!(
-        deep(66).encode(&mut bytes),
-        Err(EncodeError::Depth { max: 64 })
-    );
+    assert_eq!(deep(66).encode(&mut bytes), Err(EncodeError::Depth { max: 64 }));
     assert_eq!(bytes.len(), 8);
     for _ in 0..100_000 {
         bytes.extend(hex("000000010000000001"));
     }
-    assert_eq!(
-        vec::Tree::decode(&bytes),
-        Err(DecodeError::Depth { max: 64 })
-    );
+    assert_eq!(vec::Tree::decode(&bytes), Err(DecodeError::Depth { max: 64 }));
 }
 
 #[test]
 fn values_that_lcm_cannot_express_are_refused_and_nothing_is_written() {
     let refused = |change: fn(&mut Lengths)| {
-        let mut value = Lengths {
-            inner: 1,
-            fixed_first: [vec![0.0], vec![0.0]],
-            ..Lengths::default()
-        };
+        let mut value = Lengths { inner: 1, fixed_first: [vec![0.0], vec![0.0]], ..Lengths::default() };
         let mut out = vec![1, 2, 3];
         value.encode(&mut out).unwrap();
         out.truncate(3);
@@ -293,80 +197,31 @@ fn values_that_lcm_cannot_express_are_refused_and_nothing_is_written() {
         error.to_string()
     };
     assert_eq!(refused(|v| v.inner = -1), "length `inner` is negative: -1");
-    assert_eq!(
-        refused(|v| v.inner = 2),
-        "`fixed_first` has 1 elements where 2 are expected"
-    );
-    assert_eq!(
-        refused(|v| v.rows.push(vec![])),
-        "`rows` has 0 elements where 1 are expected"
-    );
-    assert_eq!(
-        refused(|v| v.rows.push(vec![0.0])),
-        "`items` has 0 elements where 1 are expected"
-    );
-    assert_eq!(
-        refused(|v| v.words = vec![String::new(); 128]),
-        "`both`: length 128 is above 127"
-    );
-    assert_eq!(
-        refused(|v| v.words.push("a\0b".into())),
-        "`words` holds a NUL character, which LCM ends strings with"
-    );
+    assert_eq!(refused(|v| v.inner = 2), "`fixed_first` has 1 elements where 2 are expected");
+    assert_eq!(refused(|v| v.rows.push(vec![])), "`rows` has 0 elements where 1 are expected");
+    assert_eq!(refused(|v| v.rows.push(vec![0.0])), "`items` has 0 elements where 1 are expected");
+    assert_eq!(refused(|v| v.words = vec![String::new(); 128]), "`both`: length 128 is above 127");
+    assert_eq!(refused(|v| v.words.push("a\0b".into())), "`words` holds a NUL character, which LCM ends strings with");
 }
 
 #[test]
 fn awkward_names_keep_their_meaning() {
     use r#mod::r#type::{Default as Enum, Self_};
     assert_eq!((Self_::lower, Self_::Self_, Self_::r#fn), (1, 2, 3));
-    assert_eq!(
-        (Enum::None, Enum::some, Enum::r#type),
-        (Enum(1), Enum(-4), Enum(2))
-    );
+    assert_eq!((Enum::None, Enum::some, Enum::r#type), (Enum(1), Enum(-4), Enum(2)));
     let json = serde_json::to_value(Self_::default()).unwrap();
-    let names: Vec<&str> = json
-        .as_object()
-        .unwrap()
-        .keys()
-        .map(String::as_str)
-        .collect();
-    assert_eq!(
-        names,
-        [
-            "CamelCase",
-            "_",
-            "item",
-            "match",
-            "self",
-            "text",
-            "type",
-            "w",
-            "x"
-        ]
-    );
+    let names: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
+    assert_eq!(names, ["CamelCase", "_", "item", "match", "self", "text", "type", "w", "x"]);
     assert_eq!(json["_"]["Value"].as_array().unwrap().len(), 34);
 }
 
 #[test]
 fn constants_are_those_of_the_definition() {
     use vec::{Color, Constants};
-    let integers = [
-        i64::from(Constants::SMALL),
-        Constants::SMALL_MAX.into(),
-        Constants::MEDIUM.into(),
-    ];
+    let integers = [i64::from(Constants::SMALL), Constants::SMALL_MAX.into(), Constants::MEDIUM.into()];
     assert_eq!(integers, [-128, 127, 0x7fff]);
-    assert_eq!(
-        (Constants::ROWS, Constants::COLS, Constants::BIG),
-        (2, 3, 9_007_199_254_740_993)
-    );
+    assert_eq!((Constants::ROWS, Constants::COLS, Constants::BIG), (2, 3, 9_007_199_254_740_993));
     assert_eq!(Constants::PI_F.to_bits(), 0x4049_0fd0);
-    assert_eq!(
-        (Constants::E_D.to_bits(), Constants::NEG),
-        (0x4005_bf0a_8b14_5769, -1.5e-3)
-    );
-    assert_eq!(
-        [Color::RED, Color::GREEN, Color::BLUE, Color::NEXT],
-        [1, 2, 7, 8].map(Color)
-    );
+    assert_eq!((Constants::E_D.to_bits(), Constants::NEG), (0x4005_bf0a_8b14_5769, -1.5e-3));
+    assert_eq!([Color::RED, Color::GREEN, Color::BLUE, Color::NEXT], [1, 2, 7, 8].map(Color));
 }

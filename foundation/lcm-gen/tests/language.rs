@@ -4,160 +4,71 @@ use lcm_gen::{Kind, Schema, Size};
 
 /// The one line that the text is refused with.
 fn refused(text: &str) -> String {
-    Schema::new(&[("a.lcm", text)])
-        .map_or_else(|error| error.to_string(), |_| "accepted".to_owned())
+    Schema::new(&[("a.lcm", text)]).map_or_else(|error| error.to_string(), |_| "accepted".to_owned())
 }
 
 /// The text is accepted and is the struct `x_t` of the same fingerprint as `same`.
 fn accepted(text: &str, same: &str) {
-    let of = |text| {
-        Schema::new(&[("a.lcm", text)])
-            .unwrap_or_else(|error| panic!("{error}"))
-            .fingerprint("p.x_t")
-    };
+    let of = |text| Schema::new(&[("a.lcm", text)]).unwrap_or_else(|error| panic!("{error}")).fingerprint("p.x_t");
     assert_eq!(of(text), of(same), "{text}");
 }
 
 #[test]
 fn mistakes_are_told_with_file_line_and_column() {
     let cases = [
-        (
-            "int32_t x;",
-            "1:1: expected `package`, `struct` or `enum`, found `int32_t`",
-        ),
-        (
-            "package p\nstruct x_t { }",
-            "2:1: expected `;` after the package name, found `struct`",
-        ),
-        (
-            "package a..b;",
-            "1:9: expected a package name, found `a..b`: a name is letters, digits and `_`",
-        ),
-        (
-            "struct x_t",
-            "1:11: expected `{` after the name of a type, found the end of the file",
-        ),
+        ("int32_t x;", "1:1: expected `package`, `struct` or `enum`, found `int32_t`"),
+        ("package p\nstruct x_t { }", "2:1: expected `;` after the package name, found `struct`"),
+        ("package a..b;", "1:9: expected a package name, found `a..b`: a name is letters, digits and `_`"),
+        ("struct x_t", "1:11: expected `{` after the name of a type, found the end of the file"),
         (
             "struct x_t {\n  int32_t a-b;\n}",
             "2:11: expected the name of a member, found `a-b`: a name is letters, digits and `_`",
         ),
-        (
-            "struct x_t {\n  int32_t a\n}",
-            "3:1: expected `;` after the name of a member, found `}`",
-        ),
-        (
-            "struct x_t { int32_t a; };",
-            "1:26: no `;` may follow the `}` of a struct",
-        ),
-        (
-            "struct x_t { int32_t a; int8_t a; }",
-            "1:32: `a` is declared twice",
-        ),
-        (
-            "struct x_t { struct y_t { } }",
-            "1:14: types cannot be defined inside a struct",
-        ),
-        (
-            "struct string { }",
-            "1:8: `string` is a type of the language and cannot be defined",
-        ),
-        (
-            "struct x_t { }\nstruct x_t { }",
-            "2:8: `x_t` is already defined in a.lcm:1",
-        ),
-        (
-            "struct x_t { other_t a; }",
-            "1:14: type `other_t` is defined nowhere",
-        ),
-        (
-            "struct x_t { double a[]; }",
-            "1:23: expected an array dimension, found `]`",
-        ),
-        (
-            "struct x_t { double a[0]; }",
-            "1:23: an array dimension must be an integer above 0, not `0`",
-        ),
-        (
-            "struct x_t { double a[-3]; }",
-            "1:23: an array dimension must be an integer above 0, not `-3`",
-        ),
+        ("struct x_t {\n  int32_t a\n}", "3:1: expected `;` after the name of a member, found `}`"),
+        ("struct x_t { int32_t a; };", "1:26: no `;` may follow the `}` of a struct"),
+        ("struct x_t { int32_t a; int8_t a; }", "1:32: `a` is declared twice"),
+        ("struct x_t { struct y_t { } }", "1:14: types cannot be defined inside a struct"),
+        ("struct string { }", "1:8: `string` is a type of the language and cannot be defined"),
+        ("struct x_t { }\nstruct x_t { }", "2:8: `x_t` is already defined in a.lcm:1"),
+        ("struct x_t { other_t a; }", "1:14: type `other_t` is defined nowhere"),
+        ("struct x_t { double a[]; }", "1:23: expected an array dimension, found `]`"),
+        ("struct x_t { double a[0]; }", "1:23: an array dimension must be an integer above 0, not `0`"),
+        ("struct x_t { double a[-3]; }", "1:23: an array dimension must be an integer above 0, not `-3`"),
         (
             "struct x_t { const int8_t N = 0; double a[N]; }",
             "1:43: an array dimension must be an integer above 0, not `0`",
         ),
-        (
-            "struct x_t { double a[n]; int32_t n; }",
-            "1:23: `n` is no constant or member declared before",
-        ),
-        (
-            "struct x_t { double n; double a[n]; }",
-            "1:33: `n` is no scalar integer and cannot be an array dimension",
-        ),
-        (
-            "struct x_t { int8_t n[2]; double a[n]; }",
-            "1:36: `n` is no scalar integer and cannot be an array dimension",
-        ),
-        (
-            "struct x_t { double a[2; }",
-            "1:24: expected `]` after an array dimension, found `;`",
-        ),
+        ("struct x_t { double a[n]; int32_t n; }", "1:23: `n` is no constant or member declared before"),
+        ("struct x_t { double n; double a[n]; }", "1:33: `n` is no scalar integer and cannot be an array dimension"),
+        ("struct x_t { int8_t n[2]; double a[n]; }", "1:36: `n` is no scalar integer and cannot be an array dimension"),
+        ("struct x_t { double a[2; }", "1:24: expected `]` after an array dimension, found `;`"),
         (
             "struct x_t { const string S = a; }",
             "1:20: a constant cannot be of type `string`, only integer, float, double",
         ),
-        (
-            "struct x_t { const int8_t N = 128; }",
-            "1:31: `128` is out of the range of int8_t",
-        ),
+        ("struct x_t { const int8_t N = 128; }", "1:31: `128` is out of the range of int8_t"),
         (
             "struct x_t { const int64_t N = 0x8000000000000000; }",
             "1:32: `0x8000000000000000` is out of the range of int64_t",
         ),
-        (
-            "struct x_t { const int32_t N = 1.5; }",
-            "1:32: `1.5` is no integer",
-        ),
-        (
-            "struct x_t { const int32_t N = 09; }",
-            "1:32: `09` is no integer",
-        ),
-        (
-            "struct x_t { const float F = 1e39; }",
-            "1:30: `1e39` is out of the range of float",
-        ),
-        (
-            "struct x_t { const double D = nan; }",
-            "1:31: `nan` is no decimal number",
-        ),
-        (
-            "struct x_t { const int8_t N; }",
-            "1:28: expected `=` after the name of a constant, found `;`",
-        ),
+        ("struct x_t { const int32_t N = 1.5; }", "1:32: `1.5` is no integer"),
+        ("struct x_t { const int32_t N = 09; }", "1:32: `09` is no integer"),
+        ("struct x_t { const float F = 1e39; }", "1:30: `1e39` is out of the range of float"),
+        ("struct x_t { const double D = nan; }", "1:31: `nan` is no decimal number"),
+        ("struct x_t { const int8_t N; }", "1:28: expected `=` after the name of a constant, found `;`"),
         ("enum e_t { A, A }", "1:15: `A` is declared twice"),
-        (
-            "enum e_t { A = 2147483648 }",
-            "1:16: `2147483648` is no 32-bit integer",
-        ),
+        ("enum e_t { A = 2147483648 }", "1:16: `2147483648` is no 32-bit integer"),
         (
             "enum e_t { A } struct x_t { e_t a[2]; }",
             "1:29: `e_t` is an enum: arrays of enums are encoded differently by C",
         ),
-        (
-            "struct a_t { b_t b; }\nstruct b_t { a_t a[2]; }",
-            "1:8: `a_t` contains itself without end",
-        ),
+        ("struct a_t { b_t b; }\nstruct b_t { a_t a[2]; }", "1:8: `a_t` contains itself without end"),
         (
             "struct x_t { byte b[0x10000001]; }",
             "1:14: `b` makes messages of more than 2^28 bytes, which nobody receives",
         ),
-        (
-            "struct x_t { }\n  /* no end",
-            "2:3: comment without end: expected `*/`",
-        ),
-        (
-            "struct x_t { int32_t a; } @",
-            "1:27: unexpected character `@`",
-        ),
+        ("struct x_t { }\n  /* no end", "2:3: comment without end: expected `*/`"),
+        ("struct x_t { int32_t a; } @", "1:27: unexpected character `@`"),
         (
             "struct x_t { int32_t ž; }",
             "1:22: expected the name of a member, found `ž`: a name is letters, digits and `_`",
@@ -170,11 +81,10 @@ fn mistakes_are_told_with_file_line_and_column() {
 
 #[test]
 fn no_text_makes_the_parser_panic() {
-    let text = "package p; /* c */ struct x_t { const int8_t N = 3; int8_t n; double a[n][N]; // d\n} enum e_t { A = 1, B }";
-    let tokens = [
-        "{", "}", "[", "]", ";", ",", "=", "struct", "-", "0x", "/*", "//", "\n", "\u{0}", "ž",
-        "e+", "p.", "n", "9",
-    ];
+    let text =
+        "package p; /* c */ struct x_t { const int8_t N = 3; int8_t n; double a[n][N]; // d\n} enum e_t { A = 1, B }";
+    let tokens =
+        ["{", "}", "[", "]", ";", ",", "=", "struct", "-", "0x", "/*", "//", "\n", "\u{0}", "ž", "e+", "p.", "n", "9"];
     for end in 0..text.len() {
         let _ = Schema::new(&[("a.lcm", &text[..end])]);
         for token in tokens {
@@ -188,61 +98,27 @@ fn no_text_makes_the_parser_panic() {
 fn white_space_and_spelling_are_free_where_the_fingerprint_is_not_concerned() {
     let plain = "package p; struct x_t { int32_t a; double b[3]; }";
     accepted("package p;struct x_t{int32_t a;double b[3];}", plain);
-    accepted(
-        "package\np\n;\tstruct x_t\r\n{ int32_t a ; double b [ 3 ] ; }",
-        plain,
-    );
-    accepted(
-        "package p; struct x_t { const double D = 1.5e+3, E = -.5; int32_t a; double b[3]; }",
-        plain,
-    );
-    accepted(
-        "package p; /*/ c */ struct x_t { int32_t a; // c\n double b[/* c */3]; }",
-        plain,
-    );
-    accepted(
-        "package p; struct x_t { const int8_t N = 3; int32_t a; double b[N]; }",
-        plain,
-    );
-    accepted(
-        "package p; struct x_t { byte a, b[2], c; }",
-        "package p; struct x_t { byte a; byte b[2]; byte c; }",
-    );
-    accepted(
-        "package p; struct y_t { } struct x_t { y_t a; }",
-        "package p; struct x_t { p.y_t a; } struct y_t { }",
-    );
+    accepted("package\np\n;\tstruct x_t\r\n{ int32_t a ; double b [ 3 ] ; }", plain);
+    accepted("package p; struct x_t { const double D = 1.5e+3, E = -.5; int32_t a; double b[3]; }", plain);
+    accepted("package p; /*/ c */ struct x_t { int32_t a; // c\n double b[/* c */3]; }", plain);
+    accepted("package p; struct x_t { const int8_t N = 3; int32_t a; double b[N]; }", plain);
+    accepted("package p; struct x_t { byte a, b[2], c; }", "package p; struct x_t { byte a; byte b[2]; byte c; }");
+    accepted("package p; struct y_t { } struct x_t { y_t a; }", "package p; struct x_t { p.y_t a; } struct y_t { }");
 }
 
 #[test]
 fn the_package_ends_with_its_file() {
-    let files = [
-        ("a.lcm", "package p; struct x_t { }"),
-        ("b.lcm", "struct y_t { p.x_t x; } package q; struct z_t { }"),
-    ];
+    let files =
+        [("a.lcm", "package p; struct x_t { }"), ("b.lcm", "struct y_t { p.x_t x; } package q; struct z_t { }")];
     let schema = Schema::new(&files).unwrap();
-    let names: Vec<String> = schema
-        .definitions()
-        .iter()
-        .map(lcm_gen::Definition::name)
-        .collect();
+    let names: Vec<String> = schema.definitions().iter().map(lcm_gen::Definition::name).collect();
     assert_eq!(names, ["p.x_t", "y_t", "q.z_t"]);
 }
 
 #[test]
 fn numbers_are_read_by_the_rules_of_c() {
-    let schema = Schema::new(&[(
-        "a.lcm",
-        "struct x_t { byte hex[0x1F]; byte octal[017]; byte plain[17]; }",
-    )])
-    .unwrap();
-    let sizes: Vec<Size> = schema
-        .get("x_t")
-        .unwrap()
-        .members()
-        .iter()
-        .map(|member| member.dims[0].size)
-        .collect();
+    let schema = Schema::new(&[("a.lcm", "struct x_t { byte hex[0x1F]; byte octal[017]; byte plain[17]; }")]).unwrap();
+    let sizes: Vec<Size> = schema.get("x_t").unwrap().members().iter().map(|member| member.dims[0].size).collect();
     assert_eq!(sizes, [Size::Fixed(31), Size::Fixed(15), Size::Fixed(17)]);
 }
 
@@ -269,58 +145,29 @@ fn comments_document_what_follows_or_stands_before_them_on_their_line() {
     let schema = Schema::new(&[("a.lcm", text)]).unwrap();
     let definition = schema.get("x_t").unwrap();
     assert_eq!(definition.doc, ["Two lines", "about x_t."]);
-    let docs: Vec<String> = definition
-        .members()
-        .iter()
-        .map(|member| member.doc.join("|"))
-        .collect();
+    let docs: Vec<String> = definition.members().iter().map(|member| member.doc.join("|")).collect();
     assert_eq!(docs, ["Of a and b.", "Of a and b.", "Of c.", ""]);
-    let Kind::Struct { constants, .. } = &definition.kind else {
-        panic!("a struct")
-    };
+    let Kind::Struct { constants, .. } = &definition.kind else { panic!("a struct") };
     assert_eq!(constants[0].doc, ["States."]);
 }
 
 #[test]
 fn two_types_that_rust_could_not_tell_apart_are_refused() {
     let generate = |text| lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap());
-    let error = generate("struct data_x_t { }\nstruct DataX { }")
-        .unwrap_err()
-        .to_string();
-    assert_eq!(
-        error,
-        "a.lcm:2:8: `data_x_t` and `DataX` get the same name in Rust"
-    );
-    let error = generate("package codec; struct x_t { }")
-        .unwrap_err()
-        .to_string();
-    assert_eq!(
-        error,
-        "a.lcm:1:23: a package cannot be named `codec` in Rust: the generated code needs the word"
-    );
+    let error = generate("struct data_x_t { }\nstruct DataX { }").unwrap_err().to_string();
+    assert_eq!(error, "a.lcm:2:8: `data_x_t` and `DataX` get the same name in Rust");
+    let error = generate("package codec; struct x_t { }").unwrap_err().to_string();
+    assert_eq!(error, "a.lcm:1:23: a package cannot be named `codec` in Rust: the generated code needs the word");
 }
 
 #[test]
 fn fingerprints_and_sizes_of_deep_types_take_no_time() {
     let mut text = String::from("struct t0_t { byte b; }\n");
     for i in 1..200 {
-        text += &format!(
-            "struct t{i}_t {{ t{}_t a; t{0}_t b; int8_t n; t{i}_t c[n]; }}\n",
-            i - 1
-        );
+        text += &format!("struct t{i}_t {{ t{}_t a; t{0}_t b; int8_t n; t{i}_t c[n]; }}\n", i - 1);
     }
     let error = refused(&text);
-    assert!(
-        error.ends_with("makes messages of more than 2^28 bytes, which nobody receives"),
-        "{error}"
-    );
-    let text = text
-        .replace("_t a; ", "_t a; int8_t m; ")
-        .replace("_t b; int8_t n;", "_t b[m]; int8_t n;");
-    assert!(
-        Schema::new(&[("a.lcm", &text)])
-            .unwrap()
-            .fingerprint("t199_t")
-            .is_some()
-    );
+    assert!(error.ends_with("makes messages of more than 2^28 bytes, which nobody receives"), "{error}");
+    let text = text.replace("_t a; ", "_t a; int8_t m; ").replace("_t b; int8_t n;", "_t b[m]; int8_t n;");
+    assert!(Schema::new(&[("a.lcm", &text)]).unwrap().fingerprint("t199_t").is_some());
 }

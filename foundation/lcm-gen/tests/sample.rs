@@ -1,9 +1,5 @@
 //! The generated code that stands beside these tests is what the generator writes.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    reason = "tests read their own files, which are there"
-)]
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "tests read their own files, which are there")]
 
 #[path = "support/files.rs"]
 mod files;
@@ -21,10 +17,7 @@ fn the_code_at_hand_is_what_the_generator_writes() {
             fs::write(&path, &code).unwrap();
         }
         let known = fs::read_to_string(&path).unwrap();
-        let differing = known
-            .lines()
-            .zip(code.lines())
-            .find(|(known, code)| known != code);
+        let differing = known.lines().zip(code.lines()).find(|(known, code)| known != code);
         assert!(known == code, "{} differs: {differing:?}", path.display());
     }
 }

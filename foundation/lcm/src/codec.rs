@@ -76,10 +76,7 @@ pub trait Type: Sized {
         let mut r = Reader::new(bytes);
         let found = r.get_u64()?;
         if found != Self::FINGERPRINT {
-            return Err(DecodeError::Fingerprint {
-                expected: Self::FINGERPRINT,
-                found,
-            });
+            return Err(DecodeError::Fingerprint { expected: Self::FINGERPRINT, found });
         }
         let value = Self::decode_body(&mut r); // returned as it is: large values are not moved about
         match r.remaining() {
@@ -92,9 +89,7 @@ pub trait Type: Sized {
 /// The fingerprint in front of an encoded message, if it is long enough to have one.
 #[must_use]
 pub fn fingerprint(message: &[u8]) -> Option<u64> {
-    message
-        .first_chunk()
-        .map(|bytes| u64::from_be_bytes(*bytes))
+    message.first_chunk().map(|bytes| u64::from_be_bytes(*bytes))
 }
 
 /// Whether a NUL is among the bytes; eight at a time, since most strings are too short for `memchr` to pay.

@@ -111,8 +111,7 @@ impl Lcm {
     /// A wrong name or size: nothing was sent. Otherwise the message is lost, and its sequence number shows that to
     /// receivers.
     pub fn publish(&mut self, channel: &str, payload: &[u8]) -> Result<(), PublishError> {
-        let header = ShortHeader::new(self.sequence, channel, payload.len())
-            .map_err(PublishError::Encode)?;
+        let header = ShortHeader::new(self.sequence, channel, payload.len()).map_err(PublishError::Encode)?;
         self.sequence = self.sequence.wrapping_add(1);
         match self.send.send(header.as_bytes(), payload) {
             Ok(()) => {
@@ -133,10 +132,7 @@ impl Lcm {
     /// # Errors
     /// A wrong pattern; at the first subscription also a bus that cannot be joined. Nothing is subscribed then.
     pub fn subscribe(&mut self, pattern: &str) -> Result<SubscriptionId, SubscribeError> {
-        let id = self
-            .receiver
-            .subscribe(pattern)
-            .map_err(SubscribeError::Pattern)?;
+        let id = self.receiver.subscribe(pattern).map_err(SubscribeError::Pattern)?;
         if let Err(error) = self.receive.join() {
             self.receiver.unsubscribe(id);
             return Err(SubscribeError::Io(error));
@@ -166,11 +162,7 @@ impl Lcm {
             self.channel.clear();
             self.channel.push_str(short.channel);
             let start = len - short.payload.len();
-            return Ok(Some(Received {
-                channel: &self.channel,
-                payload: &self.datagram[start..len],
-                at,
-            }));
+            return Ok(Some(Received { channel: &self.channel, payload: &self.datagram[start..len], at }));
         }
         Ok(None)
     }

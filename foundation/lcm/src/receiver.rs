@@ -56,10 +56,7 @@ impl fmt::Display for Rejected {
         match self.why {
             Rejection::Malformed(why) => write!(f, "{why}"),
             Rejection::Fragmented { total } => {
-                write!(
-                    f,
-                    "a message of {total} bytes in fragments, which are not supported yet"
-                )
+                write!(f, "a message of {total} bytes in fragments, which are not supported yet")
             }
         }
     }
@@ -103,10 +100,7 @@ impl Receiver {
             Ok(Datagram::Fragment(fragment)) => self.on_fragment(from, fragment),
             Err(why) => {
                 self.stats.malformed += 1;
-                self.stats.last_rejected = Some(Rejected {
-                    from,
-                    why: Rejection::Malformed(why),
-                });
+                self.stats.last_rejected = Some(Rejected { from, why: Rejection::Malformed(why) });
             }
         }
         None
@@ -114,13 +108,8 @@ impl Receiver {
 
     fn on_fragment(&mut self, from: SocketAddrV4, fragment: Fragment<'_>) {
         self.stats.fragments += 1;
-        if fragment
-            .channel
-            .is_some_and(|channel| self.subscriptions.wants(channel))
-        {
-            let why = Rejection::Fragmented {
-                total: fragment.total,
-            };
+        if fragment.channel.is_some_and(|channel| self.subscriptions.wants(channel)) {
+            let why = Rejection::Fragmented { total: fragment.total };
             self.stats.last_rejected = Some(Rejected { from, why });
         }
     }
@@ -154,11 +143,7 @@ impl Sources {
         self.heard += 1;
         let next = sequence.wrapping_add(1);
         let Some(source) = self.entries.iter_mut().find(|source| source.from == from) else {
-            self.insert(Source {
-                from,
-                next,
-                last: self.heard,
-            });
+            self.insert(Source { from, next, last: self.heard });
             return 0;
         };
         source.last = self.heard;
@@ -207,28 +192,11 @@ mod tests {
         let mut receiver = Receiver::default();
         let id = receiver.subscribe("A.").unwrap();
         let wanted = datagram(0, "AB", b"x");
-        assert_eq!(
-            receiver
-                .handle_rx(publisher(1), &wanted)
-                .map(|short| short.payload),
-            Some(&b"x"[..])
-        );
-        assert_eq!(
-            receiver.handle_rx(publisher(1), &datagram(1, "B", b"x")),
-            None
-        );
+        assert_eq!(receiver.handle_rx(publisher(1), &wanted).map(|short| short.payload), Some(&b"x"[..]));
+        assert_eq!(receiver.handle_rx(publisher(1), &datagram(1, "B", b"x")), None);
         assert!(receiver.unsubscribe(id));
-        assert_eq!(
-            receiver.handle_rx(publisher(1), &datagram(2, "AB", b"x")),
-            None
-        );
-        let Stats {
-            received,
-            unwanted,
-            malformed,
-            lost,
-            ..
-        } = receiver.stats;
+        assert_eq!(receiver.handle_rx(publisher(1), &datagram(2, "AB", b"x")), None);
+        let Stats { received, unwanted, malformed, lost, .. } = receiver.stats;
         assert_eq!((received, unwanted, malformed, lost), (1, 2, 0, 0));
     }
 
@@ -250,11 +218,7 @@ mod tests {
     #[test]
     fn gaps_in_a_publishers_numbers_are_losses() {
         assert_eq!(lost(&[0, 1, 2]), 0);
-        assert_eq!(
-            lost(&[7, 8, 11, 12, 14]),
-            3,
-            "the first number heard is where we came in"
-        );
+        assert_eq!(lost(&[7, 8, 11, 12, 14]), 3, "the first number heard is where we came in");
         assert_eq!(lost(&[u32::MAX - 1, 1]), 2, "the numbers wrap");
     }
 

@@ -43,15 +43,10 @@ impl Pattern {
         if pattern == ".*" {
             return Ok(Self(Kind::All));
         }
-        if !pattern.contains([
-            '\\', '.', '+', '*', '?', '(', ')', '|', '[', ']', '{', '}', '^', '$',
-        ]) {
+        if !pattern.contains(['\\', '.', '+', '*', '?', '(', ')', '|', '[', ']', '{', '}', '^', '$']) {
             return Ok(Self(Kind::Literal(pattern.into())));
         }
-        let wrong = |error: regex_lite::Error| PatternError {
-            pattern: pattern.into(),
-            why: error.to_string(),
-        };
+        let wrong = |error: regex_lite::Error| PatternError { pattern: pattern.into(), why: error.to_string() };
         // Alone first: `A)|(B` is wrong, and right only between our parentheses.
         Regex::new(pattern).map_err(wrong)?;
         let whole = Regex::new(&format!(r"\A(?:{pattern})\z")).map_err(wrong)?;
@@ -99,9 +94,7 @@ impl Subscriptions {
     /// Whether any of them wants `channel`.
     #[must_use]
     pub fn wants(&self, channel: &str) -> bool {
-        self.entries
-            .iter()
-            .any(|(_, pattern)| pattern.matches(channel))
+        self.entries.iter().any(|(_, pattern)| pattern.matches(channel))
     }
 }
 
@@ -111,31 +104,18 @@ mod tests {
 
     fn matched<'a>(pattern: &str, names: &[&'a str]) -> Vec<&'a str> {
         let pattern = Pattern::new(pattern).unwrap();
-        names
-            .iter()
-            .copied()
-            .filter(|name| pattern.matches(name))
-            .collect()
+        names.iter().copied().filter(|name| pattern.matches(name)).collect()
     }
 
     #[test]
     fn a_plain_name_matches_itself_only() {
-        assert_eq!(
-            matched(
-                "LL_DATA_ODO",
-                &["LL_DATA_ODO", "LL_DATA_ODO2", "XLL_DATA_ODO", ""]
-            ),
-            ["LL_DATA_ODO"]
-        );
+        assert_eq!(matched("LL_DATA_ODO", &["LL_DATA_ODO", "LL_DATA_ODO2", "XLL_DATA_ODO", ""]), ["LL_DATA_ODO"]);
         assert_eq!(matched("", &["", "A"]), [""]);
     }
 
     #[test]
     fn an_expression_matches_the_whole_name() {
-        assert_eq!(
-            matched("LL_.*", &["LL_", "LL_DATA", "XLL_"]),
-            ["LL_", "LL_DATA"]
-        );
+        assert_eq!(matched("LL_.*", &["LL_", "LL_DATA", "XLL_"]), ["LL_", "LL_DATA"]);
         assert_eq!(matched("A.C", &["ABC", "ABCD", "AC"]), ["ABC"]);
         assert_eq!(matched("AB|CD", &["AB", "CD", "ABX", "XCD"]), ["AB", "CD"]);
         assert_eq!(matched("^AB$", &["AB", "AB\n", "ABX"]), ["AB"]);

@@ -54,10 +54,7 @@ impl fmt::Display for EncodeError {
             }
             Self::ChannelHasNul => write!(f, "a NUL in the channel name"),
             Self::MessageTooLong { len } => {
-                write!(
-                    f,
-                    "a message of {len} bytes with its channel name; at most {SHORT_MAX}"
-                )
+                write!(f, "a message of {len} bytes with its channel name; at most {SHORT_MAX}")
             }
         }
     }
@@ -88,10 +85,7 @@ impl ShortHeader {
         bytes[..4].copy_from_slice(&SHORT_MAGIC.to_be_bytes());
         bytes[4..8].copy_from_slice(&sequence.to_be_bytes());
         bytes[SHORT_HEADER..][..channel.len()].copy_from_slice(channel.as_bytes());
-        Ok(Self {
-            bytes,
-            len: SHORT_HEADER + named,
-        })
+        Ok(Self { bytes, len: SHORT_HEADER + named })
     }
 
     /// The bytes to send before the payload.
@@ -227,36 +221,23 @@ impl core::error::Error for DecodeError {}
 /// # Errors
 /// It is not one of LCM's; see [`DecodeError`].
 pub fn decode(datagram: &[u8]) -> Result<Datagram<'_>, DecodeError> {
-    let too_short = DecodeError::TooShort {
-        len: datagram.len(),
-    };
-    let (head, rest) = datagram
-        .split_first_chunk::<SHORT_HEADER>()
-        .ok_or(too_short)?;
+    let too_short = DecodeError::TooShort { len: datagram.len() };
+    let (head, rest) = datagram.split_first_chunk::<SHORT_HEADER>().ok_or(too_short)?;
     let sequence = u32_at(head, 4);
     match u32_at(head, 0) {
         SHORT_MAGIC => {
             let (channel, payload) = split_channel(rest)?;
-            Ok(Datagram::Short(Short {
-                sequence,
-                channel,
-                payload,
-            }))
+            Ok(Datagram::Short(Short { sequence, channel, payload }))
         }
         FRAGMENT_MAGIC => {
-            let (head, rest) = datagram
-                .split_first_chunk::<FRAGMENT_HEADER>()
-                .ok_or(too_short)?;
+            let (head, rest) = datagram.split_first_chunk::<FRAGMENT_HEADER>().ok_or(too_short)?;
             decode_fragment(head, rest).map(Datagram::Fragment)
         }
         magic => Err(DecodeError::Magic(magic)),
     }
 }
 
-fn decode_fragment<'a>(
-    head: &[u8; FRAGMENT_HEADER],
-    rest: &'a [u8],
-) -> Result<Fragment<'a>, DecodeError> {
+fn decode_fragment<'a>(head: &[u8; FRAGMENT_HEADER], rest: &'a [u8]) -> Result<Fragment<'a>, DecodeError> {
     let (total, offset) = (u32_at(head, 8), u32_at(head, 12));
     let (number, count) = (u16_at(head, 16), u16_at(head, 18));
     if number >= count {
@@ -274,15 +255,7 @@ fn decode_fragment<'a>(
     if end > u64::from(total) {
         return Err(DecodeError::BeyondEnd { end, total });
     }
-    Ok(Fragment {
-        sequence: u32_at(head, 4),
-        total,
-        offset,
-        number,
-        count,
-        channel,
-        data,
-    })
+    Ok(Fragment { sequence: u32_at(head, 4), total, offset, number, count, channel, data })
 }
 
 /// Splits `channel NUL rest`.
@@ -290,11 +263,7 @@ fn split_channel(bytes: &[u8]) -> Result<(&str, &[u8]), DecodeError> {
     let window = &bytes[..bytes.len().min(CHANNEL_MAX + 1)];
     let Some(len) = window.iter().position(|&byte| byte == 0) else {
         let cut = window.len() <= CHANNEL_MAX;
-        return Err(if cut {
-            DecodeError::ChannelUnterminated
-        } else {
-            DecodeError::ChannelTooLong
-        });
+        return Err(if cut { DecodeError::ChannelUnterminated } else { DecodeError::ChannelTooLong });
     };
     let channel = core::str::from_utf8(&bytes[..len]).map_err(|_| DecodeError::ChannelNotUtf8)?;
     Ok((channel, &bytes[len + 1..]))
@@ -330,10 +299,7 @@ mod tests {
     #[test]
     fn what_is_too_short_for_a_header_is_refused() {
         for len in 0..8 {
-            assert_eq!(
-                decode(&short(b"")[..len]),
-                Err(DecodeError::TooShort { len })
-            );
+            assert_eq!(decode(&short(b"")[..len]), Err(DecodeError::TooShort { len }));
         }
         let whole = fragment(1, 0, 1, 2, b"");
         for len in 8..20 {
@@ -344,72 +310,33 @@ mod tests {
 
     #[test]
     fn what_does_not_start_with_the_magic_is_refused() {
-        assert_eq!(
-            decode(b"LC04\0\0\0\0A\0"),
-            Err(DecodeError::Magic(0x4c43_3034))
-        );
+        assert_eq!(decode(b"LC04\0\0\0\0A\0"), Err(DecodeError::Magic(0x4c43_3034)));
     }
 
     #[test]
     fn a_channel_name_ends_within_64_bytes_and_is_utf_8() {
         assert_eq!(decode(&short(b"")), Err(DecodeError::ChannelUnterminated));
-        assert_eq!(
-            decode(&short(&[b'c'; 63])),
-            Err(DecodeError::ChannelUnterminated)
-        );
-        assert_eq!(
-            decode(&short(&[b'c'; 64])),
-            Err(DecodeError::ChannelTooLong)
-        );
-        assert_eq!(
-            decode(&short(&[&[b'c'; 64][..], b"\0"].concat())),
-            Err(DecodeError::ChannelTooLong)
-        );
+        assert_eq!(decode(&short(&[b'c'; 63])), Err(DecodeError::ChannelUnterminated));
+        assert_eq!(decode(&short(&[b'c'; 64])), Err(DecodeError::ChannelTooLong));
+        assert_eq!(decode(&short(&[&[b'c'; 64][..], b"\0"].concat())), Err(DecodeError::ChannelTooLong));
         assert_eq!(decode(&short(b"\xff\0")), Err(DecodeError::ChannelNotUtf8));
         let name = "c".repeat(63);
-        let longest = Short {
-            sequence: 7,
-            channel: &name,
-            payload: b"",
-        };
-        assert_eq!(
-            decode(&short(&[name.as_bytes(), b"\0"].concat())),
-            Ok(Datagram::Short(longest))
-        );
-        let empty = Short {
-            sequence: 7,
-            channel: "",
-            payload: b"x",
-        };
+        let longest = Short { sequence: 7, channel: &name, payload: b"" };
+        assert_eq!(decode(&short(&[name.as_bytes(), b"\0"].concat())), Ok(Datagram::Short(longest)));
+        let empty = Short { sequence: 7, channel: "", payload: b"x" };
         assert_eq!(decode(&short(b"\0x")), Ok(Datagram::Short(empty)));
     }
 
     #[test]
     fn the_first_fragment_carries_the_channel_and_the_others_do_not() {
         let bytes = fragment(5, 0, 0, 2, b"BIG\0abc");
-        let first = Fragment {
-            sequence: 7,
-            total: 5,
-            offset: 0,
-            number: 0,
-            count: 2,
-            channel: Some("BIG"),
-            data: b"abc",
-        };
+        let first =
+            Fragment { sequence: 7, total: 5, offset: 0, number: 0, count: 2, channel: Some("BIG"), data: b"abc" };
         assert_eq!(decode(&bytes), Ok(Datagram::Fragment(first)));
         let bytes = fragment(5, 3, 1, 2, b"de");
-        let second = Fragment {
-            offset: 3,
-            number: 1,
-            channel: None,
-            data: b"de",
-            ..first
-        };
+        let second = Fragment { offset: 3, number: 1, channel: None, data: b"de", ..first };
         assert_eq!(decode(&bytes), Ok(Datagram::Fragment(second)));
-        assert_eq!(
-            decode(&fragment(5, 0, 0, 2, b"BIG")),
-            Err(DecodeError::ChannelUnterminated)
-        );
+        assert_eq!(decode(&fragment(5, 0, 0, 2, b"BIG")), Err(DecodeError::ChannelUnterminated));
     }
 
     #[test]
@@ -417,15 +344,10 @@ mod tests {
         let beyond = |end, total| Err(DecodeError::BeyondEnd { end, total });
         assert_eq!(decode(&fragment(5, 3, 1, 2, b"def")), beyond(6, 5));
         // The datagram that kills liblcm 1.3.1: offset and length wrap in 32 bits.
-        assert_eq!(
-            decode(&fragment(100, u32::MAX - 1, 1, 2, b"abcd")),
-            beyond(0x1_0000_0002, 100)
-        );
+        assert_eq!(decode(&fragment(100, u32::MAX - 1, 1, 2, b"abcd")), beyond(0x1_0000_0002, 100));
         assert_eq!(
             decode(&fragment(MESSAGE_MAX + 1, 0, 1, 2, b"")),
-            Err(DecodeError::MessageTooLong {
-                total: MESSAGE_MAX + 1
-            })
+            Err(DecodeError::MessageTooLong { total: MESSAGE_MAX + 1 })
         );
         assert!(decode(&fragment(MESSAGE_MAX, 0, 1, 2, b"")).is_ok());
     }
@@ -441,19 +363,10 @@ mod tests {
     fn what_does_not_fit_a_short_message_is_not_encoded() {
         let new = |channel: &str, len| ShortHeader::new(0, channel, len).map(|_| ());
         assert_eq!(new("EDGE", 65_494), Ok(()));
-        assert_eq!(
-            new("EDGE", 65_495),
-            Err(EncodeError::MessageTooLong { len: 65_500 })
-        );
-        assert_eq!(
-            new("EDGE", usize::MAX),
-            Err(EncodeError::MessageTooLong { len: usize::MAX })
-        );
+        assert_eq!(new("EDGE", 65_495), Err(EncodeError::MessageTooLong { len: 65_500 }));
+        assert_eq!(new("EDGE", usize::MAX), Err(EncodeError::MessageTooLong { len: usize::MAX }));
         assert_eq!(new(&"C".repeat(63), 0), Ok(()));
-        assert_eq!(
-            new(&"C".repeat(64), 0),
-            Err(EncodeError::ChannelTooLong { len: 64 })
-        );
+        assert_eq!(new(&"C".repeat(64), 0), Err(EncodeError::ChannelTooLong { len: 64 }));
         assert_eq!(new("", 0), Err(EncodeError::ChannelEmpty));
         assert_eq!(new("A\0B", 0), Err(EncodeError::ChannelHasNul));
     }

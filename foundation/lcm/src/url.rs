@@ -36,12 +36,7 @@ pub struct Url {
 
 impl Default for Url {
     fn default() -> Self {
-        Self {
-            group: GROUP,
-            port: PORT,
-            ttl: 0,
-            recv_buf_size: RECV_BUF_SIZE,
-        }
+        Self { group: GROUP, port: PORT, ttl: 0, recv_buf_size: RECV_BUF_SIZE }
     }
 }
 
@@ -58,10 +53,7 @@ impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unknown(option) => {
-                write!(
-                    f,
-                    "LCM URL: unknown option `{option}` ignored; known are ttl, recv_buf_size, shm"
-                )
+                write!(f, "LCM URL: unknown option `{option}` ignored; known are ttl, recv_buf_size, shm")
             }
             Self::Obsolete(option) => {
                 write!(f, "LCM URL: option `{option}` is obsolete and ignored")
@@ -93,22 +85,12 @@ pub enum UrlError {
 impl fmt::Display for UrlError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Provider(url) => write!(
-                f,
-                "LCM URL `{url}`: only udpm://GROUP:PORT?ttl=N is supported"
-            ),
+            Self::Provider(url) => write!(f, "LCM URL `{url}`: only udpm://GROUP:PORT?ttl=N is supported"),
             Self::Group(group) => {
-                write!(
-                    f,
-                    "LCM URL: `{group}` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)"
-                )
+                write!(f, "LCM URL: `{group}` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)")
             }
             Self::Port(port) => write!(f, "LCM URL: port `{port}` is not within 1 to 65535"),
-            Self::Value {
-                key,
-                value,
-                allowed,
-            } => write!(f, "LCM URL: {key}=`{value}`; allowed is {allowed}"),
+            Self::Value { key, value, allowed } => write!(f, "LCM URL: {key}=`{value}`; allowed is {allowed}"),
         }
     }
 }
@@ -126,16 +108,11 @@ impl Url {
         if text.is_empty() {
             return Ok((url, warnings));
         }
-        let rest = text
-            .strip_prefix("udpm://")
-            .ok_or_else(|| UrlError::Provider(text.into()))?;
+        let rest = text.strip_prefix("udpm://").ok_or_else(|| UrlError::Provider(text.into()))?;
         let (network, options) = rest.split_once('?').unwrap_or((rest, ""));
         url.set_network(network)?;
         // Split at further `?` too, as liblcm does.
-        for option in options
-            .split(['&', '?'])
-            .filter(|option| !option.is_empty())
-        {
+        for option in options.split(['&', '?']).filter(|option| !option.is_empty()) {
             warnings.extend(url.set_option(option)?);
         }
         Ok((url, warnings))
@@ -148,9 +125,7 @@ impl Url {
     }
 
     fn set_network(&mut self, network: &str) -> Result<(), UrlError> {
-        let (group, port) = network
-            .split_once(':')
-            .map_or((network, None), |(group, port)| (group, Some(port)));
+        let (group, port) = network.split_once(':').map_or((network, None), |(group, port)| (group, Some(port)));
         if !group.is_empty() {
             let wrong = |_: AddrParseError| UrlError::Group(group.into());
             self.group = group.parse().map_err(wrong)?;
@@ -159,9 +134,7 @@ impl Url {
             return Err(UrlError::Group(group.into()));
         }
         if let Some(port) = port {
-            let in_range = number(port)
-                .and_then(|n| u16::try_from(n).ok())
-                .filter(|&n| n > 0);
+            let in_range = number(port).and_then(|n| u16::try_from(n).ok()).filter(|&n| n > 0);
             self.port = in_range.ok_or_else(|| UrlError::Port(port.into()))?;
         }
         Ok(())
@@ -169,11 +142,7 @@ impl Url {
 
     fn set_option(&mut self, option: &str) -> Result<Option<Warning>, UrlError> {
         let (key, value) = option.split_once('=').unwrap_or((option, ""));
-        let wrong = |key, allowed| UrlError::Value {
-            key,
-            value: value.into(),
-            allowed,
-        };
+        let wrong = |key, allowed| UrlError::Value { key, value: value.into(), allowed };
         match key {
             "ttl" => {
                 let ttl = number(value).and_then(|n| u8::try_from(n).ok());
@@ -182,11 +151,10 @@ impl Url {
             "recv_buf_size" => {
                 // The kernel takes an int and doubles it.
                 let size = number(value).filter(|&n| n <= i32::MAX as u32 / 2);
-                self.recv_buf_size =
-                    match size.ok_or_else(|| wrong("recv_buf_size", "0 to 1073741823"))? {
-                        0 => RECV_BUF_SIZE,
-                        size => size as usize,
-                    };
+                self.recv_buf_size = match size.ok_or_else(|| wrong("recv_buf_size", "0 to 1073741823"))? {
+                    0 => RECV_BUF_SIZE,
+                    size => size as usize,
+                };
             }
             "shm" if matches!(value, "off" | "auto") => {}
             "shm" => return Err(wrong("shm", "off or auto")),
@@ -211,9 +179,7 @@ impl fmt::Display for Url {
 fn number(text: &str) -> Option<u32> {
     let digits = |text: &str, radix| {
         let plain = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_hexdigit());
-        plain
-            .then(|| u32::from_str_radix(text, radix).ok())
-            .flatten()
+        plain.then(|| u32::from_str_radix(text, radix).ok()).flatten()
     };
     match text.strip_prefix("0x") {
         Some(hex) => digits(hex, 16),
@@ -235,45 +201,21 @@ mod tests {
     #[test]
     fn what_is_left_out_has_lcms_default() {
         let default = parsed("udpm://239.255.76.67:7667?ttl=0");
-        for text in [
-            "",
-            "udpm://",
-            "udpm://?",
-            "udpm://239.255.76.67",
-            "udpm://:7667",
-            "udpm://?recv_buf_size=0",
-        ] {
+        for text in ["", "udpm://", "udpm://?", "udpm://239.255.76.67", "udpm://:7667", "udpm://?recv_buf_size=0"] {
             assert_eq!(parsed(text), default, "{text}");
         }
         assert_eq!(default, Url::default());
-        assert_eq!(
-            parsed("udpm://224.1.2.3"),
-            Url {
-                group: Ipv4Addr::new(224, 1, 2, 3),
-                ..default
-            }
-        );
+        assert_eq!(parsed("udpm://224.1.2.3"), Url { group: Ipv4Addr::new(224, 1, 2, 3), ..default });
     }
 
     #[test]
     fn options_are_read_and_a_later_one_wins() {
         let url = parsed("udpm://239.1.2.3:1?ttl=1&recv_buf_size=0x10000&shm=auto?ttl=255&");
-        let wanted = Url {
-            group: Ipv4Addr::new(239, 1, 2, 3),
-            port: 1,
-            ttl: 255,
-            recv_buf_size: 65536,
-        };
+        let wanted = Url { group: Ipv4Addr::new(239, 1, 2, 3), port: 1, ttl: 255, recv_buf_size: 65536 };
         assert_eq!(url, wanted);
-        assert_eq!(
-            url.to_string(),
-            "udpm://239.1.2.3:1?ttl=255&recv_buf_size=65536"
-        );
+        assert_eq!(url.to_string(), "udpm://239.1.2.3:1?ttl=255&recv_buf_size=65536");
         assert_eq!(parsed(&url.to_string()), url);
-        assert_eq!(
-            Url::default().to_string(),
-            "udpm://239.255.76.67:7667?ttl=0"
-        );
+        assert_eq!(Url::default().to_string(), "udpm://239.255.76.67:7667?ttl=0");
     }
 
     #[test]
@@ -291,46 +233,22 @@ mod tests {
     #[test]
     fn a_wrong_url_is_one_clear_line() {
         for (text, line) in [
-            (
-                "tcpq://127.0.0.1",
-                "LCM URL `tcpq://127.0.0.1`: only udpm://GROUP:PORT?ttl=N is supported",
-            ),
-            (
-                "udpm:/",
-                "LCM URL `udpm:/`: only udpm://GROUP:PORT?ttl=N is supported",
-            ),
+            ("tcpq://127.0.0.1", "LCM URL `tcpq://127.0.0.1`: only udpm://GROUP:PORT?ttl=N is supported"),
+            ("udpm:/", "LCM URL `udpm:/`: only udpm://GROUP:PORT?ttl=N is supported"),
             (
                 "udpm://10.0.0.1:7667",
                 "LCM URL: `10.0.0.1` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)",
             ),
-            (
-                "udpm://robot",
-                "LCM URL: `robot` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)",
-            ),
-            (
-                "udpm://239.1.1.1:0",
-                "LCM URL: port `0` is not within 1 to 65535",
-            ),
-            (
-                "udpm://239.1.1.1:",
-                "LCM URL: port `` is not within 1 to 65535",
-            ),
-            (
-                "udpm://239.1.1.1:65536",
-                "LCM URL: port `65536` is not within 1 to 65535",
-            ),
+            ("udpm://robot", "LCM URL: `robot` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)"),
+            ("udpm://239.1.1.1:0", "LCM URL: port `0` is not within 1 to 65535"),
+            ("udpm://239.1.1.1:", "LCM URL: port `` is not within 1 to 65535"),
+            ("udpm://239.1.1.1:65536", "LCM URL: port `65536` is not within 1 to 65535"),
             ("udpm://?ttl=256", "LCM URL: ttl=`256`; allowed is 0 to 255"),
             ("udpm://?ttl", "LCM URL: ttl=``; allowed is 0 to 255"),
             ("udpm://?ttl=+1", "LCM URL: ttl=`+1`; allowed is 0 to 255"),
             ("udpm://?ttl=010", "LCM URL: ttl=`010`; allowed is 0 to 255"),
-            (
-                "udpm://?recv_buf_size=-1",
-                "LCM URL: recv_buf_size=`-1`; allowed is 0 to 1073741823",
-            ),
-            (
-                "udpm://?shm=on",
-                "LCM URL: shm=`on`; allowed is off or auto",
-            ),
+            ("udpm://?recv_buf_size=-1", "LCM URL: recv_buf_size=`-1`; allowed is 0 to 1073741823"),
+            ("udpm://?shm=on", "LCM URL: shm=`on`; allowed is off or auto"),
         ] {
             assert_eq!(Url::parse(text).unwrap_err().to_string(), line);
         }

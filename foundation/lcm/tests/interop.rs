@@ -17,19 +17,14 @@ const COUNT: usize = 200;
 /// Message `n` of the series: sizes from 0 to 60000, all byte values.
 fn message(n: usize) -> (String, Vec<u8>) {
     let size = 60_000 * n / (COUNT - 1);
-    (
-        format!("PEER_{}", n % 7),
-        (0..size).map(|i| (i + n + i / 256) as u8).collect(),
-    )
+    (format!("PEER_{}", n % 7), (0..size).map(|i| (i + n + i / 256) as u8).collect())
 }
 
 /// A Python that has the official LCM; prints and gives `None` where there is none, unless one was named.
 fn python() -> Option<PathBuf> {
     let named = std::env::var_os("ADVEE_PYTHON");
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let python = named
-        .as_ref()
-        .map_or_else(|| root.join(".venv/bin/python"), PathBuf::from);
+    let python = named.as_ref().map_or_else(|| root.join(".venv/bin/python"), PathBuf::from);
     let found = Command::new(&python).args(["-c", "import lcm"]).output();
     if found.is_ok_and(|output| output.status.success()) {
         return Some(python);
@@ -44,18 +39,10 @@ struct Peer(Child);
 
 impl Peer {
     fn start(python: &Path, script: &str, arguments: &[&str]) -> Self {
-        let script = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("tests/peers")
-            .join(script);
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers").join(script);
         let mut command = Command::new(python);
         command.arg(script).args(arguments);
-        Self(
-            command
-                .stdin(Stdio::piped())
-                .stdout(Stdio::piped())
-                .spawn()
-                .unwrap(),
-        )
+        Self(command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap())
     }
 }
 
@@ -70,11 +57,7 @@ impl Drop for Peer {
 fn the_official_subscriber_receives_exactly_what_we_publish() {
     let Some(python) = python() else { return };
     let url = common::url();
-    let mut peer = Peer::start(
-        &python,
-        "subscriber.py",
-        &[&url.to_string(), "PEER_.*", &COUNT.to_string()],
-    );
+    let mut peer = Peer::start(&python, "subscriber.py", &[&url.to_string(), "PEER_.*", &COUNT.to_string()]);
     let mut out = BufReader::new(peer.0.stdout.take().unwrap());
     let mut ready = String::new();
     out.read_line(&mut ready).unwrap();
@@ -90,10 +73,7 @@ fn the_official_subscriber_receives_exactly_what_we_publish() {
         assert_eq!((channel_len, payload_len), (channel.len(), payload.len()));
         let mut got = vec![0; channel_len + payload_len];
         out.read_exact(&mut got).unwrap();
-        assert!(
-            got == [channel.as_bytes(), &payload].concat(),
-            "message {n} differs"
-        );
+        assert!(got == [channel.as_bytes(), &payload].concat(), "message {n} differs");
     }
     assert!(peer.0.wait().unwrap().success());
 }
@@ -108,10 +88,7 @@ fn we_receive_exactly_what_the_official_publisher_sends() {
     let mut go = peer.0.stdin.take().unwrap();
     for n in 0..COUNT {
         go.write_all(b"\n").unwrap();
-        assert!(
-            lcm.wait(Duration::from_secs(10)).unwrap(),
-            "message {n} did not come"
-        );
+        assert!(lcm.wait(Duration::from_secs(10)).unwrap(), "message {n} did not come");
         let received = lcm.recv().unwrap().expect("a wanted message");
         let (channel, payload) = message(n);
         assert_eq!(received.channel, channel);
@@ -120,8 +97,5 @@ fn we_receive_exactly_what_the_official_publisher_sends() {
     drop(go);
     assert!(peer.0.wait().unwrap().success());
     let stats = lcm.stats();
-    assert_eq!(
-        (stats.received, stats.malformed, stats.lost),
-        (COUNT as u64, 0, 0)
-    );
+    assert_eq!((stats.received, stats.malformed, stats.lost), (COUNT as u64, 0, 0));
 }

@@ -29,11 +29,7 @@ fn subscribed(url: &Url, pattern: &str) -> Lcm {
 fn next(lcm: &mut Lcm, patience: Duration) -> Option<(String, Vec<u8>, RealtimeNanos)> {
     loop {
         if let Some(received) = lcm.recv().unwrap() {
-            return Some((
-                received.channel.into(),
-                received.payload.into(),
-                received.at,
-            ));
+            return Some((received.channel.into(), received.payload.into(), received.at));
         }
         if !lcm.wait(patience).unwrap() {
             return None;
@@ -44,19 +40,11 @@ fn next(lcm: &mut Lcm, patience: Duration) -> Option<(String, Vec<u8>, RealtimeN
 fn expect(lcm: &mut Lcm, channel: &str, payload: &[u8]) {
     let (got_channel, got_payload, _) = next(lcm, PATIENCE).expect("a message");
     assert_eq!(got_channel, channel);
-    assert!(
-        got_payload == payload,
-        "{} bytes, not {}",
-        got_payload.len(),
-        payload.len()
-    );
+    assert!(got_payload == payload, "{} bytes, not {}", got_payload.len(), payload.len());
 }
 
 fn now() -> i64 {
-    SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .unwrap()
-        .as_nanos() as i64
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as i64
 }
 
 /// A plain socket that sends to the group whatever it is told.
@@ -78,24 +66,14 @@ fn a_message_goes_there_and_back() {
         b.publish("PONG", &payload).unwrap();
         expect(&mut a, "PONG", &payload);
     }
-    assert_eq!(
-        (a.stats().sent, a.stats().received, a.stats().lost),
-        (4, 4, 0)
-    );
-    assert_eq!(
-        a.stats().unwanted,
-        4,
-        "its own messages, which it did not subscribe to"
-    );
+    assert_eq!((a.stats().sent, a.stats().received, a.stats().lost), (4, 4, 0));
+    assert_eq!(a.stats().unwanted, 4, "its own messages, which it did not subscribe to");
 }
 
 #[test]
 fn a_datagram_is_received_once_on_whatever_interfaces_we_joined() {
     for ttl in [0, 1] {
-        let url = Url {
-            ttl,
-            ..common::url()
-        };
+        let url = Url { ttl, ..common::url() };
         let mut lcm = subscribed(&url, "A");
         lcm.subscribe(".*").unwrap();
         for number in 0..10 {
@@ -119,11 +97,7 @@ fn a_process_hears_its_own_messages_once_it_subscribes() {
     lcm.publish("A", b"before").unwrap();
     assert!(!lcm.wait(SILENCE).unwrap(), "nothing joined the group yet");
     let id = lcm.subscribe("A").unwrap();
-    assert_eq!(
-        lcm.as_fd().as_raw_fd(),
-        watched,
-        "an event loop may watch it from the start"
-    );
+    assert_eq!(lcm.as_fd().as_raw_fd(), watched, "an event loop may watch it from the start");
     lcm.publish("A", b"after").unwrap();
     expect(&mut lcm, "A", b"after");
     assert!(lcm.unsubscribe(id));
@@ -136,13 +110,7 @@ fn a_pattern_subscribes_to_all_channels_it_matches_as_a_whole() {
     let url = common::url();
     let mut listener = subscribed(&url, "LL_DATA_.*|CM_CMD_STATE");
     let mut publisher = Lcm::new(&url).unwrap();
-    for channel in [
-        "LL_DATA_ODO",
-        "XLL_DATA_ODO",
-        "CM_CMD_STATE",
-        "CM_CMD_STATE2",
-        "LL_DATA_",
-    ] {
+    for channel in ["LL_DATA_ODO", "XLL_DATA_ODO", "CM_CMD_STATE", "CM_CMD_STATE2", "LL_DATA_"] {
         publisher.publish(channel, channel.as_bytes()).unwrap();
     }
     for channel in ["LL_DATA_ODO", "CM_CMD_STATE", "LL_DATA_"] {
@@ -150,10 +118,7 @@ fn a_pattern_subscribes_to_all_channels_it_matches_as_a_whole() {
     }
     assert_eq!(next(&mut listener, SILENCE), None);
     assert_eq!(listener.stats().unwanted, 2);
-    assert!(matches!(
-        listener.subscribe("("),
-        Err(SubscribeError::Pattern(_))
-    ));
+    assert!(matches!(listener.subscribe("("), Err(SubscribeError::Pattern(_))));
 }
 
 #[test]
@@ -161,26 +126,15 @@ fn garbage_is_counted_and_survived() {
     let url = common::url();
     let mut lcm = subscribed(&url, ".*");
     let stranger = stranger(&url);
-    for garbage in [
-        &b""[..],
-        b"LC02",
-        b"LC09\0\0\0\0A\0",
-        b"LC02\0\0\0\0ABC",
-        b"LC02\0\0\0\0\xff\xff\0",
-        &[0; 65_507],
-    ] {
+    for garbage in [&b""[..], b"LC02", b"LC09\0\0\0\0A\0", b"LC02\0\0\0\0ABC", b"LC02\0\0\0\0\xff\xff\0", &[0; 65_507]]
+    {
         stranger.send(garbage).unwrap();
     }
-    stranger
-        .send(b"LC03\0\0\0\0\0\x01\0\0\0\0\0\0\0\0\0\x02BIG\0abc")
-        .unwrap();
+    stranger.send(b"LC03\0\0\0\0\0\x01\0\0\0\0\0\0\0\0\0\x02BIG\0abc").unwrap();
     lcm.publish("A", b"still here").unwrap();
     expect(&mut lcm, "A", b"still here");
     let stats = lcm.stats();
-    assert_eq!(
-        (stats.malformed, stats.fragments, stats.received),
-        (6, 1, 1)
-    );
+    assert_eq!((stats.malformed, stats.fragments, stats.received), (6, 1, 1));
     let rejected = stats.last_rejected.unwrap();
     assert_eq!(rejected.why, Rejection::Fragmented { total: 65_536 });
     assert_eq!(rejected.from.port(), stranger.local_addr().unwrap().port());
@@ -214,23 +168,15 @@ fn every_message_has_the_time_the_kernel_received_it() {
     }
     let after = now();
     std::thread::sleep(SILENCE);
-    let times: Vec<i64> = (0..100)
-        .map(|_| next(&mut lcm, PATIENCE).unwrap().2.0)
-        .collect();
+    let times: Vec<i64> = (0..100).map(|_| next(&mut lcm, PATIENCE).unwrap().2.0).collect();
     assert!(times.is_sorted());
     // Not when we came to read it. A millisecond for clocks that tick coarsely.
-    assert!(
-        times[0] >= before - 1_000_000 && times[99] <= after + 1_000_000,
-        "{before} {times:?} {after}"
-    );
+    assert!(times[0] >= before - 1_000_000 && times[99] <= after + 1_000_000, "{before} {times:?} {after}");
 }
 
 #[test]
 fn an_overflow_of_the_receive_buffer_is_counted() {
-    let url = Url {
-        recv_buf_size: 4096,
-        ..common::url()
-    };
+    let url = Url { recv_buf_size: 4096, ..common::url() };
     let mut lcm = subscribed(&url, "A");
     assert_eq!(lcm.granted_recv_buf_size().unwrap(), 4096);
     let mut publisher = Lcm::new(&url).unwrap();
@@ -254,10 +200,7 @@ fn what_cannot_be_sent_is_refused_and_takes_no_number() {
     let mut lcm = subscribed(&url, ".*");
     lcm.publish("A", b"1").unwrap();
     let too_long = lcm.publish("A", &[0; 65_498]).unwrap_err();
-    assert!(matches!(
-        too_long,
-        PublishError::Encode(EncodeError::MessageTooLong { len: 65_500 })
-    ));
+    assert!(matches!(too_long, PublishError::Encode(EncodeError::MessageTooLong { len: 65_500 })));
     assert_eq!(
         lcm.publish(&"C".repeat(64), b"").unwrap_err().to_string(),
         "LCM publish: a channel name of 64 bytes; at most 63"
@@ -277,9 +220,7 @@ fn in_name_space(test: &str, prepare: &str, body: impl FnOnce()) {
     if std::env::var_os(NO_ROUTE).is_some() {
         return body();
     }
-    let may = Command::new("unshare")
-        .args(["-rn", "sh", "-c", prepare])
-        .output();
+    let may = Command::new("unshare").args(["-rn", "sh", "-c", prepare]).output();
     if !may.is_ok_and(|output| output.status.success()) {
         return println!("skipped: no network name space with `{prepare}`");
     }
@@ -288,27 +229,19 @@ fn in_name_space(test: &str, prepare: &str, body: impl FnOnce()) {
     let mut child = Command::new("unshare");
     child.args(["-rn", "sh", "-c", &command]).env(NO_ROUTE, "1");
     let output = child.output().unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stdout)
-    );
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
 }
 
 #[test]
 fn without_a_route_the_bus_is_on_loopback() {
-    in_name_space(
-        "without_a_route_the_bus_is_on_loopback",
-        "ip link set lo up",
-        || {
-            let url = common::url();
-            let (mut a, mut b) = (Lcm::new(&url).unwrap(), subscribed(&url, "A"));
-            assert!(a.on_loopback());
-            a.publish("A", b"x").unwrap();
-            expect(&mut b, "A", b"x");
-            a_datagram_is_received_once_on_whatever_interfaces_we_joined();
-        },
-    );
+    in_name_space("without_a_route_the_bus_is_on_loopback", "ip link set lo up", || {
+        let url = common::url();
+        let (mut a, mut b) = (Lcm::new(&url).unwrap(), subscribed(&url, "A"));
+        assert!(a.on_loopback());
+        a.publish("A", b"x").unwrap();
+        expect(&mut b, "A", b"x");
+        a_datagram_is_received_once_on_whatever_interfaces_we_joined();
+    });
 }
 
 #[test]
@@ -328,30 +261,23 @@ fn ip(arguments: &str) {
 #[test]
 fn when_an_interface_comes_later_old_and_new_hear_each_other() {
     let prepare = "ip link set lo up && ip link add eth7 type veth peer name eth8";
-    in_name_space(
-        "when_an_interface_comes_later_old_and_new_hear_each_other",
-        prepare,
-        || {
-            let url = common::url();
-            let mut old = subscribed(&url, "A");
-            for command in [
-                "addr add 10.1.2.3/24 dev eth7",
-                "link set eth7 up",
-                "link set eth8 up",
-                "route add default via 10.1.2.1",
-            ] {
-                ip(command);
-            }
-            // First a pure publisher: no receive socket has joined on its interface.
-            let mut publisher = Lcm::new(&url).unwrap();
-            assert!(old.on_loopback() && !publisher.on_loopback());
-            publisher.publish("A", b"new").unwrap();
-            expect(&mut old, "A", b"new");
-            let mut new = subscribed(&url, "A");
-            old.publish("A", b"old").unwrap();
-            expect(&mut new, "A", b"old");
-        },
-    );
+    in_name_space("when_an_interface_comes_later_old_and_new_hear_each_other", prepare, || {
+        let url = common::url();
+        let mut old = subscribed(&url, "A");
+        for command in
+            ["addr add 10.1.2.3/24 dev eth7", "link set eth7 up", "link set eth8 up", "route add default via 10.1.2.1"]
+        {
+            ip(command);
+        }
+        // First a pure publisher: no receive socket has joined on its interface.
+        let mut publisher = Lcm::new(&url).unwrap();
+        assert!(old.on_loopback() && !publisher.on_loopback());
+        publisher.publish("A", b"new").unwrap();
+        expect(&mut old, "A", b"new");
+        let mut new = subscribed(&url, "A");
+        old.publish("A", b"old").unwrap();
+        expect(&mut new, "A", b"old");
+    });
 }
 
 #[test]

@@ -14,9 +14,7 @@ struct Captured {
 
 fn unhex(text: &str) -> Vec<u8> {
     let digits = text.as_bytes().chunks(2);
-    digits
-        .map(|two| u8::from_str_radix(std::str::from_utf8(two).unwrap(), 16).unwrap())
-        .collect()
+    digits.map(|two| u8::from_str_radix(std::str::from_utf8(two).unwrap(), 16).unwrap()).collect()
 }
 
 /// The payload where the file has `..`.
@@ -26,16 +24,11 @@ fn pattern(i: usize) -> u8 {
 
 fn captured() -> Vec<Captured> {
     let lines = include_str!("udpm_vectors.txt").lines();
-    lines
-        .filter(|line| !line.is_empty() && !line.starts_with('#'))
-        .map(parse)
-        .collect()
+    lines.filter(|line| !line.is_empty() && !line.starts_with('#')).map(parse).collect()
 }
 
 fn parse(line: &'static str) -> Captured {
-    let [channel, payload_size, size, hex] = line.split(' ').collect::<Vec<_>>()[..] else {
-        panic!("{line}")
-    };
+    let [channel, payload_size, size, hex] = line.split(' ').collect::<Vec<_>>()[..] else { panic!("{line}") };
     let (front, back) = hex.split_once("..").unwrap_or((hex, ""));
     let (mut datagram, back) = (unhex(front), unhex(back));
     let size: usize = size.parse().unwrap();
@@ -49,16 +42,9 @@ fn parse(line: &'static str) -> Captured {
         };
         datagram.extend((datagram.len()..size).map(|at| pattern(offset + at - start)));
     }
-    assert!(
-        datagram.len() == size && datagram.ends_with(&back),
-        "{line}"
-    );
+    assert!(datagram.len() == size && datagram.ends_with(&back), "{line}");
     let payload_size = payload_size.parse().unwrap();
-    Captured {
-        channel,
-        payload_size,
-        datagram,
-    }
+    Captured { channel, payload_size, datagram }
 }
 
 #[test]
@@ -91,24 +77,14 @@ fn fragments_of_the_official_lcm_cover_their_message() {
         assert_eq!(fragment.total as usize, captured.payload_size);
         assert_eq!(fragment.offset as usize, covered);
         let data = fragment.data.iter().enumerate();
-        assert!(
-            data.into_iter()
-                .all(|(i, &byte)| byte == pattern(covered + i))
-        );
+        assert!(data.into_iter().all(|(i, &byte)| byte == pattern(covered + i)));
         covered += fragment.data.len();
         if fragment.number + 1 == fragment.count {
             messages.push((captured.channel, fragment.count, covered));
             covered = 0;
         }
     }
-    assert_eq!(
-        messages,
-        [
-            ("FRAG", 2, 65_600),
-            ("EDGE", 2, 65_495),
-            ("BIG", 4, 200_000)
-        ]
-    );
+    assert_eq!(messages, [("FRAG", 2, 65_600), ("EDGE", 2, 65_495), ("BIG", 4, 200_000)]);
 }
 
 /// Marsaglia's xorshift64.
@@ -136,10 +112,7 @@ fn feed(receiver: &mut Receiver, datagram: &[u8]) {
     };
     let before = count(receiver);
     if let Some(short) = receiver.handle_rx(from, datagram) {
-        assert_eq!(
-            8 + short.channel.len() + 1 + short.payload.len(),
-            datagram.len()
-        );
+        assert_eq!(8 + short.channel.len() + 1 + short.payload.len(), datagram.len());
         assert!(short.channel.len() <= udpm::CHANNEL_MAX);
     }
     assert_eq!(count(receiver), before + 1);
@@ -154,10 +127,8 @@ fn random_bytes_are_counted_and_survived() {
     let mut noise = Noise(0x9E37_79B9_7F4A_7C15);
     let mut receiver = Receiver::default();
     receiver.subscribe("[A-M].*").unwrap();
-    let seeds: Vec<_> = captured()
-        .into_iter()
-        .map(|captured| captured.datagram[..captured.datagram.len().min(120)].to_vec())
-        .collect();
+    let seeds: Vec<_> =
+        captured().into_iter().map(|captured| captured.datagram[..captured.datagram.len().min(120)].to_vec()).collect();
     for _ in 0..100_000 {
         let len = noise.below(120);
         let raw: Vec<u8> = (0..len).map(|_| noise.next() as u8).collect();

@@ -196,9 +196,6 @@ impl Type for Raw {
     }
 
     fn decode_body(r: &mut Reader<'_>) -> Result<Self, DecodeError> {
-        Ok(Self {
-            bus: String::new(),
-            frame: Type::decode_body(r)?,
-        })
+        Ok(Self { bus: String::new(), frame: Type::decode_body(r)? })
     }
 }

@@ -36,37 +36,22 @@ fn no_two_types_can_be_mistaken_for_each_other() {
 
 #[test]
 fn every_channel_carries_the_type_that_its_name_says() {
-    let level = BTreeMap::from([
-        ("CM", "common"),
-        ("LL", "lowlevel"),
-        ("ML", "middlelevel"),
-        ("SIM", "simulation"),
-    ]);
+    let level = BTreeMap::from([("CM", "common"), ("LL", "lowlevel"), ("ML", "middlelevel"), ("SIM", "simulation")]);
     for &channel in Channel::ALL {
         let (prefix, rest) = channel.name().split_once('_').unwrap();
         let short = rest.trim_end_matches('_').to_lowercase();
-        let short = if channel == Channel::CmEventError {
-            "error"
-        } else {
-            &short
-        };
+        let short = if channel == Channel::CmEventError { "error" } else { &short };
         assert_eq!(channel.type_name(), format!("{}.{short}_t", level[prefix]));
     }
 }
 
 #[test]
 fn every_channel_is_found_by_its_name_and_by_nothing_else() {
-    for &channel in Channel::ALL
-        .iter()
-        .filter(|&&channel| channel != Channel::LlDataRaw)
-    {
+    for &channel in Channel::ALL.iter().filter(|&&channel| channel != Channel::LlDataRaw) {
         assert_eq!(Channel::from_name(channel.name()), Some(channel));
         assert_eq!(Channel::from_name(&format!("{}X", channel.name())), None);
     }
-    assert_eq!(
-        Channel::from_name("LL_DATA_RAW_CAN_MAIN"),
-        Some(Channel::LlDataRaw)
-    );
+    assert_eq!(Channel::from_name("LL_DATA_RAW_CAN_MAIN"), Some(Channel::LlDataRaw));
     assert_eq!(Channel::from_name("LL_DATA_RAW_"), None);
     assert_eq!(Channel::from_name("LL_DATA_RAW"), None);
     assert_eq!(Channel::from_name(""), None);
@@ -85,15 +70,8 @@ fn every_message_comes_back_from_its_channel() {
 
 #[test]
 fn a_raw_frame_knows_its_bus_from_the_name_of_the_channel() {
-    let frame = lowlevel::DataRaw {
-        timestamp: 7,
-        data: vec![1, 2],
-        ..Default::default()
-    };
-    let message = Message::from(Raw {
-        bus: "A".into(),
-        frame,
-    });
+    let frame = lowlevel::DataRaw { timestamp: 7, data: vec![1, 2], ..Default::default() };
+    let message = Message::from(Raw { bus: "A".into(), frame });
     assert_eq!(message.channel_name(), "LL_DATA_RAW_A");
     let mut bytes = Vec::new();
     message.encode(&mut bytes).unwrap();
@@ -103,38 +81,19 @@ fn a_raw_frame_knows_its_bus_from_the_name_of_the_channel() {
 
 #[test]
 fn serialized_it_is_the_message_alone_and_nan_is_null() {
-    let power = lowlevel::DataPower {
-        charge: 0.5,
-        remaining: f64::NAN,
-        ..Default::default()
-    };
+    let power = lowlevel::DataPower { charge: 0.5, remaining: f64::NAN, ..Default::default() };
     let json = serde_json::to_string(&Message::from(power)).unwrap();
-    assert_eq!(
-        json,
-        r#"{"timestamp":0,"voltage":0.0,"charge":0.5,"remaining":null,"channels":[]}"#
-    );
-    let raw = Raw {
-        bus: "A".into(),
-        frame: lowlevel::DataRaw {
-            data: vec![255],
-            ..Default::default()
-        },
-    };
+    assert_eq!(json, r#"{"timestamp":0,"voltage":0.0,"charge":0.5,"remaining":null,"channels":[]}"#);
+    let raw = Raw { bus: "A".into(), frame: lowlevel::DataRaw { data: vec![255], ..Default::default() } };
     let json = serde_json::to_string(&Message::from(raw)).unwrap();
-    assert_eq!(
-        json,
-        r#"{"timestamp":0,"direction":0,"id":0,"flags":0,"data":[255]}"#
-    );
+    assert_eq!(json, r#"{"timestamp":0,"direction":0,"id":0,"flags":0,"data":[255]}"#);
 }
 
 #[test]
 fn a_message_on_the_wrong_channel_is_told_by_its_fingerprint() {
     let mut bytes = Vec::new();
     empty(Channel::LlDataSrfs).encode(&mut bytes).unwrap();
-    let (expected, found) = (
-        Channel::LlDataIrs.fingerprint(),
-        Channel::LlDataSrfs.fingerprint(),
-    );
+    let (expected, found) = (Channel::LlDataIrs.fingerprint(), Channel::LlDataSrfs.fingerprint());
     let error = DecodeError::Fingerprint { expected, found };
     assert_eq!(Message::decode(Channel::LlDataIrs, &bytes), Err(error));
 }
@@ -142,8 +101,5 @@ fn a_message_on_the_wrong_channel_is_told_by_its_fingerprint() {
 #[test]
 fn the_definitions_are_those_of_the_folder() {
     let paths: Vec<&str> = LCM_FILES.iter().map(|&(path, _)| path).collect();
-    assert!(
-        paths.is_sorted() && paths.contains(&"common/data_state_t.lcm"),
-        "{paths:?}"
-    );
+    assert!(paths.is_sorted() && paths.contains(&"common/data_state_t.lcm"), "{paths:?}");
 }

@@ -27,10 +27,7 @@ impl Ackermann {
     /// The motion at a speed, m/s, of the rear axle's middle and a steering angle, rad.
     #[must_use]
     pub fn motion(&self, speed: f64, steering: f64) -> Motion {
-        Motion {
-            translation: speed,
-            rotation: speed * self.curvature(steering),
-        }
+        Motion { translation: speed, rotation: speed * self.curvature(steering) }
     }
 
     /// The steering angle of a motion; `None` where it stands or turns on the spot, which no steering angle does.
@@ -46,10 +43,7 @@ impl Ackermann {
     pub fn hub_ratios(&self, curvature: f64) -> (f64, f64) {
         let across = curvature * self.track_m / 2.0;
         let along = curvature * self.wheelbase_m;
-        (
-            libm::hypot(1.0 - across, along),
-            libm::hypot(1.0 + across, along),
-        )
+        (libm::hypot(1.0 - across, along), libm::hypot(1.0 + across, along))
     }
 
     /// Speeds of the left and the right front hub along their wheels, m/s, when the robot drives at a speed with a
@@ -65,10 +59,7 @@ impl Ackermann {
     pub fn wheel_angles(&self, curvature: f64) -> (f64, f64) {
         let across = curvature * self.track_m / 2.0;
         let along = curvature * self.wheelbase_m;
-        (
-            libm::atan2(along, 1.0 - across),
-            libm::atan2(along, 1.0 + across),
-        )
+        (libm::atan2(along, 1.0 - across), libm::atan2(along, 1.0 + across))
     }
 }
 
@@ -76,14 +67,11 @@ impl Ackermann {
 mod tests {
     use super::*;
 
-    const ADVEE: Ackermann = Ackermann {
-        wheelbase_m: 0.60,
-        track_m: 0.50,
-    };
+    const ADVEE: Ackermann = Ackermann { wheelbase_m: 0.60, track_m: 0.50 };
 
     #[test]
     fn full_lock_turns_on_the_radius_of_the_parameter_table() {
-        // facts/robot.md 1.2: R_min at the rear axle 0.857 m at 35 deg.
+        // docs/facts/robot.md 1.2: R_min at the rear axle 0.857 m at 35 deg.
         let radius = 1.0 / ADVEE.curvature(35f64.to_radians());
         assert!(libm::fabs(radius - 0.857) < 0.0005, "{radius}");
     }
@@ -97,13 +85,7 @@ mod tests {
                 assert!(libm::fabs(back - steering) < 1e-15);
             }
         }
-        assert_eq!(
-            ADVEE.steering_of(Motion {
-                translation: 0.0,
-                rotation: 1.0
-            }),
-            None
-        );
+        assert_eq!(ADVEE.steering_of(Motion { translation: 0.0, rotation: 1.0 }), None);
     }
 
     #[test]
@@ -111,10 +93,7 @@ mod tests {
         let curvature = ADVEE.curvature(0.4);
         let (slow, fast) = ADVEE.hub_speeds(1.0, curvature);
         let (inner, outer) = ADVEE.wheel_angles(curvature);
-        assert!(
-            slow < fast && inner > outer,
-            "{slow} {fast} {inner} {outer}"
-        );
+        assert!(slow < fast && inner > outer, "{slow} {fast} {inner} {outer}");
         // The hub's speed projected on the body's y axis is what the turn gives the axle.
         assert!(libm::fabs(slow * libm::sin(inner) - curvature * 0.60) < 1e-15);
     }

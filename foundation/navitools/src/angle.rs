@@ -105,10 +105,7 @@ mod tests {
                 let wrapped = wrap(inside + f64::from(turns) * 2.0 * PI);
                 assert!((-PI..PI).contains(&wrapped), "{wrapped}");
                 let off = libm::fabs(wrapped - inside);
-                assert!(
-                    off < 1e-12 || libm::fabs(off - 2.0 * PI) < 1e-12,
-                    "{inside} {turns}: {wrapped}"
-                );
+                assert!(off < 1e-12 || libm::fabs(off - 2.0 * PI) < 1e-12, "{inside} {turns}: {wrapped}");
             }
         }
         assert_eq!(wrap(PI), -PI);

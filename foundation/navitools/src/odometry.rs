@@ -1,4 +1,4 @@
-//! Speed and yaw rate from the two steered, undriven front wheels, without the steering angle (facts/robot.md 1.2).
+//! Speed and yaw rate from the two steered, undriven front wheels, without the steering angle (docs/facts/robot.md 1.2).
 
 use crate::{Ackermann, Motion};
 
@@ -19,12 +19,7 @@ impl SteeredWheels {
     /// Wheels of a robot with this wheelbase and track, m; both above zero.
     #[must_use]
     pub fn new(wheelbase_m: f64, track_m: f64) -> Self {
-        Self {
-            geometry: Ackermann {
-                wheelbase_m,
-                track_m,
-            },
-        }
+        Self { geometry: Ackermann { wheelbase_m, track_m } }
     }
 
     /// The motion that gives the hubs these speeds along their wheels, m/s (or ways, m); the sign is that of the
@@ -35,15 +30,9 @@ impl SteeredWheels {
     #[must_use]
     pub fn motion(&self, left: f64, right: f64) -> Motion {
         if left * right < 0.0 {
-            return Motion {
-                translation: (left + right) / 2.0,
-                rotation: 0.0,
-            };
+            return Motion { translation: (left + right) / 2.0, rotation: 0.0 };
         }
-        let Ackermann {
-            wheelbase_m: l,
-            track_m: w,
-        } = self.geometry;
+        let Ackermann { wheelbase_m: l, track_m: w } = self.geometry;
         let k = l * l + w * w / 4.0;
         let s = (left * left + right * right) / 2.0;
         let d = (right - left) * (right + left) / (2.0 * w);
@@ -53,10 +42,7 @@ impl SteeredWheels {
             return Motion::default();
         }
         let most = libm::fabs(speed) / libm::sqrt(k);
-        Motion {
-            translation: speed,
-            rotation: (d / speed).clamp(-most, most),
-        }
+        Motion { translation: speed, rotation: (d / speed).clamp(-most, most) }
     }
 }
 
@@ -103,17 +89,11 @@ impl Odometry {
         let Some((old_left, old_right)) = self.counts.replace((left, right)) else {
             return Motion::default();
         };
-        let (dl, dr) = (
-            tick_difference(left, old_left),
-            tick_difference(right, old_right),
-        );
+        let (dl, dr) = (tick_difference(left, old_left), tick_difference(right, old_right));
         self.ticks = (self.ticks.0.wrapping_add(dl), self.ticks.1.wrapping_add(dr));
         self.open = (self.open.0 + dl, self.open.1 + dr);
         let before = self.path;
-        let (l, r) = (
-            f64::from(self.open.0) * self.metres_per_tick,
-            f64::from(self.open.1) * self.metres_per_tick,
-        );
+        let (l, r) = (f64::from(self.open.0) * self.metres_per_tick, f64::from(self.open.1) * self.metres_per_tick);
         if (self.open.0 + self.open.1).abs() >= TICKS_FOR_A_TURN {
             let way = self.wheels.motion(l, r);
             self.closed.translation += way.translation;
@@ -167,19 +147,11 @@ mod tests {
         let wheels = advee();
         for speed in [-2.4, -1.2, -0.5, -1e-3, 1e-3, 0.3, 0.8, 1.2, 2.4] {
             for tenth in -350..=350 {
-                let curvature = wheels
-                    .geometry
-                    .curvature((f64::from(tenth) / 10.0).to_radians());
+                let curvature = wheels.geometry.curvature((f64::from(tenth) / 10.0).to_radians());
                 let (left, right) = wheels.geometry.hub_speeds(speed, curvature);
                 let motion = wheels.motion(left, right);
-                assert!(
-                    libm::fabs(motion.translation - speed) < 1e-12 * libm::fabs(speed).max(1.0),
-                    "{speed} {tenth}"
-                );
-                assert!(
-                    libm::fabs(motion.rotation - speed * curvature) < 1e-12,
-                    "{speed} {tenth}: {motion:?}"
-                );
+                assert!(libm::fabs(motion.translation - speed) < 1e-12 * libm::fabs(speed).max(1.0), "{speed} {tenth}");
+                assert!(libm::fabs(motion.rotation - speed * curvature) < 1e-12, "{speed} {tenth}: {motion:?}");
             }
         }
     }
@@ -190,19 +162,9 @@ mod tests {
         assert_eq!(wheels.motion(0.0, 0.0), Motion::default());
         assert_eq!(wheels.motion(-0.1, 0.1), Motion::default());
         let most = 1.0 / libm::sqrt(0.36 + 0.0625);
-        for (left, right) in [
-            (0.0, 1e-3),
-            (1e-3, 0.0),
-            (-1e-3, 0.0),
-            (0.1, 5.0),
-            (1e-300, 0.0),
-        ] {
+        for (left, right) in [(0.0, 1e-3), (1e-3, 0.0), (-1e-3, 0.0), (0.1, 5.0), (1e-300, 0.0)] {
             let motion = wheels.motion(left, right);
-            assert!(
-                libm::fabs(motion.rotation)
-                    <= most * libm::fabs(motion.translation) * (1.0 + 1e-12),
-                "{motion:?}"
-            );
+            assert!(libm::fabs(motion.rotation) <= most * libm::fabs(motion.translation) * (1.0 + 1e-12), "{motion:?}");
         }
     }
 
@@ -219,10 +181,7 @@ mod tests {
         }
         let path = odometry.path();
         assert!(libm::fabs(path.translation - 99.0 * 1956.0 * METRES_PER_TICK) < 1e-9);
-        assert_eq!(
-            (path.rotation, odometry.ticks()),
-            (0.0, (99 * 1956, 99 * 1956))
-        );
+        assert_eq!((path.rotation, odometry.ticks()), (0.0, (99 * 1956, 99 * 1956)));
     }
 
     /// Drives a circle at full lock and polls every `step` metres; answers path and heading seen.
@@ -233,31 +192,18 @@ mod tests {
         let mut odometry = Odometry::new(wheels, METRES_PER_TICK);
         let polls = libm::round(10.0 / step) as i32;
         for poll in 0..=polls {
-            let ticks =
-                |ratio| libm::floor(f64::from(poll) * step * ratio / METRES_PER_TICK) as i64 as i16;
+            let ticks = |ratio| libm::floor(f64::from(poll) * step * ratio / METRES_PER_TICK) as i64 as i16;
             odometry.update(ticks(left), ticks(right));
         }
-        (
-            odometry.path(),
-            Motion {
-                translation: 10.0,
-                rotation: 10.0 * curvature,
-            },
-        )
+        (odometry.path(), Motion { translation: 10.0, rotation: 10.0 * curvature })
     }
 
     #[test]
     fn a_circle_is_measured_alike_however_often_one_polls() {
         for step in [0.25, 0.05, 0.01, 0.001, 0.0002] {
             let (seen, true_path) = circle(step);
-            assert!(
-                libm::fabs(seen.translation - true_path.translation) < 0.03,
-                "{step}: {seen:?}"
-            );
-            assert!(
-                libm::fabs(seen.rotation - true_path.rotation) < 0.02 * true_path.rotation,
-                "{step}: {seen:?}"
-            );
+            assert!(libm::fabs(seen.translation - true_path.translation) < 0.03, "{step}: {seen:?}");
+            assert!(libm::fabs(seen.rotation - true_path.rotation) < 0.02 * true_path.rotation, "{step}: {seen:?}");
         }
     }
 

@@ -35,20 +35,13 @@ impl Pose {
     /// A pose; `theta` is any number of radians.
     #[must_use]
     pub fn new(x: f64, y: f64, theta: f64) -> Self {
-        Self {
-            x,
-            y,
-            theta: Angle::new(theta),
-        }
+        Self { x, y, theta: Angle::new(theta) }
     }
 
     /// Its origin.
     #[must_use]
     pub fn point(self) -> Point {
-        Point {
-            x: self.x,
-            y: self.y,
-        }
+        Point { x: self.x, y: self.y }
     }
 
     /// The pose after a way of `way.translation` m on a circle while turning by `way.rotation` rad; exact.
@@ -56,29 +49,17 @@ impl Pose {
     pub fn along(self, way: Motion) -> Self {
         let half = way.rotation / 2.0;
         // The chord of the arc; the series is exact to the last bit below 1e-4.
-        let sinc = if libm::fabs(half) < 1e-4 {
-            1.0 - half * half / 6.0
-        } else {
-            libm::sin(half) / half
-        };
+        let sinc = if libm::fabs(half) < 1e-4 { 1.0 - half * half / 6.0 } else { libm::sin(half) / half };
         let (sin, cos) = libm::sincos(self.theta.radians() + half);
         let chord = way.translation * sinc;
-        Self {
-            x: self.x + chord * cos,
-            y: self.y + chord * sin,
-            theta: self.theta + way.rotation,
-        }
+        Self { x: self.x + chord * cos, y: self.y + chord * sin, theta: self.theta + way.rotation }
     }
 
     /// The pose of the outer frame seen from the inner one.
     #[must_use]
     pub fn inverse(self) -> Self {
         let (sin, cos) = self.theta.sin_cos();
-        Self {
-            x: -cos * self.x - sin * self.y,
-            y: sin * self.x - cos * self.y,
-            theta: -self.theta,
-        }
+        Self { x: -cos * self.x - sin * self.y, y: sin * self.x - cos * self.y, theta: -self.theta }
     }
 }
 
@@ -87,11 +68,7 @@ impl Mul for Pose {
     type Output = Self;
     fn mul(self, inner: Self) -> Self {
         let Point { x, y } = self * inner.point();
-        Self {
-            x,
-            y,
-            theta: self.theta + inner.theta,
-        }
+        Self { x, y, theta: self.theta + inner.theta }
     }
 }
 
@@ -100,10 +77,7 @@ impl Mul<Point> for Pose {
     type Output = Point;
     fn mul(self, point: Point) -> Point {
         let (sin, cos) = self.theta.sin_cos();
-        Point {
-            x: self.x + cos * point.x - sin * point.y,
-            y: self.y + sin * point.x + cos * point.y,
-        }
+        Point { x: self.x + cos * point.x - sin * point.y, y: self.y + sin * point.x + cos * point.y }
     }
 }
 
@@ -122,47 +96,24 @@ mod tests {
         assert!(near(pose * pose.inverse(), Pose::default()));
         assert!(near(pose.inverse() * pose, Pose::default()));
         let point = pose * Point { x: 1.0, y: 0.0 };
-        assert!(
-            point.distance(Point {
-                x: 3.0 + libm::cos(2.5),
-                y: -2.0 + libm::sin(2.5)
-            }) < 1e-12
-        );
+        assert!(point.distance(Point { x: 3.0 + libm::cos(2.5), y: -2.0 + libm::sin(2.5) }) < 1e-12);
     }
 
     #[test]
     fn arcs_end_where_geometry_says() {
-        let quarter = Pose::default().along(Motion {
-            translation: PI,
-            rotation: PI / 2.0,
-        });
-        assert!(
-            near(quarter, Pose::new(2.0, 2.0, PI / 2.0)),
-            "radius 2: {quarter:?}"
-        );
-        let back = quarter.along(Motion {
-            translation: -PI,
-            rotation: -PI / 2.0,
-        });
+        let quarter = Pose::default().along(Motion { translation: PI, rotation: PI / 2.0 });
+        assert!(near(quarter, Pose::new(2.0, 2.0, PI / 2.0)), "radius 2: {quarter:?}");
+        let back = quarter.along(Motion { translation: -PI, rotation: -PI / 2.0 });
         assert!(near(back, Pose::default()), "{back:?}");
-        let straight = Pose::new(0.0, 0.0, PI).along(Motion {
-            translation: 1.5,
-            rotation: 0.0,
-        });
+        let straight = Pose::new(0.0, 0.0, PI).along(Motion { translation: 1.5, rotation: 0.0 });
         assert!(near(straight, Pose::new(-1.5, 0.0, PI)));
     }
 
     #[test]
     fn the_series_of_a_slight_turn_meets_the_exact_form() {
         for turn in [1.9e-4, 2.1e-4] {
-            let end = Pose::default().along(Motion {
-                translation: 1.0,
-                rotation: turn,
-            });
-            assert!(
-                libm::fabs(end.y - (1.0 - libm::cos(turn)) / turn) < 1e-11,
-                "{turn}"
-            );
+            let end = Pose::default().along(Motion { translation: 1.0, rotation: turn });
+            assert!(libm::fabs(end.y - (1.0 - libm::cos(turn)) / turn) < 1e-11, "{turn}");
             assert!(libm::fabs(end.x - libm::sin(turn) / turn) < 1e-15, "{turn}");
         }
     }

@@ -81,10 +81,7 @@ impl Actions {
     /// An empty list for a process that counts time from `epoch`.
     #[must_use]
     pub fn new(epoch: Epoch) -> Self {
-        Self {
-            epoch,
-            list: Vec::new(),
-        }
+        Self { epoch, list: Vec::new() }
     }
 
     /// The process's epoch.
@@ -121,41 +118,20 @@ impl Actions {
 
     /// A fault stands from now on; reported once until cleared.
     #[track_caller]
-    pub fn raise(
-        &mut self,
-        severity: Severity,
-        fault: Fault,
-        subject: impl Into<String>,
-        message: impl Into<String>,
-    ) {
-        self.push(Action::Raise(Report::new(
-            severity, fault, subject, message,
-        )));
+    pub fn raise(&mut self, severity: Severity, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
+        self.push(Action::Raise(Report::new(severity, fault, subject, message)));
     }
 
     /// The fault of this subject stands no more; reported as a notice if it stood.
     #[track_caller]
     pub fn clear(&mut self, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
-        self.push(Action::Clear(Report::new(
-            Severity::Notice,
-            fault,
-            subject,
-            message,
-        )));
+        self.push(Action::Clear(Report::new(Severity::Notice, fault, subject, message)));
     }
 
     /// Something happened, once.
     #[track_caller]
-    pub fn report(
-        &mut self,
-        severity: Severity,
-        fault: Fault,
-        subject: impl Into<String>,
-        message: impl Into<String>,
-    ) {
-        self.push(Action::Report(Report::new(
-            severity, fault, subject, message,
-        )));
+    pub fn report(&mut self, severity: Severity, fault: Fault, subject: impl Into<String>, message: impl Into<String>) {
+        self.push(Action::Report(Report::new(severity, fault, subject, message)));
     }
 
     /// A line for people, sent nowhere.

@@ -18,12 +18,7 @@ impl Bench {
     /// A bench at time zero; the shell has not started.
     #[must_use]
     pub fn new(shell: Shell) -> Self {
-        Self {
-            shell,
-            now: Instant::ZERO,
-            out: Actions::new(Epoch::default()),
-            done: Vec::new(),
-        }
+        Self { shell, now: Instant::ZERO, out: Actions::new(Epoch::default()), done: Vec::new() }
     }
 
     /// The time.
@@ -42,10 +37,7 @@ impl Bench {
     pub fn start(&mut self) {
         self.event(Event::Start);
         for port in 0..self.shell.module().ports().len() {
-            self.event(Event::Port {
-                port: PortId(port as u8),
-                input: Input::Up,
-            });
+            self.event(Event::Port { port: PortId(port as u8), input: Input::Up });
         }
     }
 
@@ -53,27 +45,18 @@ impl Bench {
     pub fn message(&mut self, message: impl Into<Message>) {
         let message = message.into();
         if self.shell.wants(message.channel()) {
-            self.event(Event::Message {
-                at: self.now,
-                message: &message,
-            });
+            self.event(Event::Message { at: self.now, message: &message });
         }
     }
 
     /// Feeds a CAN frame.
     pub fn can(&mut self, port: PortId, frame: can::Frame) {
-        self.event(Event::Port {
-            port,
-            input: Input::Can(frame),
-        });
+        self.event(Event::Port { port, input: Input::Can(frame) });
     }
 
     /// Feeds words.
     pub fn words(&mut self, port: PortId, words: &[Word]) {
-        self.event(Event::Port {
-            port,
-            input: Input::Words(words),
-        });
+        self.event(Event::Port { port, input: Input::Words(words) });
     }
 
     /// Lets `duration` pass, serving every deadline on the way at its own moment.
@@ -97,11 +80,7 @@ impl Bench {
         self.now = self.now.max(due);
         self.event(Event::Timer);
         let next = self.shell.poll_timeout();
-        assert!(
-            next.is_none_or(|next| next > self.now),
-            "due again at {:?} after serving it",
-            self.now
-        );
+        assert!(next.is_none_or(|next| next > self.now), "due again at {:?} after serving it", self.now);
         true
     }
 
@@ -113,11 +92,7 @@ impl Bench {
     /// Takes everything it did and keeps the messages.
     pub fn published(&mut self) -> Vec<Message> {
         let message = |(_, action)| {
-            if let Action::Publish(message) = action {
-                Some(message)
-            } else {
-                None
-            }
+            if let Action::Publish(message) = action { Some(message) } else { None }
         };
         self.done().into_iter().filter_map(message).collect()
     }
@@ -125,17 +100,12 @@ impl Bench {
     /// Takes everything it did and keeps what was sent on ports.
     pub fn sent(&mut self) -> Vec<(PortId, Output)> {
         let sent = |(_, action)| {
-            if let Action::Send(port, output) = action {
-                Some((port, output))
-            } else {
-                None
-            }
+            if let Action::Send(port, output) = action { Some((port, output)) } else { None }
         };
         self.done().into_iter().filter_map(sent).collect()
     }
 
     fn collect(&mut self) {
-        self.done
-            .extend(self.out.drain().map(|action| (self.now, action)));
+        self.done.extend(self.out.drain().map(|action| (self.now, action)));
     }
 }

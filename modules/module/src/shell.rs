@@ -151,9 +151,7 @@ impl Shell {
 
     /// A fault that the host found: reported once until [`Shell::clear`].
     pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
-        if self.faults.len() < FAULTS_MAX
-            && self.faults.insert((report.fault, report.subject.clone()))
-        {
+        if self.faults.len() < FAULTS_MAX && self.faults.insert((report.fault, report.subject.clone())) {
             self.send(now, report, out);
         }
     }
@@ -173,11 +171,7 @@ impl Shell {
             Ending::By(end) => self.announce.next().min(end),
             Ending::Done => return None,
         };
-        Some(
-            self.module
-                .poll_timeout()
-                .map_or(shell, |due| due.min(shell)),
-        )
+        Some(self.module.poll_timeout().map_or(shell, |due| due.min(shell)))
     }
 
     fn pass(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
@@ -224,11 +218,7 @@ impl Shell {
         if !all && command.module != self.config.name {
             return;
         }
-        let cause = if command.manual {
-            Cause::Manual
-        } else {
-            Cause::Command
-        };
+        let cause = if command.manual { Cause::Manual } else { Cause::Command };
         match State::from_value(command.state) {
             Some(to) if to == self.state => {}
             Some(to) if self.state.allows(to, cause) => {
@@ -239,26 +229,12 @@ impl Shell {
             }
             Some(to) => {
                 let manner = if command.manual { "manual " } else { "" };
-                let message = format!(
-                    "{manner}command {to} from {} refused in {}",
-                    command.source, self.state
-                );
-                self.send(
-                    now,
-                    Report::new(Severity::Warning, Fault::CommandForbidden, "", message),
-                    out,
-                );
+                let message = format!("{manner}command {to} from {} refused in {}", command.source, self.state);
+                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
             None => {
-                let message = format!(
-                    "command from {} refused: {} is no state",
-                    command.source, command.state
-                );
-                self.send(
-                    now,
-                    Report::new(Severity::Warning, Fault::CommandForbidden, "", message),
-                    out,
-                );
+                let message = format!("command from {} refused: {} is no state", command.source, command.state);
+                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
             }
         }
     }

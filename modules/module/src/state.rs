@@ -36,15 +36,8 @@ pub enum Cause {
 
 impl State {
     /// All states, in order of their values.
-    pub const ALL: [Self; 7] = [
-        Self::Unknown,
-        Self::Init,
-        Self::Stop,
-        Self::Run,
-        Self::Error,
-        Self::Terminate,
-        Self::Pause,
-    ];
+    pub const ALL: [Self; 7] =
+        [Self::Unknown, Self::Init, Self::Stop, Self::Run, Self::Error, Self::Terminate, Self::Pause];
 
     /// The state of a value on the wire; none for a value that is no state.
     #[must_use]
@@ -55,9 +48,7 @@ impl State {
     /// The state of a name as people write it (`RUN`, in any case).
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|state| state.name().eq_ignore_ascii_case(name))
+        Self::ALL.into_iter().find(|state| state.name().eq_ignore_ascii_case(name))
     }
 
     /// Its name as people write it.
@@ -83,9 +74,7 @@ impl State {
         let itself = matches!(cause, Cause::Itself);
         let manual = matches!(cause, Cause::Manual);
         match (self, to) {
-            (Init, Run | Pause) | (Init | Run | Pause | Stop, Error) | (Error, Run | Pause) => {
-                itself
-            }
+            (Init, Run | Pause) | (Init | Run | Pause | Stop, Error) | (Error, Run | Pause) => itself,
             (Run, Pause) | (Pause, Run) | (Init | Run | Pause | Stop | Error, Terminate) => !itself,
             (Init | Run | Pause | Error, Stop) | (Stop, Run | Pause) => manual,
             _ => false,
@@ -128,8 +117,7 @@ TERMINATE | -      | -      | -      | -      | -
         for from in [Init, Run, Pause, Stop, Error, Terminate] {
             write!(text, "{from:9}").unwrap();
             for to in [Run, Pause, Stop, Error, Terminate] {
-                let allowed = [Cause::Itself, Cause::Command, Cause::Manual]
-                    .map(|cause| from.allows(to, cause));
+                let allowed = [Cause::Itself, Cause::Command, Cause::Manual].map(|cause| from.allows(to, cause));
                 let word = match allowed {
                     [false, false, false] => "-",
                     [true, false, false] => "itself",

@@ -1,10 +1,7 @@
 //! The shell around a module that the test plays.
 
 use crate::bench::Bench;
-use crate::{
-    Action, Actions, Channel, Event, Input, Message, Module, PortId, PortSpec, Shell, ShellConfig,
-    State,
-};
+use crate::{Action, Actions, Channel, Event, Input, Message, Module, PortId, PortSpec, Shell, ShellConfig, State};
 use base::{Duration, Fault, Instant, Severity};
 use messages::common;
 
@@ -21,22 +18,15 @@ impl Module for Toy {
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
-            Event::Port {
-                input: Input::Up, ..
-            } => {
+            Event::Port { input: Input::Up, .. } => {
                 out.clear(Fault::PortDown, "toy", "it is back");
                 out.working();
             }
-            Event::Port {
-                input: Input::Down(reason),
-                ..
-            } => {
+            Event::Port { input: Input::Down(reason), .. } => {
                 out.raise(Severity::Error, Fault::PortDown, "toy", reason);
                 out.failed();
             }
-            Event::Port {
-                input: Input::Sent, ..
-            } => self.finished = true,
+            Event::Port { input: Input::Sent, .. } => self.finished = true,
             Event::State(state) => {
                 out.note(format!("{state} at {} ms", now.as_nanos() / 1_000_000));
             }
@@ -55,44 +45,20 @@ impl Module for Toy {
 
 fn bench(wanted: State) -> Bench {
     let line = crate::Line::Can { bitrate: 1 };
-    let toy = Toy {
-        ports: [PortSpec {
-            bus: "toy".into(),
-            line,
-        }],
-        finished: false,
-    };
-    Bench::new(Shell::new(
-        ShellConfig {
-            wanted,
-            ..ShellConfig::new("toy")
-        },
-        Box::new(toy),
-    ))
+    let toy = Toy { ports: [PortSpec { bus: "toy".into(), line }], finished: false };
+    Bench::new(Shell::new(ShellConfig { wanted, ..ShellConfig::new("toy") }, Box::new(toy)))
 }
 
 fn command(module: &str, state: State, manual: bool) -> common::CmdState {
-    common::CmdState {
-        timestamp: 0,
-        module: module.into(),
-        state: state as i8,
-        manual,
-        source: "test".into(),
-    }
+    common::CmdState { timestamp: 0, module: module.into(), state: state as i8, manual, source: "test".into() }
 }
 
 fn down(bench: &mut Bench) {
-    bench.event(Event::Port {
-        port: PortId(0),
-        input: Input::Down("no carrier"),
-    });
+    bench.event(Event::Port { port: PortId(0), input: Input::Down("no carrier") });
 }
 
 fn up(bench: &mut Bench) {
-    bench.event(Event::Port {
-        port: PortId(0),
-        input: Input::Up,
-    });
+    bench.event(Event::Port { port: PortId(0), input: Input::Up });
 }
 
 fn errors(bench: &mut Bench) -> Vec<(i32, i8)> {
@@ -112,21 +78,11 @@ fn the_state_is_announced_each_second_and_at_every_change() {
         .done()
         .into_iter()
         .filter_map(|(at, action)| match action {
-            Action::Publish(Message::CmDataState(state)) => {
-                Some((at.as_nanos() / 1_000_000, state.state))
-            }
+            Action::Publish(Message::CmDataState(state)) => Some((at.as_nanos() / 1_000_000, state.state)),
             _ => None,
         })
         .collect();
-    assert_eq!(
-        announced,
-        [
-            (0, State::Init as i8),
-            (0, State::Run as i8),
-            (1000, 3),
-            (2000, 3)
-        ]
-    );
+    assert_eq!(announced, [(0, State::Init as i8), (0, State::Run as i8), (1000, 3), (2000, 3)]);
 }
 
 #[test]
@@ -146,11 +102,7 @@ fn error_returns_only_to_where_it_came_from() {
         down(&mut bench);
         assert_eq!(bench.shell.state(), State::Error);
         bench.message(command("toy", State::Run, true));
-        assert_eq!(
-            bench.shell.state(),
-            State::Error,
-            "no command leads out but STOP and TERMINATE"
-        );
+        assert_eq!(bench.shell.state(), State::Error, "no command leads out but STOP and TERMINATE");
         up(&mut bench);
         assert_eq!(bench.shell.state(), wanted);
     }
@@ -158,11 +110,7 @@ fn error_returns_only_to_where_it_came_from() {
     bench.event(Event::Start);
     down(&mut bench);
     up(&mut bench);
-    assert_eq!(
-        bench.shell.state(),
-        State::Stop,
-        "an error during the start does not lead out of STOP either"
-    );
+    assert_eq!(bench.shell.state(), State::Stop, "an error during the start does not lead out of STOP either");
 }
 
 #[test]
@@ -172,10 +120,7 @@ fn a_forbidden_command_changes_nothing_and_is_reported() {
     bench.published();
     bench.message(command("toy", State::Stop, false));
     assert_eq!(bench.shell.state(), State::Run);
-    assert_eq!(
-        errors(&mut bench),
-        [(Fault::CommandForbidden as i32, Severity::Warning as i8)]
-    );
+    assert_eq!(errors(&mut bench), [(Fault::CommandForbidden as i32, Severity::Warning as i8)]);
     bench.message(command("toy", State::Stop, true));
     assert_eq!(bench.shell.state(), State::Stop);
     bench.message(command("toy", State::Run, false));
@@ -185,10 +130,7 @@ fn a_forbidden_command_changes_nothing_and_is_reported() {
     bench.message(command("*", State::Run, true));
     assert_eq!(bench.shell.state(), State::Run);
     bench.published();
-    bench.message(common::CmdState {
-        state: 9,
-        ..command("toy", State::Run, true)
-    });
+    bench.message(common::CmdState { state: 9, ..command("toy", State::Run, true) });
     assert_eq!(errors(&mut bench).len(), 1);
 }
 
@@ -200,16 +142,10 @@ fn a_fault_is_reported_once_and_cleared_once() {
     assert_eq!(errors(&mut bench), []);
     down(&mut bench);
     down(&mut bench);
-    assert_eq!(
-        errors(&mut bench),
-        [(Fault::PortDown as i32, Severity::Error as i8)]
-    );
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Error as i8)]);
     up(&mut bench);
     up(&mut bench);
-    assert_eq!(
-        errors(&mut bench),
-        [(Fault::PortDown as i32, Severity::Notice as i8)]
-    );
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)]);
 }
 
 #[test]
@@ -218,18 +154,9 @@ fn the_end_waits_for_the_module_but_not_for_ever() {
     bench.start();
     bench.message(command("toy", State::Terminate, false));
     bench.pass(Duration::from_millis(100));
-    let exits = |bench: &mut Bench| {
-        bench
-            .done()
-            .iter()
-            .filter(|(_, action)| matches!(action, Action::Exit(0)))
-            .count()
-    };
+    let exits = |bench: &mut Bench| bench.done().iter().filter(|(_, action)| matches!(action, Action::Exit(0))).count();
     assert_eq!(exits(&mut bench), 0);
-    bench.event(Event::Port {
-        port: PortId(0),
-        input: Input::Sent,
-    });
+    bench.event(Event::Port { port: PortId(0), input: Input::Sent });
     assert_eq!(exits(&mut bench), 1);
     assert_eq!(bench.shell.poll_timeout(), None);
 

@@ -52,7 +52,7 @@ pub(crate) struct Guard {
     restarts: i32,
     launched: bool,
     /// When it was last started.
-    since: Instant,
+    pub(crate) since: Instant,
     delay: Duration,
 }
 
@@ -60,9 +60,7 @@ impl Guard {
     pub(crate) fn new(config: ModuleConfig) -> Self {
         Self {
             config,
-            phase: Phase::Down {
-                not_before: Instant::ZERO,
-            },
+            phase: Phase::Down { not_before: Instant::ZERO },
             state: State::Unknown,
             wanted: State::Run,
             heard: Instant::ZERO,
@@ -83,9 +81,7 @@ impl Guard {
     }
 
     pub(crate) fn on_spawn(&mut self, now: Instant) {
-        self.phase = Phase::Spawning {
-            until: now + SPAWN_PATIENCE,
-        };
+        self.phase = Phase::Spawning { until: now + SPAWN_PATIENCE };
         self.restarts += i32::from(self.launched);
         self.launched = true;
         self.since = now;
@@ -100,31 +96,20 @@ impl Guard {
     /// The process is gone or could not be had; returns how long until it may be started again.
     pub(crate) fn on_down(&mut self, now: Instant) -> Duration {
         let paid = now.since(self.since).as_nanos() / DECAY.as_nanos();
-        self.delay = self
-            .delay
-            .checked_div(1 << paid.min(20))
-            .unwrap_or_default();
+        self.delay = self.delay.checked_div(1 << paid.min(20)).unwrap_or_default();
         if self.delay < DELAY_FIRST {
             self.delay = Duration::ZERO;
         }
         let delay = self.delay;
         self.delay = (self.delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
-        self.phase = Phase::Down {
-            not_before: now + delay,
-        };
+        self.phase = Phase::Down { not_before: now + delay };
         self.state = State::Unknown;
         (self.cpu, self.rss) = (0.0, 0);
         delay
     }
 
     /// Follows a state command as the module itself does; true when something changed.
-    pub(crate) fn command(
-        &mut self,
-        now: Instant,
-        to: State,
-        cause: Cause,
-        end_within: Duration,
-    ) -> bool {
+    pub(crate) fn command(&mut self, now: Instant, to: State, cause: Cause, end_within: Duration) -> bool {
         let down = self.wanted == State::Terminate;
         let from = match self.state {
             State::Unknown | State::Init if !down => self.wanted,
@@ -142,16 +127,11 @@ impl Guard {
             State::Terminate if !down => {
                 self.wanted = State::Terminate;
                 if let Phase::Running { pid, .. } = self.phase {
-                    self.phase = Phase::Terminating {
-                        pid,
-                        kill_at: Some(now + end_within),
-                    };
+                    self.phase = Phase::Terminating { pid, kill_at: Some(now + end_within) };
                 }
                 true
             }
-            State::Run | State::Pause | State::Stop
-                if !down && (to == from || from.allows(to, cause)) =>
-            {
+            State::Run | State::Pause | State::Stop if !down && (to == from || from.allows(to, cause)) => {
                 let changed = self.wanted != to;
                 self.wanted = to;
                 changed
@@ -164,10 +144,7 @@ impl Guard {
     pub(crate) fn end(&mut self, now: Instant, within: Duration, out: &mut Actions) {
         if let Phase::Running { pid, .. } = self.phase {
             out.push(Action::Process(ProcessCommand::Terminate { pid }));
-            self.phase = Phase::Terminating {
-                pid,
-                kill_at: Some(now + within),
-            };
+            self.phase = Phase::Terminating { pid, kill_at: Some(now + within) };
         }
     }
 
@@ -183,9 +160,7 @@ impl Guard {
     /// Its row in `CM_DATA_PROCESSES`.
     pub(crate) fn process(&self, now: Instant) -> common::Process {
         let (phase, uptime) = match self.phase {
-            Phase::Running { since, .. } => {
-                (common::Process::RUNNING, now.since(since).as_secs_f64())
-            }
+            Phase::Running { since, .. } => (common::Process::RUNNING, now.since(since).as_secs_f64()),
             Phase::Terminating { .. } => (common::Process::TERMINATING, 0.0),
             Phase::Down { .. } | Phase::Spawning { .. } => (common::Process::TERMINATED, 0.0),
         };

@@ -40,11 +40,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            modules: Vec::new(),
-            announce_timeout: Duration::from_secs(2),
-            end_within: Duration::from_millis(1500),
-        }
+        Self { modules: Vec::new(), announce_timeout: Duration::from_secs(2), end_within: Duration::from_millis(1500) }
     }
 }
 
@@ -79,11 +75,7 @@ impl Watchdog {
     /// dependencies exist and have no circle.
     #[must_use]
     pub fn new(config: Config) -> Self {
-        let guards = config
-            .modules
-            .iter()
-            .map(|module| Guard::new(module.clone()))
-            .collect();
+        let guards = config.modules.iter().map(|module| Guard::new(module.clone())).collect();
         Self {
             config,
             guards,
@@ -112,19 +104,16 @@ impl Watchdog {
     }
 
     fn on_state(&mut self, now: Instant, announced: &common::DataState, out: &mut Actions) {
-        let Some(guard) = self
-            .guards
-            .iter_mut()
-            .find(|guard| guard.config.name == announced.module)
-        else {
+        let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == announced.module) else {
             return;
         };
         let Some(state) = State::from_value(announced.state) else {
             return;
         };
-        let Phase::Running { since, .. } = guard.phase else {
+        // The announcement may overtake the news of the process's start.
+        if !matches!(guard.phase, Phase::Running { .. } | Phase::Spawning { .. }) {
             return;
-        };
+        }
         guard.heard = now;
         if guard.state == state {
             return;
@@ -132,28 +121,17 @@ impl Watchdog {
         guard.state = state;
         self.changed = true;
         if matches!(state, State::Run | State::Pause | State::Stop) {
-            let took = now.since(since).as_secs_f64();
+            let took = now.since(guard.since).as_secs_f64();
             let name = &guard.config.name;
-            for fault in [
-                Fault::ModuleDied,
-                Fault::ModuleHung,
-                Fault::ModuleUnstartable,
-            ] {
-                out.clear(
-                    fault,
-                    name.as_str(),
-                    format!("{name} is back: {state} {took:.2} s after its start"),
-                );
+            for fault in [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUnstartable] {
+                out.clear(fault, name.as_str(), format!("{name} is back: {state} {took:.2} s after its start"));
             }
         }
         self.start_what_may(now, out);
         if !self.all_up && self.guards.iter().all(|guard| guard.state == State::Run) {
             self.all_up = true;
             let took = now.since(self.started).as_secs_f64();
-            out.note(format!(
-                "all {} modules RUN after {took:.2} s",
-                self.guards.len()
-            ));
+            out.note(format!("all {} modules RUN after {took:.2} s", self.guards.len()));
         }
     }
 
@@ -161,11 +139,7 @@ impl Watchdog {
         let Some(to) = State::from_value(command.state) else {
             return;
         };
-        let cause = if command.manual {
-            Cause::Manual
-        } else {
-            Cause::Command
-        };
+        let cause = if command.manual { Cause::Manual } else { Cause::Command };
         for guard in &mut self.guards {
             if command.module != "*" && command.module != guard.config.name {
                 continue;
@@ -178,11 +152,7 @@ impl Watchdog {
     fn on_process(&mut self, now: Instant, event: &ProcessEvent<'_>, out: &mut Actions) {
         match *event {
             ProcessEvent::Started { module, pid } => {
-                if let Some(guard) = self
-                    .guards
-                    .iter_mut()
-                    .find(|guard| guard.config.name == module)
-                {
+                if let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == module) {
                     guard.on_started(now, pid);
                     if self.ending {
                         guard.end(now, self.config.end_within, out);
@@ -190,21 +160,13 @@ impl Watchdog {
                 }
             }
             ProcessEvent::Unstartable { module, reason } => {
-                if let Some(guard) = self
-                    .guards
-                    .iter_mut()
-                    .find(|guard| guard.config.name == module)
-                {
+                if let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == module) {
                     unstartable(now, guard, reason, out);
                 }
             }
             ProcessEvent::Exited { pid, status } => self.on_exited(now, pid, status, out),
             ProcessEvent::Usage { pid, cpu, rss } => {
-                if let Some(guard) = self
-                    .guards
-                    .iter_mut()
-                    .find(|guard| guard.phase.pid() == Some(pid))
-                {
+                if let Some(guard) = self.guards.iter_mut().find(|guard| guard.phase.pid() == Some(pid)) {
                     (guard.cpu, guard.rss) = (cpu, rss);
                 }
                 return;
@@ -216,11 +178,7 @@ impl Watchdog {
     }
 
     fn on_exited(&mut self, now: Instant, pid: u32, status: ExitStatus, out: &mut Actions) {
-        let Some(guard) = self
-            .guards
-            .iter_mut()
-            .find(|guard| guard.phase.pid() == Some(pid))
-        else {
+        let Some(guard) = self.guards.iter_mut().find(|guard| guard.phase.pid() == Some(pid)) else {
             return;
         };
         let asked = matches!(guard.phase, Phase::Terminating { .. });
@@ -239,25 +197,17 @@ impl Watchdog {
             (true, 0) => "it is started again".into(),
             (true, ms) => format!("it is started again in {ms} ms"),
         };
-        out.raise(
-            Severity::Error,
-            Fault::ModuleDied,
-            name.as_str(),
-            format!("{name} ended {how}: {then}"),
-        );
+        out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), format!("{name} ended {how}: {then}"));
     }
 
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
         let check = self.check.due(now);
         for guard in &mut self.guards {
             match guard.phase {
-                Phase::Running { .. }
-                    if check && now.since(guard.heard) >= self.config.announce_timeout =>
-                {
+                Phase::Running { .. } if check && now.since(guard.heard) >= self.config.announce_timeout => {
                     let name = &guard.config.name;
                     let silent = now.since(guard.heard).as_secs_f64();
-                    let message =
-                        format!("{name} has not announced itself for {silent:.1} s: it is ended");
+                    let message = format!("{name} has not announced itself for {silent:.1} s: it is ended");
                     out.raise(Severity::Error, Fault::ModuleHung, name.as_str(), message);
                     guard.end(now, HANG_GRACE, out);
                     guard.state = State::Unknown;
@@ -267,10 +217,7 @@ impl Watchdog {
                     unstartable(now, guard, "the host does not answer", out);
                     self.changed = true;
                 }
-                Phase::Terminating {
-                    pid,
-                    kill_at: Some(kill_at),
-                } if kill_at <= now => {
+                Phase::Terminating { pid, kill_at: Some(kill_at) } if kill_at <= now => {
                     out.push(module::Action::Process(ProcessCommand::Kill { pid }));
                     guard.phase = Phase::Terminating { pid, kill_at: None };
                 }
@@ -290,36 +237,24 @@ impl Watchdog {
         }
         for index in 0..self.guards.len() {
             let guard = &self.guards[index];
-            let ready = guard.may_start(now)
-                && guard
-                    .config
-                    .depends
-                    .iter()
-                    .all(|name| self.is_up(now, name));
+            let ready = guard.may_start(now) && guard.config.depends.iter().all(|name| self.is_up(now, name));
             if ready {
                 let guard = &mut self.guards[index];
                 guard.on_spawn(now);
                 let (module, wanted) = (guard.config.name.clone(), guard.wanted);
-                out.push(module::Action::Process(ProcessCommand::Spawn {
-                    module,
-                    wanted,
-                }));
+                out.push(module::Action::Process(ProcessCommand::Spawn { module, wanted }));
                 self.changed = true;
             }
         }
     }
 
     fn is_up(&self, now: Instant, name: &str) -> bool {
-        self.guards
-            .iter()
-            .find(|guard| guard.config.name == name)
-            .is_none_or(|guard| match guard.phase {
-                Phase::Running { since, .. } => {
-                    !matches!(guard.state, State::Unknown | State::Init)
-                        || now.since(since) >= DEPENDS_PATIENCE
-                }
-                _ => false,
-            })
+        self.guards.iter().find(|guard| guard.config.name == name).is_none_or(|guard| match guard.phase {
+            Phase::Running { since, .. } => {
+                !matches!(guard.state, State::Unknown | State::Init) || now.since(since) >= DEPENDS_PATIENCE
+            }
+            _ => false,
+        })
     }
 
     /// On the way down: ends every module that no running one depends on.
@@ -329,10 +264,10 @@ impl Watchdog {
         }
         for index in 0..self.guards.len() {
             let name = &self.guards[index].config.name;
-            let needed = self.guards.iter().any(|other| {
-                other.phase.pid().is_some()
-                    && other.config.depends.iter().any(|depends| depends == name)
-            });
+            let needed = self
+                .guards
+                .iter()
+                .any(|other| other.phase.pid().is_some() && other.config.depends.iter().any(|depends| depends == name));
             if !needed {
                 self.guards[index].end(now, self.config.end_within, out);
             }
@@ -341,26 +276,15 @@ impl Watchdog {
 
     fn publish_processes(&self, now: Instant, out: &mut Actions) {
         let processes = self.guards.iter().map(|guard| guard.process(now)).collect();
-        out.publish(common::DataProcesses {
-            timestamp: out.timestamp(now),
-            processes,
-        });
+        out.publish(common::DataProcesses { timestamp: out.timestamp(now), processes });
     }
 }
 
 fn unstartable(now: Instant, guard: &mut Guard, reason: &str, out: &mut Actions) {
     let delay = guard.on_down(now);
     let name = &guard.config.name;
-    let message = format!(
-        "{name} cannot be started: {reason}; again in {} ms",
-        delay.as_millis()
-    );
-    out.raise(
-        Severity::Error,
-        Fault::ModuleUnstartable,
-        name.as_str(),
-        message,
-    );
+    let message = format!("{name} cannot be started: {reason}; again in {} ms", delay.as_millis());
+    out.raise(Severity::Error, Fault::ModuleUnstartable, name.as_str(), message);
 }
 
 impl Module for Watchdog {
@@ -393,19 +317,12 @@ impl Module for Watchdog {
 
     fn poll_timeout(&self) -> Option<Instant> {
         // A module that waits for its dependencies, not for time, is looked at when they change and at each check.
-        let guards = self
-            .guards
-            .iter()
-            .filter_map(Guard::poll_timeout)
-            .filter(|due| *due > self.now)
-            .min();
+        let guards = self.guards.iter().filter_map(Guard::poll_timeout).filter(|due| *due > self.now).min();
         let own = self.publish.next().min(self.check.next());
         Some(guards.map_or(own, |due| due.min(own)))
     }
 
     fn finished(&self) -> bool {
-        self.guards.iter().all(|guard| {
-            guard.phase.pid().is_none() && !matches!(guard.phase, Phase::Spawning { .. })
-        })
+        self.guards.iter().all(|guard| guard.phase.pid().is_none() && !matches!(guard.phase, Phase::Spawning { .. }))
     }
 }

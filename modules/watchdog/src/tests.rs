@@ -15,18 +15,8 @@ fn bench() -> Bench {
         restart: true,
     };
     let modules = vec![module("nerves", &[]), module("eyes", &["nerves"])];
-    let config = ShellConfig {
-        obeys_all: false,
-        end_within: Duration::from_secs(6),
-        ..ShellConfig::new(NAME)
-    };
-    Bench::new(Shell::new(
-        config,
-        Box::new(Watchdog::new(Config {
-            modules,
-            ..Config::default()
-        })),
-    ))
+    let config = ShellConfig { obeys_all: false, end_within: Duration::from_secs(6), ..ShellConfig::new(NAME) };
+    Bench::new(Shell::new(config, Box::new(Watchdog::new(Config { modules, ..Config::default() }))))
 }
 
 /// Runs a transcript: `>` is what the world does, `<` what the watchdog asks or reports; the number is milliseconds.
@@ -34,11 +24,7 @@ fn bench() -> Bench {
 fn check(transcript: &str) {
     let mut bench = bench();
     let mut seen = String::new();
-    let lines: Vec<&str> = transcript
-        .lines()
-        .map(str::trim)
-        .filter(|line| !line.is_empty())
-        .collect();
+    let lines: Vec<&str> = transcript.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     for line in lines.iter().filter(|line| line.contains("ms >")) {
         let (at, input) = line.split_once("ms > ").unwrap();
         let at = Instant::from_millis(at.parse().unwrap());
@@ -63,43 +49,24 @@ fn feed(bench: &mut Bench, words: &[&str]) {
             bench.event(Event::Process(ProcessEvent::Started { module, pid }));
         }
         ["unstartable", module] => {
-            bench.event(Event::Process(ProcessEvent::Unstartable {
-                module,
-                reason: "no such file",
-            }));
+            bench.event(Event::Process(ProcessEvent::Unstartable { module, reason: "no such file" }));
         }
         ["says", module, state] => {
             let state = State::from_name(state).unwrap() as i8;
-            bench.message(common::DataState {
-                timestamp: 0,
-                module: module.into(),
-                state,
-            });
+            bench.message(common::DataState { timestamp: 0, module: module.into(), state });
         }
         ["exit", pid, code] => {
             let status = ExitStatus::Code(code.parse().unwrap());
-            bench.event(Event::Process(ProcessEvent::Exited {
-                pid: pid.parse().unwrap(),
-                status,
-            }));
+            bench.event(Event::Process(ProcessEvent::Exited { pid: pid.parse().unwrap(), status }));
         }
         ["killed", pid] => {
             let status = ExitStatus::Signal(9);
-            bench.event(Event::Process(ProcessEvent::Exited {
-                pid: pid.parse().unwrap(),
-                status,
-            }));
+            bench.event(Event::Process(ProcessEvent::Exited { pid: pid.parse().unwrap(), status }));
         }
         ["command", module, state, ref manual @ ..] => {
             let (module, source) = (module.into(), "test".into());
             let (state, manual) = (State::from_name(state).unwrap() as i8, manual == ["manual"]);
-            bench.message(common::CmdState {
-                timestamp: 0,
-                module,
-                state,
-                manual,
-                source,
-            });
+            bench.message(common::CmdState { timestamp: 0, module, state, manual, source });
         }
         ["sigterm"] => bench.event(Event::State(State::Terminate)),
         ["end"] => {}
@@ -298,25 +265,10 @@ fn processes_are_shown_ten_times_a_second_and_at_every_change() {
     bench.published();
     bench.pass(Duration::from_secs(1));
     let shown = |message: &Message| matches!(message, Message::CmDataProcesses(_));
-    assert_eq!(
-        bench
-            .published()
-            .iter()
-            .filter(|message| shown(message))
-            .count(),
-        10
-    );
-    bench.event(Event::Process(ProcessEvent::Started {
-        module: "nerves",
-        pid: 7,
-    }));
+    assert_eq!(bench.published().iter().filter(|message| shown(message)).count(), 10);
+    bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
     let published = bench.published();
-    let Message::CmDataProcesses(processes) = &published[0] else {
-        panic!("{published:?}")
-    };
+    let Message::CmDataProcesses(processes) = &published[0] else { panic!("{published:?}") };
     let nerves = &processes.processes[0];
-    assert_eq!(
-        (nerves.module.as_str(), nerves.pid, nerves.phase),
-        ("nerves", 7, common::Process::RUNNING)
-    );
+    assert_eq!((nerves.module.as_str(), nerves.pid, nerves.phase), ("nerves", 7, common::Process::RUNNING));
 }

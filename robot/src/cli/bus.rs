@@ -34,17 +34,9 @@ impl Tool {
         let interrupt = interrupt()?;
         let names: Vec<&str> = channels.iter().map(|channel| channel.name()).collect();
         let bus = Bus::open(&common.lcm_url(), &names)?;
-        let host = nix::unistd::gethostname()
-            .ok()
-            .and_then(|host| host.into_string().ok())
-            .unwrap_or_default();
+        let host = nix::unistd::gethostname().ok().and_then(|host| host.into_string().ok()).unwrap_or_default();
         let source = format!("{name}@{host}:{}", std::process::id());
-        Ok(Self {
-            bus,
-            epoch: clock::epoch(),
-            interrupt,
-            source,
-        })
+        Ok(Self { bus, epoch: clock::epoch(), interrupt, source })
     }
 
     /// The timestamp of a message that is made now.
@@ -70,10 +62,7 @@ impl Tool {
                 Received::Malformed { .. } => {}
                 Received::Broken(why) => return Err(why.into()),
                 Received::Nothing if until <= now => return Ok(Heard::Nothing),
-                Received::Nothing => wait(
-                    &[self.bus.as_fd(), self.interrupt.as_fd()],
-                    until.since(now),
-                )?,
+                Received::Nothing => wait(&[self.bus.as_fd(), self.interrupt.as_fd()], until.since(now))?,
             }
         }
     }
@@ -82,10 +71,7 @@ impl Tool {
 /// Waits until one of them can be read, or for `at_most`.
 pub fn wait(fds: &[std::os::fd::BorrowedFd<'_>], at_most: Duration) -> Result<(), Failed> {
     use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-    let mut fds: Vec<PollFd<'_>> = fds
-        .iter()
-        .map(|fd| PollFd::new(*fd, PollFlags::POLLIN))
-        .collect();
+    let mut fds: Vec<PollFd<'_>> = fds.iter().map(|fd| PollFd::new(*fd, PollFlags::POLLIN)).collect();
     // Rounded up: not to spin through the last millisecond.
     let ms = u16::try_from(at_most.as_nanos().div_ceil(1_000_000)).unwrap_or(u16::MAX);
     match poll(&mut fds, PollTimeout::from(ms)) {
@@ -99,9 +85,8 @@ pub fn interrupt() -> Result<SignalFd, Failed> {
     let mut set = SigSet::empty();
     set.add(Signal::SIGINT);
     set.add(Signal::SIGTERM);
-    let opened = set
-        .thread_block()
-        .and_then(|()| SignalFd::with_flags(&set, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC));
+    let opened =
+        set.thread_block().and_then(|()| SignalFd::with_flags(&set, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC));
     opened.map_err(|errno| format!("signalfd: {}", errno.desc()).into())
 }
 

@@ -50,47 +50,31 @@ enum End {
 
 pub fn drive(common: &Common, command: &Drive) -> Outcome {
     let tool = Tool::join(common, "drive", &[Channel::LlDataMotion])?;
-    let mut session = Session {
-        tool,
-        grid: Ticker::new(clock::now(), PERIOD),
-        last: None,
-        told: String::new(),
-    };
+    let mut session = Session { tool, grid: Ticker::new(clock::now(), PERIOD), last: None, told: String::new() };
     let ready = |motion: &DataMotion| motion.homed && motion.enabled && motion.reason.is_empty();
     match session.command(0.0, 0.0, clock::now() + READY, ready)? {
         End::Reached => {}
         End::Time => {
-            return Err(format!(
-                "not ready within {} s: {}",
-                READY.as_secs(),
-                session.reason(common)
-            )
-            .into());
+            return Err(format!("not ready within {} s: {}", READY.as_secs(), session.reason(common)).into());
         }
         End::Interrupt => return Err("interrupted before the robot was ready".into()),
     }
     let from = session.last.as_ref().map_or(0.0, |motion| motion.steering);
-    let mut moved =
-        command.speed.abs() < STANDS_MPS && (command.steering - from).abs() < STEERED_RAD;
-    let until = command
-        .time
-        .map_or(Instant::NEVER, |time| clock::now() + time);
+    let mut moved = command.speed.abs() < STANDS_MPS && (command.steering - from).abs() < STEERED_RAD;
+    let until = command.time.map_or(Instant::NEVER, |time| clock::now() + time);
     session.command(command.speed, command.steering, until, |motion| {
         moved |= motion.speed.abs() >= STANDS_MPS || (motion.steering - from).abs() >= STEERED_RAD;
         false
     })?;
     let why_not = session.reason(common);
-    let stands =
-        |motion: &DataMotion| motion.speed.abs() < STANDS_MPS && motion.speed_target == 0.0;
+    let stands = |motion: &DataMotion| motion.speed.abs() < STANDS_MPS && motion.speed_target == 0.0;
     let stood = session.command(0.0, command.steering, clock::now() + STAND, stands)?;
     if !moved {
         return Err(format!("the robot did not move: {why_not}").into());
     }
     match stood {
         End::Reached => Ok(ExitCode::SUCCESS),
-        End::Time | End::Interrupt => {
-            Err("the robot was told to stop and is not known to stand".into())
-        }
+        End::Time | End::Interrupt => Err("the robot was told to stop and is not known to stand".into()),
     }
 }
 
@@ -110,13 +94,7 @@ impl Session {
             }
             if self.grid.due(now) {
                 let (timestamp, source) = (self.tool.timestamp(), self.tool.source.clone());
-                self.tool.publish(CmdMotion {
-                    timestamp,
-                    speed,
-                    steering,
-                    priority: CmdMotion::REMOTE,
-                    source,
-                })?;
+                self.tool.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source })?;
             }
             match self.tool.hear(self.grid.next().min(until))? {
                 Heard::Message(Message::LlDataMotion(motion)) => {
@@ -145,10 +123,7 @@ impl Session {
 
     fn reason(&self, common: &Common) -> String {
         match &self.last {
-            None => format!(
-                "LL_DATA_MOTION is not heard on {}; is advee up?",
-                common.lcm_url()
-            ),
+            None => format!("LL_DATA_MOTION is not heard on {}; is advee up?", common.lcm_url()),
             Some(motion) if !motion.reason.is_empty() => motion.reason.clone(),
             Some(motion) if !motion.enabled => "the drives are not enabled".into(),
             Some(motion) if motion.source != self.tool.source => {

@@ -28,11 +28,7 @@ const LISTEN: Duration = Duration::from_millis(1200);
 const REFUSAL: Duration = Duration::from_millis(300);
 
 pub fn fault(common: &Common, command: &Fault) -> Outcome {
-    let mut tool = Tool::join(
-        common,
-        "fault",
-        &[Channel::CmDataState, Channel::CmEventError],
-    )?;
+    let mut tool = Tool::join(common, "fault", &[Channel::CmDataState, Channel::CmEventError])?;
     let listen_until = clock::now() + LISTEN;
     loop {
         match tool.hear(listen_until)? {
@@ -55,8 +51,7 @@ pub fn fault(common: &Common, command: &Fault) -> Outcome {
     loop {
         match tool.hear(until)? {
             Heard::Message(message) => {
-                let refusal = error_of(&message, SIMULATOR)
-                    .filter(|error| error.number == Code::FaultUnknown as i32);
+                let refusal = error_of(&message, SIMULATOR).filter(|error| error.number == Code::FaultUnknown as i32);
                 if let Some(error) = refusal {
                     return Err(Failed::from(error.message.clone()));
                 }
@@ -65,12 +60,7 @@ pub fn fault(common: &Common, command: &Fault) -> Outcome {
             Heard::Interrupt => return Err("interrupted".into()),
         }
     }
-    let time = command.time.map_or("for good".into(), |time| {
-        format!("for {} s", time.as_secs_f64())
-    });
-    print(format_args!(
-        "{} {} {} {time}",
-        command.target, command.fault, command.value
-    ))?;
+    let time = command.time.map_or("for good".into(), |time| format!("for {} s", time.as_secs_f64()));
+    print(format_args!("{} {} {} {time}", command.target, command.fault, command.value))?;
     Ok(ExitCode::SUCCESS)
 }

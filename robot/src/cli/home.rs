@@ -21,15 +21,8 @@ const END: Duration = Duration::from_secs(20);
 const DRIVER: &str = "driver_canbus";
 
 pub fn home(common: &Common, command: &Home) -> Outcome {
-    let mut tool = Tool::join(
-        common,
-        "home",
-        &[Channel::LlDataMotion, Channel::CmEventError],
-    )?;
-    tool.publish(lowlevel::CmdHoming {
-        timestamp: tool.timestamp(),
-        axis: command.axis.clone(),
-    })?;
+    let mut tool = Tool::join(common, "home", &[Channel::LlDataMotion, Channel::CmEventError])?;
+    tool.publish(lowlevel::CmdHoming { timestamp: tool.timestamp(), axis: command.axis.clone() })?;
     let started = clock::now();
     let (mut begun, mut reason) = (false, String::from("LL_DATA_MOTION is not heard"));
     loop {
@@ -44,8 +37,7 @@ pub fn home(common: &Common, command: &Home) -> Outcome {
                 reason = motion.reason;
             }
             Heard::Message(message) => {
-                let failed = error_of(&message, DRIVER)
-                    .filter(|error| error.number == Code::HomingFailed as i32);
+                let failed = error_of(&message, DRIVER).filter(|error| error.number == Code::HomingFailed as i32);
                 if let Some(error) = failed {
                     return Err(Failed::from(error.message.clone()));
                 }

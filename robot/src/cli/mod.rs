@@ -109,14 +109,9 @@ fn complain(what: &impl Display) {
 
 /// What clap says on several lines, up to its hints for beginners.
 fn one_line(error: &str) -> String {
-    let lines = error
-        .lines()
-        .map(str::trim)
-        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
-    let text = lines
-        .filter(|line| !line.is_empty())
-        .collect::<Vec<_>>()
-        .join(" ");
+    let lines =
+        error.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let text = lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
     format!("{}; see --help", text.trim_start_matches("error: "))
 }
 
@@ -135,24 +130,14 @@ impl From<String> for Failed {
 
 impl From<&str> for Failed {
     fn from(why: &str) -> Self {
-        Self {
-            code: 1,
-            why: why.into(),
-        }
+        Self { code: 1, why: why.into() }
     }
 }
 
 impl From<ConfigError> for Failed {
     fn from(error: ConfigError) -> Self {
-        let heading = if error.0.len() > 1 {
-            "the configuration is refused:\n"
-        } else {
-            ""
-        };
-        Self {
-            code: module::exit::RESOURCE,
-            why: format!("{heading}{error}"),
-        }
+        let heading = if error.0.len() > 1 { "the configuration is refused:\n" } else { "" };
+        Self { code: module::exit::RESOURCE, why: format!("{heading}{error}") }
     }
 }
 
@@ -160,37 +145,16 @@ type Outcome = Result<ExitCode, Failed>;
 
 impl Common {
     fn config_dir(&self) -> PathBuf {
-        self.config.clone().unwrap_or_else(|| {
-            Path::new(if in_checkout() {
-                CHECKOUT.0
-            } else {
-                INSTALLED.0
-            })
-            .into()
-        })
+        self.config.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.0 } else { INSTALLED.0 }).into())
     }
 
     fn run_dir(&self) -> PathBuf {
-        self.run_dir.clone().unwrap_or_else(|| {
-            Path::new(if in_checkout() {
-                CHECKOUT.1
-            } else {
-                INSTALLED.1
-            })
-            .into()
-        })
+        self.run_dir.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.1 } else { INSTALLED.1 }).into())
     }
 
     fn lcm_url(&self) -> String {
-        let from_environment = || {
-            env::var("LCM_DEFAULT_URL")
-                .ok()
-                .filter(|url| !url.is_empty())
-        };
-        self.lcm_url
-            .clone()
-            .or_else(from_environment)
-            .unwrap_or_else(|| LCM_URL.into())
+        let from_environment = || env::var("LCM_DEFAULT_URL").ok().filter(|url| !url.is_empty());
+        self.lcm_url.clone().or_else(from_environment).unwrap_or_else(|| LCM_URL.into())
     }
 
     fn load(&self, sim: bool) -> Result<Config, ConfigError> {
@@ -200,9 +164,7 @@ impl Common {
 
 /// What a URL says to no effect; that it is none at all, the command itself will find.
 fn lcm_warnings(url: &str) -> Vec<::lcm::url::Warning> {
-    ::lcm::Url::parse(url)
-        .map(|(_, warnings)| warnings)
-        .unwrap_or_default()
+    ::lcm::Url::parse(url).map(|(_, warnings)| warnings).unwrap_or_default()
 }
 
 fn in_checkout() -> bool {
@@ -212,10 +174,7 @@ fn in_checkout() -> bool {
 /// Prints a line of output. A reader that has read enough (`| head`) ends the command, without a word.
 fn print(line: impl Display) -> Result<(), Failed> {
     writeln!(std::io::stdout(), "{line}").map_err(|error| match error.kind() {
-        std::io::ErrorKind::BrokenPipe => Failed {
-            code: 0,
-            why: String::new(),
-        },
+        std::io::ErrorKind::BrokenPipe => Failed { code: 0, why: String::new() },
         _ => Failed::from(format!("stdout: {error}")),
     })
 }
@@ -224,15 +183,10 @@ fn print(line: impl Display) -> Result<(), Failed> {
 fn seconds(text: &str) -> Result<std::time::Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "expected seconds".to_string())?;
     let in_range = seconds > 0.0 && seconds <= 1e9;
-    in_range
-        .then(|| std::time::Duration::from_secs_f64(seconds))
-        .ok_or_else(|| "expected seconds above 0".into())
+    in_range.then(|| std::time::Duration::from_secs_f64(seconds)).ok_or_else(|| "expected seconds above 0".into())
 }
 
 /// A number that is one.
 fn finite(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|value: &f64| value.is_finite())
-        .ok_or_else(|| "expected a number".into())
+    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "expected a number".into())
 }

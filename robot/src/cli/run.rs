@@ -23,8 +23,7 @@ pub struct Run {
 }
 
 fn first_state(text: &str) -> Result<State, String> {
-    let state = State::from_name(text)
-        .filter(|state| matches!(state, State::Run | State::Pause | State::Stop));
+    let state = State::from_name(text).filter(|state| matches!(state, State::Run | State::Pause | State::Stop));
     state.ok_or_else(|| "expected RUN, PAUSE or STOP".into())
 }
 

@@ -24,12 +24,7 @@ pub struct State {
 
 fn commanded(text: &str) -> Result<Value, String> {
     let state = Value::from_name(text);
-    let state = state.filter(|state| {
-        matches!(
-            state,
-            Value::Run | Value::Pause | Value::Stop | Value::Terminate
-        )
-    });
+    let state = state.filter(|state| matches!(state, Value::Run | Value::Pause | Value::Stop | Value::Terminate));
     state.ok_or_else(|| "expected RUN, PAUSE, STOP or TERMINATE".into())
 }
 
@@ -39,11 +34,7 @@ const LISTEN: Duration = Duration::from_millis(1200);
 const OBEY: Duration = Duration::from_secs(5);
 
 pub fn state(common: &Common, command: &State) -> Outcome {
-    let channels = [
-        Channel::CmDataState,
-        Channel::CmDataProcesses,
-        Channel::CmEventError,
-    ];
+    let channels = [Channel::CmDataState, Channel::CmDataProcesses, Channel::CmEventError];
     let mut tool = Tool::join(common, "state", &channels)?;
     match (&command.module, command.state) {
         (Some(module), Some(state)) => order(&mut tool, module, state),
@@ -82,10 +73,7 @@ fn listen(tool: &mut Tool) -> Result<BTreeMap<String, Row>, Failed> {
 impl Row {
     /// What it announces; what the watchdog knows, where it announced nothing or has ended.
     fn state(&self) -> Value {
-        let known = self
-            .process
-            .as_ref()
-            .and_then(|process| Value::from_value(process.state));
+        let known = self.process.as_ref().and_then(|process| Value::from_value(process.state));
         match &self.process {
             Some(process) if process.phase == Process::TERMINATED => Value::Unknown,
             _ => self.announced.or(known).unwrap_or(Value::Unknown),
@@ -106,15 +94,10 @@ impl Row {
         let Some(process) = &self.process else {
             return head.trim_end().into();
         };
-        let wanted = Value::from_value(process.wanted)
-            .unwrap_or(Value::Unknown)
-            .name();
+        let wanted = Value::from_value(process.wanted).unwrap_or(Value::Unknown).name();
         let (restarts, last) = (process.restarts, process.last_exit);
         let (cpu, rss) = (process.cpu * 100.0, process.rss as f64 / (1024.0 * 1024.0));
-        format!(
-            "{head} {wanted:9} {:7} {restarts:8} {last:9} {:8.1} {cpu:6.1} {rss:7.1}",
-            process.pid, process.uptime
-        )
+        format!("{head} {wanted:9} {:7} {restarts:8} {last:9} {:8.1} {cpu:6.1} {rss:7.1}", process.pid, process.uptime)
     }
 
     fn json(&self) -> serde_json::Value {
@@ -129,24 +112,15 @@ fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> O
     }
     if rows.is_empty() {
         let who = module.unwrap_or("no module");
-        let what = if module.is_some() {
-            "is not heard"
-        } else {
-            "is heard"
-        };
+        let what = if module.is_some() { "is not heard" } else { "is heard" };
         return Err(format!("{who} {what} on {}; is advee up?", common.lcm_url()).into());
     }
     if json {
-        let all: serde_json::Map<_, _> = rows
-            .iter()
-            .map(|(name, row)| (name.clone(), row.json()))
-            .collect();
+        let all: serde_json::Map<_, _> = rows.iter().map(|(name, row)| (name.clone(), row.json())).collect();
         print(serde_json::Value::from(all))?;
         return Ok(ExitCode::SUCCESS);
     }
-    print(
-        "MODULE           STATE      PHASE       WANTED        PID RESTARTS LAST EXIT UPTIME s  CPU % RSS MiB",
-    )?;
+    print("MODULE           STATE      PHASE       WANTED        PID RESTARTS LAST EXIT UPTIME s  CPU % RSS MiB")?;
     for (name, row) in &rows {
         print(row.line(name))?;
     }
@@ -157,11 +131,7 @@ fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> O
 fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
     let heard = listen(tool)?;
     let mut waiting: Vec<String> = match module {
-        "*" => heard
-            .keys()
-            .filter(|name| *name != watchdog::NAME)
-            .cloned()
-            .collect(),
+        "*" => heard.keys().filter(|name| *name != watchdog::NAME).cloned().collect(),
         name => vec![name.into()],
     };
     if let Some(unknown) = waiting.iter().find(|name| !heard.contains_key(*name)) {
@@ -171,20 +141,10 @@ fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
         return Err("no module is heard; is advee up?".into());
     }
     // What is down already will not announce that it ends.
-    let down = |name: &String| {
-        heard
-            .get(name)
-            .is_some_and(|row| row.phase() == "TERMINATED")
-    };
+    let down = |name: &String| heard.get(name).is_some_and(|row| row.phase() == "TERMINATED");
     waiting.retain(|name| !(state == Value::Terminate && down(name)));
     let (timestamp, source) = (tool.timestamp(), tool.source.clone());
-    tool.publish(CmdState {
-        timestamp,
-        module: module.into(),
-        state: state as i8,
-        manual: true,
-        source,
-    })?;
+    tool.publish(CmdState { timestamp, module: module.into(), state: state as i8, manual: true, source })?;
     let until = clock::now() + OBEY;
     while let Some(first) = waiting.first() {
         match tool.hear(until)? {
@@ -193,19 +153,14 @@ fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
             }
             Heard::Message(message) => {
                 let refusal = |name: &String| {
-                    error_of(&message, name)
-                        .filter(|error| error.number == Code::CommandForbidden as i32)
+                    error_of(&message, name).filter(|error| error.number == Code::CommandForbidden as i32)
                 };
-                if let Some((name, error)) =
-                    waiting.iter().find_map(|name| Some((name, refusal(name)?)))
-                {
+                if let Some((name, error)) = waiting.iter().find_map(|name| Some((name, refusal(name)?))) {
                     return Err(format!("{name}: {}", error.message).into());
                 }
             }
             Heard::Nothing => {
-                return Err(
-                    format!("{first} does not show {state} within {} s", OBEY.as_secs()).into(),
-                );
+                return Err(format!("{first} does not show {state} within {} s", OBEY.as_secs()).into());
             }
             Heard::Interrupt => return Err("interrupted".into()),
         }

@@ -49,20 +49,15 @@ const END: Duration = Duration::from_secs(10);
 pub fn up(common: &Common, command: &Up) -> Outcome {
     let log = Log::new("up");
     if let Some(goal) = command.goal.as_deref().filter(|goal| *goal != "none") {
-        return Err(format!(
-            "--goal {goal}: this version has no planner; use --goal none, or advee drive"
-        )
-        .into());
+        return Err(format!("--goal {goal}: this version has no planner; use --goal none, or advee drive").into());
     }
     match &command.http {
         Some(address) if !command.headless => {
-            return Err(format!(
-                "--http {address}: this version has no web server; use --headless"
-            )
-            .into());
+            return Err(format!("--http {address}: this version has no web server; use --headless").into());
         }
-        _ if !command.headless => log
-            .line("there is no web diagnostic center in this version (--headless hides this line)"),
+        _ if !command.headless => {
+            log.line("there is no web diagnostic center in this version (--headless hides this line)");
+        }
         _ => {}
     }
     // Whatever is wrong is said here, once, and nothing starts.
@@ -80,12 +75,7 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
 
 /// Removes what modules leave in the run folder when they are killed.
 fn clean(folder: &RunFolder, config: &Config) {
-    for bus in config
-        .robot
-        .rs485
-        .iter()
-        .filter(|bus| bus.port.is_relative())
-    {
+    for bus in config.robot.rs485.iter().filter(|bus| bus.port.is_relative()) {
         let link = folder.path().join(&bus.port);
         for link in [link.with_extension("new"), link] {
             if link.is_symlink() {
@@ -97,10 +87,8 @@ fn clean(folder: &RunFolder, config: &Config) {
 
 /// The command line of the watchdog; all modules get the same.
 fn watchdog(common: &Common, command: &Up) -> Result<Vec<std::ffi::OsString>, Failed> {
-    let absolute = |path: &Path| {
-        std::path::absolute(path)
-            .map_err(|error| Failed::from(format!("{}: {error}", path.display())))
-    };
+    let absolute =
+        |path: &Path| std::path::absolute(path).map_err(|error| Failed::from(format!("{}: {error}", path.display())));
     let mut args: Vec<std::ffi::OsString> = vec!["run".into(), watchdog::NAME.into()];
     args.extend(["--config".into(), absolute(&common.config_dir())?.into()]);
     args.extend(["--run-dir".into(), absolute(&common.run_dir())?.into()]);
@@ -144,25 +132,13 @@ impl Parent {
         };
         nix::sys::prctl::set_child_subreaper(true).map_err(refused("prctl"))?;
         let mut set = SigSet::empty();
-        for signal in [
-            Signal::SIGTERM,
-            Signal::SIGINT,
-            Signal::SIGHUP,
-            Signal::SIGCHLD,
-        ] {
+        for signal in [Signal::SIGTERM, Signal::SIGINT, Signal::SIGHUP, Signal::SIGCHLD] {
             set.add(signal);
         }
         set.thread_block().map_err(refused("sigprocmask"))?;
         let signals = SignalFd::with_flags(&set, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC);
         let signals = signals.map_err(refused("signalfd"))?;
-        Ok(Self {
-            log,
-            signals,
-            state: State::Down {
-                start: Instant::ZERO,
-            },
-            delay: Duration::ZERO,
-        })
+        Ok(Self { log, signals, state: State::Down { start: Instant::ZERO }, delay: Duration::ZERO })
     }
 
     fn run(mut self, watchdog: &[std::ffi::OsString]) -> Outcome {
@@ -174,10 +150,7 @@ impl Parent {
                 State::Ending { pid, kill } if kill <= now => {
                     self.log.line("the watchdog does not end: it is killed");
                     let _ = killpg(pid, Signal::SIGKILL);
-                    self.state = State::Ending {
-                        pid,
-                        kill: Instant::NEVER,
-                    };
+                    self.state = State::Ending { pid, kill: Instant::NEVER };
                 }
                 State::Over { code } => {
                     self.wait_for_orphans()?;
@@ -206,17 +179,9 @@ impl Parent {
         command.args(args).stdin(Stdio::null()).process_group(0);
         sys::die_with_parent(&mut command);
         match command.spawn() {
-            Ok(child) => {
-                self.state = State::Running {
-                    pid: Pid::from_raw(child.id() as i32),
-                    since: now,
-                }
-            }
+            Ok(child) => self.state = State::Running { pid: Pid::from_raw(child.id() as i32), since: now },
             Err(error) => {
-                self.log.line(format_args!(
-                    "the watchdog cannot be started: {}: {error}",
-                    exe.display()
-                ));
+                self.log.line(format_args!("the watchdog cannot be started: {}: {error}", exe.display()));
                 self.again(now, Duration::ZERO);
             }
         }
@@ -227,10 +192,7 @@ impl Parent {
         match self.state {
             State::Running { pid, .. } => {
                 let _ = killpg(pid, Signal::SIGTERM);
-                self.state = State::Ending {
-                    pid,
-                    kill: clock::now() + END,
-                };
+                self.state = State::Ending { pid, kill: clock::now() + END };
             }
             State::Down { .. } => self.state = State::Over { code: 0 },
             State::Ending { .. } | State::Over { .. } => {}
@@ -248,16 +210,12 @@ impl Parent {
                         self.state = State::Over { code: 0 };
                     } else {
                         self.again(now, lived);
-                        self.log.line(format_args!(
-                            "the watchdog ended with {how}: it is started again"
-                        ));
+                        self.log.line(format_args!("the watchdog ended with {how}: it is started again"));
                     }
                 }
                 (State::Ending { pid, .. }, (gone, how)) if *pid == gone => {
                     let _ = killpg(gone, Signal::SIGKILL);
-                    self.state = State::Over {
-                        code: u8::from(how != "exit code 0"),
-                    };
+                    self.state = State::Over { code: u8::from(how != "exit code 0") };
                 }
                 _ => {}
             }
@@ -269,9 +227,7 @@ impl Parent {
         if lived >= LIVED {
             self.delay = Duration::ZERO;
         }
-        self.state = State::Down {
-            start: now + self.delay,
-        };
+        self.state = State::Down { start: now + self.delay };
         self.delay = (self.delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
     }
 

@@ -14,8 +14,8 @@ mod world;
 pub use modules::{ModuleEntry, SIMULATOR};
 pub use reader::{Problems, Table};
 pub use robot::{
-    Axis, CanBus, CanDriver, CanInterface, CanNode, Crc, Geometry, Limits, Ranger, Robot, Rs485Bus,
-    Rs485Driver, Rs485Node, Transport,
+    Axis, CanBus, CanDriver, CanInterface, CanNode, Crc, Geometry, Limits, Ranger, Robot, Rs485Bus, Rs485Driver,
+    Rs485Node, Transport,
 };
 pub use tree::{Node, Origin, Value};
 pub use world::world;
@@ -57,11 +57,7 @@ impl Config {
             }
         };
         let robot = take("robot.toml");
-        let over = if sim {
-            take("sim.toml").map(Some)
-        } else {
-            Some(None)
-        };
+        let over = if sim { take("sim.toml").map(Some) } else { Some(None) };
         let modules = take("modules.toml");
         let (Some(mut robot), Some(over), Some(mut modules)) = (robot, over, modules) else {
             return Err(ConfigError(problems));
@@ -85,16 +81,10 @@ impl Config {
 }
 
 /// Applies every `--set`: `modules.NAME.key` goes to `modules.toml`, everything else to `robot.toml`.
-fn override_by<S: AsRef<str>>(
-    sets: &[S],
-    robot: &mut Node,
-    modules: &mut Node,
-) -> Result<(), String> {
-    sets.iter().map(AsRef::as_ref).try_for_each(|set| {
-        match set.trim_start().starts_with("modules.") {
-            true => modules.set(set),
-            false => robot.set(set),
-        }
+fn override_by<S: AsRef<str>>(sets: &[S], robot: &mut Node, modules: &mut Node) -> Result<(), String> {
+    sets.iter().map(AsRef::as_ref).try_for_each(|set| match set.trim_start().starts_with("modules.") {
+        true => modules.set(set),
+        false => robot.set(set),
     })
 }
 

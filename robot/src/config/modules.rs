@@ -46,10 +46,7 @@ pub(super) fn read(mut root: Table<'_>, sim: bool) -> Vec<ModuleEntry> {
         // Listed before: so there can be no circle.
         let unknown = |name: &String| !modules.iter().any(|other| other.name == *name);
         if module.depends.iter().any(unknown) {
-            item.refuse(
-                "depends",
-                format_args!("modules listed before {}", module.name),
-            );
+            item.refuse("depends", format_args!("modules listed before {}", module.name));
         }
         item.end();
         if !sim {
@@ -66,11 +63,7 @@ impl ModuleEntry {
     fn read(table: &mut Table<'_>) -> Self {
         let none_if_zero = |value: f64| (value > 0.0).then_some(value);
         let name = table.text("name", None);
-        if !name.is_empty()
-            && !name
-                .chars()
-                .all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
-        {
+        if !name.is_empty() && !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
             table.refuse("name", "letters, digits, _ and -");
         }
         Self {
@@ -79,12 +72,10 @@ impl ModuleEntry {
             args: table.texts("args"),
             depends: table.texts("depends"),
             beat_timeout_s: table.number("beat_timeout", Some(0.2), 0.02..=60.0),
-            rt_priority: Some(table.integer("rt_priority", Some(0), 0..=99))
-                .filter(|priority| *priority > 0),
+            rt_priority: Some(table.integer("rt_priority", Some(0), 0..=99)).filter(|priority| *priority > 0),
             cpus: table.integers("cpus", 0..=1023),
             nice: table.integer("nice", Some(0), -20..=19),
-            memory_max: none_if_zero(table.number("memory_max", Some(0.0), 0.0..=1e15))
-                .map(|bytes| bytes as u64),
+            memory_max: none_if_zero(table.number("memory_max", Some(0.0), 0.0..=1e15)).map(|bytes| bytes as u64),
             cpu_max: none_if_zero(table.number("cpu_max", Some(0.0), 0.0..=64.0)),
             restart: table.choice("restart", Some(true), &[("always", true), ("never", false)]),
             critical: table.boolean("critical", false),

@@ -22,10 +22,7 @@ impl Problems {
     pub fn lines(&self) -> Vec<String> {
         let mut found = self.0.borrow().clone();
         found.sort_by(|a, b| a.0.cmp(&b.0));
-        found
-            .into_iter()
-            .map(|(origin, what)| format!("{origin}: {what}"))
-            .collect()
+        found.into_iter().map(|(origin, what)| format!("{origin}: {what}")).collect()
     }
 }
 
@@ -46,29 +43,16 @@ impl<'a> Table<'a> {
     #[must_use]
     pub fn new(node: &'a Node, path: &str, problems: &'a Problems) -> Option<Self> {
         let Value::Table(map) = &node.value else {
-            problems.add(
-                &node.origin,
-                format!("{path} = {}: expected a table", node.value),
-            );
+            problems.add(&node.origin, format!("{path} = {}: expected a table", node.value));
             return None;
         };
-        Some(Self {
-            path: path.into(),
-            origin: &node.origin,
-            map,
-            known: Vec::new(),
-            problems,
-        })
+        Some(Self { path: path.into(), origin: &node.origin, map, known: Vec::new(), problems })
     }
 
     /// The name of a key of this table in errors.
     #[must_use]
     pub fn name(&self, key: &str) -> String {
-        if self.path.is_empty() {
-            key.into()
-        } else {
-            format!("{}.{key}", self.path)
-        }
+        if self.path.is_empty() { key.into() } else { format!("{}.{key}", self.path) }
     }
 
     /// Notes that the value of `key` is not `expected`; what is missing or of a wrong type was noted when it was taken.
@@ -80,27 +64,18 @@ impl<'a> Table<'a> {
 
     /// Notes that `key`, which must be there, is not.
     pub fn refuse_missing(&self, key: &str, expected: impl Display) {
-        self.problems.add(
-            self.origin,
-            format!("{}: missing, expected {expected}", self.name(key)),
-        );
+        self.problems.add(self.origin, format!("{}: missing, expected {expected}", self.name(key)));
     }
 
     /// Notes that `item`, of the list `key`, is not `expected`.
     pub fn refuse_item(&self, key: &str, item: &Node, expected: impl Display) {
-        self.problems.add(
-            &item.origin,
-            format!("{} = {}: expected {expected}", self.name(key), item.value),
-        );
+        self.problems.add(&item.origin, format!("{} = {}: expected {expected}", self.name(key), item.value));
     }
 
     fn wrong(&self, key: &str, expected: impl Display) {
         match self.map.get(key) {
             Some(Node { origin, value }) => {
-                self.problems.add(
-                    origin,
-                    format!("{} = {value}: expected {expected}", self.name(key)),
-                );
+                self.problems.add(origin, format!("{} = {value}: expected {expected}", self.name(key)));
             }
             None => self.refuse_missing(key, expected),
         }
@@ -113,36 +88,21 @@ impl<'a> Table<'a> {
     }
 
     /// A number in `range`; an integer counts as one. Without `default` it must be there.
-    pub fn number(
-        &mut self,
-        key: &'static str,
-        default: Option<f64>,
-        range: RangeInclusive<f64>,
-    ) -> f64 {
+    pub fn number(&mut self, key: &'static str, default: Option<f64>, range: RangeInclusive<f64>) -> f64 {
         let value = match self.node(key).map(|node| &node.value) {
             Some(Value::Float(value)) => Some(*value),
             Some(Value::Integer(value)) => Some(*value as f64),
             Some(_) => None,
             None => default,
         };
-        value
-            .filter(|value| range.contains(value))
-            .unwrap_or_else(|| {
-                self.wrong(
-                    key,
-                    format_args!("a number from {} to {}", range.start(), range.end()),
-                );
-                *range.start()
-            })
+        value.filter(|value| range.contains(value)).unwrap_or_else(|| {
+            self.wrong(key, format_args!("a number from {} to {}", range.start(), range.end()));
+            *range.start()
+        })
     }
 
     /// An integer in `range`. Without `default` it must be there.
-    pub fn integer<T>(
-        &mut self,
-        key: &'static str,
-        default: Option<T>,
-        range: RangeInclusive<T>,
-    ) -> T
+    pub fn integer<T>(&mut self, key: &'static str, default: Option<T>, range: RangeInclusive<T>) -> T
     where
         T: TryFrom<i64> + PartialOrd + Copy + Display,
     {
@@ -151,15 +111,10 @@ impl<'a> Table<'a> {
             Some(_) => None,
             None => default,
         };
-        value
-            .filter(|value| range.contains(value))
-            .unwrap_or_else(|| {
-                self.wrong(
-                    key,
-                    format_args!("an integer from {} to {}", range.start(), range.end()),
-                );
-                *range.start()
-            })
+        value.filter(|value| range.contains(value)).unwrap_or_else(|| {
+            self.wrong(key, format_args!("an integer from {} to {}", range.start(), range.end()));
+            *range.start()
+        })
     }
 
     /// `true` or `false`.
@@ -187,25 +142,14 @@ impl<'a> Table<'a> {
     }
 
     /// One of the named choices. Without `default` it must be there.
-    pub fn choice<T: Copy>(
-        &mut self,
-        key: &'static str,
-        default: Option<T>,
-        choices: &[(&str, T)],
-    ) -> T {
+    pub fn choice<T: Copy>(&mut self, key: &'static str, default: Option<T>, choices: &[(&str, T)]) -> T {
         let found = match self.node(key).map(|node| &node.value) {
-            Some(Value::String(value)) => choices
-                .iter()
-                .find(|(name, _)| name == value)
-                .map(|(_, choice)| *choice),
+            Some(Value::String(value)) => choices.iter().find(|(name, _)| name == value).map(|(_, choice)| *choice),
             Some(_) => None,
             None => default,
         };
         found.unwrap_or_else(|| {
-            let names: Vec<String> = choices
-                .iter()
-                .map(|(name, _)| format!("{name:?}"))
-                .collect();
+            let names: Vec<String> = choices.iter().map(|(name, _)| format!("{name:?}")).collect();
             self.wrong(key, names.join(" or "));
             choices[0].1
         })
@@ -227,9 +171,7 @@ impl<'a> Table<'a> {
     /// A list of integers in `range`; none when it is not there.
     pub fn integers(&mut self, key: &'static str, range: RangeInclusive<u16>) -> Vec<u16> {
         let number = |node: &Node| match node.value {
-            Value::Integer(value) => u16::try_from(value)
-                .ok()
-                .filter(|value| range.contains(value)),
+            Value::Integer(value) => u16::try_from(value).ok().filter(|value| range.contains(value)),
             _ => None,
         };
         let numbers = match self.node(key).map(|node| &node.value) {
@@ -238,14 +180,7 @@ impl<'a> Table<'a> {
             Some(_) => None,
         };
         numbers.unwrap_or_else(|| {
-            self.wrong(
-                key,
-                format_args!(
-                    "a list of integers from {} to {}",
-                    range.start(),
-                    range.end()
-                ),
-            );
+            self.wrong(key, format_args!("a list of integers from {} to {}", range.start(), range.end()));
             Vec::new()
         })
     }
@@ -271,12 +206,8 @@ impl<'a> Table<'a> {
             return Vec::new();
         };
         let tables = parent.map.iter();
-        let tables = tables.filter_map(|(name, node)| {
-            Some((
-                name.clone(),
-                Table::new(node, &parent.name(name), self.problems)?,
-            ))
-        });
+        let tables = tables
+            .filter_map(|(name, node)| Some((name.clone(), Table::new(node, &parent.name(name), self.problems)?)));
         tables.collect()
     }
 
@@ -287,11 +218,7 @@ impl<'a> Table<'a> {
             Some(Value::Array(items)) => {
                 let items = items.iter().enumerate();
                 let name = self.name(key);
-                items
-                    .filter_map(|(n, item)| {
-                        Table::new(item, &format!("{name}[{n}]"), self.problems)
-                    })
-                    .collect()
+                items.filter_map(|(n, item)| Table::new(item, &format!("{name}[{n}]"), self.problems)).collect()
             }
             Some(_) => {
                 self.wrong(key, "a list of tables");
@@ -305,10 +232,7 @@ impl<'a> Table<'a> {
         for (key, node) in self.map {
             if !self.known.contains(&key.as_str()) {
                 let known = self.known.join(", ");
-                self.problems.add(
-                    &node.origin,
-                    format!("{}: unknown key, expected one of {known}", self.name(key)),
-                );
+                self.problems.add(&node.origin, format!("{}: unknown key, expected one of {known}", self.name(key)));
             }
         }
     }

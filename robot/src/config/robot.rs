@@ -239,28 +239,13 @@ impl Robot {
         });
         let geometry = root.table("geometry").map(Geometry::read);
         let limits = root.table("limits").map(Limits::read);
-        let can = root
-            .named_tables("can")
-            .into_iter()
-            .map(|(name, table)| CanBus::read(name, table))
-            .collect();
-        let rs485: Vec<Rs485Bus> = root
-            .named_tables("rs485")
-            .into_iter()
-            .map(|(name, table)| Rs485Bus::read(name, table))
-            .collect();
+        let can = root.named_tables("can").into_iter().map(|(name, table)| CanBus::read(name, table)).collect();
+        let rs485: Vec<Rs485Bus> =
+            root.named_tables("rs485").into_iter().map(|(name, table)| Rs485Bus::read(name, table)).collect();
         let srfs = Ranger::read_all(&mut root, "srfs", 7, &rs485);
         let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
         root.end();
-        Some(Self {
-            name: name?,
-            geometry: geometry?,
-            limits: limits?,
-            can,
-            rs485,
-            srfs,
-            irs,
-        })
+        Some(Self { name: name?, geometry: geometry?, limits: limits?, can, rs485, srfs, irs })
     }
 }
 
@@ -304,10 +289,7 @@ impl CanBus {
         let text = table.text("interface", None);
         let interface = CanInterface::parse(&text).unwrap_or_else(|| {
             if !text.is_empty() {
-                table.refuse(
-                    "interface",
-                    r#""can0" or another network interface, or "udp:GROUP[:PORT]""#,
-                );
+                table.refuse("interface", r#""can0" or another network interface, or "udp:GROUP[:PORT]""#);
             }
             CanInterface::Socket(String::new())
         });
@@ -327,14 +309,7 @@ impl CanBus {
             nodes.push(node);
         }
         table.end();
-        Self {
-            name,
-            interface,
-            bitrate,
-            master,
-            raw,
-            nodes,
-        }
+        Self { name, interface, bitrate, master, raw, nodes }
     }
 }
 
@@ -361,21 +336,10 @@ impl CanNode {
     fn read(table: &mut Table<'_>) -> Self {
         let node = Self {
             id: table.integer("id", None, 1..=127),
-            axis: table.choice(
-                "axis",
-                None,
-                &[
-                    ("propulsion", Axis::Propulsion),
-                    ("steering", Axis::Steering),
-                ],
-            ),
-            eds: Some(table.text("eds", Some("")))
-                .filter(|eds| !eds.is_empty())
-                .map(PathBuf::from),
+            axis: table.choice("axis", None, &[("propulsion", Axis::Propulsion), ("steering", Axis::Steering)]),
+            eds: Some(table.text("eds", Some(""))).filter(|eds| !eds.is_empty()).map(PathBuf::from),
             driver: match table.choice("driver", None, &[("epos", true), ("icla", false)]) {
-                true => CanDriver::Epos {
-                    gear: not_zero(table, "gear", 1000.0),
-                },
+                true => CanDriver::Epos { gear: not_zero(table, "gear", 1000.0) },
                 false => CanDriver::Icla {
                     gear: not_zero(table, "gear", 10_000.0),
                     counts_per_turn: table.number("counts_per_turn", Some(4096.0), 1.0..=1e6),
@@ -387,14 +351,8 @@ impl CanNode {
             },
         };
         let moves = match node.driver {
-            CanDriver::Epos { .. } => (
-                Axis::Propulsion,
-                r#""propulsion", which is all that this driver can move"#,
-            ),
-            CanDriver::Icla { .. } => (
-                Axis::Steering,
-                r#""steering", which is all that this driver can move"#,
-            ),
+            CanDriver::Epos { .. } => (Axis::Propulsion, r#""propulsion", which is all that this driver can move"#),
+            CanDriver::Icla { .. } => (Axis::Steering, r#""steering", which is all that this driver can move"#),
         };
         if node.axis != moves.0 {
             table.refuse("axis", moves.1);
@@ -416,9 +374,7 @@ impl Rs485Bus {
         let port = PathBuf::from(table.text("port", None));
         let baud = table.integer("baud", Some(115_200), 1200..=4_000_000);
         let transport = table.choice("transport", None, &[("two-byte", Transport::TwoByte)]);
-        let crc = table
-            .table_if_any("crc")
-            .map_or_else(Crc::default, Crc::read);
+        let crc = table.table_if_any("crc").map_or_else(Crc::default, Crc::read);
         let raw = table.boolean("raw", false);
         let mut nodes: Vec<Rs485Node> = Vec::new();
         for mut item in table.tables("nodes") {
@@ -429,36 +385,21 @@ impl Rs485Bus {
             if nodes.iter().any(|other| other.name == node.name) {
                 item.refuse("name", "one that no other node of the bus has");
             }
-            if node.driver == Rs485Driver::So1
-                && nodes.iter().any(|other| other.driver == node.driver)
-            {
+            if node.driver == Rs485Driver::So1 && nodes.iter().any(|other| other.driver == node.driver) {
                 item.refuse("driver", "no second so1 on the bus");
             }
             item.end();
             nodes.push(node);
         }
         table.end();
-        Self {
-            name,
-            port,
-            baud,
-            transport,
-            crc,
-            raw,
-            nodes,
-        }
+        Self { name, port, baud, transport, crc, raw, nodes }
     }
 }
 
 impl Default for Crc {
     /// CRC-8/SAE-J1850.
     fn default() -> Self {
-        Self {
-            polynomial: 0x1D,
-            initial: 0xFF,
-            reflected: false,
-            final_xor: 0xFF,
-        }
+        Self { polynomial: 0x1D, initial: 0xFF, reflected: false, final_xor: 0xFF }
     }
 }
 
@@ -481,10 +422,7 @@ impl Rs485Node {
         let drivers = [("sd1", Rs485Driver::Sd1), ("so1", Rs485Driver::So1)];
         let address = table.integer("address", None, 1..=254);
         let driver = table.choice("driver", None, &drivers);
-        let kind = drivers
-            .iter()
-            .find(|(_, kind)| *kind == driver)
-            .map_or("", |(name, _)| name);
+        let kind = drivers.iter().find(|(_, kind)| *kind == driver).map_or("", |(name, _)| name);
         Self {
             name: table.text("name", Some(&format!("{kind}_{address:02x}"))),
             address,
@@ -496,33 +434,19 @@ impl Rs485Node {
 }
 
 impl Ranger {
-    fn read_all(
-        root: &mut Table<'_>,
-        key: &'static str,
-        channel_max: u8,
-        busses: &[Rs485Bus],
-    ) -> Vec<Self> {
+    fn read_all(root: &mut Table<'_>, key: &'static str, channel_max: u8, busses: &[Rs485Bus]) -> Vec<Self> {
         let mut rangers: Vec<Self> = Vec::new();
         for mut item in root.tables(key) {
             let ranger = Self::read(&mut item, channel_max);
-            let mut boards = busses
-                .iter()
-                .flat_map(|bus| &bus.nodes)
-                .filter(|node| node.driver == Rs485Driver::Sd1);
+            let mut boards = busses.iter().flat_map(|bus| &bus.nodes).filter(|node| node.driver == Rs485Driver::Sd1);
             if !boards.any(|node| node.address == ranger.board) {
                 item.refuse("board", "the address of an sd1 in rs485");
             }
             if rangers.iter().any(|other| other.id == ranger.id) {
                 item.refuse("id", format_args!("one that no other of the {key} has"));
             }
-            if rangers
-                .iter()
-                .any(|other| (other.board, other.channel) == (ranger.board, ranger.channel))
-            {
-                item.refuse(
-                    "channel",
-                    format_args!("one that no other of the {key} on this board has"),
-                );
+            if rangers.iter().any(|other| (other.board, other.channel) == (ranger.board, ranger.channel)) {
+                item.refuse("channel", format_args!("one that no other of the {key} on this board has"));
             }
             item.end();
             rangers.push(ranger);

@@ -73,23 +73,11 @@ fn the_shipped_robot_loads_live_and_simulated() {
     let live = Config::load(&shipped(), false, &[]).unwrap();
     let sim = Config::load(&shipped(), true, &[]).unwrap();
     assert_eq!((live.robot.srfs.len(), live.robot.irs.len()), (16, 4));
-    assert_eq!(
-        live.robot.can[0].interface,
-        CanInterface::Socket("can0".into())
-    );
+    assert_eq!(live.robot.can[0].interface, CanInterface::Socket("can0".into()));
     let group = std::net::Ipv4Addr::new(239, 74, 163, 2);
-    assert_eq!(
-        sim.robot.can[0].interface,
-        CanInterface::Udp { group, port: None }
-    );
+    assert_eq!(sim.robot.can[0].interface, CanInterface::Udp { group, port: None });
     assert_eq!(sim.robot.rs485[0].port, PathBuf::from("rs485-a"));
-    let names = |config: &Config| {
-        config
-            .modules
-            .iter()
-            .map(|module| module.name.clone())
-            .collect::<Vec<_>>()
-    };
+    let names = |config: &Config| config.modules.iter().map(|module| module.name.clone()).collect::<Vec<_>>();
     assert_eq!(names(&live), ["driver_rs485a", "driver_canbus"]);
     assert_eq!(names(&sim), ["simulator", "driver_rs485a", "driver_canbus"]);
     assert!(live.modules.iter().all(|module| module.depends.is_empty()));
@@ -99,19 +87,8 @@ fn the_shipped_robot_loads_live_and_simulated() {
 fn the_small_robot_loads_with_the_defaults() {
     let robot = load(ROBOT, "", &[], MODULES).unwrap().robot;
     assert_eq!(robot.limits.command_ttl_s, 0.25);
-    assert_eq!(
-        (robot.can[0].bitrate, robot.rs485[0].baud),
-        (500_000, 115_200)
-    );
-    assert_eq!(
-        robot.rs485[0].crc,
-        Crc {
-            polynomial: 0x1D,
-            initial: 0xFF,
-            reflected: false,
-            final_xor: 0xFF
-        }
-    );
+    assert_eq!((robot.can[0].bitrate, robot.rs485[0].baud), (500_000, 115_200));
+    assert_eq!(robot.rs485[0].crc, Crc { polynomial: 0x1D, initial: 0xFF, reflected: false, final_xor: 0xFF });
 }
 
 #[test]
@@ -128,19 +105,13 @@ fn an_unknown_table_is_refused() {
     refused(
         "[limits]",
         "[power]\nport = \"x\"\n[limits]",
-        &[
-            "robot.toml:11: power: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs",
-        ],
+        &["robot.toml:11: power: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs"],
     );
 }
 
 #[test]
 fn a_missing_key_is_named_with_its_table_s_line() {
-    refused(
-        "track_m = 0.5\n",
-        "",
-        &["robot.toml:3: geometry.track_m: missing, expected a number from 0.05 to 5"],
-    );
+    refused("track_m = 0.5\n", "", &["robot.toml:3: geometry.track_m: missing, expected a number from 0.05 to 5"]);
 }
 
 #[test]
@@ -166,9 +137,7 @@ fn a_wrong_type_is_refused() {
     refused(
         "ticks_per_turn = 4096",
         "ticks_per_turn = \"4096\"",
-        &[
-            "robot.toml:10: geometry.ticks_per_turn = \"4096\": expected an integer from 1 to 1000000",
-        ],
+        &["robot.toml:10: geometry.ticks_per_turn = \"4096\": expected an integer from 1 to 1000000"],
     );
 }
 
@@ -176,19 +145,12 @@ fn a_wrong_type_is_refused() {
 fn a_table_that_is_none_is_refused() {
     let found = load("robot = 1\n", "", &[], MODULES).unwrap_err();
     assert_eq!(found[0], "robot.toml:1: robot = 1: expected a table");
-    assert_eq!(
-        found[1],
-        "robot.toml:1: geometry: missing, expected a table"
-    );
+    assert_eq!(found[1], "robot.toml:1: geometry: missing, expected a table");
 }
 
 #[test]
 fn a_choice_names_the_choices() {
-    refused(
-        "\"two-byte\"",
-        "\"parity\"",
-        &["robot.toml:29: rs485.a.transport = \"parity\": expected \"two-byte\""],
-    );
+    refused("\"two-byte\"", "\"parity\"", &["robot.toml:29: rs485.a.transport = \"parity\": expected \"two-byte\""]);
     refused(
         "driver = \"sd1\"",
         "driver = \"sd2\"",
@@ -206,19 +168,13 @@ fn a_drive_s_keys_are_those_of_its_driver() {
             "robot.toml:24: can.main.nodes[0].switch_rad: unknown key, expected one of id, axis, eds, driver, gear",
         ],
     );
-    refused(
-        "gear = 26",
-        "gear = 0",
-        &["robot.toml:24: can.main.nodes[0].gear = 0: expected a number that is not 0"],
-    );
+    refused("gear = 26", "gear = 0", &["robot.toml:24: can.main.nodes[0].gear = 0: expected a number that is not 0"]);
 }
 
 #[test]
 fn a_drive_moves_the_axis_that_its_driver_can() {
-    let from =
-        "axis = \"propulsion\", gear = 26 },\n    { id = 2, driver = \"icla\", axis = \"steering\"";
-    let to =
-        "axis = \"steering\", gear = 26 },\n    { id = 2, driver = \"icla\", axis = \"propulsion\"";
+    let from = "axis = \"propulsion\", gear = 26 },\n    { id = 2, driver = \"icla\", axis = \"steering\"";
+    let to = "axis = \"steering\", gear = 26 },\n    { id = 2, driver = \"icla\", axis = \"propulsion\"";
     refused(
         from,
         to,
@@ -236,9 +192,7 @@ fn two_nodes_of_one_number_are_refused() {
     refused(
         "{ id = 2",
         "{ id = 1",
-        &[
-            "robot.toml:25: can.main.nodes[1].id = 1: expected one that no other node of the bus has",
-        ],
+        &["robot.toml:25: can.main.nodes[1].id = 1: expected one that no other node of the bus has"],
     );
 }
 
@@ -256,25 +210,15 @@ fn an_interface_must_be_one() {
     refused(
         "\"can0\"",
         "\"udp:10.0.0.1:43113\"",
-        &[
-            "robot.toml:22: can.main.interface = \"udp:10.0.0.1:43113\": \
-           expected \"can0\" or another network interface, or \"udp:GROUP[:PORT]\"",
-        ],
+        &["robot.toml:22: can.main.interface = \"udp:10.0.0.1:43113\": \
+           expected \"can0\" or another network interface, or \"udp:GROUP[:PORT]\""],
     );
 }
 
 #[test]
 fn all_that_is_wrong_is_listed_in_the_order_of_the_file() {
-    let robot = ROBOT
-        .replace("name = \"small\"", "name = \"\"")
-        .replace("theta = 0.0", "theta = 4.0");
-    let found = load(
-        &robot,
-        "[limits]\nspeed_mps = -1\n",
-        &["limits.steering_rad=2"],
-        MODULES,
-    )
-    .unwrap_err();
+    let robot = ROBOT.replace("name = \"small\"", "name = \"\"").replace("theta = 0.0", "theta = 4.0");
+    let found = load(&robot, "[limits]\nspeed_mps = -1\n", &["limits.steering_rad=2"], MODULES).unwrap_err();
     assert_eq!(
         found,
         [
@@ -288,13 +232,7 @@ fn all_that_is_wrong_is_listed_in_the_order_of_the_file() {
 
 #[test]
 fn broken_toml_is_located() {
-    let found = load(
-        &ROBOT.replace("track_m = 0.5", "track_m = "),
-        "",
-        &[],
-        MODULES,
-    )
-    .unwrap_err();
+    let found = load(&ROBOT.replace("track_m = 0.5", "track_m = "), "", &[], MODULES).unwrap_err();
     assert_eq!(found.len(), 1, "{found:?}");
     assert!(found[0].starts_with("robot.toml:5: "), "{found:?}");
 }
@@ -307,44 +245,19 @@ fn later_layers_override_single_keys() {
         "can.main.interface=udp:239.0.0.1:5000",
         "robot.name = \"n\"",
     ];
-    let robot = load(
-        ROBOT,
-        "[limits]\nspeed_mps = 0.9\nsteering_rad = 0.3\n",
-        &sets,
-        MODULES,
-    )
-    .unwrap()
-    .robot;
-    assert_eq!(
-        (
-            robot.limits.speed_mps,
-            robot.limits.steering_rad,
-            robot.limits.acceleration_mps2
-        ),
-        (0.5, 0.3, 0.5)
-    );
+    let robot = load(ROBOT, "[limits]\nspeed_mps = 0.9\nsteering_rad = 0.3\n", &sets, MODULES).unwrap().robot;
+    assert_eq!((robot.limits.speed_mps, robot.limits.steering_rad, robot.limits.acceleration_mps2), (0.5, 0.3, 0.5));
     assert_eq!((robot.can[0].nodes[1].id, robot.name.as_str()), (7, "n"));
     let group = std::net::Ipv4Addr::new(239, 0, 0, 1);
-    assert_eq!(
-        robot.can[0].interface,
-        CanInterface::Udp {
-            group,
-            port: Some(5000)
-        }
-    );
+    assert_eq!(robot.can[0].interface, CanInterface::Udp { group, port: Some(5000) });
 }
 
 #[test]
 fn modules_are_overridden_by_name() {
-    let modules = load(ROBOT, "", &["modules.driver_canbus.critical=true"], MODULES)
-        .unwrap()
-        .modules;
+    let modules = load(ROBOT, "", &["modules.driver_canbus.critical=true"], MODULES).unwrap().modules;
     assert!(modules[0].critical);
     let error = load(ROBOT, "", &["modules.driver_canbsu.critical=true"], MODULES).unwrap_err();
-    assert_eq!(
-        error,
-        ["--set modules.driver_canbsu.critical=true: driver_canbsu is none of the 1 items"]
-    );
+    assert_eq!(error, ["--set modules.driver_canbsu.critical=true: driver_canbsu is none of the 1 items"]);
 }
 
 #[test]
@@ -352,18 +265,9 @@ fn an_override_must_be_an_assignment_to_something() {
     let error = |set: &str| load(ROBOT, "", &[set], MODULES).unwrap_err();
     assert_eq!(error("limits"), ["--set limits: expected table.key=value"]);
     assert_eq!(error(".x=1"), ["--set .x=1: expected table.key=value"]);
-    assert_eq!(
-        error("robot.name.x=1"),
-        ["--set robot.name.x=1: \"small\" has no key x"]
-    );
-    assert_eq!(
-        error("can.main.nodes.2.id=1"),
-        ["--set can.main.nodes.2.id=1: 2 is none of the 2 items"]
-    );
-    assert_eq!(
-        error("robot.nmae=x"),
-        ["--set: robot.nmae: unknown key, expected one of name"]
-    );
+    assert_eq!(error("robot.name.x=1"), ["--set robot.name.x=1: \"small\" has no key x"]);
+    assert_eq!(error("can.main.nodes.2.id=1"), ["--set can.main.nodes.2.id=1: 2 is none of the 2 items"]);
+    assert_eq!(error("robot.nmae=x"), ["--set: robot.nmae: unknown key, expected one of name"]);
 }
 
 #[test]
@@ -394,25 +298,18 @@ fn a_folder_without_files_says_which_are_missing() {
 #[test]
 fn the_shipped_worlds_load() {
     let hall = world(&shipped(), None).unwrap();
-    assert_eq!(
-        (hall.columns.len(), hall.beacons.len(), hall.start.x),
-        (6, 6, 3.0)
-    );
+    assert_eq!((hall.columns.len(), hall.beacons.len(), hall.start.x), (6, 6, 3.0));
     world(&shipped(), Some(Path::new("empty"))).unwrap();
     world(&shipped(), Some(&shipped().join("../worlds/hall.toml"))).unwrap();
     let ConfigError(lines) = world(&shipped(), Some(Path::new("atlantis"))).unwrap_err();
-    assert!(
-        lines[0].ends_with("conf/worlds/atlantis.toml: No such file or directory (os error 2)"),
-        "{lines:?}"
-    );
+    assert!(lines[0].ends_with("conf/worlds/atlantis.toml: No such file or directory (os error 2)"), "{lines:?}");
 }
 
 #[test]
 fn a_world_is_read_as_strictly() {
     let text = "walls = [\n[0, 0, 1],\n[0, 0, 1, 2e4],\n]\ncolumns = 1\ndrops = [3, [[0, \"a\"]]]\nmoon = true\n\
                 [[beacons]]\nid = 256\nx = 0\ny = 0\n";
-    let ConfigError(lines) =
-        super::world::check(&Node::parse(Path::new("w.toml"), text).unwrap()).unwrap_err();
+    let ConfigError(lines) = super::world::check(&Node::parse(Path::new("w.toml"), text).unwrap()).unwrap_err();
     assert_eq!(
         lines,
         [

@@ -69,27 +69,14 @@ impl fmt::Display for Value {
 impl Node {
     /// The tree of a file's text; else what is wrong with its syntax, a line each.
     pub fn parse(path: &Path, text: &str) -> Result<Self, Vec<String>> {
-        let source = Source {
-            file: path.display().to_string().into(),
-            text,
-        };
+        let source = Source { file: path.display().to_string().into(), text };
         let (table, errors) = DeTable::parse_recoverable(text);
         let mut problems: Vec<String> = errors
             .iter()
-            .map(|error| {
-                format!(
-                    "{}: {}",
-                    source.origin(error.span().map_or(0, |span| span.start)),
-                    error.message()
-                )
-            })
+            .map(|error| format!("{}: {}", source.origin(error.span().map_or(0, |span| span.start)), error.message()))
             .collect();
         let root = source.table(table.get_ref(), 0, &mut problems);
-        if problems.is_empty() {
-            Ok(root)
-        } else {
-            Err(problems)
-        }
+        if problems.is_empty() { Ok(root) } else { Err(problems) }
     }
 
     /// Lays `over` over this: tables merge key by key, everything else is replaced.
@@ -103,12 +90,7 @@ impl Node {
                     }
                 }
             }
-            (_, value) => {
-                *self = Self {
-                    origin: over.origin,
-                    value,
-                }
-            }
+            (_, value) => *self = Self { origin: over.origin, value },
         }
     }
 
@@ -121,43 +103,27 @@ impl Node {
         if path.split('.').any(str::is_empty) {
             return Err(malformed());
         }
-        let source = Source {
-            file: "--set".into(),
-            text,
-        };
+        let source = Source { file: "--set".into(), text };
         let mut problems = Vec::new();
         let value = match DeValue::parse(text) {
-            Ok(value) => source
-                .value(value.get_ref(), &mut problems)
-                .unwrap_or(Value::String(text.into())),
+            Ok(value) => source.value(value.get_ref(), &mut problems).unwrap_or(Value::String(text.into())),
             Err(_) => Value::String(text.into()),
         };
         let mut node = self;
         for part in path.split('.') {
-            let table = || Self {
-                origin: Origin::CommandLine,
-                value: Value::Table(BTreeMap::new()),
-            };
+            let table = || Self { origin: Origin::CommandLine, value: Value::Table(BTreeMap::new()) };
             node = match &mut node.value {
                 Value::Table(map) => map.entry(part.into()).or_insert_with(table),
                 Value::Array(items) => {
                     let count = items.len();
-                    let place = items
-                        .iter()
-                        .position(|item| item.is_named(part))
-                        .or_else(|| part.parse().ok());
+                    let place = items.iter().position(|item| item.is_named(part)).or_else(|| part.parse().ok());
                     let item = place.and_then(|place| items.get_mut(place));
-                    item.ok_or_else(|| {
-                        format!("--set {assignment}: {part} is none of the {count} items")
-                    })?
+                    item.ok_or_else(|| format!("--set {assignment}: {part} is none of the {count} items"))?
                 }
                 other => return Err(format!("--set {assignment}: {other} has no key {part}")),
             };
         }
-        let mut over = Self {
-            origin: Origin::CommandLine,
-            value,
-        };
+        let mut over = Self { origin: Origin::CommandLine, value };
         over.came_from_command_line();
         node.merge(over);
         Ok(())
@@ -167,8 +133,7 @@ impl Node {
         let Value::Table(map) = &self.value else {
             return false;
         };
-        map.get("name")
-            .is_some_and(|node| matches!(&node.value, Value::String(own) if own == name))
+        map.get("name").is_some_and(|node| matches!(&node.value, Value::String(own) if own == name))
     }
 
     fn came_from_command_line(&mut self) {
@@ -190,10 +155,7 @@ struct Source<'a> {
 impl Source<'_> {
     fn origin(&self, at: usize) -> Origin {
         let before = &self.text.as_bytes()[..at.min(self.text.len())];
-        Origin::File(
-            self.file.clone(),
-            1 + before.iter().filter(|byte| **byte == b'\n').count(),
-        )
+        Origin::File(self.file.clone(), 1 + before.iter().filter(|byte| **byte == b'\n').count())
     }
 
     fn table(&self, table: &DeTable<'_>, at: usize, problems: &mut Vec<String>) -> Node {
@@ -203,10 +165,7 @@ impl Source<'_> {
             let value = self.node(value, problems)?;
             Some((key.get_ref().to_string(), Node { origin, ..value }))
         });
-        Node {
-            value: Value::Table(entries.collect()),
-            origin: self.origin(at),
-        }
+        Node { value: Value::Table(entries.collect()), origin: self.origin(at) }
     }
 
     fn node(&self, value: &Spanned<DeValue<'_>>, problems: &mut Vec<String>) -> Option<Node> {
@@ -228,19 +187,11 @@ impl Source<'_> {
                 i64::from_str_radix(value.as_str(), value.radix())
                     .map_err(|_| format!("{value}: expected an integer of at most 64 bits"))?,
             ),
-            DeValue::Float(value) => Value::Float(
-                value
-                    .as_str()
-                    .parse()
-                    .map_err(|_| format!("{value}: expected a number"))?,
-            ),
+            DeValue::Float(value) => {
+                Value::Float(value.as_str().parse().map_err(|_| format!("{value}: expected a number"))?)
+            }
             DeValue::Datetime(value) => return Err(format!("{value}: no key takes a date")),
-            DeValue::Array(items) => Value::Array(
-                items
-                    .iter()
-                    .filter_map(|item| self.node(item, problems))
-                    .collect(),
-            ),
+            DeValue::Array(items) => Value::Array(items.iter().filter_map(|item| self.node(item, problems)).collect()),
             DeValue::Table(table) => self.table(table, 0, problems).value,
         })
     }

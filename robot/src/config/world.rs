@@ -27,11 +27,7 @@ pub fn world(dir: &Path, file: Option<&Path>) -> Result<World, ConfigError> {
 fn named(dir: &Path, name: &Path) -> PathBuf {
     let file = name.with_extension("toml");
     let within = dir.join("worlds").join(&file);
-    if within.exists() {
-        within
-    } else {
-        dir.parent().unwrap_or(dir).join("worlds").join(file)
-    }
+    if within.exists() { within } else { dir.parent().unwrap_or(dir).join("worlds").join(file) }
 }
 
 pub(super) fn check(node: &Node) -> Result<World, ConfigError> {
@@ -50,48 +46,27 @@ fn take(mut root: Table<'_>) -> World {
     }
     let start: Option<[f64; 3]> = start.and_then(|node| numbers(&root, "start", node));
     let walls = list(&mut root, "walls");
-    let walls = walls.into_iter().map(|[ax, ay, bx, by]| Segment {
-        a: point(ax, ay),
-        b: point(bx, by),
-    });
+    let walls = walls.into_iter().map(|[ax, ay, bx, by]| Segment { a: point(ax, ay), b: point(bx, by) });
     let walls = walls.collect();
     let columns = list(&mut root, "columns");
-    let columns = columns
-        .into_iter()
-        .map(|[x, y, radius]| Column {
-            centre: point(x, y),
-            radius,
-        })
-        .collect();
+    let columns = columns.into_iter().map(|[x, y, radius]| Column { centre: point(x, y), radius }).collect();
     let drops = drops(&mut root);
     let beacons = root.tables("beacons").into_iter().map(beacon).collect();
     root.end();
     let [x, y, theta] = start.unwrap_or_default();
-    World {
-        walls,
-        columns,
-        drops,
-        beacons,
-        start: Pose::new(x, y, theta),
-    }
+    World { walls, columns, drops, beacons, start: Pose::new(x, y, theta) }
 }
 
 fn beacon(mut table: Table<'_>) -> Beacon {
     let id = table.integer("id", None, 0..=255);
-    let at = point(
-        table.number("x", None, -MAX..=MAX),
-        table.number("y", None, -MAX..=MAX),
-    );
+    let at = point(table.number("x", None, -MAX..=MAX), table.number("y", None, -MAX..=MAX));
     table.end();
     Beacon { id, at }
 }
 
 /// A list of lists of `N` numbers.
 fn list<const N: usize>(root: &mut Table<'_>, key: &'static str) -> Vec<[f64; N]> {
-    items(root, key)
-        .iter()
-        .filter_map(|item| numbers(root, key, item))
-        .collect()
+    items(root, key).iter().filter_map(|item| numbers(root, key, item)).collect()
 }
 
 fn drops(root: &mut Table<'_>) -> Vec<Vec<Point>> {
@@ -102,11 +77,7 @@ fn drops(root: &mut Table<'_>) -> Vec<Vec<Point>> {
             continue;
         };
         drops.push(
-            corners
-                .iter()
-                .filter_map(|corner| numbers(root, "drops", corner))
-                .map(|[x, y]| point(x, y))
-                .collect(),
+            corners.iter().filter_map(|corner| numbers(root, "drops", corner)).map(|[x, y]| point(x, y)).collect(),
         );
     }
     drops
@@ -114,10 +85,7 @@ fn drops(root: &mut Table<'_>) -> Vec<Vec<Point>> {
 
 fn items<'a>(root: &mut Table<'a>, key: &'static str) -> &'a [Node] {
     match root.node(key) {
-        Some(Node {
-            value: Value::Array(items),
-            ..
-        }) => items,
+        Some(Node { value: Value::Array(items), .. }) => items,
         Some(_) => {
             root.refuse(key, "a list");
             &[]
@@ -140,11 +108,7 @@ fn numbers<const N: usize>(root: &Table<'_>, key: &str, node: &Node) -> Option<[
     let found = found.and_then(|found| <[f64; N]>::try_from(found).ok());
     let found = found.filter(|found| found.iter().all(|value| (-MAX..=MAX).contains(value)));
     if found.is_none() {
-        root.refuse_item(
-            key,
-            node,
-            format_args!("a list of {N} numbers within ±{MAX}"),
-        );
+        root.refuse_item(key, node, format_args!("a list of {N} numbers within ±{MAX}"));
     }
     found
 }

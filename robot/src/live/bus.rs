@@ -54,22 +54,15 @@ impl Bus {
         for channel in channels {
             lcm.subscribe(channel).map_err(|error| error.to_string())?;
         }
-        Ok(Self {
-            lcm,
-            buffer: Vec::new(),
-        })
+        Ok(Self { lcm, buffer: Vec::new() })
     }
 
     /// Sends a message on its channel.
     pub fn publish(&mut self, message: &Message) -> Result<(), String> {
         let channel = message.channel_name();
         self.buffer.clear();
-        message
-            .encode(&mut self.buffer)
-            .map_err(|error| format!("{channel} cannot be sent: {error}"))?;
-        self.lcm
-            .publish(&channel, &self.buffer)
-            .map_err(|error| format!("{channel} cannot be sent: {error}"))
+        message.encode(&mut self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))?;
+        self.lcm.publish(&channel, &self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))
     }
 
     /// How many datagrams the kernel had no room for so far.
@@ -87,10 +80,7 @@ impl Bus {
             };
             match Message::receive(raw.channel, raw.data) {
                 Some(Ok(message)) => {
-                    return Received::Message {
-                        at: clock::received(now, raw.received_ns),
-                        message,
-                    };
+                    return Received::Message { at: clock::received(now, raw.received_ns), message };
                 }
                 Some(Err(error)) => return malformed(&raw, &error),
                 // A pattern may match what is not ours.
@@ -101,10 +91,7 @@ impl Bus {
 
     /// Takes what has come, as it is.
     pub fn receive_raw(&mut self) -> Result<Option<Raw<'_>>, String> {
-        let received = self
-            .lcm
-            .recv()
-            .map_err(|error| format!("LCM bus: {error}"))?;
+        let received = self.lcm.recv().map_err(|error| format!("LCM bus: {error}"))?;
         Ok(received.map(|message| Raw {
             channel: message.channel,
             data: message.payload,
@@ -116,15 +103,9 @@ impl Bus {
 fn malformed(raw: &Raw<'_>, error: &DecodeError) -> Received {
     // The kind of error without its numbers, which differ from message to message.
     let kind = format!("{error:?}");
-    let kind = kind
-        .split(|c: char| !c.is_alphanumeric())
-        .next()
-        .unwrap_or_default();
+    let kind = kind.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
     let subject = format!("{} {kind}", raw.channel);
-    Received::Malformed {
-        subject,
-        why: format!("{} bytes are dropped: {error}", raw.data.len()),
-    }
+    Received::Malformed { subject, why: format!("{} bytes are dropped: {error}", raw.data.len()) }
 }
 
 impl AsFd for Bus {

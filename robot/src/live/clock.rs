@@ -18,9 +18,7 @@ pub fn wall() -> u64 {
 /// How the monotonic scale stands against the wall clock now; a process takes it once.
 #[must_use]
 pub fn epoch() -> Epoch {
-    Epoch {
-        offset_us: (wall() / 1000) as i64 - (now().as_nanos() / 1000) as i64,
-    }
+    Epoch { offset_us: (wall() / 1000) as i64 - (now().as_nanos() / 1000) as i64 }
 }
 
 /// The moment on the monotonic scale of a kernel's receive time on the wall clock. Never after `now`; a step of the

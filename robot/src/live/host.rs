@@ -75,38 +75,20 @@ impl Host {
         // Before anything else may start a thread: all of them inherit the mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
         let mut channels: Vec<&str> = vec![messages::Channel::CmCmdState.name()];
-        channels.extend(
-            shell
-                .module()
-                .subscriptions()
-                .iter()
-                .map(|channel| channel.name()),
-        );
+        channels.extend(shell.module().subscriptions().iter().map(|channel| channel.name()));
         channels.dedup();
         let bus = Bus::open(&config.lcm_url, &channels)?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
-        let ports: Vec<Port> = specs
-            .iter()
-            .zip(config.ports)
-            .map(|(spec, config)| Port::new(spec.bus.clone(), config))
-            .collect();
+        let ports: Vec<Port> =
+            specs.iter().zip(config.ports).map(|(spec, config)| Port::new(spec.bus.clone(), config)).collect();
         let polled = |errno: Errno| format!("epoll: {}", errno.desc());
         let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(polled)?;
-        let timer = TimerFd::new(
-            ClockId::CLOCK_MONOTONIC,
-            TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC,
-        )
-        .map_err(|errno| format!("timerfd: {}", errno.desc()))?;
-        epoll
-            .add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER))
-            .map_err(polled)?;
-        epoll
-            .add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS))
-            .map_err(polled)?;
-        epoll
-            .add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS))
-            .map_err(polled)?;
+        let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC)
+            .map_err(|errno| format!("timerfd: {}", errno.desc()))?;
+        epoll.add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER)).map_err(polled)?;
+        epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
+        epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
         let epoch = clock::epoch();
         Ok(Self {
             log: Log::new(shell.name()),
@@ -119,9 +101,7 @@ impl Host {
             lost: (0, None),
             notes: vec![String::new(); ports.len()],
             ports,
-            processes: config
-                .launch
-                .map(|launch| Processes::new(clock::now(), launch)),
+            processes: config.launch.map(|launch| Processes::new(clock::now(), launch)),
             epoll,
             timer,
             armed: None,
@@ -141,9 +121,7 @@ impl Host {
             {
                 return Ok(code);
             }
-            let count = self
-                .wait(now, &mut ready)
-                .map_err(|errno| format!("epoll: {}", errno.desc()))?;
+            let count = self.wait(now, &mut ready).map_err(|errno| format!("epoll: {}", errno.desc()))?;
             for event in &ready[..count] {
                 match event.data() {
                     TIMER => self.timer_fired(),
@@ -187,12 +165,8 @@ impl Host {
         match due {
             // Zero would disarm it.
             Some(due) => {
-                let at =
-                    TimeSpec::from_duration(std::time::Duration::from_nanos(due.as_nanos().max(1)));
-                self.timer.set(
-                    Expiration::OneShot(at),
-                    TimerSetTimeFlags::TFD_TIMER_ABSTIME,
-                )
+                let at = TimeSpec::from_duration(std::time::Duration::from_nanos(due.as_nanos().max(1)));
+                self.timer.set(Expiration::OneShot(at), TimerSetTimeFlags::TFD_TIMER_ABSTIME)
             }
             None => self.timer.unset(),
         }
@@ -244,15 +218,11 @@ impl Host {
                 }
                 FromBus::Message { at, message } => {
                     if self.shell.wants(message.channel()) {
-                        self.feed(Event::Message {
-                            at,
-                            message: &message,
-                        });
+                        self.feed(Event::Message { at, message: &message });
                     }
                 }
                 FromBus::Malformed { subject, why } => {
-                    let report =
-                        Report::new(Severity::Warning, Fault::MessageMalformed, subject, why);
+                    let report = Report::new(Severity::Warning, Fault::MessageMalformed, subject, why);
                     self.shell.raise(now, report, &mut self.out);
                     self.act();
                 }
@@ -311,12 +281,7 @@ impl Host {
         match sent {
             Ok(()) if self.bus_refuses => {
                 self.bus_refuses = false;
-                let report = Report::new(
-                    Severity::Notice,
-                    Fault::PortDown,
-                    "lcm",
-                    "messages leave again",
-                );
+                let report = Report::new(Severity::Notice, Fault::PortDown, "lcm", "messages leave again");
                 self.shell.clear(now, report, &mut self.out);
             }
             Ok(()) => {}
@@ -333,17 +298,10 @@ impl Host {
         let count = self.bus.kernel_dropped();
         if count > self.lost.0 {
             self.lost = (count, Some(now));
-            self.raise(
-                Fault::PortOverrun,
-                "lcm",
-                "messages are lost: they come faster than they are taken",
-            );
+            self.raise(Fault::PortOverrun, "lcm", "messages are lost: they come faster than they are taken");
         } else if self.lost.1.is_some_and(|at| now.since(at) >= LOSSES_OVER) {
             self.lost.1 = None;
-            let message = format!(
-                "no message lost for {} s; {count} in all",
-                LOSSES_OVER.as_secs()
-            );
+            let message = format!("no message lost for {} s; {count} in all", LOSSES_OVER.as_secs());
             let report = Report::new(Severity::Notice, Fault::PortOverrun, "lcm", message);
             self.shell.clear(now, report, &mut self.out);
             self.act();
@@ -376,12 +334,7 @@ impl Host {
             Ok(true) => {
                 if port.overrun && !port.device.wants_to_write() {
                     port.overrun = false;
-                    let report = Report::new(
-                        Severity::Notice,
-                        Fault::PortOverrun,
-                        &*port.name,
-                        "output leaves again",
-                    );
+                    let report = Report::new(Severity::Notice, Fault::PortOverrun, &*port.name, "output leaves again");
                     self.shell.clear(now, report, &mut self.out);
                 }
                 self.watch_writing(index);
@@ -419,10 +372,7 @@ impl Host {
         let now = clock::now();
         // Closing its descriptor takes it out of the epoll.
         self.ports[index].lose(now);
-        let event = Event::Port {
-            port: PortId(index as u8),
-            input: Input::Down(reason),
-        };
+        let event = Event::Port { port: PortId(index as u8), input: Input::Down(reason) };
         self.shell.handle(now, event, &mut self.out);
     }
 
@@ -431,28 +381,15 @@ impl Host {
         let id = PortId(index as u8);
         match self.ports[index].try_open(now) {
             Some(Ok(())) => match self.watch(index) {
-                Ok(()) => self.feed(Event::Port {
-                    port: id,
-                    input: Input::Up,
-                }),
+                Ok(()) => self.feed(Event::Port { port: id, input: Input::Up }),
                 Err(errno) => self.lose(index, errno.desc()),
             },
-            Some(Err(reason)) => self.feed(Event::Port {
-                port: id,
-                input: Input::Down(&reason),
-            }),
+            Some(Err(reason)) => self.feed(Event::Port { port: id, input: Input::Down(&reason) }),
             None => {}
         }
-        while self.ports[index]
-            .device
-            .sent_at()
-            .is_some_and(|at| at <= now)
-        {
+        while self.ports[index].device.sent_at().is_some_and(|at| at <= now) {
             self.ports[index].device.sent_told();
-            self.feed(Event::Port {
-                port: id,
-                input: Input::Sent,
-            });
+            self.feed(Event::Port { port: id, input: Input::Sent });
         }
     }
 
@@ -463,9 +400,7 @@ impl Host {
             false => EpollFlags::EPOLLIN,
         };
         let event = EpollEvent::new(flags, PORTS + index as u64);
-        port.device
-            .fd()
-            .map_or(Ok(()), |fd| self.epoll.add(fd, event))
+        port.device.fd().map_or(Ok(()), |fd| self.epoll.add(fd, event))
     }
 
     fn port_ready(&mut self, index: usize, flags: EpollFlags) {
@@ -473,8 +408,7 @@ impl Host {
             return;
         };
         // An error or a hang-up is found by reading.
-        port.more |=
-            flags.intersects(EpollFlags::EPOLLIN | EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR);
+        port.more |= flags.intersects(EpollFlags::EPOLLIN | EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR);
         if flags.contains(EpollFlags::EPOLLOUT) && port.state == PortState::Up {
             match port.device.on_writable(clock::now()) {
                 Ok(()) => self.watch_writing(index),
@@ -495,8 +429,7 @@ impl Host {
             match port.device.receive(now) {
                 Ok(Received::Nothing) => port.more = false,
                 Ok(Received::Input(input)) => {
-                    self.shell
-                        .handle(now, Event::Port { port: id, input }, &mut self.out);
+                    self.shell.handle(now, Event::Port { port: id, input }, &mut self.out);
                 }
                 Ok(Received::Fault(fault, why)) => {
                     let report = Report::new(Severity::Warning, fault, &*port.name, why);

@@ -15,9 +15,7 @@ impl Log {
     /// A log of a module.
     #[must_use]
     pub fn new(module: &str) -> Self {
-        Self {
-            module: module.into(),
-        }
+        Self { module: module.into() }
     }
 
     /// One report.
@@ -50,13 +48,7 @@ impl Display for Shown<'_> {
         }
         // A message must not make two lines, whatever a peer put into it.
         f.write_str(": ")?;
-        report.message.chars().try_for_each(|c| {
-            if c.is_control() {
-                f.write_str(" ")
-            } else {
-                write!(f, "{c}")
-            }
-        })
+        report.message.chars().try_for_each(|c| if c.is_control() { f.write_str(" ") } else { write!(f, "{c}") })
     }
 }
 
@@ -78,25 +70,14 @@ mod tests {
 
     #[test]
     fn a_report_is_one_line_that_names_what_it_is_about() {
-        let report = Report::new(
-            Severity::Warning,
-            Fault::BoardLost,
-            "sd1_front",
-            "no answer\nfor 2 s",
-        );
-        assert_eq!(
-            Shown(&report).to_string(),
-            "WARNING BoardLost sd1_front: no answer for 2 s"
-        );
+        let report = Report::new(Severity::Warning, Fault::BoardLost, "sd1_front", "no answer\nfor 2 s");
+        assert_eq!(Shown(&report).to_string(), "WARNING BoardLost sd1_front: no answer for 2 s");
         let report = Report::new(Severity::Error, Fault::WatchdogSilent, "", "it stops");
         assert_eq!(Shown(&report).to_string(), "ERROR WatchdogSilent: it stops");
     }
 
     #[test]
     fn the_time_of_the_day_has_milliseconds() {
-        assert_eq!(
-            TimeOfDay(86_400_000_000_000 + 45_296_789_999_999).to_string(),
-            "12:34:56.789"
-        );
+        assert_eq!(TimeOfDay(86_400_000_000_000 + 45_296_789_999_999).to_string(), "12:34:56.789");
     }
 }

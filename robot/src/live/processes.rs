@@ -51,12 +51,7 @@ impl Processes {
     /// None yet.
     #[must_use]
     pub fn new(now: Instant, launch: Launch) -> Self {
-        let value = |name, usual| {
-            sysconf(name)
-                .ok()
-                .flatten()
-                .map_or(usual, |value| value as f64)
-        };
+        let value = |name, usual| sysconf(name).ok().flatten().map_or(usual, |value| value as f64);
         Self {
             launch,
             running: Vec::new(),
@@ -83,11 +78,7 @@ impl Processes {
         self.news.push_back(match command.spawn() {
             Ok(child) => {
                 let pid = child.id();
-                self.running.push(Process {
-                    child,
-                    ticks: 0,
-                    measured: now,
-                });
+                self.running.push(Process { child, ticks: 0, measured: now });
                 News::Started { module, pid }
             }
             Err(error) => {
@@ -110,10 +101,7 @@ impl Processes {
         let news = &mut self.news;
         self.running.retain_mut(|process| {
             let status = end_of(process);
-            news.extend(status.map(|status| News::Exited {
-                pid: process.child.id(),
-                status,
-            }));
+            news.extend(status.map(|status| News::Exited { pid: process.child.id(), status }));
             status.is_none()
         });
     }
@@ -131,11 +119,7 @@ impl Processes {
             let seconds = now.since(process.measured).as_secs_f64().max(1e-3);
             let cpu = ticks.saturating_sub(process.ticks) as f64 / self.ticks_per_second / seconds;
             (process.ticks, process.measured) = (ticks, now);
-            self.news.push_back(News::Usage {
-                pid,
-                cpu,
-                rss: (pages as f64 * self.page) as i64,
-            });
+            self.news.push_back(News::Usage { pid, cpu, rss: (pages as f64 * self.page) as i64 });
         }
     }
 
@@ -153,15 +137,8 @@ impl Processes {
         take(match &news {
             News::Started { module, pid } => ProcessEvent::Started { module, pid: *pid },
             News::Unstartable { module, reason } => ProcessEvent::Unstartable { module, reason },
-            News::Exited { pid, status } => ProcessEvent::Exited {
-                pid: *pid,
-                status: *status,
-            },
-            News::Usage { pid, cpu, rss } => ProcessEvent::Usage {
-                pid: *pid,
-                cpu: *cpu,
-                rss: *rss,
-            },
+            News::Exited { pid, status } => ProcessEvent::Exited { pid: *pid, status: *status },
+            News::Usage { pid, cpu, rss } => ProcessEvent::Usage { pid: *pid, cpu: *cpu, rss: *rss },
         });
         true
     }
@@ -209,10 +186,7 @@ mod tests {
             command
         });
         let mut processes = Processes::new(clock::now(), launch);
-        let spawn = ProcessCommand::Spawn {
-            module: "m".into(),
-            wanted: State::Run,
-        };
+        let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
         processes.command(clock::now(), spawn);
         let mut started = 0;
         assert!(processes.poll_event(|event| match event {
@@ -255,8 +229,7 @@ mod tests {
         let dir = std::env::temp_dir().join(format!("advee-group-{}", std::process::id()));
         let path = dir.display().to_string();
         // The shell waits for a child of its own; both get the signal.
-        let script: &'static str =
-            format!("sleep 100 & echo $! > {path}.new; mv {path}.new {path}; wait").leak();
+        let script: &'static str = format!("sleep 100 & echo $! > {path}.new; mv {path}.new {path}; wait").leak();
         let (mut processes, pid) = start(script);
         let child = loop {
             match fs::read_to_string(&dir) {
@@ -298,12 +271,7 @@ mod tests {
     fn a_strange_pid_is_left_alone() {
         let (mut processes, pid) = start("sleep 100");
         // Ourselves: this test would not live to tell.
-        processes.command(
-            clock::now(),
-            ProcessCommand::Kill {
-                pid: std::process::id(),
-            },
-        );
+        processes.command(clock::now(), ProcessCommand::Kill { pid: std::process::id() });
         processes.command(clock::now(), ProcessCommand::Kill { pid });
         assert_eq!(end(&mut processes), ExitStatus::Signal(9));
     }
@@ -328,19 +296,13 @@ mod tests {
     fn a_command_that_is_not_there_is_told() {
         let launch: Launch = Box::new(|_, _| Command::new("/nonexistent/module"));
         let mut processes = Processes::new(clock::now(), launch);
-        let spawn = ProcessCommand::Spawn {
-            module: "m".into(),
-            wanted: State::Run,
-        };
+        let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
         processes.command(clock::now(), spawn);
         let mut told = String::new();
         assert!(processes.poll_event(|event| match event {
             ProcessEvent::Unstartable { reason, .. } => told = reason.into(),
             other => panic!("{other:?}"),
         }));
-        assert_eq!(
-            told,
-            "/nonexistent/module: No such file or directory (os error 2)"
-        );
+        assert_eq!(told, "/nonexistent/module: No such file or directory (os error 2)");
     }
 }

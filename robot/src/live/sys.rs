@@ -41,19 +41,9 @@ pub fn open_can(interface: &str, errors: u32) -> io::Result<OwnedFd> {
     check(fd)?;
     // SAFETY: `fd` was just opened and belongs to nobody else.
     let socket = unsafe { OwnedFd::from_raw_fd(fd) };
-    set_option(
-        &socket,
-        libc::SOL_CAN_RAW,
-        libc::CAN_RAW_ERR_FILTER,
-        &errors,
-    )?;
+    set_option(&socket, libc::SOL_CAN_RAW, libc::CAN_RAW_ERR_FILTER, &errors)?;
     // The kernel takes no less than SOCK_MIN_SNDBUF, room for about ten frames.
-    set_option(
-        &socket,
-        libc::SOL_SOCKET,
-        libc::SO_SNDBUF,
-        &(0 as libc::c_int),
-    )?;
+    set_option(&socket, libc::SOL_SOCKET, libc::SO_SNDBUF, &(0 as libc::c_int))?;
     let index = nix::net::if_::if_nametoindex(interface)?;
     // SAFETY: all zeros is a valid sockaddr_can.
     let mut address: libc::sockaddr_can = unsafe { mem::zeroed() };
@@ -65,29 +55,12 @@ pub fn open_can(interface: &str, errors: u32) -> io::Result<OwnedFd> {
     Ok(socket)
 }
 
-fn set_option<T>(
-    socket: &OwnedFd,
-    level: libc::c_int,
-    name: libc::c_int,
-    value: &T,
-) -> io::Result<()> {
+fn set_option<T>(socket: &OwnedFd, level: libc::c_int, name: libc::c_int, value: &T) -> io::Result<()> {
     let length = mem::size_of::<T>() as libc::socklen_t;
     // SAFETY: `value` is live and of the length given; the kernel only reads it.
-    check(unsafe {
-        libc::setsockopt(
-            socket.as_raw_fd(),
-            level,
-            name,
-            (&raw const *value).cast(),
-            length,
-        )
-    })
+    check(unsafe { libc::setsockopt(socket.as_raw_fd(), level, name, (&raw const *value).cast(), length) })
 }
 
 fn check(result: libc::c_int) -> io::Result<()> {
-    if result < 0 {
-        Err(io::Error::last_os_error())
-    } else {
-        Ok(())
-    }
+    if result < 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }

@@ -48,21 +48,8 @@ struct Toy {
 impl Toy {
     fn new(life: Duration, bus: Option<(&str, Line)>, send: Option<Output>) -> (Self, Notes) {
         let notes = Notes::default();
-        let ports = bus
-            .map(|(bus, line)| PortSpec {
-                bus: bus.into(),
-                line,
-            })
-            .into_iter()
-            .collect();
-        let toy = Self {
-            ports,
-            notes: notes.clone(),
-            next: None,
-            end: None,
-            life,
-            send,
-        };
+        let ports = bus.map(|(bus, line)| PortSpec { bus: bus.into(), line }).into_iter().collect();
+        let toy = Self { ports, notes: notes.clone(), next: None, end: None, life, send };
         (toy, notes)
     }
 
@@ -96,48 +83,25 @@ impl Module for Toy {
                 self.next = self.next.map(|next| next + Duration::from_millis(10));
                 self.note("tick");
             }
-            Event::Message {
-                at,
-                message: Message::LlDataOdo(odo),
-            } => {
+            Event::Message { at, message: Message::LlDataOdo(odo) } => {
                 assert!(at <= now && now.since(at) < Duration::from_secs(1));
                 self.note(format!("odo {}", odo.ticks_left));
-                out.publish(lowlevel::DataBus {
-                    bus: format!("{}", odo.ticks_left),
-                    ..Default::default()
-                });
+                out.publish(lowlevel::DataBus { bus: format!("{}", odo.ticks_left), ..Default::default() });
             }
-            Event::Port {
-                input: Input::Up, ..
-            } => {
+            Event::Port { input: Input::Up, .. } => {
                 self.note("up");
                 if let Some(output) = self.send.clone() {
                     out.push(module::Action::Send(PortId(0), output));
                 }
             }
-            Event::Port {
-                input: Input::Down(reason),
-                ..
-            } => self.note(format!("down {reason}")),
-            Event::Port {
-                input: Input::Sent, ..
-            } => self.note("sent"),
-            Event::Port {
-                input: Input::Words(words),
-                ..
-            } => {
-                words.iter().for_each(|word| {
-                    self.note(format!(
-                        "{:02x}{}",
-                        word.byte,
-                        if word.ninth { "!" } else { "" }
-                    ))
-                });
+            Event::Port { input: Input::Down(reason), .. } => self.note(format!("down {reason}")),
+            Event::Port { input: Input::Sent, .. } => self.note("sent"),
+            Event::Port { input: Input::Words(words), .. } => {
+                words
+                    .iter()
+                    .for_each(|word| self.note(format!("{:02x}{}", word.byte, if word.ninth { "!" } else { "" })));
             }
-            Event::Port {
-                input: Input::Can(frame),
-                ..
-            } => self.note(format!("{:?}", frame.data())),
+            Event::Port { input: Input::Can(frame), .. } => self.note(format!("{:?}", frame.data())),
             Event::State(state) => self.note(state.name()),
             Event::Message { .. } | Event::Process(_) => {}
         }
@@ -150,24 +114,11 @@ impl Module for Toy {
 
 fn host(toy: Toy, lcm_url: &str, ports: Vec<PortConfig>) -> u8 {
     let shell = Shell::new(ShellConfig::new("toy"), Box::new(toy));
-    run(
-        shell,
-        HostConfig {
-            lcm_url: lcm_url.into(),
-            ports,
-            launch: None,
-        },
-    )
-    .unwrap()
+    run(shell, HostConfig { lcm_url: lcm_url.into(), ports, launch: None }).unwrap()
 }
 
 fn count(notes: &Notes, what: &str) -> usize {
-    notes
-        .lock()
-        .unwrap()
-        .iter()
-        .filter(|note| *note == what)
-        .count()
+    notes.lock().unwrap().iter().filter(|note| *note == what).count()
 }
 
 const SHORT: Duration = Duration::from_millis(300);
@@ -177,15 +128,9 @@ fn timers_come_on_their_grid_and_sigterm_ends_in_good_order() {
     let (shell, notes) = Toy::new(SHORT, None, None);
     assert_eq!(host(shell, &lcm_url(), Vec::new()), 0);
     let ticks = count(&notes, "tick");
-    assert!(
-        (25..=32).contains(&ticks),
-        "{ticks} ticks of 10 ms in 300 ms"
-    );
+    assert!((25..=32).contains(&ticks), "{ticks} ticks of 10 ms in 300 ms");
     let notes = notes.lock().unwrap();
-    assert_eq!(
-        (notes[0].as_str(), notes[notes.len() - 1].as_str()),
-        ("RUN", "TERMINATE")
-    );
+    assert_eq!((notes[0].as_str(), notes[notes.len() - 1].as_str()), ("RUN", "TERMINATE"));
 }
 
 #[test]
@@ -193,8 +138,7 @@ fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
     let url = lcm_url();
     let (shell, notes) = Toy::new(Duration::from_millis(600), None, None);
     let mut lcm = lcm::live::Lcm::new(&lcm::Url::parse(&url).unwrap().0).unwrap();
-    lcm.subscribe("LL_DATA_BUS|CM_DATA_STATE|CM_EVENT_ERROR")
-        .unwrap();
+    lcm.subscribe("LL_DATA_BUS|CM_DATA_STATE|CM_EVENT_ERROR").unwrap();
     let peer = thread::spawn(move || {
         let (mut answers, mut states, mut errors) = (Vec::new(), Vec::new(), Vec::new());
         let mut sent = false;
@@ -202,10 +146,7 @@ fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
         while clock::now() < until && !states.contains(&5) {
             lcm.wait(Duration::from_millis(20)).unwrap();
             while let Some(received) = lcm.recv().unwrap() {
-                match Message::receive(received.channel, received.payload)
-                    .unwrap()
-                    .unwrap()
-                {
+                match Message::receive(received.channel, received.payload).unwrap().unwrap() {
                     Message::LlDataBus(bus) => answers.push(bus.bus),
                     Message::CmDataState(state) => states.push(state.state),
                     Message::CmEventError(error) => errors.push(error.message),
@@ -217,19 +158,12 @@ fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
                 let mut data = Vec::new();
                 for ticks_left in 0..200 {
                     data.clear();
-                    Message::from(lowlevel::DataOdo {
-                        ticks_left,
-                        ..Default::default()
-                    })
-                    .encode(&mut data)
-                    .unwrap();
+                    Message::from(lowlevel::DataOdo { ticks_left, ..Default::default() }).encode(&mut data).unwrap();
                     lcm.publish("LL_DATA_ODO", &data).unwrap();
                     // Too short, and of another type.
                     lcm.publish("LL_DATA_ODO", &data[..9]).unwrap();
                     data.clear();
-                    Message::from(common::DataState::default())
-                        .encode(&mut data)
-                        .unwrap();
+                    Message::from(common::DataState::default()).encode(&mut data).unwrap();
                     lcm.publish("LL_DATA_ODO", &data).unwrap();
                 }
             }
@@ -241,11 +175,7 @@ fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
     let expected: Vec<String> = (0..200).map(|count| count.to_string()).collect();
     assert_eq!(answers, expected, "all, in order");
     assert_eq!(count(&notes, "odo 199"), 1);
-    assert_eq!(
-        (states.first(), states.last()),
-        (Some(&1), Some(&5)),
-        "INIT to TERMINATE"
-    );
+    assert_eq!((states.first(), states.last()), (Some(&1), Some(&5)), "INIT to TERMINATE");
     assert_eq!(errors.len(), 2, "one for each kind: {errors:?}");
 }
 
@@ -256,9 +186,7 @@ fn a_flood_of_messages_does_not_hold_timers_up() {
     let (toy, notes) = Toy::new(SHORT, None, None);
     let flood = thread::spawn(move || {
         let mut data = Vec::new();
-        Message::from(lowlevel::DataOdo::default())
-            .encode(&mut data)
-            .unwrap();
+        Message::from(lowlevel::DataOdo::default()).encode(&mut data).unwrap();
         let until = clock::now() + SHORT;
         while clock::now() < until {
             let _ = lcm.publish("LL_DATA_ODO", &data);
@@ -267,47 +195,24 @@ fn a_flood_of_messages_does_not_hold_timers_up() {
     assert_eq!(host(toy, &url, Vec::new()), 0);
     flood.join().unwrap();
     assert!(count(&notes, "odo 0") > 1000);
-    assert!(
-        count(&notes, "tick") >= 15,
-        "{} ticks of 10 ms in 300 ms",
-        count(&notes, "tick")
-    );
+    assert!(count(&notes, "tick") >= 15, "{} ticks of 10 ms in 300 ms", count(&notes, "tick"));
 }
 
 #[test]
 fn words_cross_a_pair_of_pseudo_terminal_and_terminal() {
     let link = path("line");
-    let words = [
-        Word::address(0x20),
-        Word::data(0xFF),
-        Word::data(0x00),
-        Word::address(0xFF),
-    ];
+    let words = [Word::address(0x20), Word::data(0xFF), Word::data(0x00), Word::address(0xFF)];
     let line = Some(("rs485.a", Line::Serial { baud: 115_200 }));
     let (simulator, heard) = Toy::new(Duration::from_millis(600), line, None);
     let (driver, answered) = Toy::new(SHORT, line, Some(Output::Words(words.to_vec())));
-    let (offer, url) = (
-        PortConfig::Pseudo {
-            link: link.clone(),
-            baud: 115_200,
-        },
-        lcm_url(),
-    );
+    let (offer, url) = (PortConfig::Pseudo { link: link.clone(), baud: 115_200 }, lcm_url());
     let other_url = lcm_url();
     let side = thread::spawn(move || host(simulator, &url, vec![offer]));
-    let taken = PortConfig::Terminal {
-        path: link.clone(),
-        baud: 115_200,
-    };
+    let taken = PortConfig::Terminal { path: link.clone(), baud: 115_200 };
     assert_eq!(host(driver, &other_url, vec![taken]), 0);
     assert_eq!(side.join().unwrap(), 0);
-    let heard: Vec<String> = heard
-        .lock()
-        .unwrap()
-        .iter()
-        .filter(|note| note.len() <= 3 && *note != "RUN")
-        .cloned()
-        .collect();
+    let heard: Vec<String> =
+        heard.lock().unwrap().iter().filter(|note| note.len() <= 3 && *note != "RUN").cloned().collect();
     assert_eq!(heard, ["up", "20!", "ff", "00", "ff!"]);
     assert_eq!((count(&answered, "up"), count(&answered, "sent")), (1, 1));
     assert!(!link.is_symlink(), "the link is removed");
@@ -321,42 +226,17 @@ fn a_port_that_is_not_there_is_told_once_and_found_when_it_comes() {
     let late = link.clone();
     let simulator = thread::spawn(move || {
         thread::sleep(Duration::from_millis(200));
-        let mut port = Port::new(
-            "rs485.a".into(),
-            PortConfig::Pseudo {
-                link: late,
-                baud: 115_200,
-            },
-        );
+        let mut port = Port::new("rs485.a".into(), PortConfig::Pseudo { link: late, baud: 115_200 });
         port.device.open().unwrap();
         thread::sleep(Duration::from_millis(200));
     });
-    assert_eq!(
-        host(
-            driver,
-            &lcm_url(),
-            vec![PortConfig::Terminal {
-                path: link.clone(),
-                baud: 115_200
-            }]
-        ),
-        0
-    );
+    assert_eq!(host(driver, &lcm_url(), vec![PortConfig::Terminal { path: link.clone(), baud: 115_200 }]), 0);
     simulator.join().unwrap();
-    let notes: Vec<String> = notes
-        .lock()
-        .unwrap()
-        .iter()
-        .filter(|note| *note != "tick")
-        .cloned()
-        .collect();
+    let notes: Vec<String> = notes.lock().unwrap().iter().filter(|note| *note != "tick").cloned().collect();
     let absent = format!("down {}: No such file or directory", link.display());
     assert_eq!(notes.len(), 5, "{notes:?}");
     assert_eq!((&notes[1], notes[2].as_str()), (&absent, "up"));
-    assert!(
-        notes[3].starts_with("down "),
-        "lost with its other side: {notes:?}"
-    );
+    assert!(notes[3].starts_with("down "), "lost with its other side: {notes:?}");
 }
 
 /// Takes inputs until there is one, for a second at most.
@@ -374,50 +254,20 @@ fn next_words(port: &mut dyn Device) -> Vec<Word> {
 #[test]
 fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
     let link = path("again");
-    let mut simulator = Port::new(
-        "a".into(),
-        PortConfig::Pseudo {
-            link: link.clone(),
-            baud: 115_200,
-        },
-    );
+    let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     assert_eq!(simulator.try_open(clock::now()), Some(Ok(())));
     for byte in [1, 2] {
-        let mut driver = Port::new(
-            "a".into(),
-            PortConfig::Terminal {
-                path: link.clone(),
-                baud: 115_200,
-            },
-        );
+        let mut driver = Port::new("a".into(), PortConfig::Terminal { path: link.clone(), baud: 115_200 });
         assert_eq!(driver.try_open(clock::now()), Some(Ok(())));
         let words = vec![Word::address(byte)];
-        assert_eq!(
-            driver
-                .device
-                .send(clock::now(), &Output::Words(words.clone())),
-            Ok(true)
-        );
+        assert_eq!(driver.device.send(clock::now(), &Output::Words(words.clone())), Ok(true));
         assert_eq!(next_words(&mut *simulator.device), words);
-        assert_eq!(
-            simulator
-                .device
-                .send(clock::now(), &Output::Words(words.clone())),
-            Ok(true)
-        );
+        assert_eq!(simulator.device.send(clock::now(), &Output::Words(words.clone())), Ok(true));
         assert_eq!(next_words(&mut *driver.device), words);
         driver.device.close();
         // Nobody listens: the words are gone, their time passes all the same, and the next listener hears nothing old.
-        assert!(matches!(
-            simulator.device.receive(clock::now()),
-            Ok(Received::Nothing)
-        ));
-        assert_eq!(
-            simulator
-                .device
-                .send(clock::now(), &Output::Words(vec![Word::data(9); 100])),
-            Ok(true)
-        );
+        assert!(matches!(simulator.device.receive(clock::now()), Ok(Received::Nothing)));
+        assert_eq!(simulator.device.send(clock::now(), &Output::Words(vec![Word::data(9); 100])), Ok(true));
         assert!(!simulator.device.wants_to_write() && simulator.device.sent_at().is_some());
     }
     drop(simulator);
@@ -427,36 +277,17 @@ fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
 #[test]
 fn sent_is_told_after_the_time_on_the_wire() {
     let link = path("wire");
-    let mut simulator = Port::new(
-        "a".into(),
-        PortConfig::Pseudo {
-            link: link.clone(),
-            baud: 9600,
-        },
-    );
+    let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 9600 });
     simulator.device.open().unwrap();
-    let mut driver = Port::new(
-        "a".into(),
-        PortConfig::Terminal {
-            path: link,
-            baud: 9600,
-        },
-    );
+    let mut driver = Port::new("a".into(), PortConfig::Terminal { path: link, baud: 9600 });
     driver.device.open().unwrap();
     let now = clock::now();
     let words = Output::Words(vec![Word::data(0); 96]);
     assert_eq!(driver.device.send(now, &words), Ok(true));
     assert_eq!(driver.device.send(now, &words), Ok(true));
-    assert_eq!(
-        driver.device.sent_at(),
-        Some(now + Duration::from_millis(110))
-    );
+    assert_eq!(driver.device.sent_at(), Some(now + Duration::from_millis(110)));
     driver.device.sent_told();
-    assert_eq!(
-        driver.device.sent_at(),
-        Some(now + Duration::from_millis(220)),
-        "one after the other"
-    );
+    assert_eq!(driver.device.sent_at(), Some(now + Duration::from_millis(220)), "one after the other");
     driver.device.sent_told();
     // What does not leave is bounded, and refused whole.
     let refused = (0..200).find(|_| driver.device.send(now, &words) == Ok(false));
@@ -466,29 +297,11 @@ fn sent_is_told_after_the_time_on_the_wire() {
 #[test]
 fn a_terminal_is_held_by_one_unless_that_one_is_root() {
     let link = path("held");
-    let mut simulator = Port::new(
-        "a".into(),
-        PortConfig::Pseudo {
-            link: link.clone(),
-            baud: 115_200,
-        },
-    );
+    let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     simulator.device.open().unwrap();
-    let mut first = Port::new(
-        "a".into(),
-        PortConfig::Terminal {
-            path: link.clone(),
-            baud: 115_200,
-        },
-    );
+    let mut first = Port::new("a".into(), PortConfig::Terminal { path: link.clone(), baud: 115_200 });
     first.device.open().unwrap();
-    let mut second = Port::new(
-        "a".into(),
-        PortConfig::Terminal {
-            path: link.clone(),
-            baud: 115_200,
-        },
-    );
+    let mut second = Port::new("a".into(), PortConfig::Terminal { path: link.clone(), baud: 115_200 });
     match second.device.open() {
         Ok(()) => assert!(nix::unistd::geteuid().is_root()),
         Err(why) => assert_eq!(why, format!("{}: Device or resource busy", link.display())),
@@ -506,10 +319,7 @@ fn frames_cross_a_multicast_bus_without_one_s_own_and_without_nonsense() {
     }
     let [left, right] = &mut ends;
     let frame = can::Frame::standard(0x181, &[1, 2, 3]);
-    assert_eq!(
-        left.device.send(clock::now(), &Output::Can(frame)),
-        Ok(true)
-    );
+    assert_eq!(left.device.send(clock::now(), &Output::Can(frame)), Ok(true));
     let stranger = UdpSocket::bind("0.0.0.0:0").unwrap();
     stranger.set_multicast_ttl_v4(0).unwrap();
     stranger.send_to(b"nonsense", bus).unwrap();
@@ -523,19 +333,12 @@ fn frames_cross_a_multicast_bus_without_one_s_own_and_without_nonsense() {
         }
     }
     assert_eq!(heard, ["[1, 2, 3]", "no frame: it is no map"]);
-    let Ok(Received::Fault(..)) = left.device.receive(clock::now()) else {
-        panic!("its own frame, or nothing")
-    };
-    assert!(matches!(
-        left.device.receive(clock::now()),
-        Ok(Received::Nothing)
-    ));
+    let Ok(Received::Fault(..)) = left.device.receive(clock::now()) else { panic!("its own frame, or nothing") };
+    assert!(matches!(left.device.receive(clock::now()), Ok(Received::Nothing)));
 }
 
 #[test]
 fn a_bus_that_is_none_is_one_clear_line() {
-    let Err(why) = bus::Bus::open("tcpq://localhost", &[]) else {
-        panic!()
-    };
+    let Err(why) = bus::Bus::open("tcpq://localhost", &[]) else { panic!() };
     assert!(why.contains("udpm://") && !why.contains('\n'), "{why}");
 }

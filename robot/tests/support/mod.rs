@@ -197,7 +197,9 @@ impl Robot {
     /// Pids of processes that run with this robot's run folder on their command line.
     pub fn processes(&self) -> Vec<u32> {
         let run_dir = self.run_dir.to_string_lossy().into_owned();
-        let pids = std::fs::read_dir("/proc").expect("/proc").filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+        let pids = std::fs::read_dir("/proc")
+            .expect("/proc")
+            .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
         pids.filter(|pid: &u32| {
             *pid != std::process::id()
                 && std::fs::read(format!("/proc/{pid}/cmdline"))

@@ -33,32 +33,17 @@ pub(crate) struct Drive {
 impl Drive {
     /// The propulsion, switched off.
     pub fn propulsion(id: u8) -> Self {
-        Self::new(
-            "propulsion",
-            Kind::Epos(Epos::new()),
-            Node::new(drives::epos::dictionary(id), BOOT_TIME),
-        )
+        Self::new("propulsion", Kind::Epos(Epos::new()), Node::new(drives::epos::dictionary(id), BOOT_TIME))
     }
 
     /// The steering, switched off.
     pub fn steering(id: u8, gearing: Gearing, body: &Body) -> Self {
         let kind = Kind::Icla(Icla::new(gearing, body), gearing);
-        Self::new(
-            "steering",
-            kind,
-            Node::new(drives::icla::dictionary(id), BOOT_TIME),
-        )
+        Self::new("steering", kind, Node::new(drives::icla::dictionary(id), BOOT_TIME))
     }
 
     fn new(name: &'static str, kind: Kind, node: Node) -> Self {
-        Self {
-            name,
-            kind,
-            node,
-            silent_until: Instant::ZERO,
-            now: Instant::ZERO,
-            turned: 0.0,
-        }
+        Self { name, kind, node, silent_until: Instant::ZERO, now: Instant::ZERO, turned: 0.0 }
     }
 
     /// Switches it on, or off and on again.

@@ -1,4 +1,4 @@
-//! maxon EPOS 70/10, the propulsion: profile velocity through its ramps (facts/canopen.md 2).
+//! maxon EPOS 70/10, the propulsion: profile velocity through its ramps (docs/facts/canopen.md 2).
 //!
 //! Units     position in quadcounts, velocity in rpm of the motor, acceleration in rpm/s
 //! Power-up  mode 1; only TPDO1 is on; Enable Operation takes 40 ms (Refresh, Measure Init)
@@ -20,7 +20,7 @@ const QUICK_STOP_OPTION: i16 = 6;
 pub const HEARTBEAT: u16 = 0x8130;
 /// The motor's feed is off.
 pub const UNDERVOLTAGE: u16 = 0x3220;
-/// Wheel force per motor current, N/A (facts/robot.md 1.2: 83 N at 10 A).
+/// Wheel force per motor current, N/A (docs/facts/robot.md 1.2: 83 N at 10 A).
 const FORCE_PER_AMPERE: f64 = 8.3;
 
 /// Below this the motor stands, rpm.
@@ -113,13 +113,10 @@ impl Epos {
         let faulty = self.stage() == Stage::Fault;
         self.power.command(now, word);
         self.halted = word & HALT != 0;
-        (faulty && self.stage() != Stage::Fault).then_some(Emergency {
-            code: 0,
-            register: 0,
-        })
+        (faulty && self.stage() != Stage::Fault).then_some(Emergency { code: 0, register: 0 })
     }
 
-    /// A fault: some brake on the quick stop ramp, most switch off at once (facts/canopen.md 2.5).
+    /// A fault: some brake on the quick stop ramp, most switch off at once (docs/facts/canopen.md 2.5).
     pub fn fault(&mut self, code: u16) -> Option<Emergency> {
         let brakes = matches!(code, 0x8110..=0x8FFF | 0xFF06..=0xFF09);
         if !self.power.fault(brakes) {
@@ -151,16 +148,9 @@ impl Epos {
     /// Goes on by `dt` s; answers the motor's demanded speed, rpm; none with the power stage off.
     pub fn step(&mut self, now: Instant, dt: f64) -> Option<f64> {
         self.power.elapse(now);
-        let Settings {
-            acceleration,
-            deceleration,
-            quick_stop,
-            ..
-        } = self.settings;
+        let Settings { acceleration, deceleration, quick_stop, .. } = self.settings;
         match self.stage() {
-            Stage::Enabled => self
-                .ramp
-                .step(self.target(), acceleration, deceleration, dt),
+            Stage::Enabled => self.ramp.step(self.target(), acceleration, deceleration, dt),
             Stage::QuickStop | Stage::FaultReaction => {
                 self.ramp.step(0.0, quick_stop, quick_stop, dt);
             }

@@ -1,4 +1,4 @@
-//! Berger Lahr IclA N065, the steering: profile position, homing to a mechanical switch (facts/canopen.md 3).
+//! Berger Lahr IclA N065, the steering: profile position, homing to a mechanical switch (docs/facts/canopen.md 3).
 //!
 //! No document of the real drive was found; this is the stated assumption: CiA 402 with the objects of [`canopen::drives::icla::dictionary`].
 //!
@@ -40,10 +40,7 @@ pub struct Gearing {
 impl Default for Gearing {
     /// 4096 counts and 180:1: the dictionary's homing speed of 300 rpm turns the steering by 10°/s.
     fn default() -> Self {
-        Self {
-            counts_per_turn: 4096.0,
-            gear: 180.0,
-        }
+        Self { counts_per_turn: 4096.0, gear: 180.0 }
     }
 }
 
@@ -88,10 +85,7 @@ impl Icla {
             remote: false,
             zero: position,
             homed: false,
-            profile: PositionProfile {
-                demand: position,
-                speed: 0.0,
-            },
+            profile: PositionProfile { demand: position, speed: 0.0 },
             target: None,
             next: None,
             reached: false,
@@ -119,16 +113,10 @@ impl Icla {
     }
 
     /// The master wrote objects, of a PDO all of them: obeys the controlword.
-    pub fn written(
-        &mut self,
-        now: Instant,
-        objects: &Dictionary,
-        body: &Body,
-    ) -> Option<Emergency> {
+    pub fn written(&mut self, now: Instant, objects: &Dictionary, body: &Body) -> Option<Emergency> {
         let word = objects.get(0x6040, 0).unwrap_or(0) as u16;
         let faulty = self.stage() == Stage::Fault;
-        self.power
-            .set_quick_stop_option(objects.get(0x605A, 0).unwrap_or(2) as i16);
+        self.power.set_quick_stop_option(objects.get(0x605A, 0).unwrap_or(2) as i16);
         self.power.command(now, word);
         let rising = word & !self.before & START != 0;
         self.before = word;
@@ -142,10 +130,7 @@ impl Icla {
         } else {
             self.forget();
         }
-        (faulty && self.stage() != Stage::Fault).then_some(Emergency {
-            code: 0,
-            register: 0,
-        })
+        (faulty && self.stage() != Stage::Fault).then_some(Emergency { code: 0, register: 0 })
     }
 
     fn forget(&mut self) {
@@ -157,11 +142,7 @@ impl Icla {
     fn set_point(&mut self, objects: &Dictionary, word: u16, rising: bool) {
         if rising && !self.acknowledged {
             let target = objects.get(0x607A, 0).unwrap_or(0) as f64;
-            let from = if word & RELATIVE != 0 {
-                self.target.unwrap_or(self.profile.demand)
-            } else {
-                self.zero
-            };
+            let from = if word & RELATIVE != 0 { self.target.unwrap_or(self.profile.demand) } else { self.zero };
             let low = self.zero + objects.get(0x607D, 1).unwrap_or(i64::from(i32::MIN)) as f64;
             let high = self.zero + objects.get(0x607D, 2).unwrap_or(i64::from(i32::MAX)) as f64;
             let wanted = from + target;
@@ -188,19 +169,13 @@ impl Icla {
             _ => {}
         }
         self.forget();
-        Emergency {
-            code: HEARTBEAT,
-            register: 0x11,
-        }
+        Emergency { code: HEARTBEAT, register: 0x11 }
     }
 
     /// A fault: brakes on the quick stop ramp, then off.
     pub fn fault(&mut self, code: u16) -> Option<Emergency> {
         self.forget();
-        self.power.fault(true).then_some(Emergency {
-            code,
-            register: 0x01,
-        })
+        self.power.fault(true).then_some(Emergency { code, register: 0x01 })
     }
 
     /// Whether time alone changes nothing.
@@ -209,8 +184,7 @@ impl Icla {
         match self.stage() {
             Stage::Enabled => {
                 let idle = self.target.is_none() || self.reached;
-                let turning =
-                    objects.get(0x6060, 0) == Some(VELOCITY) && objects.get(0x60FF, 0) != Some(0);
+                let turning = objects.get(0x6060, 0) == Some(VELOCITY) && objects.get(0x60FF, 0) != Some(0);
                 self.profile.speed == 0.0 && idle && !turning && !self.homing.runs()
             }
             Stage::QuickStop => self.profile.speed == 0.0 && self.keeps_quick_stop(objects),
@@ -224,13 +198,7 @@ impl Icla {
     }
 
     /// Goes on by `dt` s; answers the demanded angle of the steering, rad; none with the power stage off.
-    pub fn step(
-        &mut self,
-        now: Instant,
-        objects: &Dictionary,
-        body: &Body,
-        dt: f64,
-    ) -> Option<f64> {
+    pub fn step(&mut self, now: Instant, objects: &Dictionary, body: &Body, dt: f64) -> Option<f64> {
         self.power.elapse(now);
         let braking = self.counts(objects, 0x6085, 0);
         match self.stage() {
@@ -238,9 +206,7 @@ impl Icla {
             Stage::QuickStop | Stage::FaultReaction => self.brake(braking, dt),
             _ => {}
         }
-        self.stage()
-            .drives()
-            .then(|| self.profile.demand / self.gearing.counts_per_radian())
+        self.stage().drives().then(|| self.profile.demand / self.gearing.counts_per_radian())
     }
 
     fn brake(&mut self, deceleration: f64, dt: f64) {
@@ -251,9 +217,7 @@ impl Icla {
 
     fn operate(&mut self, objects: &Dictionary, body: &Body, dt: f64) {
         let limits = Limits {
-            speed: self
-                .counts(objects, 0x6081, 0)
-                .min(self.counts(objects, 0x607F, 0)),
+            speed: self.counts(objects, 0x6081, 0).min(self.counts(objects, 0x607F, 0)),
             acceleration: self.counts(objects, 0x6083, 0),
             deceleration: self.counts(objects, 0x6084, 0),
         };
@@ -281,10 +245,7 @@ impl Icla {
 
     fn home(&mut self, objects: &Dictionary, body: &Body, dt: f64) {
         let acceleration = self.counts(objects, 0x609A, 0);
-        let speeds = [
-            self.counts(objects, 0x6099, 1),
-            self.counts(objects, 0x6099, 2),
-        ];
+        let speeds = [self.counts(objects, 0x6099, 1), self.counts(objects, 0x6099, 2)];
         let position = body.steering_output() * self.gearing.counts_per_radian();
         let lag = libm::fabs(self.profile.demand - position);
         let stalled = lag > objects.get(0x6065, 0).unwrap_or(0) as f64;
@@ -301,9 +262,7 @@ impl Icla {
     }
 
     fn run(&mut self, speed: f64, acceleration: f64, deceleration: f64, dt: f64) {
-        let mut ramp = SpeedRamp {
-            demand: self.profile.speed,
-        };
+        let mut ramp = SpeedRamp { demand: self.profile.speed };
         ramp.step(speed, acceleration, deceleration, dt);
         self.profile.demand += (self.profile.speed + ramp.demand) / 2.0 * dt;
         self.profile.speed = ramp.demand;
@@ -319,10 +278,7 @@ impl Icla {
         let per_radian = self.gearing.counts_per_radian();
         let position = body.steering_output() * per_radian;
         if !self.stage().drives() {
-            self.profile = PositionProfile {
-                demand: position,
-                speed: 0.0,
-            };
+            self.profile = PositionProfile { demand: position, speed: 0.0 };
         }
         let turn = self.gearing.counts_per_turn;
         let rpm = |counts: f64| libm::round(counts / turn * 60.0) as i64;
@@ -347,14 +303,10 @@ impl Icla {
         let bit = |on: bool, bit: u16| u16::from(on) << bit;
         let stopped = self.profile.speed == 0.0;
         let mode = match (self.stage(), objects.get(0x6060, 0)) {
-            (Stage::Enabled, _) if self.before & HALT != 0 => {
-                bit(stopped, 10) | bit(self.acknowledged, 12)
-            }
+            (Stage::Enabled, _) if self.before & HALT != 0 => bit(stopped, 10) | bit(self.acknowledged, 12),
             (Stage::Enabled, Some(POSITION)) => {
                 let there = self.target.is_none() || self.reached;
-                bit(there && stopped && near, 10)
-                    | bit(self.limited, 11)
-                    | bit(self.acknowledged, 12)
+                bit(there && stopped && near, 10) | bit(self.limited, 11) | bit(self.acknowledged, 12)
             }
             (Stage::Enabled, Some(VELOCITY)) => bit(stopped, 12),
             (Stage::Enabled, Some(HOMING)) => self.homing.status(stopped),

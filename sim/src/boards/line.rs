@@ -38,21 +38,12 @@ pub(crate) struct Board {
 impl Board {
     pub fn new(name: &str, slave: Slave, kind: Kind) -> Self {
         let never = Instant::ZERO;
-        Self {
-            name: name.into(),
-            kind,
-            slave,
-            silent_until: never,
-            bad_crc_until: never,
-            stuck_until: never,
-        }
+        Self { name: name.into(), kind, slave, silent_until: never, bad_crc_until: never, stuck_until: never }
     }
 
     fn answer(&mut self, now: Instant, asked: &Asked, scene: &Scene) {
         let (status, data) = match (asked.instruction, &mut self.kind) {
-            (code, _) if code == GET_VERSION.code => {
-                (Status::Ok, VERSION.build().into_iter().collect())
-            }
+            (code, _) if code == GET_VERSION.code => (Status::Ok, VERSION.build().into_iter().collect()),
             (code, Kind::Sd1(board)) if code == DO_RESET.code => {
                 board.reset(now);
                 (Status::Ok, Data::new())
@@ -85,27 +76,14 @@ pub(crate) struct SerialLine {
 impl SerialLine {
     /// A line; with `wire_time` it delays everything by the words' time on the wire, for a port that has none.
     pub fn new(baud: u32, wire_time: bool, boards: Vec<Board>) -> Self {
-        let word = if wire_time {
-            word_time(baud)
-        } else {
-            Duration::ZERO
-        };
-        Self {
-            boards,
-            word,
-            wire: VecDeque::new(),
-            heard: Instant::ZERO,
-        }
+        let word = if wire_time { word_time(baud) } else { Duration::ZERO };
+        Self { boards, word, wire: VecDeque::new(), heard: Instant::ZERO }
     }
 
     pub fn handle_rx(&mut self, now: Instant, words: &[Word], scene: &Scene) {
         let at = self.heard.max(now) + self.word * words.len() as u32;
         self.heard = at;
-        for board in self
-            .boards
-            .iter_mut()
-            .filter(|board| board.silent_until <= now)
-        {
+        for board in self.boards.iter_mut().filter(|board| board.silent_until <= now) {
             board.slave.handle_rx(at, words);
             while let Some(asked) = board.slave.poll_request() {
                 board.answer(now, &asked, scene);
@@ -126,8 +104,7 @@ impl SerialLine {
                 {
                     crc.byte ^= 0x55;
                 }
-                self.wire
-                    .push_back((now + self.word * words.len() as u32, words));
+                self.wire.push_back((now + self.word * words.len() as u32, words));
             }
         }
     }
@@ -139,10 +116,7 @@ impl SerialLine {
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {
-        let slaves = self
-            .boards
-            .iter()
-            .filter_map(|board| board.slave.poll_timeout());
+        let slaves = self.boards.iter().filter_map(|board| board.slave.poll_timeout());
         slaves.chain(self.wire.iter().map(|(due, _)| *due)).min()
     }
 }

@@ -1,4 +1,4 @@
-//! The robot's boards and drives as they are on the wire (`docs/boards.md`), each with the scene behind it.
+//! The robot's boards and drives as they are on the wire (`docs/facts/boards.md`), each with the scene behind it.
 
 pub(crate) mod drive;
 pub mod epos;

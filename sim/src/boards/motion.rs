@@ -15,11 +15,7 @@ impl SpeedRamp {
         let mut left = dt;
         if self.demand * target < 0.0 || libm::fabs(target) < libm::fabs(self.demand) {
             // Down to the target, or to zero on the way to the other side.
-            let low = if self.demand * target > 0.0 {
-                target
-            } else {
-                0.0
-            };
+            let low = if self.demand * target > 0.0 { target } else { 0.0 };
             let time = libm::fabs(self.demand - low) / deceleration;
             if time > left {
                 self.demand -= libm::copysign(deceleration * left, self.demand);
@@ -122,21 +118,9 @@ mod tests {
 
     #[test]
     fn a_trapezoid_takes_its_time_and_does_not_overshoot() {
-        for (start, target, limit) in [
-            (0.0, 100.0, 20.0),
-            (50.0, -50.0, 20.0),
-            (0.0, 5.0, 20.0),
-            (0.0, 0.01, 20.0),
-        ] {
-            let limits = Limits {
-                speed: limit,
-                acceleration: 10.0,
-                deceleration: 20.0,
-            };
-            let mut profile = PositionProfile {
-                demand: start,
-                speed: 0.0,
-            };
+        for (start, target, limit) in [(0.0, 100.0, 20.0), (50.0, -50.0, 20.0), (0.0, 5.0, 20.0), (0.0, 0.01, 20.0)] {
+            let limits = Limits { speed: limit, acceleration: 10.0, deceleration: 20.0 };
+            let mut profile = PositionProfile { demand: start, speed: 0.0 };
             let mut most = 0.0f64;
             let time = steps(|| {
                 let there = profile.step(target, limits, DT);
@@ -147,39 +131,22 @@ mod tests {
             let peak = libm::sqrt(2.0 * way / (1.0 / 10.0 + 1.0 / 20.0)).min(limit);
             let ramps = peak * peak / 2.0 * (1.0 / 10.0 + 1.0 / 20.0);
             let expected = peak / 10.0 + peak / 20.0 + (way - ramps) / peak;
-            assert!(
-                (time - expected).abs() < 0.05,
-                "{start} to {target}: {time} s, not {expected}"
-            );
-            assert!(
-                most <= way * (1.0 + 1e-9) + 1e-9,
-                "{start} to {target}: overshoot by {}",
-                most - way
-            );
+            assert!((time - expected).abs() < 0.05, "{start} to {target}: {time} s, not {expected}");
+            assert!(most <= way * (1.0 + 1e-9) + 1e-9, "{start} to {target}: overshoot by {}", most - way);
         }
     }
 
     #[test]
     fn a_target_behind_is_reached_after_turning_round() {
-        let limits = Limits {
-            speed: 20.0,
-            acceleration: 10.0,
-            deceleration: 20.0,
-        };
-        let mut profile = PositionProfile {
-            demand: 0.0,
-            speed: 20.0,
-        };
+        let limits = Limits { speed: 20.0, acceleration: 10.0, deceleration: 20.0 };
+        let mut profile = PositionProfile { demand: 0.0, speed: 20.0 };
         steps(|| !profile.step(1.0, limits, DT));
         assert_eq!((profile.demand, profile.speed), (1.0, 0.0));
     }
 
     #[test]
     fn a_stop_takes_the_way_of_its_deceleration() {
-        let mut profile = PositionProfile {
-            demand: 0.0,
-            speed: 20.0,
-        };
+        let mut profile = PositionProfile { demand: 0.0, speed: 20.0 };
         steps(|| !profile.stop(40.0, DT));
         assert!((profile.demand - 5.0).abs() < 1e-9, "{}", profile.demand);
     }

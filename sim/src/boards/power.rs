@@ -44,21 +44,13 @@ impl Power {
     /// As after power-on: with this quick stop option (0x605A), taking this long from Switched On to operation.
     #[must_use]
     pub fn new(quick_stop_option: i16, enabling: Duration) -> Self {
-        Self {
-            drive: Drive::new(quick_stop_option, true),
-            enabling,
-            until: Instant::ZERO,
-        }
+        Self { drive: Drive::new(quick_stop_option, true), enabling, until: Instant::ZERO }
     }
 
     /// Obeys a controlword.
     pub fn command(&mut self, now: Instant, word: u16) {
         // Before operation there is nothing to brake: a quick stop switches off (transition 10).
-        let word = if self.is_enabling() && word & 0x86 == 0x02 {
-            0
-        } else {
-            word
-        };
+        let word = if self.is_enabling() && word & 0x86 == 0x02 { 0 } else { word };
         if self.drive.apply(word).contains(&4) {
             self.until = now + self.enabling;
         }
@@ -101,9 +93,7 @@ impl Power {
     #[must_use]
     pub fn stage(&self) -> Stage {
         match self.drive.state() {
-            PowerState::OperationEnabled if self.is_enabling() => {
-                Stage::Enabling { until: self.until }
-            }
+            PowerState::OperationEnabled if self.is_enabling() => Stage::Enabling { until: self.until },
             PowerState::OperationEnabled => Stage::Enabled,
             PowerState::QuickStopActive => Stage::QuickStop,
             PowerState::FaultReactionActive => Stage::FaultReaction,
@@ -118,11 +108,7 @@ impl Power {
     /// Bits 0 to 3, 5 and 6 of the statusword; bit 4 (voltage) is the drive's own.
     #[must_use]
     pub fn status(&self) -> u16 {
-        let state = if self.is_enabling() {
-            PowerState::SwitchedOn.encode()
-        } else {
-            self.drive.statusword()
-        };
+        let state = if self.is_enabling() { PowerState::SwitchedOn.encode() } else { self.drive.statusword() };
         state & 0x6F
     }
 }
@@ -145,10 +131,7 @@ mod tests {
     #[test]
     fn enabling_takes_its_time_and_looks_like_switched_on() {
         let mut power = enabling();
-        assert_eq!(
-            (power.stage(), power.status()),
-            (Stage::Enabling { until: at(41) }, 0x23)
-        );
+        assert_eq!((power.stage(), power.status()), (Stage::Enabling { until: at(41) }, 0x23));
         power.command(at(20), 0x0F);
         power.elapse(at(40));
         assert_eq!(power.stage(), Stage::Enabling { until: at(41) });
@@ -157,11 +140,7 @@ mod tests {
         power.command(at(50), 0x02);
         assert_eq!(power.stage(), Stage::QuickStop);
         power.command(at(60), 0x0F);
-        assert_eq!(
-            power.stage(),
-            Stage::Enabled,
-            "resumed without enabling again"
-        );
+        assert_eq!(power.stage(), Stage::Enabled, "resumed without enabling again");
     }
 
     #[test]

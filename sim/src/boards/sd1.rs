@@ -4,8 +4,8 @@ use crate::scene::Scene;
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
 use rs485::boards::sd1::{
-    Both, CLEAR_PAUSE_SRC, GET_BOTH_DATA, GET_IR_DATA, GET_PAUSE_SRC, GET_SRF_DATA, IRS, Irs,
-    NO_ECHO, OUT_OF_RANGE, PauseSource, SRFS, Srfs, build_srfs,
+    Both, CLEAR_PAUSE_SRC, GET_BOTH_DATA, GET_IR_DATA, GET_PAUSE_SRC, GET_SRF_DATA, IRS, Irs, NO_ECHO, OUT_OF_RANGE,
+    PauseSource, SRFS, Srfs, build_srfs,
 };
 use rs485::slave::Asked;
 use rs485::{Data, frame::Status};
@@ -44,13 +44,7 @@ impl Sd1 {
     #[must_use]
     pub fn new(address: u8, config: Sd1Config, start: Instant) -> Self {
         let start = start + Duration::from_millis(u64::from(address % 7) * 10);
-        Self {
-            config,
-            address,
-            start,
-            outside: [0; IRS],
-            pause: PauseSource::None,
-        }
+        Self { config, address, start, outside: [0; IRS], pause: PauseSource::None }
     }
 
     /// As after a reset at `now`.
@@ -66,20 +60,13 @@ impl Sd1 {
 
     /// Samples the floor rangers, every [`RANGER_PERIOD`] while the robot moves.
     pub fn sample(&mut self, now: Instant, scene: &Scene) {
-        for (channel, source) in [PauseSource::IrLeft, PauseSource::IrRight]
-            .into_iter()
-            .enumerate()
-        {
+        for (channel, source) in [PauseSource::IrLeft, PauseSource::IrRight].into_iter().enumerate() {
             let Some(mount) = self.config.irs.get(channel) else {
                 continue;
             };
             let floor = scene.ranger(*mount, self.stream(16 + channel as u64, ranger_cycle(now)));
             let good = floor.is_some_and(|distance| (FLOOR.0..=FLOOR.1).contains(&distance));
-            self.outside[channel] = if good {
-                0
-            } else {
-                self.outside[channel].saturating_add(1)
-            };
+            self.outside[channel] = if good { 0 } else { self.outside[channel].saturating_add(1) };
             if self.outside[channel] >= 2 && self.pause == PauseSource::None {
                 self.pause = source;
             }
@@ -92,13 +79,9 @@ impl Sd1 {
         match asked.instruction {
             code if code == GET_SRF_DATA.code => data(&build_srfs(&self.srfs(now, scene))),
             code if code == GET_IR_DATA.code => data(&self.irs(now, scene)),
-            code if code == GET_BOTH_DATA.code => data(
-                &Both {
-                    srfs: self.srfs(now, scene),
-                    irs: self.irs(now, scene),
-                }
-                .build(),
-            ),
+            code if code == GET_BOTH_DATA.code => {
+                data(&Both { srfs: self.srfs(now, scene), irs: self.irs(now, scene) }.build())
+            }
             code if code == GET_PAUSE_SRC.code => data(&self.pause.build()),
             code if code == CLEAR_PAUSE_SRC.code => {
                 (self.pause, self.outside) = (PauseSource::None, [0; IRS]);
@@ -118,24 +101,14 @@ impl Sd1 {
         let measure = |(channel, mount): (usize, &Pose)| {
             // The latest slot before the running one that is this channel's.
             let turn = channel as u64 % SLOTS;
-            let Some(slot) = (0..slots)
-                .rev()
-                .take(SLOTS as usize)
-                .find(|slot| slot % SLOTS == turn)
-            else {
+            let Some(slot) = (0..slots).rev().take(SLOTS as usize).find(|slot| slot % SLOTS == turn) else {
                 return NO_ECHO;
             };
             let fired = Instant::from_nanos(self.start.as_nanos() + slot * SLOT.as_nanos() as u64);
             let metres = scene.sonar(*mount, fired, self.stream(channel as u64, slot));
             metres.map_or(NO_ECHO, |metres| libm::round(metres * 1000.0) as u16)
         };
-        self.config
-            .srfs
-            .iter()
-            .take(SRFS)
-            .enumerate()
-            .map(measure)
-            .collect()
+        self.config.srfs.iter().take(SRFS).enumerate().map(measure).collect()
     }
 
     fn irs(&self, now: Instant, scene: &Scene) -> Irs {
@@ -143,13 +116,7 @@ impl Sd1 {
             let metres = scene.ranger(*mount, self.stream(16 + channel as u64, ranger_cycle(now)));
             metres.map_or(OUT_OF_RANGE, |metres| libm::round(metres * 1000.0) as u8)
         };
-        self.config
-            .irs
-            .iter()
-            .take(IRS)
-            .enumerate()
-            .map(measure)
-            .collect()
+        self.config.irs.iter().take(IRS).enumerate().map(measure).collect()
     }
 }
 
@@ -165,10 +132,7 @@ mod tests {
     use crate::world::World;
 
     fn scene(world: World) -> Scene {
-        let exact = Sonar {
-            sigma: (0.0, 0.0),
-            ..Sonar::default()
-        };
+        let exact = Sonar { sigma: (0.0, 0.0), ..Sonar::default() };
         Scene::new(Instant::ZERO, world, Parameters::default(), exact, 1)
     }
 
@@ -179,11 +143,7 @@ mod tests {
     }
 
     fn ask(board: &mut Sd1, at_ms: u64, code: u8, scene: &Scene) -> Vec<u8> {
-        let asked = Asked {
-            instruction: code,
-            data: Data::new(),
-            answered: true,
-        };
+        let asked = Asked { instruction: code, data: Data::new(), answered: true };
         let (status, data) = board.answer(Instant::from_millis(at_ms), &asked, scene);
         assert_eq!(status, Status::Ok);
         data.to_vec()
@@ -206,17 +166,9 @@ mod tests {
         for channel in 0..3 {
             let slot = (0..slots).rev().find(|slot| slot % 3 == channel).unwrap();
             let x = poses[(slot * 70 / 5) as usize];
-            let mm = u16::from_le_bytes([
-                answer[2 * channel as usize],
-                answer[2 * channel as usize + 1],
-            ]);
+            let mm = u16::from_le_bytes([answer[2 * channel as usize], answer[2 * channel as usize + 1]]);
             let expected = libm::round((20.0 - 0.75 - x) * 100.0) as u16 * 10;
-            assert_eq!(
-                mm,
-                expected,
-                "channel {channel}, fired at {} ms of {at}",
-                slot * 70
-            );
+            assert_eq!(mm, expected, "channel {channel}, fired at {} ms of {at}", slot * 70);
         }
     }
 
@@ -238,9 +190,7 @@ mod tests {
     fn two_samples_without_floor_pull_the_pause_line_until_it_is_let_go() {
         let mut world = World::hall(20.0, 12.0);
         let p = |x, y| Point { x, y };
-        world
-            .drops
-            .push(vec![p(10.5, 5.0), p(12.0, 5.0), p(12.0, 7.0), p(10.5, 7.0)]);
+        world.drops.push(vec![p(10.5, 5.0), p(12.0, 5.0), p(12.0, 7.0), p(10.5, 7.0)]);
         let scene = scene(world);
         let mut board = board(vec![p(0.0, 0.2), p(0.8, -0.2)]);
         board.sample(Instant::from_millis(20), &scene);

@@ -18,10 +18,7 @@ impl So1 {
     /// A board that is switched on now.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        Self {
-            zero: scene.body().ticks(),
-            stuck: None,
-        }
+        Self { zero: scene.body().ticks(), stuck: None }
     }
 
     /// Lets the encoders stand still, or go on, with what they missed lost.
@@ -64,20 +61,13 @@ mod tests {
     use base::Instant;
 
     fn ask(board: &mut So1, code: u8, scene: &Scene) -> Vec<u8> {
-        let asked = Asked {
-            instruction: code,
-            data: Data::new(),
-            answered: true,
-        };
+        let asked = Asked { instruction: code, data: Data::new(), answered: true };
         board.answer(&asked, scene).1.to_vec()
     }
 
     fn ticks(board: &mut So1, scene: &Scene) -> [i16; 2] {
         let bytes = ask(board, 0x01, scene);
-        [
-            i16::from_le_bytes([bytes[0], bytes[1]]),
-            i16::from_le_bytes([bytes[2], bytes[3]]),
-        ]
+        [i16::from_le_bytes([bytes[0], bytes[1]]), i16::from_le_bytes([bytes[2], bytes[3]])]
     }
 
     fn drive(scene: &mut Scene, metres: f64) {
@@ -90,13 +80,7 @@ mod tests {
 
     #[test]
     fn counts_are_relative_to_the_reset_and_wrap() {
-        let mut scene = Scene::new(
-            Instant::ZERO,
-            World::default(),
-            Parameters::default(),
-            Sonar::default(),
-            1,
-        );
+        let mut scene = Scene::new(Instant::ZERO, World::default(), Parameters::default(), Sonar::default(), 1);
         let mut board = So1::new(&scene);
         drive(&mut scene, 1.0);
         let per_metre = 4096.0 / 0.628_318_530_717_958_6;
@@ -111,13 +95,7 @@ mod tests {
 
     #[test]
     fn a_stuck_encoder_stands_and_then_goes_on_from_there() {
-        let mut scene = Scene::new(
-            Instant::ZERO,
-            World::default(),
-            Parameters::default(),
-            Sonar::default(),
-            1,
-        );
+        let mut scene = Scene::new(Instant::ZERO, World::default(), Parameters::default(), Sonar::default(), 1);
         let mut board = So1::new(&scene);
         drive(&mut scene, 1.0);
         let before = ticks(&mut board, &scene);

@@ -55,11 +55,7 @@ impl Bits {
             let bit = value >> shift & 1;
             let feedback = bit ^ u32::from(self.crc >> 14 & 1);
             self.crc = (self.crc << 1 & 0x7FFF) ^ if feedback == 1 { 0x4599 } else { 0 };
-            self.run = if self.count > 0 && bit == self.level {
-                self.run + 1
-            } else {
-                1
-            };
+            self.run = if self.count > 0 && bit == self.level { self.run + 1 } else { 1 };
             self.level = bit;
             self.count += 1;
             if self.run == 5 {
@@ -77,9 +73,7 @@ fn rank(frame: &Frame) -> u64 {
     let remote = u64::from(frame.is_remote());
     match frame.id() {
         Id::Standard(id) => u64::from(id) << 21 | remote << 20,
-        Id::Extended(id) => {
-            u64::from(id >> 18) << 21 | 1 << 20 | u64::from(id & 0x3_FFFF) << 1 | remote
-        }
+        Id::Extended(id) => u64::from(id >> 18) << 21 | 1 << 20 | u64::from(id & 0x3_FFFF) << 1 | remote,
     }
 }
 
@@ -115,14 +109,10 @@ impl CanWire {
     }
 
     pub fn send(&mut self, now: Instant, owner: Owner, frame: Frame) {
-        let place = self
-            .queues
-            .iter()
-            .position(|(other, _)| *other == owner)
-            .unwrap_or_else(|| {
-                self.queues.push((owner, VecDeque::new()));
-                self.queues.len() - 1
-            });
+        let place = self.queues.iter().position(|(other, _)| *other == owner).unwrap_or_else(|| {
+            self.queues.push((owner, VecDeque::new()));
+            self.queues.len() - 1
+        });
         let queue = &mut self.queues[place].1;
         if queue.len() >= QUEUE {
             self.traffic.dropped += 1;
@@ -148,10 +138,7 @@ impl CanWire {
             return Some((owner, frame));
         }
         self.start = None;
-        let heads = self
-            .queues
-            .iter_mut()
-            .filter(|(_, queue)| !queue.is_empty());
+        let heads = self.queues.iter_mut().filter(|(_, queue)| !queue.is_empty());
         let winner = heads.min_by_key(|(owner, queue)| (queue.front().map(rank), *owner))?;
         let (owner, frame) = (winner.0, winner.1.pop_front()?);
         let time = self.time(frame_bits(&frame));
@@ -163,8 +150,7 @@ impl CanWire {
     /// The process is gone; what it had handed over is still sent, as the kernel does.
     pub fn close(&mut self, pid: u32) {
         self.ports.retain(|owner| owner.pid != pid);
-        self.queues
-            .retain(|(owner, queue)| owner.pid != pid || !queue.is_empty());
+        self.queues.retain(|(owner, queue)| owner.pid != pid || !queue.is_empty());
     }
 }
 
@@ -179,16 +165,13 @@ mod tests {
 
     #[test]
     fn frames_are_as_long_as_their_content_makes_them() {
-        // facts/canopen.md 7, with 3 bits of gap: 8 bytes 111 at best, 135 at worst; 0 bytes 47 to 55.
+        // docs/facts/canopen.md 7, with 3 bits of gap: 8 bytes 111 at best, 135 at worst; 0 bytes 47 to 55.
         for seed in 0..20_000u64 {
             let mut random = crate::random::Random::new(seed);
             let n = (random.bits() % 9) as usize;
             let data = random.bits().to_le_bytes();
             let bits = frame_bits(&frame(random.bits() as u16, &data[..n])) + INTERMISSION;
-            let (best, worst) = (
-                47 + 8 * n as u32,
-                47 + 8 * n as u32 + (34 + 8 * n as u32 - 1) / 4,
-            );
+            let (best, worst) = (47 + 8 * n as u32, 47 + 8 * n as u32 + (34 + 8 * n as u32 - 1) / 4);
             assert!((best..=worst).contains(&bits), "{n} bytes: {bits}");
         }
         assert!(frame_bits(&frame(0, &[0; 8])) > frame_bits(&frame(0x555, &[0x55; 8])));
@@ -219,10 +202,7 @@ mod tests {
     #[test]
     fn the_lowest_identifier_wins_and_each_port_keeps_its_order() {
         let mut wire = CanWire::new(1_000_000);
-        let owner = |pid| Owner {
-            pid,
-            port: PortId(0),
-        };
+        let owner = |pid| Owner { pid, port: PortId(0) };
         let now = Instant::from_millis(1);
         wire.send(now, owner(1), frame(0x700, &[]));
         wire.send(now, owner(1), frame(0x001, &[]));
@@ -241,10 +221,7 @@ mod tests {
     #[test]
     fn frames_follow_each_other_with_three_bits_between() {
         let mut wire = CanWire::new(500_000);
-        let owner = Owner {
-            pid: 1,
-            port: PortId(0),
-        };
+        let owner = Owner { pid: 1, port: PortId(0) };
         let (a, b) = (frame(0x181, &[1, 2, 3]), frame(0x182, &[]));
         wire.send(Instant::ZERO, owner, a);
         wire.send(Instant::ZERO, owner, b);
@@ -254,10 +231,7 @@ mod tests {
                 ends.push(due.as_nanos());
             }
         }
-        let (a, b) = (
-            u64::from(frame_bits(&a)) * 2000,
-            u64::from(frame_bits(&b)) * 2000,
-        );
+        let (a, b) = (u64::from(frame_bits(&a)) * 2000, u64::from(frame_bits(&b)) * 2000);
         assert_eq!(ends, [a, a + 3 * 2000 + b]);
     }
 }

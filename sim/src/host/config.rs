@@ -11,7 +11,7 @@ pub struct Config {
     pub epoch: Epoch,
     /// A message takes this long, and up to `lcm_jitter` longer.
     pub lcm_latency: Duration,
-    /// See `lcm_latency`. Messages may overtake each other when it is not zero.
+    /// See `lcm_latency`. Messages of one process keep their order, as on one host.
     pub lcm_jitter: Duration,
     /// Probability that a receiver misses a message.
     pub lcm_loss: f64,
@@ -30,9 +30,7 @@ impl Default for Config {
         Self {
             seed: 1,
             // 2026-01-01T00:00:00Z.
-            epoch: Epoch {
-                offset_us: 1_767_225_600_000_000,
-            },
+            epoch: Epoch { offset_us: 1_767_225_600_000_000 },
             lcm_latency: Duration::from_micros(50),
             lcm_jitter: Duration::ZERO,
             lcm_loss: 0.0,

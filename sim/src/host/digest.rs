@@ -13,10 +13,7 @@ pub(super) struct Digest {
 
 impl Digest {
     pub fn new(seed: u64) -> Self {
-        Self {
-            hash: Xxh64::new(seed),
-            scratch: Vec::with_capacity(512),
-        }
+        Self { hash: Xxh64::new(seed), scratch: Vec::with_capacity(512) }
     }
 
     fn record(&mut self, kind: u8, at: Instant, parts: &[&[u8]]) {
@@ -25,8 +22,7 @@ impl Digest {
         self.scratch.extend_from_slice(&at.as_nanos().to_le_bytes());
         for part in parts {
             // Lengths first, so that no two records read alike.
-            self.scratch
-                .extend_from_slice(&(part.len() as u32).to_le_bytes());
+            self.scratch.extend_from_slice(&(part.len() as u32).to_le_bytes());
             self.scratch.extend_from_slice(part);
         }
         self.hash.update(&self.scratch);
@@ -42,23 +38,13 @@ impl Digest {
             Id::Extended(id) => id | 1 << 31,
         };
         let header = [frame.dlc(), u8::from(frame.is_remote())];
-        self.record(
-            2,
-            at,
-            &[bus.as_bytes(), &id.to_le_bytes(), &header, frame.data()],
-        );
+        self.record(2, at, &[bus.as_bytes(), &id.to_le_bytes(), &header, frame.data()]);
     }
 
     pub fn words(&mut self, at: Instant, bus: &str, words: &[Word]) {
         let mut bytes = [0; 512];
-        let pairs = words
-            .iter()
-            .flat_map(|word| [word.byte, u8::from(word.ninth)]);
-        let n = bytes
-            .iter_mut()
-            .zip(pairs)
-            .map(|(to, from)| *to = from)
-            .count();
+        let pairs = words.iter().flat_map(|word| [word.byte, u8::from(word.ninth)]);
+        let n = bytes.iter_mut().zip(pairs).map(|(to, from)| *to = from).count();
         self.record(3, at, &[bus.as_bytes(), &bytes[..n]]);
     }
 

@@ -29,12 +29,9 @@ use base::serial::Word;
 use base::{Duration, Instant};
 use digest::Digest;
 use messages::Message;
-use module::{
-    Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell,
-    State,
-};
+use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell, State};
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
+use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 use std::mem;
 use std::rc::Rc;
 use wire::{Kind, Owner, Wire, open};
@@ -82,6 +79,8 @@ pub struct Virtual {
     wires: Vec<Wire>,
     next_pid: u32,
     lcm: Random,
+    /// When the last message of each process arrives.
+    arrivals: BTreeMap<u32, Instant>,
     digest: Digest,
     out: Actions,
     bytes: Vec<u8>,
@@ -98,10 +97,7 @@ enum Next {
 impl Virtual {
     /// A machine at time zero on which nothing runs.
     #[must_use]
-    pub fn new(
-        config: Config,
-        factory: impl FnMut(&str, State) -> Result<Shell, String> + 'static,
-    ) -> Self {
+    pub fn new(config: Config, factory: impl FnMut(&str, State) -> Result<Shell, String> + 'static) -> Self {
         Self {
             factory: Box::new(factory),
             observers: Vec::new(),
@@ -112,6 +108,7 @@ impl Virtual {
             wires: Vec::new(),
             next_pid: FIRST_PID,
             lcm: Random::stream(config.seed, 1),
+            arrivals: BTreeMap::new(),
             digest: Digest::new(config.seed),
             out: Actions::new(config.epoch),
             bytes: Vec::new(),
@@ -139,26 +136,19 @@ impl Virtual {
 
     /// All processes in order of their numbers: number, module.
     pub fn processes(&self) -> impl Iterator<Item = (u32, &str)> {
-        self.processes
-            .iter()
-            .map(|process| (process.pid, &*process.module))
+        self.processes.iter().map(|process| (process.pid, &*process.module))
     }
 
     /// The latest process of a module.
     #[must_use]
     pub fn pid(&self, module: &str) -> Option<u32> {
-        self.processes
-            .iter()
-            .rev()
-            .find(|process| &*process.module == module)
-            .map(|process| process.pid)
+        self.processes.iter().rev().find(|process| &*process.module == module).map(|process| process.pid)
     }
 
     /// A process's state; none when there is no such process.
     #[must_use]
     pub fn state(&self, pid: u32) -> Option<State> {
-        self.place(pid)
-            .map(|place| self.processes[place].shell.state())
+        self.place(pid).map(|place| self.processes[place].shell.state())
     }
 
     /// A process's shell, to look at.
@@ -170,10 +160,7 @@ impl Virtual {
     /// What has passed on a bus; none when no port was ever on it.
     #[must_use]
     pub fn traffic(&self, bus: &str) -> Option<Traffic> {
-        self.wires
-            .iter()
-            .find(|wire| &*wire.bus == bus)
-            .map(Wire::traffic)
+        self.wires.iter().find(|wire| &*wire.bus == bus).map(Wire::traffic)
     }
 
     /// Starts a process that nobody guards.
@@ -239,23 +226,11 @@ impl Virtual {
     }
 
     fn next(&self) -> Option<(Instant, Next)> {
-        let agenda = self
-            .agenda
-            .peek()
-            .map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
-        let wires = self
-            .wires
-            .iter()
-            .enumerate()
-            .filter_map(|(place, wire)| Some((wire.due?, Next::Wire(place))));
+        let agenda = self.agenda.peek().map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
+        let wires = self.wires.iter().enumerate().filter_map(|(place, wire)| Some((wire.due?, Next::Wire(place))));
         let timers = self.processes.iter().enumerate();
-        let timers =
-            timers.filter_map(|(place, process)| Some((process.due?, Next::Process(place))));
-        let ((at, _), next) = agenda
-            .into_iter()
-            .chain(wires)
-            .chain(timers)
-            .min_by_key(|(key, _)| *key)?;
+        let timers = timers.filter_map(|(place, process)| Some((process.due?, Next::Process(place))));
+        let ((at, _), next) = agenda.into_iter().chain(wires).chain(timers).min_by_key(|(key, _)| *key)?;
         Some((at, next))
     }
 
@@ -266,11 +241,7 @@ impl Virtual {
 
     fn schedule(&mut self, at: Instant, happening: Happening) {
         let number = self.number();
-        self.agenda.push(Reverse(Entry {
-            at,
-            number,
-            happening,
-        }));
+        self.agenda.push(Reverse(Entry { at, number, happening }));
     }
 
     fn place(&self, pid: u32) -> Option<usize> {
@@ -304,10 +275,7 @@ impl Virtual {
             due: None,
             spin: (Instant::ZERO, 0),
         });
-        self.schedule(
-            self.now + self.config.start_delay,
-            Happening::Tell(pid, Waiting::Start),
-        );
+        self.schedule(self.now + self.config.start_delay, Happening::Tell(pid, Waiting::Start));
         self.news(&News::Started { module, pid });
         Ok(pid)
     }
@@ -327,20 +295,12 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         self.processes[place].started = true;
         self.handle(pid, Event::Start);
-        let ports = self
-            .place(pid)
-            .map_or(0, |place| self.processes[place].wires.len());
+        let ports = self.place(pid).map_or(0, |place| self.processes[place].wires.len());
         for port in (0..ports).map(|port| PortId(port as u8)) {
             let Some(place) = self.place(pid) else { return };
             let wire = self.processes[place].wires[usize::from(port.0)];
             self.wires[wire].ports().push(Owner { pid, port });
-            self.handle(
-                pid,
-                Event::Port {
-                    port,
-                    input: Input::Up,
-                },
-            );
+            self.handle(pid, Event::Port { port, input: Input::Up });
         }
     }
 
@@ -350,10 +310,7 @@ impl Virtual {
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
             let process = &self.processes[place];
             pid = process.pid;
-            if process.started
-                && process.shell.wants(message.channel())
-                && !self.lcm.chance(self.config.lcm_loss)
-            {
+            if process.started && process.shell.wants(message.channel()) && !self.lcm.chance(self.config.lcm_loss) {
                 self.tell(pid, Waiting::Message(self.now, message.clone()));
             }
         }
@@ -361,17 +318,8 @@ impl Virtual {
 
     fn serve_timer(&mut self, place: usize) {
         let process = &mut self.processes[place];
-        process.spin = if process.spin.0 == self.now {
-            (self.now, process.spin.1 + 1)
-        } else {
-            (self.now, 1)
-        };
-        assert!(
-            process.spin.1 < SPIN,
-            "{} is due at once again and again, at {:?}",
-            process.module,
-            self.now
-        );
+        process.spin = if process.spin.0 == self.now { (self.now, process.spin.1 + 1) } else { (self.now, 1) };
+        assert!(process.spin.1 < SPIN, "{} is due at once again and again, at {:?}", process.module, self.now);
         let pid = process.pid;
         self.handle(pid, Event::Timer);
     }
@@ -408,11 +356,7 @@ impl Virtual {
     fn words_over(&mut self, place: usize, arrival: serial::Arrival) {
         let (bus, owner) = (self.wires[place].bus.clone(), arrival.owner);
         self.digest.words(self.now, &bus, &arrival.words);
-        self.news(&News::Words {
-            bus: &bus,
-            pid: owner.pid,
-            words: &arrival.words,
-        });
+        self.news(&News::Words { bus: &bus, pid: owner.pid, words: &arrival.words });
         let words: Rc<[Word]> = arrival.words.into();
         self.each_port(place, |host, port| {
             if port != owner {
@@ -446,60 +390,18 @@ impl Virtual {
             return;
         }
         match waiting {
-            Waiting::Message(at, message) => self.handle(
-                pid,
-                Event::Message {
-                    at,
-                    message: &message,
-                },
-            ),
-            Waiting::Can(port, frame) => self.handle(
-                pid,
-                Event::Port {
-                    port,
-                    input: Input::Can(frame),
-                },
-            ),
-            Waiting::Words(port, words) => self.handle(
-                pid,
-                Event::Port {
-                    port,
-                    input: Input::Words(&words),
-                },
-            ),
-            Waiting::Sent(port) => self.handle(
-                pid,
-                Event::Port {
-                    port,
-                    input: Input::Sent,
-                },
-            ),
+            Waiting::Message(at, message) => self.handle(pid, Event::Message { at, message: &message }),
+            Waiting::Can(port, frame) => self.handle(pid, Event::Port { port, input: Input::Can(frame) }),
+            Waiting::Words(port, words) => self.handle(pid, Event::Port { port, input: Input::Words(&words) }),
+            Waiting::Sent(port) => self.handle(pid, Event::Port { port, input: Input::Sent }),
             Waiting::Exited(pid_ended, status) => {
-                self.handle(
-                    pid,
-                    Event::Process(ProcessEvent::Exited {
-                        pid: pid_ended,
-                        status,
-                    }),
-                );
+                self.handle(pid, Event::Process(ProcessEvent::Exited { pid: pid_ended, status }));
             }
             Waiting::Started(module, pid_new) => {
-                self.handle(
-                    pid,
-                    Event::Process(ProcessEvent::Started {
-                        module: &module,
-                        pid: pid_new,
-                    }),
-                );
+                self.handle(pid, Event::Process(ProcessEvent::Started { module: &module, pid: pid_new }));
             }
             Waiting::Unstartable(module, reason) => {
-                self.handle(
-                    pid,
-                    Event::Process(ProcessEvent::Unstartable {
-                        module: &module,
-                        reason: &reason,
-                    }),
-                );
+                self.handle(pid, Event::Process(ProcessEvent::Unstartable { module: &module, reason: &reason }));
             }
             Waiting::Start => self.begin(pid),
             Waiting::Terminate => {
@@ -513,9 +415,7 @@ impl Virtual {
     fn handle(&mut self, pid: u32, event: Event<'_>) {
         let Some(place) = self.place(pid) else { return };
         let mut out = mem::take(&mut self.out);
-        self.processes[place]
-            .shell
-            .handle(self.now, event, &mut out);
+        self.processes[place].shell.handle(self.now, event, &mut out);
         self.perform(pid, out);
     }
 
@@ -536,18 +436,9 @@ impl Virtual {
         match action {
             Action::Publish(message) => self.publish(pid, message),
             Action::Send(port, output) => self.send(place, port, output),
-            Action::Report(report) => self.news(&News::Report {
-                module: &module,
-                report: &report,
-            }),
-            Action::Note(line) => self.news(&News::Note {
-                module: &module,
-                line: &line,
-            }),
-            Action::State(state) => self.news(&News::State {
-                module: &module,
-                state,
-            }),
+            Action::Report(report) => self.news(&News::Report { module: &module, report: &report }),
+            Action::Note(line) => self.news(&News::Note { module: &module, line: &line }),
+            Action::State(state) => self.news(&News::State { module: &module, state }),
             Action::Process(command) => self.command(pid, command),
             Action::Exit(code) => self.end(pid, ExitStatus::Code(i32::from(code))),
             // The shell keeps these to itself.
@@ -559,35 +450,25 @@ impl Virtual {
         self.bytes.clear();
         if let Err(error) = message.encode(&mut self.bytes) {
             let line = format!("not sent on {}: {error}", message.channel_name());
-            self.news(&News::Note {
-                module: "lcm",
-                line: &line,
-            });
+            self.news(&News::Note { module: "lcm", line: &line });
             return;
         }
-        self.digest
-            .message(self.now, pid, &message.channel_name(), &self.bytes);
-        self.news(&News::Message {
-            pid,
-            message: &message,
-        });
-        if self
-            .processes
-            .iter()
-            .any(|process| process.shell.wants(message.channel()))
-        {
+        self.digest.message(self.now, pid, &message.channel_name(), &self.bytes);
+        self.news(&News::Message { pid, message: &message });
+        if self.processes.iter().any(|process| process.shell.wants(message.channel())) {
             let jitter = self.config.lcm_jitter.as_nanos() as f64 * self.lcm.uniform();
             let at = self.now + self.config.lcm_latency + Duration::from_nanos(jitter as u64);
+            // A socket is a queue: what one process sends does not overtake itself.
+            let last = self.arrivals.entry(pid).or_default();
+            *last = at.max(*last);
+            let at = *last;
             self.schedule(at, Happening::Deliver(Rc::new(message)));
         }
     }
 
     fn send(&mut self, place: usize, port: PortId, output: Output) {
         let process = &self.processes[place];
-        let owner = Owner {
-            pid: process.pid,
-            port,
-        };
+        let owner = Owner { pid: process.pid, port };
         let Some(&wire) = process.wires.get(usize::from(port.0)) else {
             return;
         };
@@ -627,27 +508,16 @@ impl Virtual {
                 Kind::Serial(wire) => wire.close(pid),
             }
         }
-        self.news(&News::Exited {
-            module: &process.module,
-            pid,
-            status,
-        });
+        self.news(&News::Exited { module: &process.module, pid, status });
         if process.parent != 0 {
             let at = self.now + self.config.exit_delay;
-            self.schedule(
-                at,
-                Happening::Tell(process.parent, Waiting::Exited(pid, status)),
-            );
+            self.schedule(at, Happening::Tell(process.parent, Waiting::Exited(pid, status)));
         }
     }
 
     fn arm(&mut self, place: usize) {
         let process = &self.processes[place];
-        let due = if process.started && !process.hung {
-            process.shell.poll_timeout()
-        } else {
-            None
-        };
+        let due = if process.started && !process.hung { process.shell.poll_timeout() } else { None };
         let old = process.due;
         self.processes[place].due = self.rearmed(old, due);
     }
@@ -658,11 +528,7 @@ impl Virtual {
     }
 
     /// A timer that stands keeps its number: it is served in the order in which it was set.
-    fn rearmed(
-        &mut self,
-        old: Option<(Instant, u64)>,
-        due: Option<Instant>,
-    ) -> Option<(Instant, u64)> {
+    fn rearmed(&mut self, old: Option<(Instant, u64)>, due: Option<Instant>) -> Option<(Instant, u64)> {
         match (old, due) {
             (Some((at, number)), Some(due)) if at == due => Some((at, number)),
             (_, due) => due.map(|due| (due, self.number())),

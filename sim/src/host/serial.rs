@@ -60,17 +60,8 @@ impl SerialWire {
 
     pub fn send(&mut self, now: Instant, owner: Owner, words: Vec<Word>) {
         let own = self.bursts.iter().filter(|burst| burst.owner == owner);
-        let start = own
-            .map(|burst| self.after(burst.start, burst.words.len()))
-            .max()
-            .unwrap_or(now)
-            .max(now);
-        let mut burst = Burst {
-            owner,
-            start,
-            words,
-            delivered: 0,
-        };
+        let start = own.map(|burst| self.after(burst.start, burst.words.len())).max().unwrap_or(now).max(now);
+        let mut burst = Burst { owner, start, words, delivered: 0 };
         if !self.full_duplex {
             self.collide(&mut burst);
         }
@@ -84,22 +75,18 @@ impl SerialWire {
         let end = self.after(burst.start, burst.words.len());
         for place in 0..self.bursts.len() {
             let other = &self.bursts[place];
-            let (other_start, other_end) =
-                (other.start, self.after(other.start, other.words.len()));
+            let (other_start, other_end) = (other.start, self.after(other.start, other.words.len()));
             if other.owner == burst.owner || other_end <= burst.start || end <= other_start {
                 continue;
             }
             self.traffic.collisions += 1;
             for i in 0..burst.words.len() {
-                if self.after(burst.start, i) < other_end
-                    && other_start < self.after(burst.start, i + 1)
-                {
+                if self.after(burst.start, i) < other_end && other_start < self.after(burst.start, i + 1) {
                     burst.words[i] = garbled(&mut self.random, burst.words[i]);
                 }
             }
             for i in self.bursts[place].delivered..self.bursts[place].words.len() {
-                if self.after(other_start, i) < end && burst.start < self.after(other_start, i + 1)
-                {
+                if self.after(other_start, i) < end && burst.start < self.after(other_start, i + 1) {
                     let word = self.bursts[place].words[i];
                     self.bursts[place].words[i] = garbled(&mut self.random, word);
                 }
@@ -137,10 +124,7 @@ impl SerialWire {
 fn garbled(random: &mut Random, word: Word) -> Word {
     let bits = random.bits();
     // Never what was sent: a collision that does no harm would hide.
-    Word {
-        byte: word.byte ^ ((bits as u8) | 1),
-        ninth: bits >> 8 & 7 == 0,
-    }
+    Word { byte: word.byte ^ ((bits as u8) | 1), ninth: bits >> 8 & 7 == 0 }
 }
 
 #[cfg(test)]
@@ -149,22 +133,14 @@ mod tests {
     use module::PortId;
 
     fn owner(pid: u32) -> Owner {
-        Owner {
-            pid,
-            port: PortId(0),
-        }
+        Owner { pid, port: PortId(0) }
     }
 
     fn arrivals(wire: &mut SerialWire) -> Vec<(u64, u32, Vec<Word>, bool)> {
         let mut all = Vec::new();
         while let Some(due) = wire.poll_timeout() {
             let arrival = wire.handle_timeout(due).unwrap();
-            all.push((
-                due.as_nanos(),
-                arrival.owner.pid,
-                arrival.words,
-                arrival.sent,
-            ));
+            all.push((due.as_nanos(), arrival.owner.pid, arrival.words, arrival.sent));
         }
         all
     }
@@ -185,15 +161,8 @@ mod tests {
     fn what_one_sends_while_still_sending_follows_without_a_gap() {
         let mut wire = SerialWire::new(110_000, false, Random::new(1));
         wire.send(Instant::ZERO, owner(1), vec![Word::address(1); 3]);
-        wire.send(
-            Instant::from_nanos(50_000),
-            owner(1),
-            vec![Word::data(2); 2],
-        );
-        let times: Vec<_> = arrivals(&mut wire)
-            .iter()
-            .map(|arrival| arrival.0)
-            .collect();
+        wire.send(Instant::from_nanos(50_000), owner(1), vec![Word::data(2); 2]);
+        let times: Vec<_> = arrivals(&mut wire).iter().map(|arrival| arrival.0).collect();
         assert_eq!(times, [300_000, 500_000]);
     }
 
@@ -201,18 +170,9 @@ mod tests {
     fn two_who_talk_at_once_garble_exactly_what_overlaps() {
         let mut wire = SerialWire::new(110_000, false, Random::new(1));
         wire.send(Instant::ZERO, owner(1), vec![Word::data(0x55); 5]);
-        wire.send(
-            Instant::from_nanos(350_000),
-            owner(2),
-            vec![Word::data(0xAA); 5],
-        );
+        wire.send(Instant::from_nanos(350_000), owner(2), vec![Word::data(0xAA); 5]);
         let all = arrivals(&mut wire);
-        let wrong = |words: &[Word], good| {
-            words
-                .iter()
-                .map(|word| *word != Word::data(good))
-                .collect::<Vec<_>>()
-        };
+        let wrong = |words: &[Word], good| words.iter().map(|word| *word != Word::data(good)).collect::<Vec<_>>();
         assert_eq!(wrong(&all[0].2, 0x55), [false, false, false, true, true]);
         assert_eq!(wrong(&all[1].2, 0xAA), [true, true, false, false, false]);
         assert_eq!(wire.traffic.collisions, 1);
@@ -223,11 +183,7 @@ mod tests {
         let mut wire = SerialWire::new(110_000, true, Random::new(1));
         wire.send(Instant::ZERO, owner(1), vec![Word::data(0x55); 5]);
         wire.send(Instant::ZERO, owner(2), vec![Word::data(0xAA); 5]);
-        assert!(
-            arrivals(&mut wire)
-                .iter()
-                .all(|(_, _, words, _)| words.iter().all(|word| !word.ninth))
-        );
+        assert!(arrivals(&mut wire).iter().all(|(_, _, words, _)| words.iter().all(|word| !word.ninth)));
         assert_eq!(wire.traffic.collisions, 0);
     }
 }

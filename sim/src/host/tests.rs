@@ -23,40 +23,22 @@ const SERIAL: PortId = PortId(1);
 impl Player {
     fn new(ping: bool, log: Log) -> Self {
         let ports = [
-            PortSpec {
-                bus: "can.main".into(),
-                line: Line::Can { bitrate: 1_000_000 },
-            },
-            PortSpec {
-                bus: "rs485.a".into(),
-                line: Line::Serial { baud: 115_200 },
-            },
+            PortSpec { bus: "can.main".into(), line: Line::Can { bitrate: 1_000_000 } },
+            PortSpec { bus: "rs485.a".into(), line: Line::Serial { baud: 115_200 } },
         ];
         let ticker = Ticker::new(Instant::from_millis(100), Duration::from_millis(10));
-        Self {
-            ping,
-            ports,
-            ticker,
-            count: 0,
-            log,
-        }
+        Self { ping, ports, ticker, count: 0, log }
     }
 
     fn note(&self, now: Instant, what: &str) {
         let who = if self.ping { "ping" } else { "pong" };
-        self.log
-            .borrow_mut()
-            .push(format!("{:9} {who} {what}", now.as_nanos()));
+        self.log.borrow_mut().push(format!("{:9} {who} {what}", now.as_nanos()));
     }
 }
 
 impl Module for Player {
     fn subscriptions(&self) -> &[Channel] {
-        if self.ping {
-            &[Channel::SimDataTruth]
-        } else {
-            &[Channel::SimDataClock]
-        }
+        if self.ping { &[Channel::SimDataTruth] } else { &[Channel::SimDataClock] }
     }
 
     fn ports(&self) -> &[PortSpec] {
@@ -66,62 +48,34 @@ impl Module for Player {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => self.note(now, "start"),
-            Event::Port {
-                input: Input::Up,
-                port: SERIAL,
-            } => out.working(),
+            Event::Port { input: Input::Up, port: SERIAL } => out.working(),
             Event::Timer if self.ticker.due(now) && self.ping => {
                 self.count += 1;
                 let timestamp = out.timestamp(now);
-                out.publish(simulation::DataClock {
-                    timestamp,
-                    rate: f64::from(self.count),
-                });
+                out.publish(simulation::DataClock { timestamp, rate: f64::from(self.count) });
                 out.send_can(CAN, base::can::Frame::standard(0x100, &[self.count]));
                 out.send_words(SERIAL, &[Word::address(self.count), Word::data(0)]);
             }
-            Event::Message {
-                at,
-                message: Message::SimDataClock(clock),
-            } => {
+            Event::Message { at, message: Message::SimDataClock(clock) } => {
                 self.note(now, &format!("clock {} from {}", clock.rate, at.as_nanos()));
-                out.publish(simulation::DataTruth {
-                    timestamp: clock.timestamp,
-                    x: clock.rate,
-                    ..Default::default()
-                });
+                out.publish(simulation::DataTruth { timestamp: clock.timestamp, x: clock.rate, ..Default::default() });
             }
-            Event::Message {
-                message: Message::SimDataTruth(truth),
-                ..
-            } => self.note(now, &format!("truth {}", truth.x)),
-            Event::Port {
-                input: Input::Can(frame),
-                ..
-            } => {
+            Event::Message { message: Message::SimDataTruth(truth), .. } => {
+                self.note(now, &format!("truth {}", truth.x));
+            }
+            Event::Port { input: Input::Can(frame), .. } => {
                 self.note(now, &format!("frame {:?}", frame.data()));
                 if !self.ping {
                     out.send_can(CAN, base::can::Frame::standard(0x101, frame.data()));
                 }
             }
-            Event::Port {
-                input: Input::Words(words),
-                ..
-            } => {
-                self.note(
-                    now,
-                    &format!(
-                        "words {:?}",
-                        words.iter().map(|word| word.byte).collect::<Vec<_>>()
-                    ),
-                );
+            Event::Port { input: Input::Words(words), .. } => {
+                self.note(now, &format!("words {:?}", words.iter().map(|word| word.byte).collect::<Vec<_>>()));
                 if !self.ping {
                     out.send_words(SERIAL, &[Word::data(words[0].byte)]);
                 }
             }
-            Event::Port {
-                input: Input::Sent, ..
-            } => self.note(now, "sent"),
+            Event::Port { input: Input::Sent, .. } => self.note(now, "sent"),
             _ => {}
         }
     }
@@ -140,14 +94,8 @@ struct Parent {
 impl Module for Parent {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
-            Event::Start => self
-                .orders
-                .drain(..)
-                .for_each(|order| out.push(Action::Process(order))),
-            Event::Process(news) => self
-                .log
-                .borrow_mut()
-                .push(format!("{:9} {news:?}", now.as_nanos())),
+            Event::Start => self.orders.drain(..).for_each(|order| out.push(Action::Process(order))),
+            Event::Process(news) => self.log.borrow_mut().push(format!("{:9} {news:?}", now.as_nanos())),
             _ => {}
         }
     }
@@ -165,24 +113,12 @@ fn machine(config: Config) -> (Virtual, Log) {
             "ping" => Box::new(Player::new(true, inner.clone())),
             "pong" => Box::new(Player::new(false, inner.clone())),
             "parent" => {
-                let spawn = |module: &str| ProcessCommand::Spawn {
-                    module: module.into(),
-                    wanted: State::Run,
-                };
-                Box::new(Parent {
-                    orders: vec![spawn("pong"), spawn("nobody")],
-                    log: inner.clone(),
-                })
+                let spawn = |module: &str| ProcessCommand::Spawn { module: module.into(), wanted: State::Run };
+                Box::new(Parent { orders: vec![spawn("pong"), spawn("nobody")], log: inner.clone() })
             }
             other => return Err(format!("no module {other}")),
         };
-        Ok(Shell::new(
-            ShellConfig {
-                wanted,
-                ..ShellConfig::new(name)
-            },
-            module,
-        ))
+        Ok(Shell::new(ShellConfig { wanted, ..ShellConfig::new(name) }, module))
     });
     (machine, log)
 }
@@ -204,16 +140,12 @@ fn everything_takes_its_time_on_its_wire_to_the_nanosecond() {
     machine.run_until(ms(109));
     // CAN, 1 byte at 1 Mbit/s: 52 bits and the stuffed ones; a serial word is 11 bits at 115200 Bd (95486.1 ns).
     let there = u64::from(frame_bits(&base::can::Frame::standard(0x100, &[1]))) * 1000;
-    let back =
-        there + 3000 + u64::from(frame_bits(&base::can::Frame::standard(0x101, &[1]))) * 1000;
+    let back = there + 3000 + u64::from(frame_bits(&base::can::Frame::standard(0x101, &[1]))) * 1000;
     let base = 100_000_000;
     let expected = [
         (20_000_000, "ping start".to_string()),
         (20_000_000, "pong start".to_string()),
-        (
-            base + 50_000,
-            format!("pong clock 1 from {}", base + 50_000),
-        ),
+        (base + 50_000, format!("pong clock 1 from {}", base + 50_000)),
         (base + there, "pong frame [1]".into()),
         (base + 100_000, "ping truth 1".into()),
         (base + back, "ping frame [1]".into()),
@@ -228,22 +160,14 @@ fn everything_takes_its_time_on_its_wire_to_the_nanosecond() {
     let mut expected_sorted = expected.to_vec();
     expected_sorted.sort();
     assert_eq!(lines, expected_sorted);
-    assert!(
-        log.borrow().is_sorted_by_key(|line| line[..9].to_string()),
-        "in order of time"
-    );
+    assert!(log.borrow().is_sorted_by_key(|line| line[..9].to_string()), "in order of time");
 }
 
 #[test]
 fn the_same_seed_gives_the_same_run_and_another_seed_another() {
     let run = |seed| {
         let jitter = Duration::from_micros(30);
-        let (mut machine, log) = pair(Config {
-            seed,
-            lcm_jitter: jitter,
-            lcm_loss: 0.1,
-            ..Config::default()
-        });
+        let (mut machine, log) = pair(Config { seed, lcm_jitter: jitter, lcm_loss: 0.1, ..Config::default() });
         machine.run_until(ms(2000));
         (machine.digest(), log.take())
     };
@@ -264,16 +188,9 @@ fn a_run_in_pieces_is_the_run_in_one() {
 
 #[test]
 fn what_was_lost_was_lost_for_one_receiver() {
-    let (mut machine, log) = pair(Config {
-        lcm_loss: 1.0,
-        ..Config::default()
-    });
+    let (mut machine, log) = pair(Config { lcm_loss: 1.0, ..Config::default() });
     machine.run_until(ms(500));
-    assert!(
-        !log.borrow()
-            .iter()
-            .any(|line| line.contains("clock") || line.contains("truth"))
-    );
+    assert!(!log.borrow().iter().any(|line| line.contains("clock") || line.contains("truth")));
     assert!(log.borrow().iter().any(|line| line.contains("frame")));
 }
 
@@ -284,25 +201,10 @@ fn a_hung_process_does_nothing_and_finds_its_input_afterwards() {
     machine.hang(1001);
     log.borrow_mut().clear();
     machine.run_until(ms(125));
-    assert!(
-        !log.borrow().iter().any(|line| line.contains("pong")),
-        "{:?}",
-        log.borrow()
-    );
+    assert!(!log.borrow().iter().any(|line| line.contains("pong")), "{:?}", log.borrow());
     machine.resume(1001);
-    let heard: Vec<_> = log
-        .borrow()
-        .iter()
-        .filter(|line| line.contains("clock"))
-        .cloned()
-        .collect();
-    assert_eq!(
-        heard,
-        [
-            "125000000 pong clock 2 from 110050000",
-            "125000000 pong clock 3 from 120050000"
-        ]
-    );
+    let heard: Vec<_> = log.borrow().iter().filter(|line| line.contains("clock")).cloned().collect();
+    assert_eq!(heard, ["125000000 pong clock 2 from 110050000", "125000000 pong clock 3 from 120050000"]);
 }
 
 #[test]
@@ -341,14 +243,10 @@ fn a_terminated_process_ends_in_good_order() {
     let inner = ended.clone();
     machine.observe(move |at, news| {
         if let News::State { module, state } = news {
-            inner
-                .borrow_mut()
-                .push(format!("{} {module} {state}", at.as_nanos()));
+            inner.borrow_mut().push(format!("{} {module} {state}", at.as_nanos()));
         }
         if let News::Exited { pid, status, .. } = news {
-            inner
-                .borrow_mut()
-                .push(format!("{} {pid} {status:?}", at.as_nanos()));
+            inner.borrow_mut().push(format!("{} {pid} {status:?}", at.as_nanos()));
         }
     });
     machine.run_until(ms(50));
@@ -370,13 +268,7 @@ fn a_terminated_process_ends_in_good_order() {
 fn a_message_from_the_test_comes_at_its_moment() {
     let (mut machine, log) = machine(Config::default());
     machine.spawn("pong", State::Run).unwrap();
-    machine.inject(
-        ms(42),
-        simulation::DataClock {
-            timestamp: 0,
-            rate: 7.0,
-        },
-    );
+    machine.inject(ms(42), simulation::DataClock { timestamp: 0, rate: 7.0 });
     machine.run_until(ms(50));
     assert_eq!(log.borrow()[1], " 42050000 pong clock 7 from 42050000");
 }
@@ -398,16 +290,10 @@ fn a_port_that_does_not_fit_its_bus_is_refused() {
     let mut rate = 125_000;
     let mut machine = Virtual::new(Config::default(), move |name, _| {
         rate *= 2;
-        let port = PortSpec {
-            bus: "can.main".into(),
-            line: Line::Can { bitrate: rate },
-        };
+        let port = PortSpec { bus: "can.main".into(), line: Line::Can { bitrate: rate } };
         Ok(Shell::new(ShellConfig::new(name), Box::new(Odd([port]))))
     });
     assert!(machine.spawn("a", State::Run).is_ok());
     let refused = machine.spawn("b", State::Run).unwrap_err();
-    assert_eq!(
-        refused,
-        "bus can.main is Can { bitrate: 250000 }, not Can { bitrate: 500000 }"
-    );
+    assert_eq!(refused, "bus can.main is Can { bitrate: 250000 }, not Can { bitrate: 500000 }");
 }

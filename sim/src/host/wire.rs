@@ -39,9 +39,7 @@ impl Wire {
 
     fn rate(&self) -> Line {
         match &self.kind {
-            Kind::Can(wire) => Line::Can {
-                bitrate: wire.bitrate,
-            },
+            Kind::Can(wire) => Line::Can { bitrate: wire.bitrate },
             Kind::Serial(wire) => Line::Serial { baud: wire.baud },
         }
     }
@@ -62,35 +60,18 @@ impl Wire {
 }
 
 /// The wire of a bus, made when it is first asked for.
-pub(super) fn open(
-    wires: &mut Vec<Wire>,
-    config: &Config,
-    bus: &str,
-    line: Line,
-) -> Result<usize, String> {
+pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line) -> Result<usize, String> {
     if let Some(place) = wires.iter().position(|wire| &*wire.bus == bus) {
         let there = wires[place].rate();
-        return if there == line {
-            Ok(place)
-        } else {
-            Err(format!("bus {bus} is {there:?}, not {line:?}"))
-        };
+        return if there == line { Ok(place) } else { Err(format!("bus {bus} is {there:?}, not {line:?}")) };
     }
     let kind = match line {
         Line::Can { bitrate } => Kind::Can(CanWire::new(bitrate)),
         Line::Serial { baud } => {
             let random = Random::stream(config.seed, 16 + wires.len() as u64);
-            Kind::Serial(SerialWire::new(
-                baud,
-                config.full_duplex.iter().any(|name| name == bus),
-                random,
-            ))
+            Kind::Serial(SerialWire::new(baud, config.full_duplex.iter().any(|name| name == bus), random))
         }
     };
-    wires.push(Wire {
-        bus: bus.into(),
-        kind,
-        due: None,
-    });
+    wires.push(Wire { bus: bus.into(), kind, due: None });
     Ok(wires.len() - 1)
 }

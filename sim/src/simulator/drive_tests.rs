@@ -1,4 +1,4 @@
-//! The drives on the CAN bus: transcripts typed from facts/canopen.md, not made by the master.
+//! The drives on the CAN bus: transcripts typed from docs/facts/canopen.md, not made by the master.
 
 use super::*;
 use base::can::{Frame, Id};
@@ -15,47 +15,25 @@ struct Bus {
 fn frame(text: &str) -> Frame {
     let mut tokens = text.split_whitespace();
     let id = u16::from_str_radix(tokens.next().unwrap(), 16).unwrap();
-    let data: Vec<u8> = tokens
-        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
-        .collect();
+    let data: Vec<u8> = tokens.map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
     Frame::standard(id, &data)
 }
 
 fn text(frame: &Frame) -> String {
-    let Id::Standard(id) = frame.id() else {
-        panic!("{frame:?}")
-    };
-    frame.data().iter().fold(format!("{id:03X}"), |text, byte| {
-        text + &format!(" {byte:02X}")
-    })
+    let Id::Standard(id) = frame.id() else { panic!("{frame:?}") };
+    frame.data().iter().fold(format!("{id:03X}"), |text, byte| text + &format!(" {byte:02X}"))
 }
 
 impl Bus {
     fn new() -> Self {
         let gearing = Gearing::default();
-        let can = CanConfig {
-            bus: "can.main".into(),
-            bitrate: 1_000_000,
-            propulsion: 1,
-            steering: 2,
-            gearing,
-        };
+        let can = CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing };
         let mut world = World::hall(200.0, 200.0);
         world.start = navitools::Pose::new(100.0, 100.0, 0.0);
-        let config = Config {
-            can: Some(can),
-            world,
-            ..Config::default()
-        };
-        let mut bench = Bench::new(Shell::new(
-            ShellConfig::new("simulator"),
-            Box::new(Simulator::new(config)),
-        ));
+        let config = Config { can: Some(can), world, ..Config::default() };
+        let mut bench = Bench::new(Shell::new(ShellConfig::new("simulator"), Box::new(Simulator::new(config))));
         bench.start();
-        Self {
-            bench,
-            truth: simulation::DataTruth::default(),
-        }
+        Self { bench, truth: simulation::DataTruth::default() }
     }
 
     /// Lets time pass; answers what the drives sent, each with its time in ms.
@@ -84,10 +62,7 @@ impl Bus {
     #[track_caller]
     fn sdo(&mut self, request: &str, answer: &str) {
         let answers = self.send(request);
-        assert!(
-            answers.iter().any(|text| text.starts_with(answer)),
-            "{request}: {answers:?}"
-        );
+        assert!(answers.iter().any(|text| text.starts_with(answer)), "{request}: {answers:?}");
     }
 
     fn boot(&mut self) {
@@ -98,22 +73,14 @@ impl Bus {
     /// The statusword, read by SDO.
     fn status(&mut self, node: u8) -> u16 {
         let answers = self.send(&format!("60{node} 40 41 60 00 00 00 00 00"));
-        let answer = answers
-            .iter()
-            .find(|text| text.starts_with(&format!("58{node} 4B")))
-            .unwrap()
-            .clone();
+        let answer = answers.iter().find(|text| text.starts_with(&format!("58{node} 4B"))).unwrap().clone();
         let byte = |at: usize| u16::from_str_radix(&answer[at..at + 2], 16).unwrap();
         byte(16) | byte(19) << 8
     }
 
     fn position(&mut self) -> i32 {
         let answers = self.send("602 40 64 60 00 00 00 00 00");
-        let answer = answers
-            .iter()
-            .find(|text| text.starts_with("582 43"))
-            .unwrap()
-            .clone();
+        let answer = answers.iter().find(|text| text.starts_with("582 43")).unwrap().clone();
         let byte = |i: usize| i32::from_str_radix(&answer[16 + 3 * i..18 + 3 * i], 16).unwrap();
         byte(0) | byte(1) << 8 | byte(2) << 16 | byte(3) << 24
     }
@@ -137,11 +104,7 @@ impl Bus {
         self.enable_propulsion();
         self.send("501 0F 00 C2 07 00 00"); // 1986 rpm
         self.pass(3000);
-        assert!(
-            (self.truth.speed - 0.8).abs() < 0.001,
-            "{}",
-            self.truth.speed
-        );
+        assert!((self.truth.speed - 0.8).abs() < 0.001, "{}", self.truth.speed);
     }
 
     fn home(&mut self) {
@@ -159,10 +122,7 @@ impl Bus {
 fn both_drives_boot_up_and_say_who_they_are() {
     let mut bus = Bus::new();
     let sent = bus.pass(150);
-    assert_eq!(
-        sent,
-        [(100.0, "701 00".to_string()), (100.0, "702 00".to_string())]
-    );
+    assert_eq!(sent, [(100.0, "701 00".to_string()), (100.0, "702 00".to_string())]);
     bus.sdo("601 40 00 10 00 00 00 00 00", "581 43 00 10 00 92 01 02 00");
     bus.sdo("601 40 18 10 01 00 00 00 00", "581 43 18 10 01 FB 00 00 00");
     bus.sdo("601 40 03 20 01 00 00 00 00", "581 4B 03 20 01 33 20"); // firmware 2033h
@@ -182,11 +142,7 @@ fn the_epos_shows_refresh_and_measure_init_on_its_way() {
     let mut told: Vec<String> = bus.send("000 01 01");
     told.extend(bus.send("501 06 00 00 00 00 00"));
     told.extend(bus.send("501 0F 00 00 00 00 00"));
-    told.extend(
-        bus.pass(60)
-            .into_iter()
-            .map(|(at, text)| format!("{} {text}", at - 200.0)),
-    );
+    told.extend(bus.pass(60).into_iter().map(|(at, text)| format!("{} {text}", at - 200.0)));
     let expected = [
         "181 40 13",    // switch on disabled; remote, standing
         "181 21 13",    // ready
@@ -203,11 +159,7 @@ fn profile_velocity_follows_its_ramp() {
     bus.enable_propulsion();
     bus.send("501 0F 00 C2 07 00 00");
     bus.pass(1000);
-    assert!(
-        (bus.truth.speed - 0.5).abs() < 0.03,
-        "0.5 m/s² for a second: {}",
-        bus.truth.speed
-    );
+    assert!((bus.truth.speed - 0.5).abs() < 0.03, "0.5 m/s² for a second: {}", bus.truth.speed);
     bus.pass(2000);
     assert!((bus.truth.speed - 0.8).abs() < 0.001);
     assert_eq!(bus.status(1) & 0x1400, 0x0400, "reached, not standing");
@@ -243,10 +195,7 @@ fn power_off_lets_it_coast() {
     bus.pass(10_000);
     let way = bus.truth.x - x;
     let expected = 0.8 * 0.8 / (2.0 * Parameters::default().coasting());
-    assert!(
-        (expected - 0.005..expected + 0.05).contains(&way),
-        "{way} {expected}"
-    );
+    assert!((expected - 0.005..expected + 0.05).contains(&way), "{way} {expected}");
 }
 
 #[test]
@@ -260,26 +209,16 @@ fn a_lost_heartbeat_stops_the_propulsion_by_itself() {
     }
     let heard = bus.bench.now().as_nanos() as f64 / 1e6 - 50.0;
     let sent = bus.pass(300);
-    let (at, _) = sent
-        .iter()
-        .find(|(_, text)| text == "081 30 81 10 00 00 00 00 00")
-        .unwrap();
+    let (at, _) = sent.iter().find(|(_, text)| text == "081 30 81 10 00 00 00 00 00").unwrap();
     assert!((at - heard - 200.0).abs() < 1e-6, "{heard}: {sent:?}");
     // 150 ms of braking at 1.5 m/s².
-    assert!(
-        (0.5..0.65).contains(&bus.truth.speed),
-        "{}",
-        bus.truth.speed
-    );
+    assert!((0.5..0.65).contains(&bus.truth.speed), "{}", bus.truth.speed);
     assert_eq!(bus.status(1) & 0x4F, 0x0F, "fault reaction");
     bus.pass(1000);
     assert_eq!((bus.truth.speed, bus.status(1) & 0x4F), (0.0, 0x08));
     // Out of the fault by an edge of bit 7; the emergency is taken back.
     let sent = bus.send("501 80 00 00 00 00 00");
-    assert!(
-        sent.contains(&"081 00 00 00 00 00 00 00 00".to_string()),
-        "{sent:?}"
-    );
+    assert!(sent.contains(&"081 00 00 00 00 00 00 00 00".to_string()), "{sent:?}");
     assert_eq!(bus.status(1) & 0x4F, 0x40);
 }
 
@@ -290,19 +229,12 @@ fn homing_finds_the_switch_and_counts_from_it() {
     assert_eq!(bus.status(2) & 0xB400, 0, "running, not homed");
     // 36 deg at 10 deg/s; back off the switch at 2 deg/s.
     bus.pass(3500);
-    assert!(
-        (-35.5..-33.0).contains(&bus.truth.steering.to_degrees()),
-        "{}",
-        bus.truth.steering.to_degrees()
-    );
+    assert!((-35.5..-33.0).contains(&bus.truth.steering.to_degrees()), "{}", bus.truth.steering.to_degrees());
     bus.pass(3000);
     assert_eq!(bus.status(2) & 0xB400, 0x9400, "homed, attained, standing");
     let position = f64::from(bus.position()) / 2048.0;
     let true_angle = bus.truth.steering.to_degrees();
-    assert!(
-        (position - true_angle).abs() < 0.3,
-        "within the play of {true_angle}: {position}"
-    );
+    assert!((position - true_angle).abs() < 0.3, "within the play of {true_angle}: {position}");
 
     // Profile position with the handshake: to the middle.
     bus.sdo("602 2F 60 60 00 01 00 00 00", "582 60 60 60 00");
@@ -313,11 +245,7 @@ fn homing_finds_the_switch_and_counts_from_it() {
     assert_eq!(bus.status(2) & 0x1400, 0);
     bus.pass(4000);
     assert_eq!((bus.status(2) & 0x1400, bus.position()), (0x0400, 0));
-    assert!(
-        (bus.truth.steering.to_degrees() + 0.25).abs() < 0.05,
-        "half the play: {}",
-        bus.truth.steering
-    );
+    assert!((bus.truth.steering.to_degrees() + 0.25).abs() < 0.05, "half the play: {}", bus.truth.steering);
 }
 
 #[test]
@@ -341,11 +269,7 @@ fn a_lost_heartbeat_stops_the_steering_by_itself() {
     bus.pass(190);
     assert_eq!(bus.status(2) & 0x6F, 0x27);
     let sent = bus.pass(15);
-    assert!(
-        sent.iter()
-            .any(|(_, text)| text == "082 30 81 11 00 00 00 00 00"),
-        "{sent:?}"
-    );
+    assert!(sent.iter().any(|(_, text)| text == "082 30 81 11 00 00 00 00 00"), "{sent:?}");
     bus.pass(500);
     assert_eq!(bus.status(2) & 0x4F, 0x40, "braked, then off: 0x605A is 2");
     let stands = bus.truth.steering;
@@ -355,13 +279,7 @@ fn a_lost_heartbeat_stops_the_steering_by_itself() {
 
 fn fault(bus: &mut Bus, target: &str, fault: &str, value: f64, duration: f64) {
     let (target, fault) = (target.into(), fault.into());
-    bus.bench.message(simulation::CmdFault {
-        timestamp: 0,
-        target,
-        fault,
-        value,
-        duration,
-    });
+    bus.bench.message(simulation::CmdFault { timestamp: 0, target, fault, value, duration });
 }
 
 #[test]
@@ -370,16 +288,8 @@ fn drives_have_the_faults_that_are_asked_for() {
     bus.drive();
     fault(&mut bus, "propulsion", "fault", f64::from(0x2310), 0.0);
     let sent = bus.pass(0);
-    assert!(
-        sent.iter()
-            .any(|(_, text)| text == "081 10 23 02 00 00 00 00 00"),
-        "{sent:?}"
-    );
-    assert_eq!(
-        bus.status(1) & 0x4F,
-        0x08,
-        "overcurrent switches off at once"
-    );
+    assert!(sent.iter().any(|(_, text)| text == "081 10 23 02 00 00 00 00 00"), "{sent:?}");
+    assert_eq!(bus.status(1) & 0x4F, 0x08, "overcurrent switches off at once");
 
     fault(&mut bus, "steering", "reboot", 0.0, 0.0);
     let sent = bus.pass(150);

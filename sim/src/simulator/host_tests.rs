@@ -43,19 +43,13 @@ impl Module for Script {
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
-            Event::Port {
-                input: Input::Words(words),
-                ..
-            } if words.len() == 9 => {
-                self.ticks
-                    .set(i16::from_le_bytes([words[4].byte, words[5].byte]));
+            Event::Port { input: Input::Words(words), .. } if words.len() == 9 => {
+                self.ticks.set(i16::from_le_bytes([words[4].byte, words[5].byte]));
                 self.round_trip.set(now.since(self.asked).as_nanos() as u64);
             }
             Event::Timer => {
                 if self.beat.due(now) {
-                    self.frames()
-                        .into_iter()
-                        .for_each(|frame| out.send_can(PortId(0), frame));
+                    self.frames().into_iter().for_each(|frame| out.send_can(PortId(0), frame));
                 }
                 if self.poll.due(now) {
                     self.asked = now;
@@ -80,29 +74,14 @@ struct Run {
 }
 
 fn config() -> Config {
-    let board = BoardConfig {
-        name: "so1".into(),
-        address: 0x20,
-        kind: BoardKind::So1,
-    };
+    let board = BoardConfig { name: "so1".into(), address: 0x20, kind: BoardKind::So1 };
     let gearing = Gearing::default();
     let mut world = World::hall(400.0, 12.0);
     world.start = Pose::new(5.0, 6.0, 0.0);
     Config {
         world,
-        can: Some(CanConfig {
-            bus: "can.main".into(),
-            bitrate: 1_000_000,
-            propulsion: 1,
-            steering: 2,
-            gearing,
-        }),
-        serial: vec![SerialConfig {
-            bus: "rs485.a".into(),
-            baud: 115_200,
-            crc: Crc8::SAE_J1850,
-            boards: vec![board],
-        }],
+        can: Some(CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing }),
+        serial: vec![SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, boards: vec![board] }],
         ..Config::default()
     }
 }
@@ -123,14 +102,8 @@ fn run_in(seed: u64, change: impl Fn(&mut Config) + 'static) -> Run {
             }
             _ => Box::new(Script {
                 ports: [
-                    PortSpec {
-                        bus: "can.main".into(),
-                        line: Line::Can { bitrate: 1_000_000 },
-                    },
-                    PortSpec {
-                        bus: "rs485.a".into(),
-                        line: Line::Serial { baud: 115_200 },
-                    },
+                    PortSpec { bus: "can.main".into(), line: Line::Can { bitrate: 1_000_000 } },
+                    PortSpec { bus: "rs485.a".into(), line: Line::Serial { baud: 115_200 } },
                 ],
                 beat: Ticker::new(Instant::from_millis(50), Duration::from_millis(50)),
                 poll: Ticker::new(Instant::from_millis(333), Duration::from_millis(250)),
@@ -140,40 +113,19 @@ fn run_in(seed: u64, change: impl Fn(&mut Config) + 'static) -> Run {
                 round_trip: inner.1.clone(),
             }),
         };
-        Ok(Shell::new(
-            ShellConfig {
-                wanted,
-                ..ShellConfig::new(name)
-            },
-            module,
-        ))
+        Ok(Shell::new(ShellConfig { wanted, ..ShellConfig::new(name) }, module))
     };
-    let mut machine = Virtual::new(
-        host::Config {
-            seed,
-            ..host::Config::default()
-        },
-        factory,
-    );
+    let mut machine = Virtual::new(host::Config { seed, ..host::Config::default() }, factory);
     let truth = Rc::new(RefCell::new(simulation::DataTruth::default()));
     let seen = truth.clone();
     machine.observe(move |_, news| {
-        if let News::Message {
-            message: Message::SimDataTruth(new),
-            ..
-        } = news
-        {
+        if let News::Message { message: Message::SimDataTruth(new), .. } = news {
             *seen.borrow_mut() = new.clone();
         }
     });
     machine.spawn("simulator", State::Run).unwrap();
     machine.spawn("script", State::Run).unwrap();
-    Run {
-        machine,
-        ticks,
-        round_trip,
-        truth,
-    }
+    Run { machine, ticks, round_trip, truth }
 }
 
 #[test]
@@ -189,25 +141,13 @@ fn it_drives_and_stops_when_its_master_dies_and_repeats_to_the_bit() {
     let go = |seed| {
         let mut run = run(seed);
         run.machine.run_until(Instant::from_millis(10_000));
-        assert!(
-            (run.truth.borrow().speed - 0.5).abs() < 0.001,
-            "{:?}",
-            run.truth
-        );
-        let expected =
-            ((run.truth.borrow().x - 5.0) * 4096.0 / (0.2 * core::f64::consts::PI)) as i64 as i16;
-        assert!(
-            (run.ticks.get().wrapping_sub(expected)).abs() < 1000,
-            "{} {expected}",
-            run.ticks.get()
-        );
+        assert!((run.truth.borrow().speed - 0.5).abs() < 0.001, "{:?}", run.truth);
+        let expected = ((run.truth.borrow().x - 5.0) * 4096.0 / (0.2 * core::f64::consts::PI)) as i64 as i16;
+        assert!((run.ticks.get().wrapping_sub(expected)).abs() < 1000, "{} {expected}", run.ticks.get());
         let script = run.machine.pid("script").unwrap();
         run.machine.kill(script);
         run.machine.run_until(Instant::from_millis(10_140));
-        assert!(
-            run.truth.borrow().speed > 0.49,
-            "the heartbeat is not yet missed"
-        );
+        assert!(run.truth.borrow().speed > 0.49, "the heartbeat is not yet missed");
         run.machine.run_until(Instant::from_millis(11_000));
         assert_eq!(run.truth.borrow().speed, 0.0);
         run.machine.digest()
@@ -220,19 +160,9 @@ fn it_drives_and_stops_when_its_master_dies_and_repeats_to_the_bit() {
 fn over_a_drop_the_board_cuts_the_motors_feed_without_the_host() {
     let mut run = run_in(1, |config| {
         let p = |x, y| navitools::Point { x, y };
-        config
-            .world
-            .drops
-            .push(vec![p(8.0, 0.0), p(9.0, 0.0), p(9.0, 12.0), p(8.0, 12.0)]);
-        let front = Sd1Config {
-            srfs: Vec::new(),
-            irs: vec![p(0.9, 0.2), p(0.9, -0.2)],
-        };
-        let board = BoardConfig {
-            name: "sd1_front".into(),
-            address: 0x10,
-            kind: BoardKind::Sd1(front),
-        };
+        config.world.drops.push(vec![p(8.0, 0.0), p(9.0, 0.0), p(9.0, 12.0), p(8.0, 12.0)]);
+        let front = Sd1Config { srfs: Vec::new(), irs: vec![p(0.9, 0.2), p(0.9, -0.2)] };
+        let board = BoardConfig { name: "sd1_front".into(), address: 0x10, kind: BoardKind::Sd1(front) };
         config.serial[0].boards.push(board);
     });
     run.machine.run_until(Instant::from_millis(10_000));
@@ -240,9 +170,5 @@ fn over_a_drop_the_board_cuts_the_motors_feed_without_the_host() {
     assert_eq!(truth.speed, 0.0);
     // The rangers see the edge at x = 7.1, two samples later it coasts: 0.72 m from 0.5 m/s.
     let coasting = 0.25 / (2.0 * Parameters::default().coasting());
-    assert!(
-        (truth.x - 7.1 - coasting).abs() < 0.03,
-        "{} {coasting}",
-        truth.x
-    );
+    assert!((truth.x - 7.1 - coasting).abs() < 0.03, "{} {coasting}", truth.x);
 }

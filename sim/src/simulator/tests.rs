@@ -1,4 +1,4 @@
-//! The simulator on its ports: transcripts typed from `docs/boards.md`.
+//! The simulator on its ports: transcripts typed from `docs/facts/boards.md`.
 
 use super::*;
 use base::serial::Word;
@@ -22,37 +22,15 @@ fn text(words: &[Word]) -> String {
 
 fn config(wire_time: bool) -> Config {
     let irs = vec![Point { x: 0.8, y: 0.2 }, Point { x: 0.8, y: -0.2 }];
-    let front = Sd1Config {
-        srfs: vec![Pose::new(0.75, 0.0, 0.0)],
-        irs,
-    };
-    let board = |name: &str, address, kind| BoardConfig {
-        name: name.into(),
-        address,
-        kind,
-    };
-    let boards = vec![
-        board("sd1_front", 0x10, BoardKind::Sd1(front)),
-        board("so1", 0x20, BoardKind::So1),
-    ];
-    let serial = SerialConfig {
-        bus: "rs485.a".into(),
-        baud: 115_200,
-        crc: Crc8::SAE_J1850,
-        boards,
-    };
-    Config {
-        serial: vec![serial],
-        wire_time,
-        ..Config::default()
-    }
+    let front = Sd1Config { srfs: vec![Pose::new(0.75, 0.0, 0.0)], irs };
+    let board = |name: &str, address, kind| BoardConfig { name: name.into(), address, kind };
+    let boards = vec![board("sd1_front", 0x10, BoardKind::Sd1(front)), board("so1", 0x20, BoardKind::So1)];
+    let serial = SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, boards };
+    Config { serial: vec![serial], wire_time, ..Config::default() }
 }
 
 fn bench(config: Config) -> Bench {
-    let mut bench = Bench::new(Shell::new(
-        ShellConfig::new("simulator"),
-        Box::new(Simulator::new(config)),
-    ));
+    let mut bench = Bench::new(Shell::new(ShellConfig::new("simulator"), Box::new(Simulator::new(config))));
     bench.start();
     bench.pass(Duration::from_millis(10));
     bench
@@ -64,25 +42,16 @@ fn ask(bench: &mut Bench, request: &str) -> Option<(u64, String)> {
     let asked = bench.now();
     bench.words(PortId(0), &words(request));
     bench.pass(Duration::from_millis(20));
-    let answer = bench
-        .done()
-        .into_iter()
-        .find_map(|(at, action)| match action {
-            module::Action::Send(PortId(0), Output::Words(words)) => Some((at, text(&words))),
-            _ => None,
-        });
+    let answer = bench.done().into_iter().find_map(|(at, action)| match action {
+        module::Action::Send(PortId(0), Output::Words(words)) => Some((at, text(&words))),
+        _ => None,
+    });
     answer.map(|(at, words)| (at.since(asked).as_nanos() as u64, words))
 }
 
 fn fault(bench: &mut Bench, target: &str, fault: &str, duration: f64) {
     let (target, fault) = (target.into(), fault.into());
-    bench.message(simulation::CmdFault {
-        timestamp: 0,
-        target,
-        fault,
-        value: 0.0,
-        duration,
-    });
+    bench.message(simulation::CmdFault { timestamp: 0, target, fault, value: 0.0, duration });
 }
 
 /// Ticks of a robot that stands: request and answer typed from the table, the CRCs by another program.
@@ -101,28 +70,15 @@ fn where_the_port_has_no_wire_its_time_is_added() {
     let mut bench = bench(config(true));
     let (after, answer) = ask(&mut bench, TICKS).unwrap();
     // 5 words of request, 9 of answer, each 11 bits at 115200 Bd, rounded up to a nanosecond.
-    assert_eq!(
-        (after, answer.split(' ').count()),
-        (200_000 + 14 * 95_487, 9)
-    );
+    assert_eq!((after, answer.split(' ').count()), (200_000 + 14 * 95_487, 9));
 }
 
 #[test]
 fn an_unknown_instruction_and_a_wrong_crc_are_said() {
     let mut bench = bench(config(false));
-    assert!(
-        ask(&mut bench, "20! 01 00 00 9d")
-            .unwrap()
-            .1
-            .starts_with("20! 01 02 00 ")
-    );
+    assert!(ask(&mut bench, "20! 01 00 00 9d").unwrap().1.starts_with("20! 01 02 00 "));
     let crc = Crc8::SAE_J1850.of([0x20, 0x77, 0, 0]);
-    assert!(
-        ask(&mut bench, &format!("20! 77 00 00 {crc:02x}"))
-            .unwrap()
-            .1
-            .starts_with("20! 77 03 00 ")
-    );
+    assert!(ask(&mut bench, &format!("20! 77 00 00 {crc:02x}")).unwrap().1.starts_with("20! 77 03 00 "));
     assert_eq!(ask(&mut bench, "33! 01 00 00 9c"), None);
 }
 
@@ -145,16 +101,13 @@ fn faults_come_last_and_go() {
 #[test]
 fn a_fault_that_it_does_not_know_is_reported() {
     let mut bench = bench(config(false));
-    for (target, name) in [
-        ("so1", "melted"),
-        ("nobody", "silent"),
-        ("sd1_front", "stuck"),
-    ] {
+    for (target, name) in [("so1", "melted"), ("nobody", "silent"), ("sd1_front", "stuck")] {
         bench.done();
         fault(&mut bench, target, name, 1.0);
-        let reported = bench.done().into_iter().any(|(_, action)| {
-            matches!(action, module::Action::Report(report) if report.fault == Fault::FaultUnknown)
-        });
+        let reported = bench
+            .done()
+            .into_iter()
+            .any(|(_, action)| matches!(action, module::Action::Report(report) if report.fault == Fault::FaultUnknown));
         assert!(reported, "{target} {name}");
     }
 }
@@ -188,13 +141,7 @@ fn random_words_never_stop_it() {
     let mut random = crate::Random::new(5);
     for _ in 0..20_000 {
         let bits = random.bits();
-        bench.words(
-            PortId(0),
-            &[Word {
-                byte: bits as u8,
-                ninth: bits & 0xF00 == 0,
-            }],
-        );
+        bench.words(PortId(0), &[Word { byte: bits as u8, ninth: bits & 0xF00 == 0 }]);
         bench.pass(Duration::from_micros(bits >> 32 & 0x1FF));
     }
     bench.pass(Duration::from_millis(50));

@@ -20,12 +20,7 @@ impl Drive {
     /// A drive after power-on that has made its self test (T0, T1): Switch On Disabled.
     #[must_use]
     pub fn new(quick_stop_option: i16, enables_from_ready: bool) -> Self {
-        Self {
-            state: PowerState::SwitchOnDisabled,
-            controlword: 0,
-            quick_stop_option,
-            enables_from_ready,
-        }
+        Self { state: PowerState::SwitchOnDisabled, controlword: 0, quick_stop_option, enables_from_ready }
     }
 
     /// The state.
@@ -66,9 +61,7 @@ impl Drive {
     }
 
     fn next(&self, before: u16) -> Option<(Transition, PowerState)> {
-        use PowerState::{
-            Fault, OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn,
-        };
+        use PowerState::{Fault, OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
         let word = self.controlword;
         let reset = word & !before & 0x80 != 0;
         // CiA 402-2, Table 27; bit 7 is 0 in all but the fault reset.
@@ -107,10 +100,7 @@ impl Drive {
 
     /// Something is wrong: Fault Reaction Active (T13), from every state but the two of fault.
     pub fn fault(&mut self) -> Option<Transition> {
-        if matches!(
-            self.state,
-            PowerState::FaultReactionActive | PowerState::Fault
-        ) {
+        if matches!(self.state, PowerState::FaultReactionActive | PowerState::Fault) {
             return None;
         }
         self.state = PowerState::FaultReactionActive;

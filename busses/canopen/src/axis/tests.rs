@@ -97,17 +97,9 @@ fault                      -   -   -   -   -   -  15
 fn options_of_quick_stop_and_faults_are_obeyed() {
     let mut drive = drive_in(PowerState::QuickStopActive, 2);
     assert!(drive.apply(0x0F).is_empty(), "option 2 does not resume");
-    assert_eq!(
-        (drive.stands(), drive.state()),
-        (Some(12), PowerState::SwitchOnDisabled)
-    );
+    assert_eq!((drive.stands(), drive.state()), (Some(12), PowerState::SwitchOnDisabled));
     assert_eq!(drive_in(PowerState::QuickStopActive, 6).stands(), None);
-    assert_eq!(
-        drive_in(PowerState::OperationEnabled, 0)
-            .apply(0x02)
-            .as_slice(),
-        [9]
-    );
+    assert_eq!(drive_in(PowerState::OperationEnabled, 0).apply(0x02).as_slice(), [9]);
 
     let mut drive = drive_in(PowerState::OperationEnabled, 6);
     assert_eq!((drive.fault(), drive.fault()), (Some(13), None));
@@ -128,16 +120,10 @@ fn the_commands_for_each_goal_and_state() {
     let mut table = String::new();
     for state in PowerState::ALL {
         table += &format!("{state:24}");
-        for (goal, resumes) in [
-            (Goal::Disabled, true),
-            (Goal::Enabled, false),
-            (Goal::Enabled, true),
-            (Goal::QuickStop, true),
-        ] {
-            let mut axis = Axis::new(AxisConfig {
-                resumes,
-                ..AxisConfig::default()
-            });
+        for (goal, resumes) in
+            [(Goal::Disabled, true), (Goal::Enabled, false), (Goal::Enabled, true), (Goal::QuickStop, true)]
+        {
+            let mut axis = Axis::new(AxisConfig { resumes, ..AxisConfig::default() });
             axis.handle_statusword(Instant::ZERO, state.encode());
             axis.set_goal(Instant::ZERO, goal);
             table += &format!("  {:02X}", axis.controlword());
@@ -175,24 +161,14 @@ fn walk(axis: &mut Axis, drive: &mut Drive, now: &mut Instant, steps: u32) -> Ve
 #[test]
 fn an_axis_walks_up_stops_resumes_and_walks_down() {
     for resumes in [false, true] {
-        let mut axis = Axis::new(AxisConfig {
-            resumes,
-            ..AxisConfig::default()
-        });
+        let mut axis = Axis::new(AxisConfig { resumes, ..AxisConfig::default() });
         let (mut drive, mut now) = (Drive::new(6, false), Instant::ZERO);
         walk(&mut axis, &mut drive, &mut now, 100);
-        assert_eq!(
-            drive.state(),
-            PowerState::SwitchOnDisabled,
-            "never without being told"
-        );
+        assert_eq!(drive.state(), PowerState::SwitchOnDisabled, "never without being told");
         for _ in 0..3 {
             axis.set_goal(now, Goal::Enabled);
             let events = walk(&mut axis, &mut drive, &mut now, 10);
-            assert_eq!(
-                (events.last(), axis.is_enabled()),
-                (Some(&AxisEvent::Reached(Goal::Enabled)), true)
-            );
+            assert_eq!((events.last(), axis.is_enabled()), (Some(&AxisEvent::Reached(Goal::Enabled)), true));
             axis.set_goal(now, Goal::QuickStop);
             let events = walk(&mut axis, &mut drive, &mut now, 10);
             assert_eq!(events.last(), Some(&AxisEvent::Reached(Goal::QuickStop)));
@@ -203,10 +179,7 @@ fn an_axis_walks_up_stops_resumes_and_walks_down() {
         axis.set_goal(now, Goal::Disabled);
         let events = walk(&mut axis, &mut drive, &mut now, 10);
         assert_eq!(events.last(), Some(&AxisEvent::Reached(Goal::Disabled)));
-        assert_eq!(
-            (drive.state(), axis.poll_timeout()),
-            (PowerState::SwitchOnDisabled, None)
-        );
+        assert_eq!((drive.state(), axis.poll_timeout()), (PowerState::SwitchOnDisabled, None));
     }
 }
 
@@ -220,22 +193,12 @@ fn a_fault_is_told_once_and_needs_a_reset_and_a_new_goal() {
     let mut events = walk(&mut axis, &mut drive, &mut now, 10);
     drive.fault_reaction_done();
     events.extend(walk(&mut axis, &mut drive, &mut now, 3000));
-    let faults = events
-        .iter()
-        .filter(|event| matches!(event, AxisEvent::Fault { .. }))
-        .count();
-    assert_eq!(
-        (faults, axis.goal(), drive.state()),
-        (1, Goal::Disabled, PowerState::Fault)
-    );
+    let faults = events.iter().filter(|event| matches!(event, AxisEvent::Fault { .. })).count();
+    assert_eq!((faults, axis.goal(), drive.state()), (1, Goal::Disabled, PowerState::Fault));
     axis.reset_fault(now);
     assert_eq!(axis.controlword(), 0, "first low");
     walk(&mut axis, &mut drive, &mut now, 100);
-    assert_eq!(
-        drive.state(),
-        PowerState::SwitchOnDisabled,
-        "reset, not enabled"
-    );
+    assert_eq!(drive.state(), PowerState::SwitchOnDisabled, "reset, not enabled");
     axis.set_goal(now, Goal::Enabled);
     walk(&mut axis, &mut drive, &mut now, 10);
     assert!(axis.is_enabled());
@@ -254,13 +217,9 @@ fn a_fault_that_stays_is_reset_by_a_fresh_edge_each_time() {
             now += MS;
             axis.handle_timeout(now);
         }
-        let edges = words
-            .windows(2)
-            .filter(|pair| pair[0] & 0x80 == 0 && pair[1] & 0x80 != 0)
-            .count();
+        let edges = words.windows(2).filter(|pair| pair[0] & 0x80 == 0 && pair[1] & 0x80 != 0).count();
         assert_eq!((words[0], edges, words.last()), (0, 1, Some(&0)));
-        let stuck = core::iter::from_fn(|| axis.poll_event())
-            .any(|event| matches!(event, AxisEvent::Stuck { .. }));
+        let stuck = core::iter::from_fn(|| axis.poll_event()).any(|event| matches!(event, AxisEvent::Stuck { .. }));
         assert!(stuck);
     }
 }
@@ -273,20 +232,11 @@ fn an_axis_that_drops_out_is_not_enabled_again_by_itself() {
     walk(&mut axis, &mut drive, &mut now, 10);
     let mut drive = Drive::new(6, false);
     let events = walk(&mut axis, &mut drive, &mut now, 100);
-    let dropped = AxisEvent::Dropped {
-        to: PowerState::SwitchOnDisabled,
-        statusword: 0x40,
-    };
+    let dropped = AxisEvent::Dropped { to: PowerState::SwitchOnDisabled, statusword: 0x40 };
     assert!(events.contains(&dropped), "{events:?}");
-    assert_eq!(
-        (axis.goal(), drive.state()),
-        (Goal::Disabled, PowerState::SwitchOnDisabled)
-    );
+    assert_eq!((axis.goal(), drive.state()), (Goal::Disabled, PowerState::SwitchOnDisabled));
     axis.lost();
-    assert_eq!(
-        (axis.state(), axis.goal(), axis.controlword()),
-        (None, Goal::Disabled, 0)
-    );
+    assert_eq!((axis.state(), axis.goal(), axis.controlword()), (None, Goal::Disabled, 0));
 }
 
 #[test]
@@ -300,26 +250,14 @@ fn a_transition_that_does_not_come_is_named_once() {
     axis.handle_timeout(until + MS);
     let events: Vec<_> = core::iter::from_fn(|| axis.poll_event()).collect();
     let state = Some(PowerState::ReadyToSwitchOn);
-    let stuck = AxisEvent::Stuck {
-        state,
-        goal: Goal::Enabled,
-        statusword: 0x0221,
-        controlword: 7,
-    };
-    assert_eq!(
-        events.iter().filter(|event| **event == stuck).count(),
-        1,
-        "{events:?}"
-    );
+    let stuck = AxisEvent::Stuck { state, goal: Goal::Enabled, statusword: 0x0221, controlword: 7 };
+    assert_eq!(events.iter().filter(|event| **event == stuck).count(), 1, "{events:?}");
     assert_eq!(axis.poll_timeout(), None);
 }
 
 #[test]
 fn a_stop_and_a_start_in_one_breath_are_no_drop() {
-    let mut axis = Axis::new(AxisConfig {
-        resumes: true,
-        ..AxisConfig::default()
-    });
+    let mut axis = Axis::new(AxisConfig { resumes: true, ..AxisConfig::default() });
     let (mut drive, mut now) = (Drive::new(6, false), Instant::ZERO);
     axis.set_goal(now, Goal::Enabled);
     walk(&mut axis, &mut drive, &mut now, 10);
@@ -327,11 +265,6 @@ fn a_stop_and_a_start_in_one_breath_are_no_drop() {
     drive.apply(axis.controlword());
     axis.set_goal(now, Goal::Enabled);
     let events = walk(&mut axis, &mut drive, &mut now, 10);
-    assert!(
-        !events
-            .iter()
-            .any(|event| matches!(event, AxisEvent::Dropped { .. })),
-        "{events:?}"
-    );
+    assert!(!events.iter().any(|event| matches!(event, AxisEvent::Dropped { .. })), "{events:?}");
     assert!(axis.is_enabled());
 }

@@ -27,11 +27,7 @@ pub struct AxisConfig {
 
 impl Default for AxisConfig {
     fn default() -> Self {
-        Self {
-            transition_timeout: Duration::from_secs(1),
-            quick_stop: control::QUICK_STOP,
-            resumes: false,
-        }
+        Self { transition_timeout: Duration::from_secs(1), quick_stop: control::QUICK_STOP, resumes: false }
     }
 }
 
@@ -122,9 +118,7 @@ impl Axis {
         }
         self.goal = goal;
         if goal != Goal::Enabled {
-            self.stopping = self
-                .state
-                .is_none_or(|state| state == PowerState::OperationEnabled);
+            self.stopping = self.state.is_none_or(|state| state == PowerState::OperationEnabled);
         }
         self.reached = false;
         self.arm(now);
@@ -140,9 +134,7 @@ impl Axis {
     /// Asks for a fault reset; without a fault nothing happens.
     pub fn reset_fault(&mut self, now: Instant) {
         if self.state == Some(PowerState::Fault) && self.reset == Reset::Idle {
-            self.reset = Reset::Low {
-                until: now + LOW_FOR,
-            };
+            self.reset = Reset::Low { until: now + LOW_FOR };
             self.until = None;
         }
     }
@@ -150,10 +142,7 @@ impl Axis {
     /// The node is lost: nothing is seen any more, and enable must be told anew.
     pub fn lost(&mut self) {
         let events = core::mem::take(&mut self.events);
-        *self = Self {
-            events,
-            ..Self::new(self.config)
-        };
+        *self = Self { events, ..Self::new(self.config) };
     }
 
     /// The state seen last.
@@ -203,10 +192,7 @@ impl Axis {
                 }
                 self.goal = Goal::Disabled;
             }
-            _ if from == Some(PowerState::OperationEnabled)
-                && self.goal == Goal::Enabled
-                && !stopping =>
-            {
+            _ if from == Some(PowerState::OperationEnabled) && self.goal == Goal::Enabled && !stopping => {
                 self.events.push(AxisEvent::Dropped { to, statusword });
                 self.goal = Goal::Disabled;
             }
@@ -219,17 +205,12 @@ impl Axis {
     }
 
     fn is_there(&self) -> bool {
-        use PowerState::{
-            Fault, NotReady, OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled,
-        };
+        use PowerState::{Fault, NotReady, OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled};
         match self.goal {
             Goal::Enabled => self.state == Some(OperationEnabled),
             Goal::Disabled => matches!(self.state, Some(SwitchOnDisabled | Fault | NotReady)),
             Goal::QuickStop => {
-                matches!(
-                    self.state,
-                    Some(QuickStopActive | SwitchOnDisabled | ReadyToSwitchOn | Fault | NotReady)
-                )
+                matches!(self.state, Some(QuickStopActive | SwitchOnDisabled | ReadyToSwitchOn | Fault | NotReady))
             }
         }
     }
@@ -252,16 +233,12 @@ impl Axis {
     /// bits are zero.
     #[must_use]
     pub fn controlword(&self) -> u16 {
-        use PowerState::{
-            OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn,
-        };
+        use PowerState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
         match (self.goal, self.state) {
             (_, Some(PowerState::Fault)) if self.reset == Reset::High => control::FAULT_RESET,
             (_, Some(PowerState::Fault)) => control::DISABLE_VOLTAGE,
             (Goal::QuickStop, _) => self.config.quick_stop,
-            (_, None | Some(PowerState::NotReady | PowerState::FaultReactionActive)) => {
-                control::DISABLE_VOLTAGE
-            }
+            (_, None | Some(PowerState::NotReady | PowerState::FaultReactionActive)) => control::DISABLE_VOLTAGE,
             (Goal::Enabled, Some(SwitchOnDisabled)) => control::SHUTDOWN,
             (Goal::Enabled, Some(ReadyToSwitchOn)) => control::SWITCH_ON,
             (Goal::Enabled, Some(SwitchedOn | OperationEnabled)) => control::ENABLE,
@@ -281,19 +258,9 @@ impl Axis {
         }
         if self.until.take_if(|until| *until <= now).is_some() {
             let controlword = self.controlword();
-            let Self {
-                state,
-                goal,
-                statusword,
-                ..
-            } = *self;
+            let Self { state, goal, statusword, .. } = *self;
             self.reset = Reset::Idle;
-            self.events.push(AxisEvent::Stuck {
-                state,
-                goal,
-                statusword,
-                controlword,
-            });
+            self.events.push(AxisEvent::Stuck { state, goal, statusword, controlword });
         }
     }
 

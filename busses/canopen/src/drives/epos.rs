@@ -89,15 +89,9 @@ impl Parameters {
 pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
     let node = parameters.node;
     let optional = [
-        parameters
-            .motor_type
-            .map(|value| ConfigWrite::new(0x6402, 0, value)),
-        parameters
-            .encoder_pulses
-            .map(|value| ConfigWrite::new(0x2210, 1, value)),
-        parameters
-            .miscellaneous
-            .map(|value| ConfigWrite::new(0x2008, 0, value)),
+        parameters.motor_type.map(|value| ConfigWrite::new(0x6402, 0, value)),
+        parameters.encoder_pulses.map(|value| ConfigWrite::new(0x2210, 1, value)),
+        parameters.miscellaneous.map(|value| ConfigWrite::new(0x2008, 0, value)),
     ];
     let velocity_cob_id = 0x4000_0480 + u32::from(node);
     let fixed = [
@@ -137,11 +131,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
 /// How the axis behaves: quick stop is kept and left by enabling (T16).
 #[must_use]
 pub fn axis_config() -> AxisConfig {
-    AxisConfig {
-        quick_stop: QUICK_STOP,
-        resumes: true,
-        ..AxisConfig::default()
-    }
+    AxisConfig { quick_stop: QUICK_STOP, resumes: true, ..AxisConfig::default() }
 }
 
 /// The data of [`RPDO`].
@@ -166,16 +156,10 @@ pub fn unpack(number: u8, data: &[u8]) -> Option<Status> {
     let (status, rest) = data.split_first_chunk::<2>()?;
     let statusword = u16::from_le_bytes(*status);
     match number {
-        TPDO_STATUS => Some(Status {
-            statusword,
-            velocity_rpm: None,
-        }),
+        TPDO_STATUS => Some(Status { statusword, velocity_rpm: None }),
         TPDO_VELOCITY => {
             let velocity = i32::from_le_bytes(*rest.first_chunk()?);
-            Some(Status {
-                statusword,
-                velocity_rpm: Some(velocity),
-            })
+            Some(Status { statusword, velocity_rpm: Some(velocity) })
         }
         _ => None,
     }

@@ -92,11 +92,7 @@ impl Progress {
     #[must_use]
     pub fn decode(statusword: u16) -> Self {
         let bit = |mask| statusword & mask != 0;
-        match (
-            bit(status::MODE_13),
-            bit(status::MODE_12),
-            bit(status::TARGET_REACHED),
-        ) {
+        match (bit(status::MODE_13), bit(status::MODE_12), bit(status::TARGET_REACHED)) {
             (false, false, false) => Self::Running,
             (false, false, true) => Self::NotStarted,
             (false, true, false) => Self::AttainedMoving,
@@ -170,14 +166,7 @@ impl Homing {
     /// Not begun.
     #[must_use]
     pub fn new(config: HomingConfig) -> Self {
-        Self {
-            config,
-            state: State::Idle,
-            wanted: None,
-            pending: None,
-            statusword: 0,
-            finished: None,
-        }
+        Self { config, state: State::Idle, wanted: None, pending: None, statusword: 0, finished: None }
     }
 
     /// Begins; the axis must be enabled. While it runs nothing happens.
@@ -215,12 +204,8 @@ impl Homing {
             Some(ConfigWrite::new(0x6098, 0, config.method)),
             Some(ConfigWrite::new(0x6099, 1, config.switch_speed)),
             Some(ConfigWrite::new(0x6099, 2, config.zero_speed)),
-            config
-                .acceleration
-                .map(|value| ConfigWrite::new(0x609A, 0, value)),
-            config
-                .offset
-                .map(|value| ConfigWrite::new(0x607C, 0, value)),
+            config.acceleration.map(|value| ConfigWrite::new(0x609A, 0, value)),
+            config.offset.map(|value| ConfigWrite::new(0x607C, 0, value)),
             Some(ConfigWrite::new(0x6060, 0, HOMING_MODE)),
         ]
         .into_iter()
@@ -235,11 +220,7 @@ impl Homing {
 
     fn restore(&mut self, result: Result<(), HomingError>) {
         self.state = State::Restoring { result };
-        self.wanted = Some(Access::Write(ConfigWrite::new(
-            0x6060,
-            0,
-            self.config.mode_after,
-        )));
+        self.wanted = Some(Access::Write(ConfigWrite::new(0x6060, 0, self.config.mode_after)));
     }
 
     fn finish(&mut self, result: Result<(), HomingError>) {
@@ -267,11 +248,7 @@ impl Homing {
         match (self.state, access, result) {
             // The state has moved on since it was asked for.
             (_, _, _) if self.wanted.is_some() => {}
-            (
-                State::Restoring { result: Ok(()) } | State::Leaving { result: Ok(()), .. },
-                _,
-                Err(error),
-            ) => {
+            (State::Restoring { result: Ok(()) } | State::Leaving { result: Ok(()), .. }, _, Err(error)) => {
                 self.finish(Err(HomingError::Sdo { index, sub, error }));
             }
             (State::Restoring { result } | State::Leaving { result, .. }, _, Err(_)) => {
@@ -282,18 +259,11 @@ impl Homing {
             (State::Preparing { at }, Access::Write(_), Ok(_)) => {
                 self.prepare(at + 1);
                 if self.wanted.is_none() {
-                    self.state = State::Entering {
-                        look: now,
-                        until: now + REACT_WITHIN,
-                    };
+                    self.state = State::Entering { look: now, until: now + REACT_WITHIN };
                 }
             }
             (State::Restoring { result }, Access::Write(_), Ok(_)) => {
-                self.state = State::Leaving {
-                    result,
-                    look: now,
-                    until: now + REACT_WITHIN,
-                };
+                self.state = State::Leaving { result, look: now, until: now + REACT_WITHIN };
             }
             (State::Entering { until, .. }, Access::ReadMode, Ok(mode)) => {
                 self.entered(now, &mode, until);
@@ -302,11 +272,7 @@ impl Homing {
                 if *mode == self.config.mode_after.to_le_bytes() {
                     self.finish(result);
                 } else {
-                    self.state = State::Leaving {
-                        result,
-                        look: now + LOOK_EVERY,
-                        until,
-                    };
+                    self.state = State::Leaving { result, look: now + LOOK_EVERY, until };
                 }
             }
             _ => {}
@@ -317,47 +283,24 @@ impl Homing {
     fn entered(&mut self, now: Instant, mode: &[u8], until: Instant) {
         self.state = if *mode == HOMING_MODE.to_le_bytes() {
             let before = Progress::decode(self.statusword);
-            State::Running {
-                before,
-                began: false,
-                react: now + REACT_WITHIN,
-                until: now + self.config.timeout,
-            }
+            State::Running { before, began: false, react: now + REACT_WITHIN, until: now + self.config.timeout }
         } else {
-            State::Entering {
-                look: now + LOOK_EVERY,
-                until,
-            }
+            State::Entering { look: now + LOOK_EVERY, until }
         };
     }
 
     /// A statusword of the drive.
     pub fn handle_statusword(&mut self, _now: Instant, statusword: u16) {
         self.statusword = statusword;
-        let State::Running {
-            before,
-            began,
-            react,
-            until,
-        } = self.state
-        else {
+        let State::Running { before, began, react, until } = self.state else {
             return;
         };
         let progress = Progress::decode(statusword);
         let moves = matches!(progress, Progress::Running | Progress::AttainedMoving);
         let began = began || moves;
         // What the drive said before the start is old news until it says something else.
-        let before = if progress == Progress::NotStarted {
-            progress
-        } else {
-            before
-        };
-        self.state = State::Running {
-            before,
-            began,
-            react,
-            until,
-        };
+        let before = if progress == Progress::NotStarted { progress } else { before };
+        self.state = State::Running { before, began, react, until };
         match progress {
             _ if moves || !began && progress == before => {}
             Progress::Done => self.restore(Ok(())),
@@ -373,11 +316,7 @@ impl Homing {
     /// The bits to add to the controlword of the enabled axis.
     #[must_use]
     pub fn controlword_bits(&self) -> u16 {
-        if matches!(self.state, State::Running { .. }) {
-            control::MODE_4
-        } else {
-            0
-        }
+        if matches!(self.state, State::Running { .. }) { control::MODE_4 } else { 0 }
     }
 
     /// Does what is due.
@@ -390,11 +329,7 @@ impl Homing {
             State::Entering { look, .. } | State::Leaving { look, .. } if look <= now => {
                 self.look();
             }
-            State::Running {
-                began: false,
-                react,
-                ..
-            } if react <= now => {
+            State::Running { began: false, react, .. } if react <= now => {
                 self.restore(Err(HomingError::NotStarted));
             }
             State::Running { until, .. } if until <= now => self.restore(Err(HomingError::Timeout)),
@@ -422,12 +357,7 @@ impl Homing {
             State::Entering { look, until } | State::Leaving { look, until, .. } => {
                 Some(if busy { until } else { look.min(until) })
             }
-            State::Running {
-                began,
-                react,
-                until,
-                ..
-            } => Some(if began { until } else { react.min(until) }),
+            State::Running { began, react, until, .. } => Some(if began { until } else { react.min(until) }),
         }
     }
 }

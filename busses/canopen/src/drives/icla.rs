@@ -100,10 +100,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
     ]
     .to_vec();
     if let Some((min, max)) = parameters.position_limits {
-        writes.extend([
-            ConfigWrite::new(0x607D, 1, min),
-            ConfigWrite::new(0x607D, 2, max),
-        ]);
+        writes.extend([ConfigWrite::new(0x607D, 1, min), ConfigWrite::new(0x607D, 2, max)]);
     }
     NodeConfig {
         device_type: Some(DEVICE_TYPE),
@@ -131,10 +128,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
 /// How the axis behaves: with 0x605A = 6 quick stop is kept and left by enabling (T16).
 #[must_use]
 pub fn axis_config() -> AxisConfig {
-    AxisConfig {
-        resumes: true,
-        ..AxisConfig::default()
-    }
+    AxisConfig { resumes: true, ..AxisConfig::default() }
 }
 
 /// The data of [`RPDO`].
@@ -159,16 +153,10 @@ pub fn unpack(number: u8, data: &[u8]) -> Option<Status> {
     let (status, rest) = data.split_first_chunk::<2>()?;
     let statusword = u16::from_le_bytes(*status);
     match number {
-        TPDO_STATUS => Some(Status {
-            statusword,
-            position: None,
-        }),
+        TPDO_STATUS => Some(Status { statusword, position: None }),
         TPDO_POSITION => {
             let position = i32::from_le_bytes(*rest.first_chunk()?);
-            Some(Status {
-                statusword,
-                position: Some(position),
-            })
+            Some(Status { statusword, position: Some(position) })
         }
         _ => None,
     }

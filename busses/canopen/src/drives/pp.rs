@@ -75,11 +75,7 @@ impl Setpoint {
     /// Forgets all targets: the axis is not enabled, or its mode is another. `position` stands on the wire until
     /// the next target.
     pub fn reset(&mut self, position: i32) {
-        *self = Self {
-            target: position,
-            acknowledge: self.acknowledge,
-            ..Self::new(self.timeout)
-        };
+        *self = Self { target: position, acknowledge: self.acknowledge, ..Self::new(self.timeout) };
     }
 
     /// A new target. The one the drive goes to already is not sent again.
@@ -101,19 +97,14 @@ impl Setpoint {
     /// Whether the drive took the newest target and stands in its window there (statusword bit 10).
     #[must_use]
     pub fn is_reached(&self, statusword: u16) -> bool {
-        let settled =
-            self.state == State::Idle && self.pending.is_none() && self.accepted.is_some();
+        let settled = self.state == State::Idle && self.pending.is_none() && self.accepted.is_some();
         settled && statusword & status::TARGET_REACHED != 0
     }
 
     /// Bits to add to the controlword, and the target to send with it.
     #[must_use]
     pub fn command(&self) -> (u16, i32) {
-        let new = if matches!(self.state, State::Raised { .. }) {
-            control::MODE_4
-        } else {
-            0
-        };
+        let new = if matches!(self.state, State::Raised { .. }) { control::MODE_4 } else { 0 };
         (new | control::CHANGE_AT_ONCE, self.target)
     }
 
@@ -124,12 +115,8 @@ impl Setpoint {
             (State::Raised { .. }, true) => {
                 self.accepted = Some(self.target);
                 self.tries = 0;
-                self.events.push(SetpointEvent::Accepted {
-                    target: self.target,
-                });
-                self.state = State::Lowered {
-                    until: now + self.timeout,
-                };
+                self.events.push(SetpointEvent::Accepted { target: self.target });
+                self.state = State::Lowered { until: now + self.timeout };
             }
             (State::Lowered { .. }, false) => self.state = State::Idle,
             _ => {}
@@ -145,9 +132,7 @@ impl Setpoint {
         let Some(target) = self.pending else { return };
         if self.acknowledge {
             // Left over from before: wait until the drive can take a set-point.
-            self.state = State::Lowered {
-                until: now + self.timeout,
-            };
+            self.state = State::Lowered { until: now + self.timeout };
             return;
         }
         self.pending = None;
@@ -156,9 +141,7 @@ impl Setpoint {
 
     fn raise(&mut self, now: Instant, target: i32) {
         self.target = target;
-        self.state = State::Raised {
-            until: now + self.timeout,
-        };
+        self.state = State::Raised { until: now + self.timeout };
     }
 
     /// Repeats an edge that was not answered.
@@ -166,13 +149,8 @@ impl Setpoint {
         match self.state {
             State::Raised { until } if until <= now => {
                 self.tries = self.tries.saturating_add(1);
-                self.events.push(SetpointEvent::Retried {
-                    target: self.target,
-                    tries: self.tries,
-                });
-                self.state = State::Resting {
-                    until: now + LOW_FOR,
-                };
+                self.events.push(SetpointEvent::Retried { target: self.target, tries: self.tries });
+                self.state = State::Resting { until: now + LOW_FOR };
             }
             // The end of the acknowledge was lost, or never seen: an edge shows.
             State::Lowered { until } if until <= now => {
@@ -198,9 +176,7 @@ impl Setpoint {
     pub fn poll_timeout(&self) -> Option<Instant> {
         match self.state {
             State::Idle => None,
-            State::Raised { until } | State::Lowered { until } | State::Resting { until } => {
-                Some(until)
-            }
+            State::Raised { until } | State::Lowered { until } | State::Resting { until } => Some(until),
         }
     }
 }

@@ -14,9 +14,7 @@ const MS: Duration = Duration::from_millis(1);
 fn number(text: &str) -> i64 {
     let sign = if text.contains('-') { -1 } else { 1 };
     let text = text.replace('-', "");
-    let digits = text
-        .strip_prefix("0x")
-        .map_or(text.parse().ok(), |hex| i64::from_str_radix(hex, 16).ok());
+    let digits = text.strip_prefix("0x").map_or(text.parse().ok(), |hex| i64::from_str_radix(hex, 16).ok());
     sign * digits.unwrap_or_else(|| panic!("{text} is no number"))
 }
 
@@ -25,19 +23,12 @@ fn objects(eds: &str) -> BTreeMap<(u16, u8), BTreeMap<String, String>> {
     let mut all = BTreeMap::<_, BTreeMap<_, _>>::new();
     let mut key = None;
     for line in eds.lines().map(str::trim) {
-        if let Some(section) = line
-            .strip_prefix('[')
-            .and_then(|line| line.strip_suffix(']'))
-        {
+        if let Some(section) = line.strip_prefix('[').and_then(|line| line.strip_suffix(']')) {
             let (index, sub) = section.split_once("sub").unwrap_or((section, "0"));
-            let index = (index.len() == 4)
-                .then(|| u16::from_str_radix(index, 16).ok())
-                .flatten();
+            let index = (index.len() == 4).then(|| u16::from_str_radix(index, 16).ok()).flatten();
             key = index.zip(u8::from_str_radix(sub, 16).ok());
         } else if let (Some(key), Some((name, value))) = (key, line.split_once('=')) {
-            all.entry(key)
-                .or_default()
-                .insert(String::from(name), String::from(value));
+            all.entry(key).or_default().insert(String::from(name), String::from(value));
         }
     }
     all.retain(|_, lines| lines.contains_key("DataType"));
@@ -48,44 +39,22 @@ fn objects(eds: &str) -> BTreeMap<(u16, u8), BTreeMap<String, String>> {
 fn compare(dictionary: &Dictionary, eds: &str) {
     let eds = objects(eds);
     assert!(eds.len() > 150, "{} objects", eds.len());
-    let widths = [
-        ("0x0002", 1),
-        ("0x0003", 2),
-        ("0x0004", 4),
-        ("0x0005", 1),
-        ("0x0006", 2),
-        ("0x0007", 4),
-    ];
+    let widths = [("0x0002", 1), ("0x0003", 2), ("0x0004", 4), ("0x0005", 1), ("0x0006", 2), ("0x0007", 4)];
     for ((index, sub), lines) in &eds {
         let (index, sub) = (*index, *sub);
         let at = std::format!("{index:04X}:{sub}");
         let default = lines.get("DefaultValue").map_or("", String::as_str);
-        let width = widths
-            .iter()
-            .find(|(code, _)| *code == lines["DataType"])
-            .map(|(_, width)| *width);
+        let width = widths.iter().find(|(code, _)| *code == lines["DataType"]).map(|(_, width)| *width);
         let readable = lines["AccessType"] != "wo";
         match width {
             Some(width) => {
                 assert_eq!(dictionary.get(index, sub), Some(number(default)), "{at}");
-                assert_eq!(
-                    dictionary.read(index, sub).map(|data| data.len()).ok(),
-                    readable.then_some(width),
-                    "{at}"
-                );
+                assert_eq!(dictionary.read(index, sub).map(|data| data.len()).ok(), readable.then_some(width), "{at}");
             }
-            None => assert_eq!(
-                &*dictionary.read(index, sub).unwrap(),
-                default.as_bytes(),
-                "{at}"
-            ),
+            None => assert_eq!(&*dictionary.read(index, sub).unwrap(), default.as_bytes(), "{at}"),
         }
         let writable = matches!(&*lines["AccessType"], "rw" | "wo");
-        assert_eq!(
-            dictionary.check_write(index, sub, None).is_ok(),
-            writable,
-            "{at}"
-        );
+        assert_eq!(dictionary.check_write(index, sub, None).is_ok(), writable, "{at}");
         if let (true, Some(width)) = (writable, width) {
             for (limit, beyond) in [("LowLimit", -1), ("HighLimit", 1)] {
                 let Some(limit) = lines.get(limit).filter(|limit| !limit.is_empty()) else {
@@ -99,9 +68,7 @@ fn compare(dictionary: &Dictionary, eds: &str) {
             assert_eq!(received, number(&lines["PDOMapping"]) == 1, "{at}");
         }
     }
-    let ours: Vec<_> = (0..=0xFFFF)
-        .flat_map(|index| (0..=16).map(move |sub| (index, sub)))
-        .collect();
+    let ours: Vec<_> = (0..=0xFFFF).flat_map(|index| (0..=16).map(move |sub| (index, sub))).collect();
     let extra: Vec<_> = ours
         .into_iter()
         .filter(|key| dictionary.check_write(key.0, key.1, None) != Err(crate::Abort::NO_OBJECT))
@@ -120,45 +87,15 @@ fn the_dictionaries_are_those_of_the_eds_files() {
 #[test]
 fn pdos_are_packed_as_on_the_wire() {
     assert_eq!(epos::pack(0x0F, 1500), [0x0F, 0x00, 0xDC, 0x05, 0x00, 0x00]);
-    assert_eq!(
-        epos::pack(0x0F, -1500),
-        [0x0F, 0x00, 0x24, 0xFA, 0xFF, 0xFF]
-    );
-    let status = epos::Status {
-        statusword: 0x0237,
-        velocity_rpm: Some(-1500),
-    };
-    assert_eq!(
-        epos::unpack(4, &[0x37, 0x02, 0x24, 0xFA, 0xFF, 0xFF]),
-        Some(status)
-    );
-    assert_eq!(
-        epos::unpack(1, &[0x37, 0x02]),
-        Some(epos::Status {
-            velocity_rpm: None,
-            ..status
-        })
-    );
-    assert_eq!(
-        (
-            epos::unpack(4, &[0x37, 0x02, 0, 0, 0]),
-            epos::unpack(2, &[0; 8])
-        ),
-        (None, None)
-    );
+    assert_eq!(epos::pack(0x0F, -1500), [0x0F, 0x00, 0x24, 0xFA, 0xFF, 0xFF]);
+    let status = epos::Status { statusword: 0x0237, velocity_rpm: Some(-1500) };
+    assert_eq!(epos::unpack(4, &[0x37, 0x02, 0x24, 0xFA, 0xFF, 0xFF]), Some(status));
+    assert_eq!(epos::unpack(1, &[0x37, 0x02]), Some(epos::Status { velocity_rpm: None, ..status }));
+    assert_eq!((epos::unpack(4, &[0x37, 0x02, 0, 0, 0]), epos::unpack(2, &[0; 8])), (None, None));
     assert_eq!(icla::pack(0x3F, 1000), [0x3F, 0x00, 0xE8, 0x03, 0x00, 0x00]);
-    let status = icla::Status {
-        statusword: 0x1237,
-        position: Some(-2),
-    };
-    assert_eq!(
-        icla::unpack(2, &[0x37, 0x12, 0xFE, 0xFF, 0xFF, 0xFF]),
-        Some(status)
-    );
-    assert_eq!(
-        (icla::unpack(1, &[0x37]), icla::unpack(3, &[0; 8])),
-        (None, None)
-    );
+    let status = icla::Status { statusword: 0x1237, position: Some(-2) };
+    assert_eq!(icla::unpack(2, &[0x37, 0x12, 0xFE, 0xFF, 0xFF, 0xFF]), Some(status));
+    assert_eq!((icla::unpack(1, &[0x37]), icla::unpack(3, &[0; 8])), (None, None));
 }
 
 /// A drive that samples the set-point bits each millisecond (CiA 402-2, Figure 14).
@@ -181,11 +118,7 @@ impl Positioner {
             self.taken.push(target);
         }
         self.raised = new;
-        if new && self.taken.last() == Some(&target) {
-            0x1237
-        } else {
-            0x0237
-        }
+        if new && self.taken.last() == Some(&target) { 0x1237 } else { 0x0237 }
     }
 }
 
@@ -211,27 +144,15 @@ fn each_target_gets_its_edge_and_the_newest_wins() {
     assert_eq!(positioner.taken, [100, 300]);
     setpoint.set(now, 300);
     drive_to(&mut setpoint, &mut positioner, &mut now, 20);
-    assert_eq!(
-        (&positioner.taken[..], setpoint.accepted()),
-        (&[100, 300][..], Some(300))
-    );
+    assert_eq!((&positioner.taken[..], setpoint.accepted()), (&[100, 300][..], Some(300)));
     assert!(setpoint.is_reached(0x0637) && !setpoint.is_reached(0x0237));
-    assert_eq!(
-        (setpoint.command(), setpoint.poll_timeout()),
-        ((0x20, 300), None)
-    );
+    assert_eq!((setpoint.command(), setpoint.poll_timeout()), ((0x20, 300), None));
 }
 
 #[test]
 fn a_lost_edge_is_repeated_with_a_fresh_one() {
     let mut setpoint = Setpoint::new(Duration::from_millis(100));
-    let (mut positioner, mut now) = (
-        Positioner {
-            deaf: 2,
-            ..Positioner::default()
-        },
-        Instant::ZERO,
-    );
+    let (mut positioner, mut now) = (Positioner { deaf: 2, ..Positioner::default() }, Instant::ZERO);
     setpoint.set(now, 7);
     drive_to(&mut setpoint, &mut positioner, &mut now, 110);
     setpoint.set(now, 9);
@@ -239,14 +160,7 @@ fn a_lost_edge_is_repeated_with_a_fresh_one() {
     assert_eq!(positioner.taken, [9]);
     let events: Vec<_> = core::iter::from_fn(|| setpoint.poll_event()).collect();
     let retried = |target, tries| SetpointEvent::Retried { target, tries };
-    assert_eq!(
-        events,
-        [
-            retried(7, 1),
-            retried(9, 2),
-            SetpointEvent::Accepted { target: 9 }
-        ]
-    );
+    assert_eq!(events, [retried(7, 1), retried(9, 2), SetpointEvent::Accepted { target: 9 }]);
 }
 
 #[test]
@@ -258,10 +172,7 @@ fn an_acknowledge_left_over_is_waited_for() {
     setpoint.handle_statusword(Instant::ZERO + MS, 0x0237);
     assert_eq!(setpoint.command(), (0x30, 5));
     setpoint.reset(42);
-    assert_eq!(
-        (setpoint.command(), setpoint.accepted()),
-        ((0x20, 42), None)
-    );
+    assert_eq!((setpoint.command(), setpoint.accepted()), ((0x20, 42), None));
 }
 
 fn homing() -> Homing {
@@ -305,16 +216,7 @@ fn homing_sets_up_starts_waits_and_goes_back() {
     homing.handle_statusword(now, 0x1637);
     homing.start();
     let written = serve(&mut homing, &mut objects, now);
-    assert_eq!(
-        written,
-        [
-            (0x6098, 27),
-            (0x6099, 300),
-            (0x6099, 60),
-            (0x607C, 0xFFFF_FFFB),
-            (0x6060, 6)
-        ]
-    );
+    assert_eq!(written, [(0x6098, 27), (0x6099, 300), (0x6099, 60), (0x607C, 0xFFFF_FFFB), (0x6060, 6)]);
     assert_eq!(homing.controlword_bits(), 0x10);
     homing.handle_statusword(now, 0x1637); // the old "done" is no news
     assert_eq!(homing.controlword_bits(), 0x10);
@@ -323,15 +225,9 @@ fn homing_sets_up_starts_waits_and_goes_back() {
         assert_eq!(homing.controlword_bits(), 0x10);
     }
     homing.handle_statusword(now, 0x1637);
-    assert_eq!(
-        (homing.controlword_bits(), homing.poll_finished()),
-        (0, None)
-    );
+    assert_eq!((homing.controlword_bits(), homing.poll_finished()), (0, None));
     assert_eq!(serve(&mut homing, &mut objects, now), [(0x6060, 1)]);
-    assert_eq!(
-        (homing.poll_finished(), homing.is_running()),
-        (Some(Ok(())), false)
-    );
+    assert_eq!((homing.poll_finished(), homing.is_running()), (Some(Ok(())), false));
     assert_eq!(homing.poll_timeout(), None);
 }
 
@@ -370,43 +266,28 @@ fn homing_fails_with_its_reason_and_restores_the_mode() {
     };
     let (mut homing, mut objects) = running(now);
     homing.handle_statusword(now, 0x2637);
-    assert_eq!(
-        end(&mut homing, &mut objects, now),
-        Some(Err(HomingError::Refused))
-    );
+    assert_eq!(end(&mut homing, &mut objects, now), Some(Err(HomingError::Refused)));
 
     let (mut homing, mut objects) = running(now);
     homing.handle_statusword(now, 0x0237);
     homing.handle_statusword(now, 0x0637);
-    assert_eq!(
-        end(&mut homing, &mut objects, now),
-        Some(Err(HomingError::Interrupted))
-    );
+    assert_eq!(end(&mut homing, &mut objects, now), Some(Err(HomingError::Interrupted)));
 
     let (mut homing, mut objects) = running(now);
     let react = homing.poll_timeout().unwrap();
     homing.handle_timeout(react);
-    assert_eq!(
-        end(&mut homing, &mut objects, react),
-        Some(Err(HomingError::NotStarted))
-    );
+    assert_eq!(end(&mut homing, &mut objects, react), Some(Err(HomingError::NotStarted)));
 
     let (mut homing, mut objects) = running(now);
     homing.handle_statusword(now, 0x0237);
     let limit = homing.poll_timeout().unwrap();
     assert_eq!(limit, now + Duration::from_secs(30));
     homing.handle_timeout(limit);
-    assert_eq!(
-        end(&mut homing, &mut objects, limit),
-        Some(Err(HomingError::Timeout))
-    );
+    assert_eq!(end(&mut homing, &mut objects, limit), Some(Err(HomingError::Timeout)));
 
     let (mut homing, mut objects) = running(now);
     homing.cancel();
-    assert_eq!(
-        end(&mut homing, &mut objects, now),
-        Some(Err(HomingError::Cancelled))
-    );
+    assert_eq!(end(&mut homing, &mut objects, now), Some(Err(HomingError::Cancelled)));
 
     let (mut homing, _) = running(now);
     homing.lost();
@@ -423,10 +304,7 @@ fn a_mode_that_does_not_follow_ends_homing() {
             Some(Access::ReadMode) => homing.handle_sdo(now, Ok(Payload::from(&[1][..]))),
             Some(Access::Write(_)) => homing.handle_sdo(now, Ok(Payload::EMPTY)),
             None => {
-                now = homing
-                    .poll_timeout()
-                    .expect("it waits for something")
-                    .max(now);
+                now = homing.poll_timeout().expect("it waits for something").max(now);
                 homing.handle_timeout(now);
             }
         }
@@ -445,12 +323,5 @@ fn a_refused_object_ends_homing_with_its_name() {
     homing.handle_sdo(Instant::ZERO, Err(error));
     assert!(matches!(homing.poll_sdo(), Some(Access::Write(write)) if write.index == 0x6060));
     homing.handle_sdo(Instant::ZERO, Err(sdo::Error::Timeout));
-    assert_eq!(
-        homing.poll_finished(),
-        Some(Err(HomingError::Sdo {
-            index: 0x6098,
-            sub: 0,
-            error
-        }))
-    );
+    assert_eq!(homing.poll_finished(), Some(Err(HomingError::Sdo { index: 0x6098, sub: 0, error })));
 }

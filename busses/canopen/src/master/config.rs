@@ -55,11 +55,7 @@ impl ConfigWrite {
     /// Write `value` to an object.
     #[must_use]
     pub fn new(index: u16, sub: u8, value: impl Into<Value>) -> Self {
-        Self {
-            index,
-            sub,
-            value: value.into(),
-        }
+        Self { index, sub, value: value.into() }
     }
 
     pub(super) fn payload(self) -> Payload {
@@ -92,25 +88,13 @@ impl Expect {
     /// `value` in the bits of `mask`.
     #[must_use]
     pub const fn masked(index: u16, sub: u8, mask: u32, value: u32) -> Self {
-        Self {
-            index,
-            sub,
-            mask,
-            min: value & mask,
-            max: value & mask,
-        }
+        Self { index, sub, mask, min: value & mask, max: value & mask }
     }
 
     /// At least `min`.
     #[must_use]
     pub const fn at_least(index: u16, sub: u8, min: u32) -> Self {
-        Self {
-            index,
-            sub,
-            mask: u32::MAX,
-            min,
-            max: u32::MAX,
-        }
+        Self { index, sub, mask: u32::MAX, min, max: u32::MAX }
     }
 
     pub(super) const fn holds(self, found: u32) -> bool {
@@ -135,22 +119,14 @@ impl PdoMapping {
     #[must_use]
     pub fn rpdo(node: u8, number: u8, entries: &[u32]) -> Self {
         let cob_id = crate::wire::Service::Rpdo { node, number }.cob_id();
-        Self {
-            record: 0x13FF + u16::from(number),
-            cob_id,
-            entries: entries.to_vec(),
-        }
+        Self { record: 0x13FF + u16::from(number), cob_id, entries: entries.to_vec() }
     }
 
     /// TPDO `number` (1..=4) with its identifier of the pre-defined connection set.
     #[must_use]
     pub fn tpdo(node: u8, number: u8, entries: &[u32]) -> Self {
         let cob_id = crate::wire::Service::Tpdo { node, number }.cob_id();
-        Self {
-            record: 0x17FF + u16::from(number),
-            cob_id,
-            entries: entries.to_vec(),
-        }
+        Self { record: 0x17FF + u16::from(number), cob_id, entries: entries.to_vec() }
     }
 }
 
@@ -220,14 +196,10 @@ impl fmt::Display for ConfigError {
         match self {
             Self::NodeId { node } => write!(f, "node id {node} is not within 1..=127"),
             Self::SameId { node } => write!(f, "node id {node} is given twice"),
-            Self::Period { node } => write!(
-                f,
-                "node {node}: a heartbeat period or limit is not within 1 ms..=65535 ms"
-            ),
-            Self::Limit { node } => write!(
-                f,
-                "node {node}: a heartbeat limit is not longer than the heartbeat"
-            ),
+            Self::Period { node } => {
+                write!(f, "node {node}: a heartbeat period or limit is not within 1 ms..=65535 ms")
+            }
+            Self::Limit { node } => write!(f, "node {node}: a heartbeat limit is not longer than the heartbeat"),
         }
     }
 }
@@ -251,11 +223,7 @@ impl MasterConfig {
                 return Err(ConfigError::Period { node: id });
             }
             let watched = node.master_limit.is_none_or(|limit| limit > self.heartbeat);
-            if watched && node.heartbeat_limit > node.heartbeat {
-                Ok(())
-            } else {
-                Err(ConfigError::Limit { node: id })
-            }
+            if watched && node.heartbeat_limit > node.heartbeat { Ok(()) } else { Err(ConfigError::Limit { node: id }) }
         })
     }
 }

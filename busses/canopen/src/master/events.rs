@@ -79,16 +79,8 @@ impl fmt::Display for BootError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sdo { index, sub, error } => write!(f, "0x{index:04X}:{sub} {error}"),
-            Self::Mismatch {
-                index,
-                sub,
-                expected,
-                found,
-            } => {
-                write!(
-                    f,
-                    "0x{index:04X}:{sub} is 0x{found:X}, expected 0x{expected:X}"
-                )
+            Self::Mismatch { index, sub, expected, found } => {
+                write!(f, "0x{index:04X}:{sub} is 0x{found:X}, expected 0x{expected:X}")
             }
             Self::NoHeartbeat => f.write_str("no heartbeat"),
             Self::NotStarted { state } => write!(f, "does not start, stays {state:?}"),
@@ -131,50 +123,20 @@ pub enum Event {
     /// The node is who it must be, set up, watched and Operational: PDOs may be sent.
     Booted { node: u8 },
     /// An attempt to boot failed; reported once for each cause. Attempts go on.
-    BootFailed {
-        node: u8,
-        step: Step,
-        reason: BootError,
-    },
+    BootFailed { node: u8, step: Step, reason: BootError },
     /// A node that ran is lost, and its PDOs with it; it is booted again.
     Lost { node: u8, reason: LostReason },
     /// A node sent an emergency. Of a flood, one each 100 ms is reported: the first and, later, the last;
     /// `suppressed` says how many were not.
-    Emergency {
-        node: u8,
-        emergency: Emergency,
-        suppressed: u32,
-    },
+    Emergency { node: u8, emergency: Emergency, suppressed: u32 },
     /// A TPDO, numbered 1 to 4, of a node that is Operational.
-    Pdo {
-        node: u8,
-        number: u8,
-        data: [u8; 8],
-        len: u8,
-    },
+    Pdo { node: u8, number: u8, data: [u8; 8], len: u8 },
     /// An object was read.
-    SdoRead {
-        node: u8,
-        ticket: Ticket,
-        index: u16,
-        sub: u8,
-        data: Payload,
-    },
+    SdoRead { node: u8, ticket: Ticket, index: u16, sub: u8, data: Payload },
     /// An object was written.
-    SdoWritten {
-        node: u8,
-        ticket: Ticket,
-        index: u16,
-        sub: u8,
-    },
+    SdoWritten { node: u8, ticket: Ticket, index: u16, sub: u8 },
     /// An object was neither read nor written.
-    SdoFailed {
-        node: u8,
-        ticket: Ticket,
-        index: u16,
-        sub: u8,
-        error: sdo::Error,
-    },
+    SdoFailed { node: u8, ticket: Ticket, index: u16, sub: u8, error: sdo::Error },
     /// Frames of this node that CANopen does not allow, so far; told at 1, 2, 4, 8 and so on.
     Malformed { node: u8, count: u32 },
     /// A heartbeat with the master's own id: two masters are on the bus. Told at most every 10 s.

@@ -17,12 +17,7 @@ pub(super) struct OwnHeartbeat {
 impl OwnHeartbeat {
     pub(super) fn new(now: Instant, config: &MasterConfig) -> Self {
         let ticker = Ticker::new(now, config.heartbeat);
-        Self {
-            ticker,
-            returns: config.own_frames_return,
-            owed: 0,
-            quiet_until: now,
-        }
+        Self { ticker, returns: config.own_frames_return, owed: 0, quiet_until: now }
     }
 
     pub(super) fn due(&mut self, now: Instant) -> bool {

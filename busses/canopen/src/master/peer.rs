@@ -3,10 +3,7 @@
 mod boot;
 
 use super::plan::{Work, plan};
-use super::{
-    BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, State, Stats, Step,
-    Ticket,
-};
+use super::{BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, State, Stats, Step, Ticket};
 use crate::wire::{self, Emergency, NmtState};
 use crate::{Payload, sdo};
 use alloc::vec::Vec;
@@ -103,9 +100,7 @@ impl Peer {
         Self {
             plan: plan(master, &config),
             config,
-            phase: Phase::Resting {
-                until: Instant::ZERO,
-            },
+            phase: Phase::Resting { until: Instant::ZERO },
             nmt_state: None,
             sdo: sdo::Client::new(master.sdo_timeout),
             demand: None,
@@ -158,20 +153,12 @@ impl Peer {
             (NmtState::Initialising, Phase::Resting { .. }) => self.first(now, shared),
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { .. }) => {
-                self.phase = Phase::Running {
-                    until: now + self.config.heartbeat_limit,
-                };
+                self.phase = Phase::Running { until: now + self.config.heartbeat_limit };
             }
             (NmtState::Operational, Phase::Starting { .. }) => self.booted(now, shared),
             (state, Phase::Running { .. }) => self.lose(now, shared, LostReason::State(state)),
             (_, Phase::Listening { .. }) => self.start(now, shared, STARTS),
-            (
-                _,
-                Phase::Starting { .. }
-                | Phase::Working { .. }
-                | Phase::Resetting { .. }
-                | Phase::Resting { .. },
-            ) => {}
+            (_, Phase::Starting { .. } | Phase::Working { .. } | Phase::Resetting { .. } | Phase::Resting { .. }) => {}
         }
     }
 
@@ -201,11 +188,7 @@ impl Peer {
     fn tell_emergency(&mut self, now: Instant, emergency: Emergency, shared: &mut Shared) {
         let suppressed = core::mem::take(&mut self.emergencies).suppressed;
         self.emergencies.quiet_until = now + EMERGENCY_EVERY;
-        shared.events.push(Event::Emergency {
-            node: self.id(),
-            emergency,
-            suppressed,
-        });
+        shared.events.push(Event::Emergency { node: self.id(), emergency, suppressed });
     }
 
     pub(super) fn tpdo(&mut self, number: u8, frame: &Frame, shared: &mut Shared) {
@@ -215,22 +198,14 @@ impl Peer {
         self.stats.pdos = self.stats.pdos.saturating_add(1);
         let mut data = [0; 8];
         data[..frame.data().len()].copy_from_slice(frame.data());
-        shared.events.push(Event::Pdo {
-            node: self.id(),
-            number,
-            data,
-            len: frame.dlc(),
-        });
+        shared.events.push(Event::Pdo { node: self.id(), number, data, len: frame.dlc() });
     }
 
     fn malformed(&mut self, shared: &mut Shared) {
         self.stats.malformed = self.stats.malformed.saturating_add(1);
         let count = self.stats.malformed;
         if count.is_power_of_two() {
-            shared.events.push(Event::Malformed {
-                node: self.id(),
-                count,
-            });
+            shared.events.push(Event::Malformed { node: self.id(), count });
         }
     }
 
@@ -245,13 +220,11 @@ impl Peer {
             Phase::Listening { until } if until <= now => {
                 self.fail(now, shared, BootError::NoHeartbeat);
             }
-            Phase::Starting { until, starts_left } if until <= now => {
-                match (starts_left, self.nmt_state) {
-                    (0, Some(state)) => self.fail(now, shared, BootError::NotStarted { state }),
-                    (0, None) => self.fail(now, shared, BootError::NoHeartbeat),
-                    (left, _) => self.start(now, shared, left),
-                }
-            }
+            Phase::Starting { until, starts_left } if until <= now => match (starts_left, self.nmt_state) {
+                (0, Some(state)) => self.fail(now, shared, BootError::NotStarted { state }),
+                (0, None) => self.fail(now, shared, BootError::NoHeartbeat),
+                (left, _) => self.start(now, shared, left),
+            },
             Phase::Running { until } if until <= now => {
                 self.lose(now, shared, LostReason::Heartbeat);
             }
@@ -277,12 +250,7 @@ impl Peer {
         [sdo, phase, emergency].into_iter().flatten().min()
     }
 
-    pub(super) fn request(
-        &mut self,
-        now: Instant,
-        demand: Demand,
-        shared: &mut Shared,
-    ) -> Result<(), RequestError> {
+    pub(super) fn request(&mut self, now: Instant, demand: Demand, shared: &mut Shared) -> Result<(), RequestError> {
         if !self.demands.push(demand) {
             return Err(RequestError::QueueFull);
         }
@@ -301,15 +269,10 @@ impl Peer {
     pub(super) fn bus_down(&mut self, now: Instant, shared: &mut Shared) {
         if self.is_operational() {
             self.stats.losses = self.stats.losses.saturating_add(1);
-            shared.events.push(Event::Lost {
-                node: self.id(),
-                reason: LostReason::BusDown,
-            });
+            shared.events.push(Event::Lost { node: self.id(), reason: LostReason::BusDown });
         }
         self.abandon(shared);
         self.nmt_state = None;
-        self.phase = Phase::Resting {
-            until: now + shared.config.retry,
-        };
+        self.phase = Phase::Resting { until: now + shared.config.retry };
     }
 }

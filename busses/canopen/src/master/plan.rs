@@ -19,16 +19,8 @@ pub(super) fn plan(master: &MasterConfig, node: &NodeConfig) -> Vec<(Step, Work)
     };
     let mut plan = Vec::new();
     plan.push((Step::DeviceType, Work::Read(device_type)));
-    plan.extend(
-        node.identity
-            .iter()
-            .map(|expect| (Step::Identity, Work::Read(*expect))),
-    );
-    plan.extend(
-        node.writes
-            .iter()
-            .map(|write| (Step::Configuration, Work::Write(*write))),
-    );
+    plan.extend(node.identity.iter().map(|expect| (Step::Identity, Work::Read(*expect))));
+    plan.extend(node.writes.iter().map(|write| (Step::Configuration, Work::Write(*write))));
     for pdo in &node.mappings {
         // The PDO exists (bit 31), has 11 bits (bit 29) and this identifier.
         let cob_id = Expect::masked(pdo.record, 1, 0xBFFF_FFFF, u32::from(pdo.cob_id));
@@ -40,15 +32,9 @@ pub(super) fn plan(master: &MasterConfig, node: &NodeConfig) -> Vec<(Step, Work)
     }
     if let Some(limit) = node.master_limit {
         let entry = u32::from(master.id) << 16 | limit.as_millis() as u32;
-        plan.push((
-            Step::ErrorControl,
-            Work::Write(ConfigWrite::new(0x1016, 1, entry)),
-        ));
+        plan.push((Step::ErrorControl, Work::Write(ConfigWrite::new(0x1016, 1, entry))));
     }
     let period = node.heartbeat.as_millis() as u16;
-    plan.push((
-        Step::ErrorControl,
-        Work::Write(ConfigWrite::new(0x1017, 0, period)),
-    ));
+    plan.push((Step::ErrorControl, Work::Write(ConfigWrite::new(0x1017, 0, period))));
     plan
 }

@@ -23,11 +23,7 @@ impl RoundTrip {
     }
 
     fn add(&mut self, took: Duration) {
-        self.min = if self.count == 0 {
-            took
-        } else {
-            self.min.min(took)
-        };
+        self.min = if self.count == 0 { took } else { self.min.min(took) };
         self.max = self.max.max(took);
         self.sum = self.sum.saturating_add(took);
         self.count = self.count.saturating_add(1);

@@ -13,16 +13,10 @@ use std::vec::Vec;
 fn robot(config: MasterConfig) -> Bus {
     let epos_parameters = epos::Parameters::new(1);
     let icla_parameters = icla::Parameters::new(2);
-    let nodes = [
-        epos::node_config("propulsion", &epos_parameters),
-        icla::node_config("steering", &icla_parameters),
-    ];
+    let nodes = [epos::node_config("propulsion", &epos_parameters), icla::node_config("steering", &icla_parameters)];
     let master = Master::new(config, &nodes).unwrap();
     let boot_time = Duration::from_millis(5);
-    let twins = vec![
-        Node::new(epos::dictionary(1), boot_time),
-        Node::new(icla::dictionary(2), boot_time),
-    ];
+    let twins = vec![Node::new(epos::dictionary(1), boot_time), Node::new(icla::dictionary(2), boot_time)];
     let mut bus = Bus::new(master, twins);
     for node in &mut bus.nodes {
         node.power_on(bus.now);
@@ -34,12 +28,7 @@ fn robot(config: MasterConfig) -> Bus {
 fn booted() -> Bus {
     let mut bus = robot(MasterConfig::default());
     bus.run(500);
-    assert_eq!(
-        [1, 2].map(|id| bus.master.state(id)),
-        [Some(State::Operational); 2],
-        "{:#?}",
-        bus.events
-    );
+    assert_eq!([1, 2].map(|id| bus.master.state(id)), [Some(State::Operational); 2], "{:#?}", bus.events);
     bus
 }
 
@@ -50,18 +39,10 @@ fn is_booted(id: u8) -> impl Fn(&Event) -> bool {
 #[test]
 fn both_drives_boot_and_take_pdos() {
     let mut bus = robot(MasterConfig::default());
-    assert_eq!(
-        bus.master.send_pdo(1, 4, &epos::pack(0x0F, 1500)),
-        Err(PdoError::NotOperational)
-    );
+    assert_eq!(bus.master.send_pdo(1, 4, &epos::pack(0x0F, 1500)), Err(PdoError::NotOperational));
     bus.run_to(500, is_booted(1));
     bus.run(200);
-    assert_eq!(
-        [1, 2].map(|id| bus.master.state(id)),
-        [Some(State::Operational); 2],
-        "{:#?}",
-        bus.events
-    );
+    assert_eq!([1, 2].map(|id| bus.master.state(id)), [Some(State::Operational); 2], "{:#?}", bus.events);
     bus.master.send_pdo(1, 4, &epos::pack(0x0F, 1500)).unwrap();
     bus.run(1);
     assert_eq!(bus.nodes[0].get(0x60FF, 0), Some(1500));
@@ -129,10 +110,7 @@ fn a_boot_up_on_the_wire() {
 
 #[test]
 fn a_silent_node_is_asked_three_times_then_reported_once_and_tried_for_ever() {
-    let config = MasterConfig {
-        heartbeat: Duration::from_secs(60),
-        ..MasterConfig::default()
-    };
+    let config = MasterConfig { heartbeat: Duration::from_secs(60), ..MasterConfig::default() };
     let mut master = Master::new(config, &[NodeConfig::new(1, "propulsion")]).unwrap();
     check(
         &mut master,
@@ -179,15 +157,8 @@ fn the_heartbeat_keeps_its_grid_however_late_it_is_served() {
         assert_eq!(next.as_nanos() % 50_000_000, 0);
         now = next + Duration::from_micros(sent.len() as u64 % 900);
     }
-    let drift = sent
-        .last()
-        .unwrap()
-        .since(Instant::from_millis(50 * (sent.len() as u64 - 1)));
-    assert!(
-        drift < Duration::from_millis(1),
-        "{drift:?} after {} heartbeats",
-        sent.len()
-    );
+    let drift = sent.last().unwrap().since(Instant::from_millis(50 * (sent.len() as u64 - 1)));
+    assert!(drift < Duration::from_millis(1), "{drift:?} after {} heartbeats", sent.len());
 }
 
 #[test]
@@ -197,24 +168,9 @@ fn a_node_that_dies_is_lost_in_time_and_no_pdo_follows() {
         bus.run(die_after);
         let died = bus.now;
         bus.nodes[0].power_off();
-        let lost = bus.run_to(300, |event| {
-            matches!(
-                event,
-                Event::Lost {
-                    node: 1,
-                    reason: LostReason::Heartbeat
-                }
-            )
-        });
-        assert!(
-            lost.since(died) <= Duration::from_millis(200),
-            "{:?}",
-            lost.since(died)
-        );
-        assert_eq!(
-            bus.master.send_pdo(1, 4, &[0; 6]),
-            Err(PdoError::NotOperational)
-        );
+        let lost = bus.run_to(300, |event| matches!(event, Event::Lost { node: 1, reason: LostReason::Heartbeat }));
+        assert!(lost.since(died) <= Duration::from_millis(200), "{:?}", lost.since(died));
+        assert_eq!(bus.master.send_pdo(1, 4, &[0; 6]), Err(PdoError::NotOperational));
         bus.master.send_pdo(2, 2, &[0; 6]).unwrap();
         bus.nodes[0].power_on(bus.now);
         bus.run_to(2000, is_booted(1));
@@ -228,15 +184,7 @@ fn a_node_that_reboots_is_lost_at_once_and_set_up_again() {
     assert_eq!(bus.nodes[0].get(0x6060, 0), Some(3));
     bus.nodes[0].power_on(bus.now);
     assert_eq!(bus.nodes[0].get(0x6060, 0), Some(1));
-    let lost = bus.run_to(10, |event| {
-        matches!(
-            event,
-            Event::Lost {
-                node: 1,
-                reason: LostReason::BootUp
-            }
-        )
-    });
+    let lost = bus.run_to(10, |event| matches!(event, Event::Lost { node: 1, reason: LostReason::BootUp }));
     let again = bus.run_to(400, is_booted(1));
     assert!(again.since(lost) < Duration::from_millis(300));
     assert_eq!(bus.nodes[0].get(0x6060, 0), Some(3));
@@ -246,19 +194,12 @@ fn a_node_that_reboots_is_lost_at_once_and_set_up_again() {
 
 #[test]
 fn a_node_that_leaves_operational_is_lost() {
-    for (command, state) in [
-        (NmtCommand::Stop, NmtState::Stopped),
-        (NmtCommand::EnterPreOperational, NmtState::PreOperational),
-    ] {
+    for (command, state) in
+        [(NmtCommand::Stop, NmtState::Stopped), (NmtCommand::EnterPreOperational, NmtState::PreOperational)]
+    {
         let mut bus = booted();
         bus.master.nmt(Target::Node(2), command);
-        bus.run_to(200, |event| {
-            *event
-                == Event::Lost {
-                    node: 2,
-                    reason: LostReason::State(state),
-                }
-        });
+        bus.run_to(200, |event| *event == Event::Lost { node: 2, reason: LostReason::State(state) });
         bus.run_to(1000, is_booted(2));
     }
 }
@@ -270,24 +211,14 @@ fn refused(change: impl Fn(Dictionary) -> Dictionary) -> (Step, BootError) {
     bus.nodes[0].power_on(bus.now);
     bus.run(5000);
     let ours = |(_, event): &(Instant, Event)| match event {
-        Event::BootFailed {
-            node: 1,
-            step,
-            reason,
-        } => Some((*step, *reason)),
+        Event::BootFailed { node: 1, step, reason } => Some((*step, *reason)),
         _ => None,
     };
     let failures: Vec<_> = bus.events.iter().filter_map(ours).collect();
     assert_eq!(failures.len(), 1, "once for each cause: {failures:?}");
     assert!(!bus.events.iter().any(|(_, event)| is_booted(1)(event)));
-    assert_eq!(
-        bus.master.state(2),
-        Some(State::Operational),
-        "the other one is not held up"
-    );
-    let enabling = |(_, frame): &(Instant, Frame)| {
-        matches!(Service::of(frame), Some(Service::Rpdo { node: 1, .. }))
-    };
+    assert_eq!(bus.master.state(2), Some(State::Operational), "the other one is not held up");
+    let enabling = |(_, frame): &(Instant, Frame)| matches!(Service::of(frame), Some(Service::Rpdo { node: 1, .. }));
     assert!(!bus.sent.iter().any(enabling));
     failures[0]
 }
@@ -296,37 +227,14 @@ fn refused(change: impl Fn(Dictionary) -> Dictionary) -> (Step, BootError) {
 fn what_is_not_the_configured_drive_is_refused() {
     use crate::dictionary::{Access, DataType, Entry};
     let number = |index, sub, value| {
-        let data_type = if index == 0x2003 {
-            DataType::U16
-        } else {
-            DataType::U32
-        };
-        move |objects: Dictionary| {
-            objects.with(&[Entry::new(index, sub, data_type, Access::ReadOnly, value)])
-        }
+        let data_type = if index == 0x2003 { DataType::U16 } else { DataType::U32 };
+        move |objects: Dictionary| objects.with(&[Entry::new(index, sub, data_type, Access::ReadOnly, value)])
     };
-    let mismatch = |index, sub, expected, found| BootError::Mismatch {
-        index,
-        sub,
-        expected,
-        found,
-    };
-    assert_eq!(
-        refused(number(0x1000, 0, 0x191)),
-        (Step::DeviceType, mismatch(0x1000, 0, 0x0002_0192, 0x191))
-    );
-    assert_eq!(
-        refused(number(0x1018, 1, 0x5A)),
-        (Step::Identity, mismatch(0x1018, 1, 0xFB, 0x5A))
-    );
-    assert_eq!(
-        refused(number(0x2003, 2, 0x6010)),
-        (Step::Identity, mismatch(0x2003, 2, 0x6410, 0x6010))
-    );
-    assert_eq!(
-        refused(number(0x2003, 1, 0x2024)),
-        (Step::Identity, mismatch(0x2003, 1, 0x2030, 0x2024))
-    );
+    let mismatch = |index, sub, expected, found| BootError::Mismatch { index, sub, expected, found };
+    assert_eq!(refused(number(0x1000, 0, 0x191)), (Step::DeviceType, mismatch(0x1000, 0, 0x0002_0192, 0x191)));
+    assert_eq!(refused(number(0x1018, 1, 0x5A)), (Step::Identity, mismatch(0x1018, 1, 0xFB, 0x5A)));
+    assert_eq!(refused(number(0x2003, 2, 0x6010)), (Step::Identity, mismatch(0x2003, 2, 0x6410, 0x6010)));
+    assert_eq!(refused(number(0x2003, 1, 0x2024)), (Step::Identity, mismatch(0x2003, 1, 0x2030, 0x2024)));
     assert_eq!(
         refused(|objects| objects.with_rpdo(4, 0x500, &[0x6040_0010, 0x206B_0020], false)),
         (Step::Mapping, mismatch(0x1603, 2, 0x60FF_0020, 0x206B_0020))
@@ -338,28 +246,16 @@ fn what_is_not_the_configured_drive_is_refused() {
     let error = sdo::Error::Refused(crate::Abort::TOO_HIGH);
     assert_eq!(
         refused(|objects| {
-            objects.with(&[
-                Entry::new(0x6083, 0, DataType::U32, Access::ReadWrite, 1).limits(0, 9_999)
-            ])
+            objects.with(&[Entry::new(0x6083, 0, DataType::U32, Access::ReadWrite, 1).limits(0, 9_999)])
         }),
-        (
-            Step::Configuration,
-            BootError::Sdo {
-                index: 0x6083,
-                sub: 0,
-                error
-            }
-        )
+        (Step::Configuration, BootError::Sdo { index: 0x6083, sub: 0, error })
     );
 }
 
 #[test]
 fn the_robot_boots_over_a_wire_that_loses_and_doubles() {
     for seed in 1..=30 {
-        let mut bus = robot(MasterConfig {
-            own_frames_return: true,
-            ..MasterConfig::default()
-        });
+        let mut bus = robot(MasterConfig { own_frames_return: true, ..MasterConfig::default() });
         bus.seed(seed);
         (bus.loss, bus.doubling, bus.echo) = (30, 30, true);
         bus.run(20_000);
@@ -374,26 +270,15 @@ fn the_robot_boots_over_a_wire_that_loses_and_doubles() {
 
 #[test]
 fn own_frames_come_back_without_harm_and_a_second_master_is_told() {
-    let mut bus = robot(MasterConfig {
-        own_frames_return: true,
-        ..MasterConfig::default()
-    });
+    let mut bus = robot(MasterConfig { own_frames_return: true, ..MasterConfig::default() });
     bus.echo = true;
     bus.run(2000);
-    assert!(
-        bus.events
-            .iter()
-            .all(|(_, event)| matches!(event, Event::Booted { .. } | Event::Pdo { .. }))
-    );
+    assert!(bus.events.iter().all(|(_, event)| matches!(event, Event::Booted { .. } | Event::Pdo { .. })));
     for _ in 0..20 {
         bus.put(usize::MAX, wire::heartbeat(127, NmtState::Operational));
         bus.run(50);
     }
-    let told = bus
-        .events
-        .iter()
-        .filter(|(_, event)| *event == Event::SecondMaster)
-        .count();
+    let told = bus.events.iter().filter(|(_, event)| *event == Event::SecondMaster).count();
     assert_eq!(told, 1);
 
     let mut bus = robot(MasterConfig::default());
@@ -407,57 +292,19 @@ fn objects_are_read_and_written_on_demand() {
     let mut bus = booted();
     let now = bus.now;
     let name = bus.master.sdo_read(now, 2, 0x1008, 0).unwrap();
-    let ramp = bus
-        .master
-        .sdo_write(now, 2, 0x6083, 0, crate::Value::U32(500))
-        .unwrap();
+    let ramp = bus.master.sdo_write(now, 2, 0x6083, 0, crate::Value::U32(500)).unwrap();
     let none = bus.master.sdo_read(now, 2, 0x5000, 0).unwrap();
-    assert_eq!(
-        bus.master.sdo_read(now, 9, 0x1000, 0),
-        Err(RequestError::UnknownNode)
-    );
+    assert_eq!(bus.master.sdo_read(now, 9, 0x1000, 0), Err(RequestError::UnknownNode));
     bus.run(50);
-    let mut sdo = bus
-        .events
-        .iter()
-        .map(|(_, event)| event.clone())
-        .filter(|event| {
-            matches!(
-                event,
-                Event::SdoRead { .. } | Event::SdoWritten { .. } | Event::SdoFailed { .. }
-            )
+    let mut sdo =
+        bus.events.iter().map(|(_, event)| event.clone()).filter(|event| {
+            matches!(event, Event::SdoRead { .. } | Event::SdoWritten { .. } | Event::SdoFailed { .. })
         });
     let data = Payload::from(&b"Position drive, simulated, with a long device name"[..]);
-    assert_eq!(
-        sdo.next(),
-        Some(Event::SdoRead {
-            node: 2,
-            ticket: name,
-            index: 0x1008,
-            sub: 0,
-            data
-        })
-    );
-    assert_eq!(
-        sdo.next(),
-        Some(Event::SdoWritten {
-            node: 2,
-            ticket: ramp,
-            index: 0x6083,
-            sub: 0
-        })
-    );
+    assert_eq!(sdo.next(), Some(Event::SdoRead { node: 2, ticket: name, index: 0x1008, sub: 0, data }));
+    assert_eq!(sdo.next(), Some(Event::SdoWritten { node: 2, ticket: ramp, index: 0x6083, sub: 0 }));
     let error = sdo::Error::Refused(crate::Abort::NO_OBJECT);
-    assert_eq!(
-        sdo.next(),
-        Some(Event::SdoFailed {
-            node: 2,
-            ticket: none,
-            index: 0x5000,
-            sub: 0,
-            error
-        })
-    );
+    assert_eq!(sdo.next(), Some(Event::SdoFailed { node: 2, ticket: none, index: 0x5000, sub: 0, error }));
     assert_eq!(bus.nodes[1].get(0x6083, 0), Some(500));
 
     // A node that is lost answers for what it had; what waits goes to the next life.
@@ -467,22 +314,11 @@ fn objects_are_read_and_written_on_demand() {
         bus.master.sdo_read(now, 2, 0x1000, 0).unwrap();
     }
     bus.master.sdo_read(now, 2, 0x1000, 0).unwrap();
-    assert_eq!(
-        bus.master.sdo_read(now, 2, 0x1000, 0),
-        Err(RequestError::QueueFull)
-    );
+    assert_eq!(bus.master.sdo_read(now, 2, 0x1000, 0), Err(RequestError::QueueFull));
     bus.nodes[1].power_on(bus.now);
     bus.run(3000);
     let answered = bus.events.iter().filter(|(at, event)| {
-        *at > now
-            && matches!(
-                event,
-                Event::SdoRead { .. }
-                    | Event::SdoFailed {
-                        error: sdo::Error::Cancelled,
-                        ..
-                    }
-            )
+        *at > now && matches!(event, Event::SdoRead { .. } | Event::SdoFailed { error: sdo::Error::Cancelled, .. })
     });
     assert_eq!(answered.count(), 17);
 }
@@ -499,11 +335,7 @@ fn an_emergency_flood_is_told_by_its_first_and_last() {
     let told: Vec<_> = bus.events[from..]
         .iter()
         .filter_map(|(_, event)| match event {
-            Event::Emergency {
-                emergency,
-                suppressed,
-                ..
-            } => Some((emergency.code, *suppressed)),
+            Event::Emergency { emergency, suppressed, .. } => Some((emergency.code, *suppressed)),
             _ => None,
         })
         .collect();
@@ -519,13 +351,7 @@ fn when_the_bus_goes_down_nothing_is_left_to_send() {
     }
     bus.master.handle_bus_down(bus.now);
     assert_eq!(bus.master.poll_tx(), None);
-    bus.run_to(10, |event| {
-        *event
-            == Event::Lost {
-                node: 1,
-                reason: LostReason::BusDown,
-            }
-    });
+    bus.run_to(10, |event| *event == Event::Lost { node: 1, reason: LostReason::BusDown });
     bus.run_to(3000, is_booted(2));
     assert_eq!(bus.nodes[0].get(0x60FF, 0), Some(0));
 
@@ -535,10 +361,7 @@ fn when_the_bus_goes_down_nothing_is_left_to_send() {
     bus.master.send_pdo(2, 2, &icla::pack(0x0F, 77)).unwrap();
     assert!(bus.master.reboot(bus.now, 1) && !bus.master.reboot(bus.now, 9));
     bus.run(100);
-    assert_eq!(
-        (bus.nodes[0].get(0x60FF, 0), bus.nodes[1].get(0x607A, 0)),
-        (Some(0), Some(77))
-    );
+    assert_eq!((bus.nodes[0].get(0x60FF, 0), bus.nodes[1].get(0x607A, 0)), (Some(0), Some(77)));
 }
 
 #[test]
@@ -548,12 +371,7 @@ fn two_nodes_with_one_id_are_refused() {
     bus.nodes.push(twin);
     bus.nodes[2].power_on(bus.now);
     bus.run(10_000);
-    assert_ne!(
-        bus.master.state(1),
-        Some(State::Operational),
-        "{:#?}",
-        bus.events
-    );
+    assert_ne!(bus.master.state(1), Some(State::Operational), "{:#?}", bus.events);
 }
 
 #[test]
@@ -562,46 +380,16 @@ fn configurations_that_cannot_work_are_refused() {
     let node = || NodeConfig::new(1, "a");
     let new = |config, nodes: &[NodeConfig]| Master::new(config, nodes).err();
     let ms = Duration::from_millis;
-    assert_eq!(
-        new(MasterConfig { id: 0, ..master() }, &[]),
-        Some(ConfigError::NodeId { node: 0 })
-    );
-    assert_eq!(
-        new(master(), &[NodeConfig::new(128, "a")]),
-        Some(ConfigError::NodeId { node: 128 })
-    );
-    assert_eq!(
-        new(master(), &[node(), node()]),
-        Some(ConfigError::SameId { node: 1 })
-    );
-    assert_eq!(
-        new(MasterConfig { id: 1, ..master() }, &[node()]),
-        Some(ConfigError::SameId { node: 1 })
-    );
-    let config = NodeConfig {
-        heartbeat: Duration::ZERO,
-        ..node()
-    };
-    assert_eq!(
-        new(master(), &[config]),
-        Some(ConfigError::Period { node: 1 })
-    );
-    let config = NodeConfig {
-        heartbeat_limit: ms(100),
-        ..node()
-    };
-    assert_eq!(
-        new(master(), &[config]),
-        Some(ConfigError::Limit { node: 1 })
-    );
-    let config = NodeConfig {
-        master_limit: Some(ms(50)),
-        ..node()
-    };
-    assert_eq!(
-        new(master(), &[config]),
-        Some(ConfigError::Limit { node: 1 })
-    );
+    assert_eq!(new(MasterConfig { id: 0, ..master() }, &[]), Some(ConfigError::NodeId { node: 0 }));
+    assert_eq!(new(master(), &[NodeConfig::new(128, "a")]), Some(ConfigError::NodeId { node: 128 }));
+    assert_eq!(new(master(), &[node(), node()]), Some(ConfigError::SameId { node: 1 }));
+    assert_eq!(new(MasterConfig { id: 1, ..master() }, &[node()]), Some(ConfigError::SameId { node: 1 }));
+    let config = NodeConfig { heartbeat: Duration::ZERO, ..node() };
+    assert_eq!(new(master(), &[config]), Some(ConfigError::Period { node: 1 }));
+    let config = NodeConfig { heartbeat_limit: ms(100), ..node() };
+    assert_eq!(new(master(), &[config]), Some(ConfigError::Limit { node: 1 }));
+    let config = NodeConfig { master_limit: Some(ms(50)), ..node() };
+    assert_eq!(new(master(), &[config]), Some(ConfigError::Limit { node: 1 }));
     assert_eq!(new(master(), &[node()]), None);
 }
 
@@ -611,22 +399,15 @@ fn no_frames_panic_and_nothing_stays_due() {
     let mut bus = booted();
     for _ in 0..200_000 {
         bus.now += Duration::from_micros(random.below(20_000));
-        let ids = [
-            0x000, 0x081, 0x181, 0x481, 0x581, 0x581, 0x582, 0x701, 0x702, 0x77F,
-        ];
+        let ids = [0x000, 0x081, 0x181, 0x481, 0x581, 0x581, 0x582, 0x701, 0x702, 0x77F];
         let id = ids[random.below(ids.len() as u64) as usize];
         let mut data = random.next().to_le_bytes();
         if id > 0x700 && random.below(2) == 0 {
             data[0] = [0x00, 0x05, 0x7F, 0x04][random.below(4) as usize];
         }
-        let len = if id > 0x700 {
-            random.below(2) as usize
-        } else {
-            random.below(9) as usize
-        };
+        let len = if id > 0x700 { random.below(2) as usize } else { random.below(9) as usize };
         let now = bus.now;
-        bus.master
-            .handle_rx(now, &Frame::standard(id, &data[..len]));
+        bus.master.handle_rx(now, &Frame::standard(id, &data[..len]));
         bus.master.handle_timeout(now);
         while bus.master.poll_tx().is_some() || bus.master.poll_event().is_some() {}
         assert!(bus.master.poll_timeout().unwrap() > now);
@@ -637,24 +418,14 @@ fn no_frames_panic_and_nothing_stays_due() {
 const WAY_UP: [(&str, &[&str]); 5] = [
     ("resetting", &[]),
     ("working", &["701 00"]),
-    (
-        "listening",
-        &[
-            "581 43 00 10 00 92 01 02 00",
-            "581 60 17 10 00 00 00 00 00",
-            "581 4B 17 10 00 64 00 00 00",
-        ],
-    ),
+    ("listening", &["581 43 00 10 00 92 01 02 00", "581 60 17 10 00 00 00 00 00", "581 4B 17 10 00 64 00 00 00"]),
     ("starting", &["701 7F"]),
     ("running", &["701 05"]),
 ];
 
 /// A master whose node is `steps` states up; nothing waits to be sent or told.
 fn climbed(steps: usize) -> Master {
-    let config = MasterConfig {
-        heartbeat: Duration::from_secs(60),
-        ..MasterConfig::default()
-    };
+    let config = MasterConfig { heartbeat: Duration::from_secs(60), ..MasterConfig::default() };
     let mut master = Master::new(config, &[NodeConfig::new(1, "propulsion")]).unwrap();
     master.handle_timeout(Instant::ZERO);
     for frame in WAY_UP[..=steps].iter().flat_map(|(_, frames)| *frames) {
@@ -667,14 +438,7 @@ fn climbed(steps: usize) -> Master {
 /// State × input → next state, and what is sent.
 #[test]
 fn the_states_of_a_node_and_what_leads_from_one_to_the_next() {
-    let inputs = [
-        "701 00",
-        "701 7F",
-        "701 05",
-        "701 04",
-        "581 80 00 10 00 00 00 02 06",
-        "time",
-    ];
+    let inputs = ["701 00", "701 7F", "701 05", "701 04", "581 80 00 10 00 00 00 02 06", "time"];
     let mut table = Vec::new();
     for (steps, (name, _)) in WAY_UP.iter().enumerate() {
         for input in inputs {

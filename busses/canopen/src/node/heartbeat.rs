@@ -59,22 +59,12 @@ impl Consumers {
             let Some(entry) = dictionary.get(0x1016, sub) else {
                 break;
             };
-            let (node, limit) = (
-                (entry >> 16 & 0x7F) as u8,
-                Duration::from_millis(entry as u64 & 0xFFFF),
-            );
+            let (node, limit) = ((entry >> 16 & 0x7F) as u8, Duration::from_millis(entry as u64 & 0xFFFF));
             if node == 0 || limit.is_zero() {
                 continue;
             }
-            let same = self
-                .0
-                .iter()
-                .find(|consumer| consumer.node == node && consumer.limit == limit);
-            fresh.push(Consumer {
-                node,
-                limit,
-                watch: same.map_or(Watch::Unheard, |consumer| consumer.watch),
-            });
+            let same = self.0.iter().find(|consumer| consumer.node == node && consumer.limit == limit);
+            fresh.push(Consumer { node, limit, watch: same.map_or(Watch::Unheard, |consumer| consumer.watch) });
         }
         self.0 = fresh;
     }
@@ -88,9 +78,7 @@ impl Consumers {
             return false;
         }
         let was = consumer.watch;
-        consumer.watch = Watch::Alive {
-            until: now + consumer.limit,
-        };
+        consumer.watch = Watch::Alive { until: now + consumer.limit };
         was == Watch::Lost
     }
 

@@ -23,12 +23,7 @@ impl Objects for Guarded<'_> {
         self.dictionary.read(index, sub)
     }
 
-    fn check_write(
-        &self,
-        index: u16,
-        sub: u8,
-        size: Option<usize>,
-    ) -> Result<Option<usize>, Abort> {
+    fn check_write(&self, index: u16, sub: u8, size: Option<usize>) -> Result<Option<usize>, Abort> {
         self.dictionary.check_write(index, sub, size)
     }
 
@@ -60,18 +55,10 @@ impl Guarded<'_> {
 
     /// Two entries for one node are refused (CiA 301, 0x1016).
     fn check_consumer(&self, sub: u8, value: i64) -> Result<(), Abort> {
-        let watched = |entry: i64| {
-            (entry & 0xFFFF != 0)
-                .then_some(entry >> 16 & 0xFF)
-                .filter(|node| *node != 0)
-        };
+        let watched = |entry: i64| (entry & 0xFFFF != 0).then_some(entry >> 16 & 0xFF).filter(|node| *node != 0);
         require(watched(value).is_none_or(|node| node <= 127), Abort::RANGE)?;
-        let others = (1..=127)
-            .filter(|other| *other != sub)
-            .filter_map(|other| self.dictionary.get(0x1016, other));
-        let taken = others
-            .filter_map(watched)
-            .any(|node| watched(value) == Some(node));
+        let others = (1..=127).filter(|other| *other != sub).filter_map(|other| self.dictionary.get(0x1016, other));
+        let taken = others.filter_map(watched).any(|node| watched(value) == Some(node));
         require(!taken, Abort::INCOMPATIBLE)
     }
 
@@ -85,10 +72,7 @@ impl Guarded<'_> {
                 let keeps = present & 0x3FFF_FFFF == value & 0x3FFF_FFFF;
                 require(!valid || value & INVALID != 0 || keeps, Abort::RANGE)?;
                 require(value & 0x3FFF_F800 == 0, Abort::RANGE)?;
-                require(
-                    value & INVALID != 0 || !is_restricted((value & 0x7FF) as u16),
-                    Abort::RANGE,
-                )
+                require(value & INVALID != 0 || !is_restricted((value & 0x7FF) as u16), Abort::RANGE)
             }
             // 252 and 253 answer remote frames, which nothing here does.
             2 => require(matches!(value, 0..=240 | 254 | 255), Abort::RANGE),
@@ -99,29 +83,15 @@ impl Guarded<'_> {
 
     /// 0x1600 and 0x1A00: the procedure of CiA 301, 9.5.4, and no shortcut.
     fn check_mapping(&self, index: u16, sub: u8, value: i64) -> Result<(), Abort> {
-        require(
-            self.phase != Phase::Running(NmtState::Operational),
-            Abort::DEVICE_STATE,
-        )?;
+        require(self.phase != Phase::Running(NmtState::Operational), Abort::DEVICE_STATE)?;
         let valid = self.dictionary.get(index - 0x200, 1).unwrap_or(INVALID) & INVALID == 0;
         require(!valid, Abort::UNSUPPORTED_ACCESS)?;
         if sub == 0 {
             require((0..=8).contains(&value), Abort::PDO_LENGTH)?;
-            self.pdos
-                .compile(self.dictionary, index, value as u8)
-                .map(|_| ())
+            self.pdos.compile(self.dictionary, index, value as u8).map(|_| ())
         } else {
-            require(
-                self.dictionary.get(index, 0) == Some(0),
-                Abort::UNSUPPORTED_ACCESS,
-            )?;
-            if value == 0 {
-                Ok(())
-            } else {
-                self.pdos
-                    .locate(self.dictionary, index, value as u32)
-                    .map(|_| ())
-            }
+            require(self.dictionary.get(index, 0) == Some(0), Abort::UNSUPPORTED_ACCESS)?;
+            if value == 0 { Ok(()) } else { self.pdos.locate(self.dictionary, index, value as u32).map(|_| ()) }
         }
     }
 }

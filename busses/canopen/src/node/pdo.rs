@@ -34,15 +34,11 @@ impl Record {
         let count = number(map, 0).unwrap_or(0).clamp(0, 8) as u8;
         self.mapping = pdos.compile(dictionary, map, count).unwrap_or_default();
         let cob_id = number(self.index, 1).unwrap_or(INVALID);
-        self.cob_id =
-            (cob_id & INVALID == 0 && !self.mapping.is_empty()).then_some((cob_id & 0x7FF) as u16);
+        self.cob_id = (cob_id & INVALID == 0 && !self.mapping.is_empty()).then_some((cob_id & 0x7FF) as u16);
     }
 
     fn len(&self) -> usize {
-        self.mapping
-            .iter()
-            .map(|mapped| usize::from(mapped.len))
-            .sum()
+        self.mapping.iter().map(|mapped| usize::from(mapped.len)).sum()
     }
 
     fn is_event_driven(&self) -> bool {
@@ -109,11 +105,7 @@ impl Lookup {
             mapping.push(mapped).map_err(|_| Abort::PDO_LENGTH)?;
         }
         let len: usize = mapping.iter().map(|mapped| usize::from(mapped.len)).sum();
-        if len <= 8 {
-            Ok(mapping)
-        } else {
-            Err(Abort::PDO_LENGTH)
-        }
+        if len <= 8 { Ok(mapping) } else { Err(Abort::PDO_LENGTH) }
     }
 }
 
@@ -127,42 +119,19 @@ pub(super) struct Pdos {
 
 impl Pdos {
     pub(super) fn new(dictionary: &Dictionary) -> Self {
-        let record = |index| Record {
-            index,
-            ..Record::default()
-        };
-        let rpdos = dictionary.indices(0x1400..=0x15FF).map(|index| Rpdo {
-            record: record(index),
-            ..Rpdo::default()
-        });
-        let tpdos = dictionary.indices(0x1800..=0x19FF).map(|index| Tpdo {
-            record: record(index),
-            ..Tpdo::default()
-        });
-        let mut pdos = Self {
-            rpdos: rpdos.collect(),
-            tpdos: tpdos.collect(),
-            cursor: 0,
-        };
+        let record = |index| Record { index, ..Record::default() };
+        let rpdos = dictionary.indices(0x1400..=0x15FF).map(|index| Rpdo { record: record(index), ..Rpdo::default() });
+        let tpdos = dictionary.indices(0x1800..=0x19FF).map(|index| Tpdo { record: record(index), ..Tpdo::default() });
+        let mut pdos = Self { rpdos: rpdos.collect(), tpdos: tpdos.collect(), cursor: 0 };
         pdos.reload(dictionary);
         pdos
     }
 
-    pub(super) fn locate(
-        &self,
-        dictionary: &Dictionary,
-        map: u16,
-        entry: u32,
-    ) -> Result<Mapped, Abort> {
+    pub(super) fn locate(&self, dictionary: &Dictionary, map: u16, entry: u32) -> Result<Mapped, Abort> {
         Lookup.locate(dictionary, map, entry)
     }
 
-    pub(super) fn compile(
-        &self,
-        dictionary: &Dictionary,
-        map: u16,
-        count: u8,
-    ) -> Result<Mapping, Abort> {
+    pub(super) fn compile(&self, dictionary: &Dictionary, map: u16, count: u8) -> Result<Mapping, Abort> {
         Lookup.compile(dictionary, map, count)
     }
 
@@ -174,32 +143,19 @@ impl Pdos {
         }
         for tpdo in &mut self.tpdos {
             tpdo.load(dictionary);
-            *tpdo = Tpdo {
-                inhibited_until: Instant::ZERO,
-                due: None,
-                changed: false,
-                syncs: 0,
-                ..core::mem::take(tpdo)
-            };
+            *tpdo =
+                Tpdo { inhibited_until: Instant::ZERO, due: None, changed: false, syncs: 0, ..core::mem::take(tpdo) };
         }
     }
 
     /// A communication or mapping record was written.
     pub(super) fn configure(&mut self, dictionary: &Dictionary, index: u16, now: Instant) {
         let record = index & !0x0200;
-        for rpdo in self
-            .rpdos
-            .iter_mut()
-            .filter(|rpdo| rpdo.record.index == record)
-        {
+        for rpdo in self.rpdos.iter_mut().filter(|rpdo| rpdo.record.index == record) {
             rpdo.record.load(&Lookup, dictionary);
             rpdo.buffered = false;
         }
-        for tpdo in self
-            .tpdos
-            .iter_mut()
-            .filter(|tpdo| tpdo.record.index == record)
-        {
+        for tpdo in self.tpdos.iter_mut().filter(|tpdo| tpdo.record.index == record) {
             tpdo.load(dictionary);
             tpdo.restart(now);
         }
@@ -220,11 +176,7 @@ impl Pdos {
             return;
         };
         for tpdo in &mut self.tpdos {
-            tpdo.changed |= tpdo
-                .record
-                .mapping
-                .iter()
-                .any(|mapped| mapped.at == Some(at));
+            tpdo.changed |= tpdo.record.mapping.iter().any(|mapped| mapped.at == Some(at));
         }
     }
 
@@ -241,11 +193,7 @@ impl Pdos {
             };
             rpdo.data[..len].copy_from_slice(data);
             rpdo.buffered = !rpdo.record.is_event_driven();
-            return Some(if rpdo.buffered {
-                Received::Buffered
-            } else {
-                Received::Apply(self.cursor - 1)
-            });
+            return Some(if rpdo.buffered { Received::Buffered } else { Received::Apply(self.cursor - 1) });
         }
         self.cursor = 0;
         None
@@ -259,11 +207,7 @@ impl Pdos {
     }
 
     /// Stores what an RPDO brought; gives the places of what was stored. Values out of limits are left out.
-    pub(super) fn apply(
-        &mut self,
-        number: usize,
-        dictionary: &mut Dictionary,
-    ) -> heapless::Vec<usize, 8> {
+    pub(super) fn apply(&mut self, number: usize, dictionary: &mut Dictionary) -> heapless::Vec<usize, 8> {
         let rpdo = &self.rpdos[number];
         let mut written = heapless::Vec::new();
         let mut data = &rpdo.data[..];
@@ -280,12 +224,7 @@ impl Pdos {
     }
 
     /// Transmission types 0 to 240.
-    pub(super) fn sync(
-        &mut self,
-        now: Instant,
-        dictionary: &Dictionary,
-        tx: &mut Queue<Frame, 64>,
-    ) {
+    pub(super) fn sync(&mut self, now: Instant, dictionary: &Dictionary, tx: &mut Queue<Frame, 64>) {
         for tpdo in &mut self.tpdos {
             tpdo.syncs = tpdo.syncs.saturating_add(1);
             let due = match tpdo.record.kind {
@@ -300,17 +239,8 @@ impl Pdos {
     }
 
     /// Transmission types 254 and 255.
-    pub(super) fn send_due(
-        &mut self,
-        now: Instant,
-        dictionary: &Dictionary,
-        tx: &mut Queue<Frame, 64>,
-    ) {
-        for tpdo in self
-            .tpdos
-            .iter_mut()
-            .filter(|tpdo| tpdo.next().is_some_and(|next| next <= now))
-        {
+    pub(super) fn send_due(&mut self, now: Instant, dictionary: &Dictionary, tx: &mut Queue<Frame, 64>) {
+        for tpdo in self.tpdos.iter_mut().filter(|tpdo| tpdo.next().is_some_and(|next| next <= now)) {
             tpdo.send(now, dictionary, tx);
         }
     }
@@ -323,12 +253,7 @@ impl Pdos {
 impl Tpdo {
     fn load(&mut self, dictionary: &Dictionary) {
         self.record.load(&Lookup, dictionary);
-        let number = |sub| {
-            dictionary
-                .get(self.record.index, sub)
-                .unwrap_or(0)
-                .unsigned_abs()
-        };
+        let number = |sub| dictionary.get(self.record.index, sub).unwrap_or(0).unsigned_abs();
         self.inhibit = Duration::from_micros(number(3) * 100);
         self.event_timer = Duration::from_millis(number(5));
     }
@@ -355,10 +280,7 @@ impl Tpdo {
         };
         let mut data = heapless::Vec::<u8, 8>::new();
         for mapped in &self.record.mapping {
-            let value = mapped
-                .at
-                .map_or(0, |at| dictionary.value_at(at))
-                .to_le_bytes();
+            let value = mapped.at.map_or(0, |at| dictionary.value_at(at)).to_le_bytes();
             let _ = data.extend_from_slice(&value[..usize::from(mapped.len)]); // compiled to fit
         }
         tx.push(Frame::standard(cob_id, &data));

@@ -266,34 +266,17 @@ fn services_live_in_the_states_of_the_standard() {
             let frame = Frame::standard(id, data);
             move |node: &mut Node| node.handle_rx(now, &frame)
         };
-        probe("RPDO", &rx(0x302, &[0, 0, 7, 0, 0, 0]), &|node| {
-            node.get(0x607A, 0) == Some(7)
-        });
+        probe("RPDO", &rx(0x302, &[0, 0, 7, 0, 0, 0]), &|node| node.get(0x607A, 0) == Some(7));
         probe("TPDO", &|node| node.set(0x6041, 0, 0x37), &|node| {
             node.handle_timeout(now);
             node.poll_tx().is_some()
         });
-        probe(
-            "SDO",
-            &rx(0x602, &[0x40, 0, 0x10, 0, 0, 0, 0, 0]),
-            &|node| node.poll_tx().is_some(),
-        );
-        probe("EMCY", &|node| node.emergency(0x1000, 1, [0; 5]), &|node| {
-            node.poll_tx().is_some()
-        });
-        probe("NMT", &rx(0x000, &[0x82, 2]), &|node| {
-            node.nmt_state() == Some(NmtState::Initialising)
-        });
+        probe("SDO", &rx(0x602, &[0x40, 0, 0x10, 0, 0, 0, 0, 0]), &|node| node.poll_tx().is_some());
+        probe("EMCY", &|node| node.emergency(0x1000, 1, [0; 5]), &|node| node.poll_tx().is_some());
+        probe("NMT", &rx(0x000, &[0x82, 2]), &|node| node.nmt_state() == Some(NmtState::Initialising));
         table.push(std::format!("{name}: {}", lives.join(" ")));
     }
-    assert_eq!(
-        table,
-        [
-            "Pre-operational: SDO EMCY NMT",
-            "Operational: RPDO TPDO SDO EMCY NMT",
-            "Stopped: NMT"
-        ]
-    );
+    assert_eq!(table, ["Pre-operational: SDO EMCY NMT", "Operational: RPDO TPDO SDO EMCY NMT", "Stopped: NMT"]);
 }
 
 #[test]
@@ -306,19 +289,10 @@ fn the_error_history_keeps_the_newest_first_and_is_cleared() {
     }
     node.emergency(0, 0, [0; 5]);
     let history: Vec<_> = (0..=5).map(|sub| node.get(0x1003, sub).unwrap()).collect();
-    assert_eq!(
-        history,
-        [5, 0x7_3007, 0x6_3006, 0x5_3005, 0x4_3004, 0x3_3003]
-    );
+    assert_eq!(history, [5, 0x7_3007, 0x6_3006, 0x5_3005, 0x4_3004, 0x3_3003]);
     assert_eq!(node.get(0x1001, 0), Some(0));
-    node.handle_rx(
-        Instant::ZERO,
-        &Frame::standard(0x601, &[0x2F, 0x03, 0x10, 0, 0, 0, 0, 0]),
-    );
-    assert_eq!(
-        (node.get(0x1003, 0), node.get(0x1003, 1)),
-        (Some(0), Some(0))
-    );
+    node.handle_rx(Instant::ZERO, &Frame::standard(0x601, &[0x2F, 0x03, 0x10, 0, 0, 0, 0, 0]));
+    assert_eq!((node.get(0x1003, 0), node.get(0x1003, 1)), (Some(0), Some(0)));
 }
 
 #[test]
@@ -351,8 +325,7 @@ fn no_frames_panic_and_nothing_stays_due() {
         }
         if id == 0x602 {
             data[0] = [0x23, 0x2F, 0x2B, 0x40, data[0]][random.below(5) as usize];
-            let index =
-                [0x1400, 0x1600, 0x1801, 0x1A01, 0x1016, 0x1017, 0x2F00][random.below(7) as usize];
+            let index = [0x1400, 0x1600, 0x1801, 0x1A01, 0x1016, 0x1017, 0x2F00][random.below(7) as usize];
             data[1..3].copy_from_slice(&u16::to_le_bytes(index));
             data[3] %= 10;
         }
@@ -369,9 +342,7 @@ fn a_value_out_of_its_limits_changes_nothing_by_pdo_either() {
     let now = Instant::from_millis(5);
     let objects = Dictionary::new(3)
         .with(&[
-            Entry::new(0x6081, 0, DataType::U16, Access::ReadWrite, 5)
-                .limits(1, 100)
-                .mappable(),
+            Entry::new(0x6081, 0, DataType::U16, Access::ReadWrite, 5).limits(1, 100).mappable(),
             Entry::new(0x6040, 0, DataType::U16, Access::ReadWrite, 0).mappable(),
         ])
         .with_rpdo(1, 0x200, &[0x6081_0010, 0x6040_0010], false);
@@ -381,18 +352,9 @@ fn a_value_out_of_its_limits_changes_nothing_by_pdo_either() {
     node.handle_rx(now, &wire::nmt(NmtCommand::Start, 0));
     while node.poll_event().is_some() {}
     node.handle_rx(now, &Frame::standard(0x203, &[101, 0, 6, 0]));
-    assert_eq!(
-        (node.get(0x6081, 0), node.get(0x6040, 0)),
-        (Some(5), Some(6))
-    );
-    let written = NodeEvent::ObjectWritten {
-        index: 0x6040,
-        sub: 0,
-    };
-    assert_eq!(
-        (node.poll_event(), node.poll_event()),
-        (Some(written), None)
-    );
+    assert_eq!((node.get(0x6081, 0), node.get(0x6040, 0)), (Some(5), Some(6)));
+    let written = NodeEvent::ObjectWritten { index: 0x6040, sub: 0 };
+    assert_eq!((node.poll_event(), node.poll_event()), (Some(written), None));
 }
 
 #[test]

@@ -96,13 +96,7 @@ impl Client {
     /// Idle; each answer may take `timeout`.
     #[must_use]
     pub fn new(timeout: Duration) -> Self {
-        Self {
-            timeout,
-            transfer: None,
-            tx: Queue::new(),
-            done: None,
-            ignored: 0,
-        }
+        Self { timeout, transfer: None, tx: Queue::new(), done: None, ignored: 0 }
     }
 
     /// Whether a transfer can begin: none runs and the last one's end was taken.
@@ -119,13 +113,7 @@ impl Client {
 
     /// Begins to read; false when busy.
     pub fn read(&mut self, now: Instant, index: u16, sub: u8) -> bool {
-        self.begin(
-            now,
-            index,
-            sub,
-            Wait::Upload,
-            Request::Upload { index, sub },
-        )
+        self.begin(now, index, sub, Wait::Upload, Request::Upload { index, sub })
     }
 
     /// Begins to write; false when busy.
@@ -134,44 +122,17 @@ impl Client {
         let (initiate, data) = match data.len() {
             len @ 1..=4 => {
                 bytes[..len].copy_from_slice(&data);
-                (
-                    Initiate::Expedited {
-                        data: bytes,
-                        len: Some(len as u8),
-                    },
-                    None,
-                )
+                (Initiate::Expedited { data: bytes, len: Some(len as u8) }, None)
             }
-            len => (
-                Initiate::Segmented {
-                    size: Some(len as u32),
-                },
-                Some(data),
-            ),
+            len => (Initiate::Segmented { size: Some(len as u32) }, Some(data)),
         };
-        self.begin(
-            now,
-            index,
-            sub,
-            Wait::Download { data },
-            Request::Download {
-                index,
-                sub,
-                initiate,
-            },
-        )
+        self.begin(now, index, sub, Wait::Download { data }, Request::Download { index, sub, initiate })
     }
 
     fn begin(&mut self, now: Instant, index: u16, sub: u8, wait: Wait, request: Request) -> bool {
         let idle = self.is_idle();
         if idle {
-            self.transfer = Some(Transfer {
-                index,
-                sub,
-                since: now,
-                until: now + self.timeout,
-                wait,
-            });
+            self.transfer = Some(Transfer { index, sub, since: now, until: now + self.timeout, wait });
             self.tx.push(request.encode());
         }
         idle
@@ -195,9 +156,7 @@ impl Client {
             Ok(Response::Abort { index, sub, code }) if here == (index, sub) => {
                 self.finish(now, transfer, Err(Error::Refused(code)));
             }
-            Ok(Response::Upload { index, sub, .. } | Response::Download { index, sub })
-                if here != (index, sub) =>
-            {
+            Ok(Response::Upload { index, sub, .. } | Response::Download { index, sub }) if here != (index, sub) => {
                 self.ignore(transfer);
             }
             Ok(response) => self.answer(now, transfer, response),
@@ -211,23 +170,11 @@ impl Client {
 
     fn answer(&mut self, now: Instant, mut transfer: Transfer, response: Response) {
         match (mem::replace(&mut transfer.wait, Wait::Upload), response) {
-            (
-                Wait::Upload,
-                Response::Upload {
-                    initiate: Initiate::Expedited { data, len },
-                    ..
-                },
-            ) => {
+            (Wait::Upload, Response::Upload { initiate: Initiate::Expedited { data, len }, .. }) => {
                 let data = Payload::from(&data[..usize::from(len.unwrap_or(4))]);
                 self.finish(now, transfer, Ok(data));
             }
-            (
-                Wait::Upload,
-                Response::Upload {
-                    initiate: Initiate::Segmented { size },
-                    ..
-                },
-            ) => {
+            (Wait::Upload, Response::Upload { initiate: Initiate::Segmented { size }, .. }) => {
                 if size.is_some_and(|size| size as usize > MAX_LEN) {
                     return self.give_up(now, transfer, Abort::OUT_OF_MEMORY);
                 }
@@ -242,10 +189,7 @@ impl Client {
             (Wait::Download { data: Some(data) }, Response::Download { .. }) => {
                 self.send_segment(now, transfer, false, data, 0);
             }
-            (
-                Wait::DownloadSegment { toggle, data, sent },
-                Response::DownloadSegment { toggle: answered },
-            ) => {
+            (Wait::DownloadSegment { toggle, data, sent }, Response::DownloadSegment { toggle: answered }) => {
                 if answered != toggle {
                     return self.give_up(now, transfer, Abort::TOGGLE);
                 }
@@ -284,42 +228,21 @@ impl Client {
         }
     }
 
-    fn ask_segment(
-        &mut self,
-        now: Instant,
-        mut transfer: Transfer,
-        toggle: bool,
-        size: Option<u32>,
-        data: Payload,
-    ) {
+    fn ask_segment(&mut self, now: Instant, mut transfer: Transfer, toggle: bool, size: Option<u32>, data: Payload) {
         transfer.wait = Wait::UploadSegment { toggle, size, data };
         self.go_on(now, transfer, Request::UploadSegment { toggle });
     }
 
-    fn send_segment(
-        &mut self,
-        now: Instant,
-        mut transfer: Transfer,
-        toggle: bool,
-        data: Payload,
-        sent: usize,
-    ) {
+    fn send_segment(&mut self, now: Instant, mut transfer: Transfer, toggle: bool, data: Payload, sent: usize) {
         let end = data.len().min(sent + 7);
         let segment = Segment::new(toggle, end == data.len(), &data[sent..end]);
-        transfer.wait = Wait::DownloadSegment {
-            toggle,
-            data,
-            sent: end,
-        };
+        transfer.wait = Wait::DownloadSegment { toggle, data, sent: end };
         self.go_on(now, transfer, Request::DownloadSegment(segment));
     }
 
     fn go_on(&mut self, now: Instant, transfer: Transfer, request: Request) {
         self.tx.push(request.encode());
-        self.transfer = Some(Transfer {
-            until: now + self.timeout,
-            ..transfer
-        });
+        self.transfer = Some(Transfer { until: now + self.timeout, ..transfer });
     }
 
     fn ignore(&mut self, transfer: Transfer) {
@@ -330,24 +253,13 @@ impl Client {
     fn give_up(&mut self, now: Instant, transfer: Transfer, code: Abort) {
         let (index, sub) = (transfer.index, transfer.sub);
         self.tx.push(Request::Abort { index, sub, code }.encode());
-        let error = if code == Abort::TIMEOUT {
-            Error::Timeout
-        } else {
-            Error::Protocol(code)
-        };
+        let error = if code == Abort::TIMEOUT { Error::Timeout } else { Error::Protocol(code) };
         self.finish(now, transfer, Err(error));
     }
 
     fn finish(&mut self, now: Instant, transfer: Transfer, result: Result<Payload, Error>) {
-        let Transfer {
-            index, sub, since, ..
-        } = transfer;
-        self.done = Some(Done {
-            index,
-            sub,
-            result,
-            took: now.since(since),
-        });
+        let Transfer { index, sub, since, .. } = transfer;
+        self.done = Some(Done { index, sub, result, took: now.since(since) });
     }
 
     /// Gives up what has waited too long.

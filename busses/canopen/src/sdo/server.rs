@@ -17,8 +17,7 @@ pub trait Objects {
     ///
     /// # Errors
     /// The abort code.
-    fn check_write(&self, index: u16, sub: u8, size: Option<usize>)
-    -> Result<Option<usize>, Abort>;
+    fn check_write(&self, index: u16, sub: u8, size: Option<usize>) -> Result<Option<usize>, Abort>;
 
     /// Writes an object.
     ///
@@ -32,12 +31,7 @@ impl Objects for Dictionary {
         Dictionary::read(self, index, sub)
     }
 
-    fn check_write(
-        &self,
-        index: u16,
-        sub: u8,
-        size: Option<usize>,
-    ) -> Result<Option<usize>, Abort> {
+    fn check_write(&self, index: u16, sub: u8, size: Option<usize>) -> Result<Option<usize>, Abort> {
         Dictionary::check_write(self, index, sub, size)
     }
 
@@ -90,10 +84,7 @@ impl Server {
     /// Idle; each segment may take `timeout`.
     #[must_use]
     pub fn new(timeout: Duration) -> Self {
-        Self {
-            timeout,
-            state: State::Idle,
-        }
+        Self { timeout, state: State::Idle }
     }
 
     /// Forgets what runs.
@@ -102,12 +93,7 @@ impl Server {
     }
 
     /// The data of a request; gives the data of the response. A new transfer replaces one that runs.
-    pub fn handle_rx(
-        &mut self,
-        now: Instant,
-        data: &[u8],
-        objects: &mut impl Objects,
-    ) -> Option<[u8; 8]> {
+    pub fn handle_rx(&mut self, now: Instant, data: &[u8], objects: &mut impl Objects) -> Option<[u8; 8]> {
         let running = self.state.object();
         let ((index, sub), answer) = match Request::decode(data) {
             Ok(Request::Abort { .. }) => {
@@ -115,24 +101,13 @@ impl Server {
                 return None;
             }
             Err(Malformed::Length) => return None,
-            Err(Malformed::Command { index, sub, .. }) => {
-                ((index, sub), Err(Abort::UNKNOWN_COMMAND))
+            Err(Malformed::Command { index, sub, .. }) => ((index, sub), Err(Abort::UNKNOWN_COMMAND)),
+            Ok(Request::Upload { index, sub }) => ((index, sub), self.upload(now, index, sub, objects)),
+            Ok(Request::Download { index, sub, initiate }) => {
+                ((index, sub), self.download(now, index, sub, initiate, objects))
             }
-            Ok(Request::Upload { index, sub }) => {
-                ((index, sub), self.upload(now, index, sub, objects))
-            }
-            Ok(Request::Download {
-                index,
-                sub,
-                initiate,
-            }) => (
-                (index, sub),
-                self.download(now, index, sub, initiate, objects),
-            ),
             Ok(Request::UploadSegment { toggle }) => (running, self.upload_segment(now, toggle)),
-            Ok(Request::DownloadSegment(segment)) => {
-                (running, self.download_segment(now, segment, objects))
-            }
+            Ok(Request::DownloadSegment(segment)) => (running, self.download_segment(now, segment, objects)),
         };
         let response = answer.unwrap_or_else(|code| {
             self.state = State::Idle;
@@ -148,43 +123,19 @@ impl Server {
             len @ 1..=4 => {
                 let mut bytes = [0; 4];
                 bytes[..len].copy_from_slice(&data);
-                Initiate::Expedited {
-                    data: bytes,
-                    len: Some(len as u8),
-                }
+                Initiate::Expedited { data: bytes, len: Some(len as u8) }
             }
             len => {
                 let until = now + self.timeout;
-                self.state = State::Upload {
-                    index,
-                    sub,
-                    toggle: false,
-                    data,
-                    sent: 0,
-                    until,
-                };
-                Initiate::Segmented {
-                    size: Some(len as u32),
-                }
+                self.state = State::Upload { index, sub, toggle: false, data, sent: 0, until };
+                Initiate::Segmented { size: Some(len as u32) }
             }
         };
-        Ok(Response::Upload {
-            index,
-            sub,
-            initiate,
-        })
+        Ok(Response::Upload { index, sub, initiate })
     }
 
     fn upload_segment(&mut self, now: Instant, asked: bool) -> Answer {
-        let State::Upload {
-            index,
-            sub,
-            toggle,
-            data,
-            sent,
-            ..
-        } = mem::take(&mut self.state)
-        else {
+        let State::Upload { index, sub, toggle, data, sent, .. } = mem::take(&mut self.state) else {
             return Err(Abort::UNKNOWN_COMMAND);
         };
         if asked != toggle {
@@ -194,26 +145,12 @@ impl Server {
         let segment = Segment::new(toggle, end == data.len(), &data[sent..end]);
         if !segment.last {
             let until = now + self.timeout;
-            self.state = State::Upload {
-                index,
-                sub,
-                toggle: !toggle,
-                data,
-                sent: end,
-                until,
-            };
+            self.state = State::Upload { index, sub, toggle: !toggle, data, sent: end, until };
         }
         Ok(Response::UploadSegment(segment))
     }
 
-    fn download(
-        &mut self,
-        now: Instant,
-        index: u16,
-        sub: u8,
-        how: Initiate,
-        objects: &mut impl Objects,
-    ) -> Answer {
+    fn download(&mut self, now: Instant, index: u16, sub: u8, how: Initiate, objects: &mut impl Objects) -> Answer {
         match how {
             Initiate::Expedited { data, len } => {
                 let len = match len {
@@ -226,34 +163,14 @@ impl Server {
             Initiate::Segmented { size } => {
                 objects.check_write(index, sub, size.map(|size| size as usize))?;
                 let until = now + self.timeout;
-                self.state = State::Download {
-                    index,
-                    sub,
-                    toggle: false,
-                    size,
-                    data: Payload::EMPTY,
-                    until,
-                };
+                self.state = State::Download { index, sub, toggle: false, size, data: Payload::EMPTY, until };
             }
         }
         Ok(Response::Download { index, sub })
     }
 
-    fn download_segment(
-        &mut self,
-        now: Instant,
-        segment: Segment,
-        objects: &mut impl Objects,
-    ) -> Answer {
-        let State::Download {
-            index,
-            sub,
-            toggle,
-            size,
-            mut data,
-            ..
-        } = mem::take(&mut self.state)
-        else {
+    fn download_segment(&mut self, now: Instant, segment: Segment, objects: &mut impl Objects) -> Answer {
+        let State::Download { index, sub, toggle, size, mut data, .. } = mem::take(&mut self.state) else {
             return Err(Abort::UNKNOWN_COMMAND);
         };
         if segment.toggle != toggle {
@@ -274,14 +191,7 @@ impl Server {
                 return Err(Abort::TOO_LONG);
             }
             let until = now + self.timeout;
-            self.state = State::Download {
-                index,
-                sub,
-                toggle: !toggle,
-                size,
-                data,
-                until,
-            };
+            self.state = State::Download { index, sub, toggle: !toggle, size, data, until };
         }
         Ok(Response::DownloadSegment { toggle })
     }
@@ -292,14 +202,7 @@ impl Server {
             return None;
         }
         let (index, sub) = mem::take(&mut self.state).object();
-        Some(
-            Response::Abort {
-                index,
-                sub,
-                code: Abort::TIMEOUT,
-            }
-            .encode(),
-        )
+        Some(Response::Abort { index, sub, code: Abort::TIMEOUT }.encode())
     }
 
     /// When to call [`Self::handle_timeout`].

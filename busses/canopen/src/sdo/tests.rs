@@ -18,11 +18,7 @@ fn objects() -> Dictionary {
 }
 
 /// Runs the client's transfer against the server to its end.
-fn finish(
-    client: &mut Client,
-    server: &mut Server,
-    objects: &mut Dictionary,
-) -> Result<Payload, Error> {
+fn finish(client: &mut Client, server: &mut Server, objects: &mut Dictionary) -> Result<Payload, Error> {
     for _ in 0..100_000 {
         while let Some(request) = client.poll_tx() {
             if let Some(answer) = server.handle_rx(NOW, &request, objects) {
@@ -46,23 +42,12 @@ fn every_size_travels_both_ways() {
     for len in (0..=200).chain([888, 889, 890, crate::dictionary::MAX_BYTES]) {
         let data: Vec<u8> = (0..len).map(|at| at as u8 ^ len as u8).collect();
         assert!(client.write(NOW, 0x2F00, 0, Payload::from(&data[..])));
-        assert_eq!(
-            finish(&mut client, &mut server, &mut objects),
-            Ok(Payload::EMPTY),
-            "{len}"
-        );
+        assert_eq!(finish(&mut client, &mut server, &mut objects), Ok(Payload::EMPTY), "{len}");
         assert!(client.read(NOW, 0x2F00, 0));
-        assert_eq!(
-            finish(&mut client, &mut server, &mut objects).as_deref(),
-            Ok(&data[..]),
-            "{len}"
-        );
+        assert_eq!(finish(&mut client, &mut server, &mut objects).as_deref(), Ok(&data[..]), "{len}");
     }
     assert!(client.write(NOW, 0x2F00, 0, Payload::from(&[0; 5000][..])));
-    assert_eq!(
-        finish(&mut client, &mut server, &mut objects),
-        Err(Error::Refused(Abort::TOO_LONG))
-    );
+    assert_eq!(finish(&mut client, &mut server, &mut objects), Err(Error::Refused(Abort::TOO_LONG)));
 }
 
 #[test]
@@ -75,10 +60,7 @@ fn a_refusal_reaches_the_client_with_its_code() {
     assert_eq!(read(0x5000, 0), Err(Error::Refused(Abort::NO_OBJECT)));
     assert_eq!(read(0x6083, 1), Err(Error::Refused(Abort::NO_SUB_INDEX)));
     assert_eq!(read(0x2F01, 0), Err(Error::Refused(Abort::WRITE_ONLY)));
-    assert_eq!(
-        read(0x6083, 0),
-        Ok(Payload::from(&10_000_u32.to_le_bytes()[..]))
-    );
+    assert_eq!(read(0x6083, 0), Ok(Payload::from(&10_000_u32.to_le_bytes()[..])));
 }
 
 /// Server answers, one literal frame after the other.
@@ -86,10 +68,7 @@ fn serve(frames: &[([u8; 8], Option<[u8; 8]>)]) {
     let (mut server, mut objects) = (Server::new(TIMEOUT), objects());
     for (at, (request, answer)) in frames.iter().enumerate() {
         let given = server.handle_rx(NOW, request, &mut objects);
-        assert_eq!(
-            given, *answer,
-            "frame {at}: {request:02X?} answered {given:02X?}"
-        );
+        assert_eq!(given, *answer, "frame {at}: {request:02X?} answered {given:02X?}");
     }
 }
 
@@ -97,77 +76,29 @@ fn serve(frames: &[([u8; 8], Option<[u8; 8]>)]) {
 fn the_server_aborts_with_the_codes_of_the_standard() {
     // A repeated toggle, on both ways.
     serve(&[
-        (
-            [0x21, 0x00, 0x2F, 0, 10, 0, 0, 0],
-            Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0]),
-        ),
-        (
-            [0x00, 1, 2, 3, 4, 5, 6, 7],
-            Some([0x20, 0, 0, 0, 0, 0, 0, 0]),
-        ),
-        (
-            [0x00, 1, 2, 3, 4, 5, 6, 7],
-            Some([0x80, 0x00, 0x2F, 0, 0, 0, 0x03, 0x05]),
-        ),
-        (
-            [0x60, 0, 0, 0, 0, 0, 0, 0],
-            Some([0x80, 0, 0, 0, 0x01, 0, 0x04, 0x05]),
-        ),
-        (
-            [0x40, 0x00, 0x2F, 0, 0, 0, 0, 0],
-            Some([0x41, 0x00, 0x2F, 0, 0, 0, 0, 0]),
-        ),
-        (
-            [0x70, 0, 0, 0, 0, 0, 0, 0],
-            Some([0x80, 0x00, 0x2F, 0, 0, 0, 0x03, 0x05]),
-        ),
+        ([0x21, 0x00, 0x2F, 0, 10, 0, 0, 0], Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0])),
+        ([0x00, 1, 2, 3, 4, 5, 6, 7], Some([0x20, 0, 0, 0, 0, 0, 0, 0])),
+        ([0x00, 1, 2, 3, 4, 5, 6, 7], Some([0x80, 0x00, 0x2F, 0, 0, 0, 0x03, 0x05])),
+        ([0x60, 0, 0, 0, 0, 0, 0, 0], Some([0x80, 0, 0, 0, 0x01, 0, 0x04, 0x05])),
+        ([0x40, 0x00, 0x2F, 0, 0, 0, 0, 0], Some([0x41, 0x00, 0x2F, 0, 0, 0, 0, 0])),
+        ([0x70, 0, 0, 0, 0, 0, 0, 0], Some([0x80, 0x00, 0x2F, 0, 0, 0, 0x03, 0x05])),
     ]);
     // More, and less, than was promised.
     serve(&[
-        (
-            [0x21, 0x00, 0x2F, 0, 5, 0, 0, 0],
-            Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0]),
-        ),
-        (
-            [0x01, 1, 2, 3, 4, 5, 6, 7],
-            Some([0x80, 0x00, 0x2F, 0, 0x12, 0, 0x07, 0x06]),
-        ),
-        (
-            [0x21, 0x00, 0x2F, 0, 9, 0, 0, 0],
-            Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0]),
-        ),
-        (
-            [0x01, 1, 2, 3, 4, 5, 6, 7],
-            Some([0x80, 0x00, 0x2F, 0, 0x13, 0, 0x07, 0x06]),
-        ),
+        ([0x21, 0x00, 0x2F, 0, 5, 0, 0, 0], Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0])),
+        ([0x01, 1, 2, 3, 4, 5, 6, 7], Some([0x80, 0x00, 0x2F, 0, 0x12, 0, 0x07, 0x06])),
+        ([0x21, 0x00, 0x2F, 0, 9, 0, 0, 0], Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0])),
+        ([0x01, 1, 2, 3, 4, 5, 6, 7], Some([0x80, 0x00, 0x2F, 0, 0x13, 0, 0x07, 0x06])),
     ]);
     // Block transfer, a reserved specifier, an abort (not answered), a write that does not say its size.
     serve(&[
-        (
-            [0xC6, 0x00, 0x2F, 0, 5, 0, 0, 0],
-            Some([0x80, 0x00, 0x2F, 0, 0x01, 0, 0x04, 0x05]),
-        ),
-        (
-            [0xA4, 0x00, 0x2F, 0, 127, 0, 0, 0],
-            Some([0x80, 0x00, 0x2F, 0, 0x01, 0, 0x04, 0x05]),
-        ),
-        (
-            [0xE0, 0x00, 0x2F, 0, 0, 0, 0, 0],
-            Some([0x80, 0x00, 0x2F, 0, 0x01, 0, 0x04, 0x05]),
-        ),
+        ([0xC6, 0x00, 0x2F, 0, 5, 0, 0, 0], Some([0x80, 0x00, 0x2F, 0, 0x01, 0, 0x04, 0x05])),
+        ([0xA4, 0x00, 0x2F, 0, 127, 0, 0, 0], Some([0x80, 0x00, 0x2F, 0, 0x01, 0, 0x04, 0x05])),
+        ([0xE0, 0x00, 0x2F, 0, 0, 0, 0, 0], Some([0x80, 0x00, 0x2F, 0, 0x01, 0, 0x04, 0x05])),
         ([0x80, 0x00, 0x2F, 0, 0, 0, 0x04, 0x05], None),
-        (
-            [0x22, 0x01, 0x2F, 0, 0x34, 0x12, 0, 0],
-            Some([0x60, 0x01, 0x2F, 0, 0, 0, 0, 0]),
-        ),
-        (
-            [0x2F, 0x01, 0x2F, 0, 0x34, 0, 0, 0],
-            Some([0x80, 0x01, 0x2F, 0, 0x13, 0, 0x07, 0x06]),
-        ),
-        (
-            [0x23, 0x01, 0x2F, 0, 0x34, 0, 0, 0],
-            Some([0x80, 0x01, 0x2F, 0, 0x12, 0, 0x07, 0x06]),
-        ),
+        ([0x22, 0x01, 0x2F, 0, 0x34, 0x12, 0, 0], Some([0x60, 0x01, 0x2F, 0, 0, 0, 0, 0])),
+        ([0x2F, 0x01, 0x2F, 0, 0x34, 0, 0, 0], Some([0x80, 0x01, 0x2F, 0, 0x13, 0, 0x07, 0x06])),
+        ([0x23, 0x01, 0x2F, 0, 0x34, 0, 0, 0], Some([0x80, 0x01, 0x2F, 0, 0x12, 0, 0x07, 0x06])),
     ]);
 }
 
@@ -178,14 +109,8 @@ fn a_silent_client_is_aborted() {
     let until = NOW + TIMEOUT;
     assert_eq!(server.poll_timeout(), Some(until));
     assert_eq!(server.handle_timeout(NOW), None);
-    assert_eq!(
-        server.handle_timeout(until),
-        Some([0x80, 0x00, 0x2F, 0, 0, 0, 0x04, 0x05])
-    );
-    assert_eq!(
-        (server.poll_timeout(), server.handle_timeout(until)),
-        (None, None)
-    );
+    assert_eq!(server.handle_timeout(until), Some([0x80, 0x00, 0x2F, 0, 0, 0, 0x04, 0x05]));
+    assert_eq!((server.poll_timeout(), server.handle_timeout(until)), (None, None));
 }
 
 /// The client reads 0x2F00 and is answered by these frames; gives how it ended and its last words.
@@ -217,17 +142,10 @@ fn the_client_aborts_what_answers_nonsense() {
         (&[[0x41, 0x00, 0x2F, 0, 0, 0, 2, 0]], Abort::OUT_OF_MEMORY),
         (&[[0xC2, 0x00, 0x2F, 0, 9, 0, 0, 0]], Abort::UNKNOWN_COMMAND),
     ] {
-        assert_eq!(
-            answered(frames),
-            (Some(Err(Error::Protocol(code))), abort(code)),
-            "{frames:02X?}"
-        );
+        assert_eq!(answered(frames), (Some(Err(Error::Protocol(code))), abort(code)), "{frames:02X?}");
     }
     let refused = [0x80, 0x00, 0x2F, 0, 0xC0, 0xFF, 0x00, 0x0F];
-    assert_eq!(
-        answered(&[refused]).0,
-        Some(Err(Error::Refused(Abort::EPOS_NMT_STATE)))
-    );
+    assert_eq!(answered(&[refused]).0, Some(Err(Error::Refused(Abort::EPOS_NMT_STATE))));
 }
 
 #[test]
@@ -244,11 +162,7 @@ fn answers_to_what_was_not_asked_are_ignored() {
     ] {
         assert_eq!(answered(&[late]), (None, ask), "{late:02X?}");
         let answer = [0x4F, 0x00, 0x2F, 0, 7, 0, 0, 0];
-        assert_eq!(
-            answered(&[late, answer]).0,
-            Some(Ok(Payload::from(&[7][..]))),
-            "{late:02X?}"
-        );
+        assert_eq!(answered(&[late, answer]).0, Some(Ok(Payload::from(&[7][..]))), "{late:02X?}");
     }
 }
 
@@ -261,10 +175,7 @@ fn silence_is_aborted_once_and_the_channel_is_free_again() {
     assert_eq!(client.poll_timeout(), Some(until));
     client.handle_timeout(until);
     client.handle_timeout(until);
-    assert_eq!(
-        (client.poll_tx(), client.poll_tx()),
-        (abort(Abort::TIMEOUT), None)
-    );
+    assert_eq!((client.poll_tx(), client.poll_tx()), (abort(Abort::TIMEOUT), None));
     let done = client.poll_done().unwrap();
     assert_eq!((done.result, done.took), (Err(Error::Timeout), TIMEOUT));
     client.handle_rx(until, &[0x4F, 0x00, 0x2F, 0, 7, 0, 0, 0]);

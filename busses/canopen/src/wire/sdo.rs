@@ -37,12 +37,7 @@ impl Segment {
         let len = data.len().min(7);
         let mut bytes = [0; 7];
         bytes[..len].copy_from_slice(&data[..len]);
-        Self {
-            toggle,
-            last,
-            len: len as u8,
-            bytes,
-        }
+        Self { toggle, last, len: len as u8, bytes }
     }
 
     /// The data.
@@ -70,11 +65,7 @@ impl Segment {
 #[allow(missing_docs)] // index and sub: the object
 pub enum Request {
     /// Begin to write an object.
-    Download {
-        index: u16,
-        sub: u8,
-        initiate: Initiate,
-    },
+    Download { index: u16, sub: u8, initiate: Initiate },
     /// Go on writing.
     DownloadSegment(Segment),
     /// Begin to read an object.
@@ -94,11 +85,7 @@ pub enum Response {
     /// A segment was taken.
     DownloadSegment { toggle: bool },
     /// Reading begun, or all of it when it is expedited.
-    Upload {
-        index: u16,
-        sub: u8,
-        initiate: Initiate,
-    },
+    Upload { index: u16, sub: u8, initiate: Initiate },
     /// A segment.
     UploadSegment(Segment),
     /// Refused.
@@ -137,28 +124,20 @@ fn object(command: u8, index: u16, sub: u8, data: [u8; 4]) -> [u8; 8] {
 fn initiate(command: u8, index: u16, sub: u8, initiate: Initiate) -> [u8; 8] {
     match initiate {
         Initiate::Expedited { data, len: None } => object(command | 2, index, sub, data),
-        Initiate::Expedited {
-            data,
-            len: Some(len),
-        } => object(command | 3 | (4 - len.clamp(1, 4)) << 2, index, sub, data),
-        Initiate::Segmented { size: None } => object(command, index, sub, [0; 4]),
-        Initiate::Segmented { size: Some(size) } => {
-            object(command | 1, index, sub, size.to_le_bytes())
+        Initiate::Expedited { data, len: Some(len) } => {
+            object(command | 3 | (4 - len.clamp(1, 4)) << 2, index, sub, data)
         }
+        Initiate::Segmented { size: None } => object(command, index, sub, [0; 4]),
+        Initiate::Segmented { size: Some(size) } => object(command | 1, index, sub, size.to_le_bytes()),
     }
 }
 
 fn decode_initiate(command: u8, data: [u8; 4]) -> Initiate {
     match (command & 2 != 0, command & 1 != 0) {
         (true, false) => Initiate::Expedited { data, len: None },
-        (true, true) => Initiate::Expedited {
-            data,
-            len: Some(4 - (command >> 2 & 3)),
-        },
+        (true, true) => Initiate::Expedited { data, len: Some(4 - (command >> 2 & 3)) },
         (false, false) => Initiate::Segmented { size: None },
-        (false, true) => Initiate::Segmented {
-            size: Some(u32::from_le_bytes(data)),
-        },
+        (false, true) => Initiate::Segmented { size: Some(u32::from_le_bytes(data)) },
     }
 }
 
@@ -176,11 +155,7 @@ impl Request {
     #[must_use]
     pub fn encode(self) -> [u8; 8] {
         match self {
-            Self::Download {
-                index,
-                sub,
-                initiate: how,
-            } => initiate(0x20, index, sub, how),
+            Self::Download { index, sub, initiate: how } => initiate(0x20, index, sub, how),
             Self::DownloadSegment(segment) => segment.encode(),
             Self::Upload { index, sub } => object(0x40, index, sub, [0; 4]),
             Self::UploadSegment { toggle } => [0x60 | toggle_bit(toggle), 0, 0, 0, 0, 0, 0, 0],
@@ -196,26 +171,12 @@ impl Request {
         let (frame, command, index, sub, rest) = split(data)?;
         Ok(match command >> 5 {
             0 => Self::DownloadSegment(Segment::decode(frame)),
-            1 => Self::Download {
-                index,
-                sub,
-                initiate: decode_initiate(command, rest),
-            },
+            1 => Self::Download { index, sub, initiate: decode_initiate(command, rest) },
             2 => Self::Upload { index, sub },
-            3 => Self::UploadSegment {
-                toggle: is_toggled(command),
-            },
-            4 => Self::Abort {
-                index,
-                sub,
-                code: Abort(u32::from_le_bytes(rest)),
-            },
+            3 => Self::UploadSegment { toggle: is_toggled(command) },
+            4 => Self::Abort { index, sub, code: Abort(u32::from_le_bytes(rest)) },
             _ => {
-                return Err(Malformed::Command {
-                    command,
-                    index,
-                    sub,
-                });
+                return Err(Malformed::Command { command, index, sub });
             }
         })
     }
@@ -228,11 +189,7 @@ impl Response {
         match self {
             Self::Download { index, sub } => object(0x60, index, sub, [0; 4]),
             Self::DownloadSegment { toggle } => [0x20 | toggle_bit(toggle), 0, 0, 0, 0, 0, 0, 0],
-            Self::Upload {
-                index,
-                sub,
-                initiate: how,
-            } => initiate(0x40, index, sub, how),
+            Self::Upload { index, sub, initiate: how } => initiate(0x40, index, sub, how),
             Self::UploadSegment(segment) => segment.encode(),
             Self::Abort { index, sub, code } => object(0x80, index, sub, code.0.to_le_bytes()),
         }
@@ -246,26 +203,12 @@ impl Response {
         let (frame, command, index, sub, rest) = split(data)?;
         Ok(match command >> 5 {
             0 => Self::UploadSegment(Segment::decode(frame)),
-            1 => Self::DownloadSegment {
-                toggle: is_toggled(command),
-            },
-            2 => Self::Upload {
-                index,
-                sub,
-                initiate: decode_initiate(command, rest),
-            },
+            1 => Self::DownloadSegment { toggle: is_toggled(command) },
+            2 => Self::Upload { index, sub, initiate: decode_initiate(command, rest) },
             3 => Self::Download { index, sub },
-            4 => Self::Abort {
-                index,
-                sub,
-                code: Abort(u32::from_le_bytes(rest)),
-            },
+            4 => Self::Abort { index, sub, code: Abort(u32::from_le_bytes(rest)) },
             _ => {
-                return Err(Malformed::Command {
-                    command,
-                    index,
-                    sub,
-                });
+                return Err(Malformed::Command { command, index, sub });
             }
         })
     }
@@ -277,52 +220,19 @@ mod tests {
 
     #[test]
     fn the_commands_are_those_of_the_standard() {
-        let four = |len| Initiate::Expedited {
-            data: [1, 2, 3, 4],
-            len,
-        };
-        let command = |initiate| {
-            Request::Download {
-                index: 0x6083,
-                sub: 1,
-                initiate,
-            }
-            .encode()[0]
-        };
-        assert_eq!(
-            [4, 3, 2, 1].map(|len| command(four(Some(len)))),
-            [0x23, 0x27, 0x2B, 0x2F]
-        );
+        let four = |len| Initiate::Expedited { data: [1, 2, 3, 4], len };
+        let command = |initiate| Request::Download { index: 0x6083, sub: 1, initiate }.encode()[0];
+        assert_eq!([4, 3, 2, 1].map(|len| command(four(Some(len)))), [0x23, 0x27, 0x2B, 0x2F]);
         assert_eq!(command(four(None)), 0x22);
         assert_eq!(command(Initiate::Segmented { size: Some(9) }), 0x21);
         assert_eq!(command(Initiate::Segmented { size: None }), 0x20);
-        assert_eq!(
-            Request::Upload {
-                index: 0x6041,
-                sub: 0
-            }
-            .encode(),
-            [0x40, 0x41, 0x60, 0, 0, 0, 0, 0]
-        );
+        assert_eq!(Request::Upload { index: 0x6041, sub: 0 }.encode(), [0x40, 0x41, 0x60, 0, 0, 0, 0, 0]);
         let answer = [0x4B, 0x41, 0x60, 0, 0x40, 0x02, 0, 0];
-        let initiate = Initiate::Expedited {
-            data: [0x40, 0x02, 0, 0],
-            len: Some(2),
-        };
-        assert_eq!(
-            Response::decode(&answer),
-            Ok(Response::Upload {
-                index: 0x6041,
-                sub: 0,
-                initiate
-            })
-        );
+        let initiate = Initiate::Expedited { data: [0x40, 0x02, 0, 0], len: Some(2) };
+        assert_eq!(Response::decode(&answer), Ok(Response::Upload { index: 0x6041, sub: 0, initiate }));
         assert_eq!(Request::UploadSegment { toggle: true }.encode()[0], 0x70);
         assert_eq!(Response::DownloadSegment { toggle: true }.encode()[0], 0x30);
-        assert_eq!(
-            Segment::new(true, true, &[1, 2, 3]).encode(),
-            [0x19, 1, 2, 3, 0, 0, 0, 0]
-        );
+        assert_eq!(Segment::new(true, true, &[1, 2, 3]).encode(), [0x19, 1, 2, 3, 0, 0, 0, 0]);
     }
 
     #[test]
@@ -338,11 +248,7 @@ mod tests {
 
     #[test]
     fn block_transfer_and_short_frames_are_refused_with_their_object() {
-        let refused = Err(Malformed::Command {
-            command: 0xC6,
-            index: 0x1F50,
-            sub: 1,
-        });
+        let refused = Err(Malformed::Command { command: 0xC6, index: 0x1F50, sub: 1 });
         assert_eq!(Request::decode(&[0xC6, 0x50, 0x1F, 1, 0, 0, 0, 0]), refused);
         assert_eq!(Request::decode(&[0x40; 7]), Err(Malformed::Length));
         assert_eq!(Response::decode(&[]), Err(Malformed::Length));

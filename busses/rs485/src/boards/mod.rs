@@ -1,4 +1,4 @@
-//! What each board says (`docs/boards.md` 3, 4): one table of instructions a board, and a typed way from and to the
+//! What each board says (`docs/facts/boards.md` 3, 4): one table of instructions a board, and a typed way from and to the
 //! data of its answers. Stateless, and shared by the driver and the emulated board.
 
 pub mod sd1;
@@ -25,23 +25,12 @@ impl Instruction {
     /// The request of this instruction to the board at address `to`.
     #[must_use]
     pub const fn ask<'a>(&self, to: u8, data: &'a [u8]) -> Request<'a> {
-        Request {
-            to,
-            instruction: self.code,
-            data,
-            no_ack: false,
-            answer: self.answer,
-        }
+        Request { to, instruction: self.code, data, no_ack: false, answer: self.answer }
     }
 }
 
 const fn instruction(code: u8, name: &'static str, answer: Lengths) -> Instruction {
-    Instruction {
-        code,
-        name,
-        request: Lengths::NONE,
-        answer,
-    }
+    Instruction { code, name, request: Lengths::NONE, answer }
 }
 
 /// Firmware version: every board has it. Two bytes, major and minor; what may follow is the board's own.
@@ -117,13 +106,7 @@ mod tests {
     fn no_table_names_a_code_twice_and_all_have_version_and_reset() {
         for table in [sd1::INSTRUCTIONS, so1::INSTRUCTIONS] {
             for (i, instruction) in table.iter().enumerate() {
-                assert!(
-                    table[..i]
-                        .iter()
-                        .all(|earlier| earlier.code != instruction.code),
-                    "{}",
-                    instruction.name
-                );
+                assert!(table[..i].iter().all(|earlier| earlier.code != instruction.code), "{}", instruction.name);
             }
             assert!(table.contains(&GET_VERSION) && table.contains(&DO_RESET));
         }
@@ -131,10 +114,7 @@ mod tests {
 
     #[test]
     fn a_version_reads_as_people_write_it() {
-        assert_eq!(
-            std::format!("{}", Version::parse(&[1, 4, 99]).unwrap()),
-            "1.4"
-        );
+        assert_eq!(std::format!("{}", Version::parse(&[1, 4, 99]).unwrap()), "1.4");
         assert_eq!(Version::parse(&[1]), None);
     }
 }

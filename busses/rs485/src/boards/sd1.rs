@@ -1,6 +1,6 @@
 //! BR-SD1, distance board: 8 ultrasonic rangers SRF-08 and 2 infrared rangers GP2Y0A41 that look at the floor.
 //!
-//! Protocol  `docs/boards.md` 3; values of two bytes are little-endian
+//! Protocol  `docs/facts/boards.md` 3; values of two bytes are little-endian
 //! Timing    a sweep of all sonars takes 210 ms; an answer is what the last sweep measured, 0 to 250 ms old at 4 Hz
 //! Pause     the board pulls the PAUSE line by itself, without the host
 
@@ -24,19 +24,11 @@ pub const NO_ECHO: u16 = 0;
 pub const OUT_OF_RANGE: u8 = 255;
 
 /// The longest distance that an SRF-08 can be set to listen for: 255 x 43 + 43 mm, and 2 % for warm air
-/// (`facts/robot.md` 2.1).
+/// (`docs/facts/robot.md` 2.1).
 pub const SRF_MAX_MM: u16 = 11_228;
 
 /// Sonar distances.
-pub const GET_SRF_DATA: Instruction = instruction(
-    0x01,
-    "get_srf_data",
-    Lengths {
-        min: 0,
-        max: 16,
-        step: 2,
-    },
-);
+pub const GET_SRF_DATA: Instruction = instruction(0x01, "get_srf_data", Lengths { min: 0, max: 16, step: 2 });
 /// Infrared distances.
 pub const GET_IR_DATA: Instruction = instruction(0x02, "get_ir_data", Lengths::between(0, 2));
 /// All distances, with their counts.
@@ -47,15 +39,8 @@ pub const GET_PAUSE_SRC: Instruction = instruction(0x20, "get_pause_src", Length
 pub const CLEAR_PAUSE_SRC: Instruction = instruction(0x21, "clear_pause_src", Lengths::NONE);
 
 /// All instructions of the board.
-pub const INSTRUCTIONS: &[Instruction] = &[
-    GET_SRF_DATA,
-    GET_IR_DATA,
-    GET_BOTH_DATA,
-    GET_PAUSE_SRC,
-    CLEAR_PAUSE_SRC,
-    GET_VERSION,
-    DO_RESET,
-];
+pub const INSTRUCTIONS: &[Instruction] =
+    &[GET_SRF_DATA, GET_IR_DATA, GET_BOTH_DATA, GET_PAUSE_SRC, CLEAR_PAUSE_SRC, GET_VERSION, DO_RESET];
 
 /// Sonar distances in mm by channel, [`NO_ECHO`] where nothing was heard.
 pub type Srfs = Vec<u16, SRFS>;
@@ -80,17 +65,12 @@ impl Both {
     pub fn parse(data: &[u8]) -> Result<Self, Implausible> {
         let layout = Implausible::Layout { len: data.len() };
         let (n_srf, rest) = data.split_first().ok_or(layout)?;
-        let (srfs, rest) = rest
-            .split_at_checked(2 * usize::from(*n_srf))
-            .ok_or(layout)?;
+        let (srfs, rest) = rest.split_at_checked(2 * usize::from(*n_srf)).ok_or(layout)?;
         let (n_ir, irs) = rest.split_first().ok_or(layout)?;
         if irs.len() != usize::from(*n_ir) {
             return Err(layout);
         }
-        Ok(Self {
-            srfs: parse_srfs(srfs)?,
-            irs: parse_irs(irs)?,
-        })
+        Ok(Self { srfs: parse_srfs(srfs)?, irs: parse_irs(irs)? })
     }
 
     /// The answer's data.
@@ -118,13 +98,9 @@ pub fn parse_srfs(data: &[u8]) -> Result<Srfs, Implausible> {
     for (index, pair) in pairs.iter().enumerate() {
         let mm = u16::from_le_bytes(*pair);
         if mm > SRF_MAX_MM {
-            return Err(Implausible::Value {
-                index,
-                value: mm.into(),
-            });
+            return Err(Implausible::Value { index, value: mm.into() });
         }
-        srfs.push(mm)
-            .map_err(|_| Implausible::Layout { len: data.len() })?;
+        srfs.push(mm).map_err(|_| Implausible::Layout { len: data.len() })?;
     }
     Ok(srfs)
 }
@@ -166,10 +142,7 @@ impl PauseSource {
             [0] => Ok(Self::None),
             [1] => Ok(Self::IrLeft),
             [2] => Ok(Self::IrRight),
-            [value] => Err(Implausible::Value {
-                index: 0,
-                value: value.into(),
-            }),
+            [value] => Err(Implausible::Value { index: 0, value: value.into() }),
             _ => Err(Implausible::Layout { len: data.len() }),
         }
     }
@@ -186,9 +159,7 @@ mod tests {
     use super::*;
 
     /// Typed from the table: 8 sonars, the first at 1.000 m, the second without echo, then 2 infrared rangers.
-    const ANSWER: [u8; 20] = [
-        8, 0xE8, 0x03, 0, 0, 0x2C, 0x01, 0, 0, 0, 0, 0, 0, 0, 0, 0x10, 0x27, 2, 120, 255,
-    ];
+    const ANSWER: [u8; 20] = [8, 0xE8, 0x03, 0, 0, 0x2C, 0x01, 0, 0, 0, 0, 0, 0, 0, 0, 0x10, 0x27, 2, 120, 255];
 
     #[test]
     fn an_answer_reads_as_the_table_says_and_is_built_the_same() {
@@ -204,10 +175,7 @@ mod tests {
     #[test]
     fn counts_that_do_not_fit_the_length_are_implausible() {
         let layout = |data: &[u8]| {
-            assert_eq!(
-                Both::parse(data),
-                Err(Implausible::Layout { len: data.len() })
-            );
+            assert_eq!(Both::parse(data), Err(Implausible::Layout { len: data.len() }));
         };
         layout(&[]);
         layout(&[8]);
@@ -224,13 +192,7 @@ mod tests {
 
     #[test]
     fn a_distance_beyond_the_sonar_s_range_is_implausible() {
-        assert_eq!(
-            parse_srfs(&[0, 0, 0xDD, 0x2B]),
-            Err(Implausible::Value {
-                index: 1,
-                value: 11_229
-            })
-        );
+        assert_eq!(parse_srfs(&[0, 0, 0xDD, 0x2B]), Err(Implausible::Value { index: 1, value: 11_229 }));
         assert!(parse_srfs(&[0xDC, 0x2B]).is_ok());
     }
 
@@ -239,10 +201,7 @@ mod tests {
         for source in [PauseSource::None, PauseSource::IrLeft, PauseSource::IrRight] {
             assert_eq!(PauseSource::parse(&source.build()), Ok(source));
         }
-        assert_eq!(
-            PauseSource::parse(&[3]),
-            Err(Implausible::Value { index: 0, value: 3 })
-        );
+        assert_eq!(PauseSource::parse(&[3]), Err(Implausible::Value { index: 0, value: 3 }));
         assert_eq!(PauseSource::parse(&[]), Err(Implausible::Layout { len: 0 }));
     }
 }

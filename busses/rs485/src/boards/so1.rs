@@ -1,6 +1,6 @@
 //! BR-SO1, odometry board: counts the ticks of the incremental encoders on the undriven front wheels.
 //!
-//! Protocol  `docs/boards.md` 4; counters are little-endian and wrap
+//! Protocol  `docs/facts/boards.md` 4; counters are little-endian and wrap
 //! Timing    at 1.2 m/s the signed difference of two counts is right up to a gap of 4.2 s
 
 use super::{DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
@@ -13,15 +13,7 @@ pub const ADDRESS: u8 = 0x20;
 pub const COUNTERS: usize = 4;
 
 /// Ticks since reset: left wheel, right wheel, and up to two more.
-pub const GET_TICKS: Instruction = instruction(
-    0x01,
-    "get_ticks",
-    Lengths {
-        min: 2,
-        max: 8,
-        step: 2,
-    },
-);
+pub const GET_TICKS: Instruction = instruction(0x01, "get_ticks", Lengths { min: 2, max: 8, step: 2 });
 /// Sets all counters to 0.
 pub const RESET_TICKS: Instruction = instruction(0x02, "reset_ticks", Lengths::NONE);
 

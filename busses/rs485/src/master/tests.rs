@@ -8,10 +8,7 @@ use std::string::String;
 use std::vec::Vec;
 
 fn config() -> Config {
-    Config {
-        baud: 110_000,
-        ..Config::default()
-    }
+    Config { baud: 110_000, ..Config::default() }
 }
 
 /// A master with the nodes 10 and 20 that are given 20 ms, and 30 that is given 5 ms.
@@ -24,11 +21,7 @@ fn master() -> Master {
 }
 
 fn parse_time(text: &str) -> Instant {
-    let ms: f64 = text
-        .strip_suffix("ms")
-        .expect("a time in ms")
-        .parse()
-        .expect("a number");
+    let ms: f64 = text.strip_suffix("ms").expect("a time in ms").parse().expect("a number");
     Instant::from_nanos((ms * 1e6 + 0.5) as u64)
 }
 
@@ -37,30 +30,18 @@ fn write_time(at: Instant) -> String {
 }
 
 fn parse_bytes(tokens: &[&str]) -> Vec<u8> {
-    tokens
-        .iter()
-        .map(|token| u8::from_str_radix(token, 16).unwrap())
-        .collect()
+    tokens.iter().map(|token| u8::from_str_radix(token, 16).unwrap()).collect()
 }
 
 fn write_event(event: &Event) -> String {
     match event {
-        Event::Reply {
-            to,
-            instruction,
-            status,
-            data,
-        } => {
+        Event::Reply { to, instruction, status, data } => {
             let data: String = data.iter().map(|byte| format!(" {byte:02x}")).collect();
             format!("reply {to:02x} {instruction:02x} {status:?}{data}")
         }
         Event::Sent { to, instruction } => format!("sent {to:02x} {instruction:02x}"),
         Event::Silent { to, instruction } => format!("silent {to:02x} {instruction:02x}"),
-        Event::Garbled {
-            to,
-            instruction,
-            why,
-        } => format!("garbled {to:02x} {instruction:02x} {why:?}"),
+        Event::Garbled { to, instruction, why } => format!("garbled {to:02x} {instruction:02x} {why:?}"),
         Event::Unsent { to, instruction } => format!("unsent {to:02x} {instruction:02x}"),
         Event::Degraded { node } => format!("degraded {node:02x}"),
         Event::Recovered { node } => format!("recovered {node:02x}"),
@@ -82,17 +63,12 @@ impl Transcript {
             return;
         }
         if let Some(transmit) = self.master.poll_tx(now) {
-            self.lines
-                .push(format!("{} < tx {}", write_time(now), text(transmit.words)));
+            self.lines.push(format!("{} < tx {}", write_time(now), text(transmit.words)));
         }
         while let Some(event) = self.master.poll_event() {
-            self.lines
-                .push(format!("{} < {}", write_time(now), write_event(&event)));
+            self.lines.push(format!("{} < {}", write_time(now), write_event(&event)));
         }
-        assert!(
-            self.master.poll_timeout().is_none_or(|due| due > now),
-            "due after a drain"
-        );
+        assert!(self.master.poll_timeout().is_none_or(|due| due > now), "due after a drain");
     }
 
     /// Serves all deadlines up to `end`.
@@ -108,29 +84,13 @@ impl Transcript {
         match *tokens {
             ["ask", to, instruction, ref data @ ..] => {
                 let data = parse_bytes(data);
-                let [to, instruction] =
-                    [to, instruction].map(|byte| u8::from_str_radix(byte, 16).unwrap());
-                let answer = if to == 0x20 {
-                    Lengths::exactly(4)
-                } else {
-                    Lengths::ANY
-                };
-                self.master
-                    .request(Request {
-                        answer,
-                        ..Request::new(to, instruction, &data)
-                    })
-                    .unwrap();
+                let [to, instruction] = [to, instruction].map(|byte| u8::from_str_radix(byte, 16).unwrap());
+                let answer = if to == 0x20 { Lengths::exactly(4) } else { Lengths::ANY };
+                self.master.request(Request { answer, ..Request::new(to, instruction, &data) }).unwrap();
             }
             ["tell", to, instruction] => {
-                let [to, instruction] =
-                    [to, instruction].map(|byte| u8::from_str_radix(byte, 16).unwrap());
-                self.master
-                    .request(Request {
-                        no_ack: true,
-                        ..Request::new(to, instruction, &[])
-                    })
-                    .unwrap();
+                let [to, instruction] = [to, instruction].map(|byte| u8::from_str_radix(byte, 16).unwrap());
+                self.master.request(Request { no_ack: true, ..Request::new(to, instruction, &[]) }).unwrap();
             }
             ["rx", ref rest @ ..] => self.master.handle_rx(now, &words(&rest.join(" "))),
             ["sent"] => self.master.handle_tx_done(now),
@@ -144,24 +104,9 @@ impl Transcript {
 }
 
 fn check_with(master: Master, transcript: &str) -> Master {
-    let strip = |line: &str| {
-        line.split('#')
-            .next()
-            .unwrap_or("")
-            .split_whitespace()
-            .collect::<Vec<_>>()
-            .join(" ")
-    };
-    let expected: Vec<String> = transcript
-        .lines()
-        .map(strip)
-        .filter(|line| !line.is_empty())
-        .collect();
-    let mut run = Transcript {
-        master,
-        lines: Vec::new(),
-        stalled: false,
-    };
+    let strip = |line: &str| line.split('#').next().unwrap_or("").split_whitespace().collect::<Vec<_>>().join(" ");
+    let expected: Vec<String> = transcript.lines().map(strip).filter(|line| !line.is_empty()).collect();
+    let mut run = Transcript { master, lines: Vec::new(), stalled: false };
     let mut last = Instant::ZERO;
     for line in &expected {
         let tokens: Vec<&str> = line.split(' ').collect();
@@ -194,28 +139,11 @@ fn an_answer_comes_back_to_who_asked() {
     ",
     );
     let statistics = master.statistics(0x20).unwrap();
-    assert_eq!(
-        (
-            statistics.requests,
-            statistics.retries,
-            statistics.round_trips.count()
-        ),
-        (1, 0, 1)
-    );
-    assert_eq!(
-        statistics.round_trips.mean(),
-        Some(Duration::from_micros(1900))
-    );
+    assert_eq!((statistics.requests, statistics.retries, statistics.round_trips.count()), (1, 0, 1));
+    assert_eq!(statistics.round_trips.mean(), Some(Duration::from_micros(1900)));
     assert_eq!(master.take_recent(0x20).count(), 1);
     assert_eq!(master.take_recent(0x20).count(), 0);
-    assert_eq!(
-        master.bus_statistics(),
-        BusStatistics {
-            words: 14,
-            frames: 2,
-            ..BusStatistics::default()
-        }
-    );
+    assert_eq!(master.bus_statistics(), BusStatistics { words: 14, frames: 2, ..BusStatistics::default() });
 }
 
 #[test]
@@ -249,12 +177,7 @@ fn a_damaged_answer_is_asked_for_again_with_resend() {
     );
     let statistics = master.statistics(0x20).unwrap();
     assert_eq!(
-        (
-            statistics.requests,
-            statistics.retries,
-            statistics.crc_errors,
-            statistics.round_trips.count()
-        ),
+        (statistics.requests, statistics.retries, statistics.crc_errors, statistics.round_trips.count()),
         (1, 1, 1, 1)
     );
     assert_eq!(master.error_count(0x20), Some(0));
@@ -275,10 +198,7 @@ fn silence_gets_full_requests_and_the_third_is_the_last() {
     ",
     );
     let statistics = master.statistics(0x20).unwrap();
-    assert_eq!(
-        (statistics.requests, statistics.retries, statistics.timeouts),
-        (1, 2, 3)
-    );
+    assert_eq!((statistics.requests, statistics.retries, statistics.timeouts), (1, 2, 3));
     assert_eq!(master.error_count(0x20), Some(8));
 }
 
@@ -299,10 +219,7 @@ fn a_second_damaged_answer_gets_a_full_request_and_a_third_is_garbled() {
          6ms   < garbled 20 01 Crc
     ",
     );
-    assert_eq!(
-        (master.error_count(0x20), master.bus_statistics().errors),
-        (Some(8), 3)
-    );
+    assert_eq!((master.error_count(0x20), master.bus_statistics().errors), (Some(8), 3));
 }
 
 #[test]
@@ -361,13 +278,7 @@ fn a_node_that_refuses_is_alive_and_not_asked_again() {
          2.2ms < reply 20 01 UnknownInstruction
     ",
     );
-    assert_eq!(
-        (
-            master.error_count(0x20),
-            master.statistics(0x20).unwrap().round_trips.count()
-        ),
-        (Some(0), 1)
-    );
+    assert_eq!((master.error_count(0x20), master.statistics(0x20).unwrap().round_trips.count()), (Some(0), 1));
 }
 
 #[test]
@@ -490,10 +401,7 @@ fn a_host_that_does_not_send_is_not_the_node_s_fault() {
          203ms   < unsent 20 01
     ",
     );
-    assert_eq!(
-        (master.error_count(0x20), master.bus_statistics().unsent),
-        (Some(0), 2)
-    );
+    assert_eq!((master.error_count(0x20), master.bus_statistics().unsent), (Some(0), 2));
 }
 
 #[test]
@@ -521,13 +429,7 @@ fn a_talker_that_never_stops_wedges_nothing() {
         // A word every word time, for 10 s.
         now += Duration::from_micros(100);
         let bits = random.next();
-        master.handle_rx(
-            now,
-            &[Word {
-                byte: bits as u8,
-                ninth: bits & 0x1F00 == 0,
-            }],
-        );
+        master.handle_rx(now, &[Word { byte: bits as u8, ninth: bits & 0x1F00 == 0 }]);
         while master.poll_timeout().is_some_and(|due| due <= now) {
             master.handle_timeout(now);
         }
@@ -535,10 +437,7 @@ fn a_talker_that_never_stops_wedges_nothing() {
             master.handle_tx_done(now);
         }
         while let Some(event) = master.poll_event() {
-            ended += usize::from(matches!(
-                event,
-                Event::Silent { .. } | Event::Garbled { .. }
-            ));
+            ended += usize::from(matches!(event, Event::Silent { .. } | Event::Garbled { .. }));
         }
         if master.is_idle() {
             master.request(Request::new(0x10, 0x10, &[])).unwrap();
@@ -576,18 +475,12 @@ fn a_node_is_degraded_lost_and_back() {
         attempts
     };
     let at = |n: u64| Instant::from_millis(n * 1000);
-    assert_eq!(
-        (0..16).map(|n| ask(&mut master, at(n), false)).sum::<u32>(),
-        48
-    );
+    assert_eq!((0..16).map(|n| ask(&mut master, at(n), false)).sum::<u32>(), 48);
     assert_eq!(master.health(0x10), Health::Lost);
     // A lost node is probed once, not three times.
     assert_eq!(ask(&mut master, at(16), false), 1);
     assert_eq!(ask(&mut master, at(17), true), 1);
-    assert_eq!(
-        (master.health(0x10), master.error_count(0x10)),
-        (Health::Ok, Some(0))
-    );
+    assert_eq!((master.health(0x10), master.error_count(0x10)), (Health::Ok, Some(0)));
     assert_eq!(ask(&mut master, at(18), false), 3);
     assert_eq!(said, "degraded 10 lost 10 back 10 ");
 }
@@ -600,33 +493,19 @@ fn what_the_caller_does_wrong_is_refused_and_sends_nothing() {
     assert_eq!(refused, Err(RequestError::TooLong { len: 256, max: 255 }));
     assert!(master.poll_tx(Instant::ZERO).is_none());
     master.request(Request::new(0x10, 1, &[])).unwrap();
-    assert_eq!(
-        master.request(Request::new(0x20, 1, &[])),
-        Err(RequestError::Busy)
-    );
-    assert_eq!(
-        master.poll_tx(Instant::ZERO).unwrap().words[0],
-        Word::address(0x10)
-    );
+    assert_eq!(master.request(Request::new(0x20, 1, &[])), Err(RequestError::Busy));
+    assert_eq!(master.poll_tx(Instant::ZERO).unwrap().words[0], Word::address(0x10));
 }
 
 #[test]
 fn there_is_room_for_so_many_nodes_and_any_may_be_asked() {
     let mut master = Master::new(config());
-    let added = (0..=40)
-        .filter(|address| master.add_node(*address, Duration::ZERO))
-        .count();
+    let added = (0..=40).filter(|address| master.add_node(*address, Duration::ZERO)).count();
     assert_eq!(added, NODES_MAX);
-    assert!(
-        master.add_node(0, Duration::from_millis(1)),
-        "known already"
-    );
+    assert!(master.add_node(0, Duration::from_millis(1)), "known already");
     master.request(Request::new(40, 1, &[])).unwrap();
     assert!(master.poll_tx(Instant::ZERO).is_some());
-    assert_eq!(
-        (master.health(40), master.statistics(40)),
-        (Health::Ok, None)
-    );
+    assert_eq!((master.health(40), master.statistics(40)), (Health::Ok, None));
 }
 
 #[test]
@@ -640,18 +519,11 @@ fn random_words_and_calls_never_panic_and_leave_nothing_due() {
             0 => master.handle_tx_done(now),
             1 | 2 => {
                 let words: Vec<Word> = (0..random.next() % 20)
-                    .map(|_| Word {
-                        byte: random.next() as u8 & 0x33,
-                        ninth: random.one_in(6),
-                    })
+                    .map(|_| Word { byte: random.next() as u8 & 0x33, ninth: random.one_in(6) })
                     .collect();
                 master.handle_rx(now, &words);
             }
-            3 => drop(master.request(Request::new(
-                random.next() as u8 & 0x33,
-                random.next() as u8 & 3,
-                &[],
-            ))),
+            3 => drop(master.request(Request::new(random.next() as u8 & 0x33, random.next() as u8 & 3, &[]))),
             _ => master.handle_timeout(now),
         }
         master.handle_timeout(now);

@@ -55,11 +55,7 @@ impl Lengths {
     /// This length only.
     #[must_use]
     pub const fn exactly(length: u8) -> Self {
-        Self {
-            min: length,
-            max: length,
-            step: 1,
-        }
+        Self { min: length, max: length, step: 1 }
     }
 
     /// Any length from `min` to `max`.
@@ -71,11 +67,7 @@ impl Lengths {
     /// Whether data of `length` bytes is allowed.
     #[must_use]
     pub fn allow(self, length: usize) -> bool {
-        let (min, max, step) = (
-            usize::from(self.min),
-            usize::from(self.max),
-            usize::from(self.step.max(1)),
-        );
+        let (min, max, step) = (usize::from(self.min), usize::from(self.max), usize::from(self.step.max(1)));
         (min..=max).contains(&length) && (length - min).is_multiple_of(step)
     }
 }
@@ -99,13 +91,7 @@ impl<'a> Request<'a> {
     /// A request that is answered, by any number of bytes.
     #[must_use]
     pub const fn new(to: u8, instruction: u8, data: &'a [u8]) -> Self {
-        Self {
-            to,
-            instruction,
-            data,
-            no_ack: false,
-            answer: Lengths::ANY,
-        }
+        Self { to, instruction, data, no_ack: false, answer: Lengths::ANY }
     }
 }
 
@@ -146,10 +132,7 @@ pub enum Why {
 
 /// What the bus did. A silent board is news, not our failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a reply is the usual event, and no_std has no box to put it in"
-)]
+#[expect(clippy::large_enum_variant, reason = "a reply is the usual event, and no_std has no box to put it in")]
 pub enum Event {
     /// The node answered. Only with [`Status::Ok`] has it done what was asked.
     Reply {

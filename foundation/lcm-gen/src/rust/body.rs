@@ -36,12 +36,7 @@ impl Body {
             item: free(&["item", "element"], members),
         };
         let (encode, decode) = (emitter.encode(), emitter.decode());
-        Self {
-            writer: emitter.writer,
-            reader: emitter.reader,
-            encode,
-            decode,
-        }
+        Self { writer: emitter.writer, reader: emitter.reader, encode, decode }
     }
 }
 
@@ -85,24 +80,13 @@ impl Emitter<'_> {
     /// Whether the member is a length that is a field too.
     fn is_explicit(&self, member: &Member) -> bool {
         let used = |dim: &Dim| dim.size == Size::Variable && dim.text == member.name;
-        !is_implicit(member, self.members)
-            && self.members.iter().any(|other| other.dims.iter().any(used))
+        !is_implicit(member, self.members) && self.members.iter().any(|other| other.dims.iter().any(used))
     }
 
     /// The local variable that holds the value of a length member as `usize`.
     fn length(&self, name: &str) -> String {
-        let explicit = self
-            .members
-            .iter()
-            .any(|member| member.name == name && self.is_explicit(member));
-        if explicit {
-            free(
-                &[&format!("{name}_len"), &format!("{name}_length")],
-                self.members,
-            )
-        } else {
-            field(name)
-        }
+        let explicit = self.members.iter().any(|member| member.name == name && self.is_explicit(member));
+        if explicit { free(&[&format!("{name}_len"), &format!("{name}_length")], self.members) } else { field(name) }
     }
 
     fn encode(&self) -> String {
@@ -111,33 +95,19 @@ impl Emitter<'_> {
             let (name, place) = (&member.name, format!("self.{}", field(&member.name)));
             if is_implicit(member, self.members) {
                 let lends = |dim: &Dim| dim.size == Size::Variable && dim.text == *name;
-                let lender = self
-                    .members
-                    .iter()
-                    .find(|other| other.dims.first().is_some_and(lends));
+                let lender = self.members.iter().find(|other| other.dims.first().is_some_and(lends));
                 let lender = lender.map_or_else(String::new, |lender| field(&lender.name));
                 let MemberType::Primitive(ty) = member.ty else {
                     continue;
                 };
-                let _ = writeln!(
-                    lengths,
-                    "        let {} = self.{lender}.len();",
-                    self.length(name)
-                );
+                let _ = writeln!(lengths, "        let {} = self.{lender}.len();", self.length(name));
                 let ty = primitive(ty);
-                let _ = writeln!(
-                    out,
-                    "        {w}.count::<{ty}>(\"{name}\", {})?;",
-                    self.length(name)
-                );
+                let _ = writeln!(out, "        {w}.count::<{ty}>(\"{name}\", {})?;", self.length(name));
                 continue;
             }
             if self.is_explicit(member) {
                 let length = self.length(name);
-                let _ = writeln!(
-                    lengths,
-                    "        let {length} = {w}.length(\"{name}\", {place})?;"
-                );
+                let _ = writeln!(lengths, "        let {length} = {w}.length(\"{name}\", {place})?;");
             }
             self.encode_array(&mut out, member, &member.dims, &place, "        ");
         }
@@ -145,40 +115,20 @@ impl Emitter<'_> {
     }
 
     /// `place` is the variable or field; a loop's variable is a reference already.
-    fn encode_array(
-        &self,
-        out: &mut String,
-        member: &Member,
-        dims: &[Dim],
-        place: &str,
-        indent: &str,
-    ) {
+    fn encode_array(&self, out: &mut String, member: &Member, dims: &[Dim], place: &str, indent: &str) {
         let (w, name) = (&self.writer, &member.name);
-        let reference = if place.starts_with("self.") {
-            format!("&{place}")
-        } else {
-            place.to_owned()
-        };
+        let reference = if place.starts_with("self.") { format!("&{place}") } else { place.to_owned() };
         let is_lender = dims.len() == member.dims.len()
             && self
                 .members
                 .iter()
                 .find(|other| {
-                    other
-                        .dims
-                        .first()
-                        .is_some_and(|dim| dims.first() == Some(dim) && dim.size == Size::Variable)
+                    other.dims.first().is_some_and(|dim| dims.first() == Some(dim) && dim.size == Size::Variable)
                 })
                 .is_some_and(|first| first.name == *name);
-        if let Some(dim) = dims
-            .first()
-            .filter(|dim| dim.size == Size::Variable && !is_lender)
-        {
+        if let Some(dim) = dims.first().filter(|dim| dim.size == Size::Variable && !is_lender) {
             let length = self.length(&dim.text);
-            let _ = writeln!(
-                out,
-                "{indent}{w}.check(\"{name}\", {length}, {place}.len())?;"
-            );
+            let _ = writeln!(out, "{indent}{w}.check(\"{name}\", {length}, {place}.len())?;");
         }
         let fixed = self.is_fixed(member);
         match dims {
@@ -225,11 +175,7 @@ impl Emitter<'_> {
                 let MemberType::Primitive(ty) = member.ty else {
                     continue;
                 };
-                let _ = writeln!(
-                    out,
-                    "        let {name} = {r}.count::<{}>()?;",
-                    primitive(ty)
-                );
+                let _ = writeln!(out, "        let {name} = {r}.count::<{}>()?;", primitive(ty));
                 continue;
             }
             if self.is_explicit(member) {
@@ -237,11 +183,7 @@ impl Emitter<'_> {
                     continue;
                 };
                 let _ = writeln!(out, "        let {name} = {r}.get::<{}>()?;", primitive(ty));
-                let _ = writeln!(
-                    out,
-                    "        let {} = {r}.length({name})?;",
-                    self.length(&member.name)
-                );
+                let _ = writeln!(out, "        let {} = {r}.length({name})?;", self.length(&member.name));
             } else {
                 let _ = writeln!(out, "        let {name} = {}?;", value(member));
             }
@@ -251,9 +193,7 @@ impl Emitter<'_> {
         if line.len() <= 100 {
             return out + &line;
         }
-        out + "        Ok(Self {\n            "
-            + &fields.join(",\n            ")
-            + ",\n        })\n"
+        out + "        Ok(Self {\n            " + &fields.join(",\n            ") + ",\n        })\n"
     }
 
     /// Applies what [`Self::decode_array`] found to the reader.
@@ -269,57 +209,36 @@ impl Emitter<'_> {
         let fixed = self.is_fixed(member);
         let r = &self.reader;
         match dims {
-            _ if fixed && dims.iter().all(|dim| dim.size != Size::Variable) => {
-                Function::Method("get()".to_owned())
-            }
-            [Dim { text, .. }, inner @ ..]
-                if fixed && inner.iter().all(|dim| dim.size != Size::Variable) =>
-            {
+            _ if fixed && dims.iter().all(|dim| dim.size != Size::Variable) => Function::Method("get()".to_owned()),
+            [Dim { text, .. }, inner @ ..] if fixed && inner.iter().all(|dim| dim.size != Size::Variable) => {
                 Function::Method(format!("get_vec({})", self.length(text)))
             }
             [dim, inner @ ..] => {
                 let element = match self.decode_array(member, inner) {
                     Function::Path(path) => path,
-                    Function::Method(call) if call == "string()" => {
-                        "codec::Reader::string".to_owned()
-                    }
+                    Function::Method(call) if call == "string()" => "codec::Reader::string".to_owned(),
                     Function::Method(call) => format!("|{r}| {r}.{call}"),
                 };
                 Function::Method(match dim.size {
                     Size::Fixed(_) => format!("array({element})"),
                     Size::Variable => {
-                        format!(
-                            "vec({}, {}, {element})",
-                            self.length(&dim.text),
-                            self.row_min(member, inner)
-                        )
+                        format!("vec({}, {}, {element})", self.length(&dim.text), self.row_min(member, inner))
                     }
                 })
             }
-            [] if matches!(member.ty, MemberType::Primitive(_)) => {
-                Function::Method("string()".to_owned())
-            }
-            [] if self.is_recursive(member) => {
-                Function::Method("nested(codec::Type::decode_body)".to_owned())
-            }
+            [] if matches!(member.ty, MemberType::Primitive(_)) => Function::Method("string()".to_owned()),
+            [] if self.is_recursive(member) => Function::Method("nested(codec::Type::decode_body)".to_owned()),
             [] => Function::Path("codec::Type::decode_body".to_owned()),
         }
     }
 
     /// Fewest bytes of an element that is itself an array: an expression.
     fn row_min(&self, member: &Member, dims: &[Dim]) -> String {
-        let row = Member {
-            dims: dims.to_vec(),
-            ..member.clone()
-        };
+        let row = Member { dims: dims.to_vec(), ..member.clone() };
         let mut min = min_size(self.schema, &row).to_string();
         for dim in dims.iter().filter(|dim| dim.size == Size::Variable) {
             let length = self.length(&dim.text);
-            min = if min == "1" {
-                length
-            } else {
-                format!("{length}.saturating_mul({min})")
-            };
+            min = if min == "1" { length } else { format!("{length}.saturating_mul({min})") };
         }
         min
     }

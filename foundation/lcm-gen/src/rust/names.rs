@@ -5,11 +5,10 @@ use std::collections::BTreeSet;
 use crate::{Definition, Member, MemberType, Primitive, Size};
 
 const KEYWORDS: &[&str] = &[
-    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "do", "dyn",
-    "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let",
-    "loop", "macro", "match", "mod", "move", "mut", "override", "priv", "pub", "ref", "return",
-    "static", "struct", "trait", "true", "try", "type", "typeof", "unsafe", "unsized", "use",
-    "virtual", "where", "while", "yield",
+    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "do", "dyn", "else", "enum",
+    "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop", "macro", "match", "mod", "move",
+    "mut", "override", "priv", "pub", "ref", "return", "static", "struct", "trait", "true", "try", "type", "typeof",
+    "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
 ];
 
 /// A name as an identifier: raw if it is a keyword, another word if it cannot even be raw.
@@ -63,10 +62,7 @@ pub fn primitive(ty: Primitive) -> &'static str {
 /// The first of the words that no member is named.
 pub fn free(words: &[&str], members: &[Member]) -> String {
     let taken = |word: &str| members.iter().any(|member| member.name == word);
-    let mut found = words
-        .iter()
-        .find(|word| !taken(word))
-        .map_or_else(|| words[0].to_owned(), |&word| word.to_owned());
+    let mut found = words.iter().find(|word| !taken(word)).map_or_else(|| words[0].to_owned(), |&word| word.to_owned());
     while taken(&found) {
         found.push('_');
     }
@@ -82,46 +78,27 @@ pub struct Scope {
 
 impl Scope {
     pub fn new(definitions: &[&Definition], depth: usize) -> Self {
-        let types = definitions
-            .iter()
-            .map(|definition| camel_case(&definition.short))
-            .collect();
-        let package = definitions
-            .first()
-            .map_or_else(String::new, |definition| definition.package.clone());
-        Self {
-            types,
-            depth,
-            package,
-        }
+        let types = definitions.iter().map(|definition| camel_case(&definition.short)).collect();
+        let package = definitions.first().map_or_else(String::new, |definition| definition.package.clone());
+        Self { types, depth, package }
     }
 
     /// A name from the standard library's prelude; in full where a type of the module has the same.
     pub fn std_name<'a>(&self, name: &'a str, full: &'a str) -> &'a str {
-        if self.types.contains(name) {
-            full
-        } else {
-            name
-        }
+        if self.types.contains(name) { full } else { name }
     }
 
     pub fn member_type(&self, member: &Member) -> String {
         let element = match &member.ty {
-            MemberType::Primitive(Primitive::String) => {
-                self.std_name("String", "::std::string::String").to_owned()
-            }
+            MemberType::Primitive(Primitive::String) => self.std_name("String", "::std::string::String").to_owned(),
             MemberType::Primitive(ty) => primitive(*ty).to_owned(),
             MemberType::Named(name) => self.path(name),
         };
         let vec = self.std_name("Vec", "::std::vec::Vec");
-        member
-            .dims
-            .iter()
-            .rev()
-            .fold(element, |element, dim| match dim.size {
-                Size::Fixed(n) => format!("[{element}; {n}]"),
-                Size::Variable => format!("{vec}<{element}>"),
-            })
+        member.dims.iter().rev().fold(element, |element, dim| match dim.size {
+            Size::Fixed(n) => format!("[{element}; {n}]"),
+            Size::Variable => format!("{vec}<{element}>"),
+        })
     }
 
     /// The path of a type from here.
@@ -131,10 +108,7 @@ impl Scope {
             return camel_case(short);
         }
         let up = "super::".repeat(self.depth);
-        let down = package
-            .split('.')
-            .filter(|segment| !segment.is_empty())
-            .map(|segment| module(segment) + "::");
+        let down = package.split('.').filter(|segment| !segment.is_empty()).map(|segment| module(segment) + "::");
         format!("{up}{}{}", down.collect::<String>(), camel_case(short))
     }
 }

@@ -28,20 +28,10 @@ fn body(schema: &Schema, name: &str, random: &mut Random, depth: usize, out: &mu
         if is_length {
             let length = if depth > 3 { 0 } else { random.below(4) };
             lengths.insert(member.name.as_str(), length);
-            let MemberType::Primitive(ty) = member.ty else {
-                panic!("a length is an integer")
-            };
+            let MemberType::Primitive(ty) = member.ty else { panic!("a length is an integer") };
             out.extend(&(length as u64).to_be_bytes()[8 - ty.min_size()..]);
         } else {
-            array(
-                schema,
-                &member.ty,
-                &member.dims,
-                &lengths,
-                random,
-                depth,
-                out,
-            );
+            array(schema, &member.ty, &member.dims, &lengths, random, depth, out);
         }
     }
 }
@@ -65,9 +55,7 @@ fn array(
         }
         ([], MemberType::Named(name)) => body(schema, name, random, depth + 1, out),
         ([], MemberType::Primitive(Primitive::String)) => {
-            let text: String = (0..random.below(4))
-                .map(|_| ['a', 'Z', ' ', 'ž', '漢'][random.below(5)])
-                .collect();
+            let text: String = (0..random.below(4)).map(|_| ['a', 'Z', ' ', 'ž', '漢'][random.below(5)]).collect();
             out.extend((text.len() as i32 + 1).to_be_bytes());
             out.extend(text.bytes().chain([0]));
         }

@@ -1,9 +1,5 @@
 //! Vectors, types by name, comparison of values, and a small random source.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    reason = "tests read their own files, which are there"
-)]
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "tests read their own files, which are there")]
 
 pub mod files;
 
@@ -27,18 +23,12 @@ impl Vectors {
         let text = fs::read_to_string(folder("vectors/vectors.json")).unwrap();
         let json: Value = serde_json::from_str(&text).unwrap();
         let list = |key: &str| json[key].as_array().unwrap().clone();
-        Self {
-            types: list("types"),
-            messages: list("messages"),
-        }
+        Self { types: list("types"), messages: list("messages") }
     }
 }
 
 pub fn hex(text: &str) -> Vec<u8> {
-    (0..text.len())
-        .step_by(2)
-        .map(|i| u8::from_str_radix(&text[i..i + 2], 16).unwrap())
-        .collect()
+    (0..text.len()).step_by(2).map(|i| u8::from_str_radix(&text[i..i + 2], 16).unwrap()).collect()
 }
 
 /// Something to do with a type that is known by name only.
@@ -103,22 +93,14 @@ pub fn same(path: &str, ours: &Value, theirs: &Value) {
                 same(&format!("{path}.{name}"), value, &theirs[name]);
             }
             for (name, value) in theirs.iter().filter(|(name, _)| !ours.contains_key(*name)) {
-                let count = value
-                    .as_u64()
-                    .unwrap_or_else(|| panic!("{path}.{name} is missing"));
-                let lent = ours.values().any(|value| {
-                    value
-                        .as_array()
-                        .is_some_and(|array| array.len() as u64 == count)
-                });
+                let count = value.as_u64().unwrap_or_else(|| panic!("{path}.{name} is missing"));
+                let lent = ours.values().any(|value| value.as_array().is_some_and(|array| array.len() as u64 == count));
                 assert!(lent, "{path}.{name} is the length of nothing");
             }
         }
         (Value::Array(ours), Value::Array(theirs)) => {
             assert_eq!(ours.len(), theirs.len(), "{path}");
-            ours.iter()
-                .zip(theirs)
-                .for_each(|(ours, theirs)| same(path, ours, theirs));
+            ours.iter().zip(theirs).for_each(|(ours, theirs)| same(path, ours, theirs));
         }
         (Value::Array(ours), Value::String(theirs)) => {
             let bytes: Vec<u64> = hex(theirs).into_iter().map(u64::from).collect();
@@ -129,19 +111,12 @@ pub fn same(path: &str, ours: &Value, theirs: &Value) {
             assert!(["inf", "-inf"].contains(&theirs.as_str()), "{path}");
         }
         (Value::Number(ours), Value::String(theirs)) => {
-            assert_eq!(
-                ours.as_f64().map(f64::to_bits),
-                theirs.parse().ok().map(f64::to_bits),
-                "{path}"
-            );
+            assert_eq!(ours.as_f64().map(f64::to_bits), theirs.parse().ok().map(f64::to_bits), "{path}");
         }
         // serde_json reads a decimal number to within one unit in its last place; the bytes are compared elsewhere.
         (Value::Number(ours), Value::Number(theirs)) if ours.is_f64() => {
             let (ours, theirs) = (ours.as_f64().unwrap(), theirs.as_f64().unwrap());
-            assert!(
-                (ours - theirs).abs() <= ours.abs() * f64::EPSILON,
-                "{path}: {ours} and {theirs}"
-            );
+            assert!((ours - theirs).abs() <= ours.abs() * f64::EPSILON, "{path}: {ours} and {theirs}");
         }
         (ours, theirs) => assert_eq!(ours, theirs, "{path}"),
     }

@@ -45,22 +45,12 @@ pub enum EncodeError {
 impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Nul { member } => write!(
-                f,
-                "`{member}` holds a NUL character, which LCM ends strings with"
-            ),
+            Self::Nul { member } => write!(f, "`{member}` holds a NUL character, which LCM ends strings with"),
             Self::TooLong { member, len, max } => {
                 write!(f, "`{member}`: length {len} is above {max}")
             }
-            Self::Length {
-                member,
-                expected,
-                found,
-            } => {
-                write!(
-                    f,
-                    "`{member}` has {found} elements where {expected} are expected"
-                )
+            Self::Length { member, expected, found } => {
+                write!(f, "`{member}` has {found} elements where {expected} are expected")
             }
             Self::Negative { member, value } => write!(f, "length `{member}` is negative: {value}"),
             Self::Depth { max } => write!(f, "nested deeper than {max}"),
@@ -126,10 +116,7 @@ impl fmt::Display for DecodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Fingerprint { expected, found } => {
-                write!(
-                    f,
-                    "another type: fingerprint {found:016x} where {expected:016x} is expected"
-                )
+                write!(f, "another type: fingerprint {found:016x} where {expected:016x} is expected")
             }
             Self::Truncated { needed, left } => {
                 write!(f, "truncated: {needed} bytes needed, {left} left")

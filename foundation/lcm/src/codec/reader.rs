@@ -14,11 +14,7 @@ impl<'a> Reader<'a> {
     /// Reads from the start of `bytes`.
     #[must_use]
     pub fn new(bytes: &'a [u8]) -> Self {
-        Self {
-            bytes,
-            depth: 0,
-            empties: MAX_EMPTY,
-        }
+        Self { bytes, depth: 0, empties: MAX_EMPTY }
     }
 
     /// How many bytes are left.
@@ -29,10 +25,7 @@ impl<'a> Reader<'a> {
 
     #[inline]
     fn take(&mut self, needed: usize) -> Result<&'a [u8], DecodeError> {
-        let truncated = DecodeError::Truncated {
-            needed,
-            left: self.bytes.len(),
-        };
+        let truncated = DecodeError::Truncated { needed, left: self.bytes.len() };
         let (head, rest) = self.bytes.split_at_checked(needed).ok_or(truncated)?;
         self.bytes = rest;
         Ok(head)
@@ -72,17 +65,9 @@ impl<'a> Reader<'a> {
     /// When the length, the NUL or the text is not as it must be.
     pub fn string(&mut self) -> Result<String, DecodeError> {
         let len: i32 = self.get()?;
-        let bad_length = DecodeError::StringLength {
-            len,
-            left: self.bytes.len(),
-        };
-        let size = usize::try_from(len)
-            .ok()
-            .filter(|&size| 0 < size && size <= self.bytes.len());
-        let (&last, text) = self
-            .take(size.ok_or(bad_length)?)?
-            .split_last()
-            .ok_or(bad_length)?;
+        let bad_length = DecodeError::StringLength { len, left: self.bytes.len() };
+        let size = usize::try_from(len).ok().filter(|&size| 0 < size && size <= self.bytes.len());
+        let (&last, text) = self.take(size.ok_or(bad_length)?)?.split_last().ok_or(bad_length)?;
         if last != 0 {
             return Err(DecodeError::Unterminated);
         }
@@ -91,9 +76,7 @@ impl<'a> Reader<'a> {
         }
         match std::str::from_utf8(text) {
             Ok(text) => Ok(text.to_owned()),
-            Err(error) => Err(DecodeError::NotUtf8 {
-                valid_up_to: error.valid_up_to(),
-            }),
+            Err(error) => Err(DecodeError::NotUtf8 { valid_up_to: error.valid_up_to() }),
         }
     }
 
@@ -112,20 +95,14 @@ impl<'a> Reader<'a> {
     /// [`DecodeError::Count`] for a negative one.
     pub fn length(&self, count: impl Into<i64>) -> Result<usize, DecodeError> {
         let count = count.into();
-        usize::try_from(count).map_err(|_| DecodeError::Count {
-            count,
-            max: self.bytes.len(),
-        })
+        usize::try_from(count).map_err(|_| DecodeError::Count { count, max: self.bytes.len() })
     }
 
     /// Elements of at least `min` bytes each: refuses a count that the rest of the message cannot hold.
     fn claim(&mut self, count: usize, min: usize) -> Result<(), DecodeError> {
         let max = self.bytes.len().checked_div(min).unwrap_or(self.empties);
         if count > max {
-            return Err(DecodeError::Count {
-                count: i64::try_from(count).unwrap_or(i64::MAX),
-                max,
-            });
+            return Err(DecodeError::Count { count: i64::try_from(count).unwrap_or(i64::MAX), max });
         }
         if min == 0 {
             self.empties -= count;
@@ -163,19 +140,14 @@ impl<'a> Reader<'a> {
         for _ in 0..N {
             elements.push(element(self)?);
         }
-        Ok(elements
-            .try_into()
-            .unwrap_or_else(|_| unreachable!("N elements were pushed")))
+        Ok(elements.try_into().unwrap_or_else(|_| unreachable!("N elements were pushed")))
     }
 
     /// A value of a recursive type, one level further down.
     ///
     /// # Errors
     /// [`DecodeError::Depth`], and whatever `value` returns.
-    pub fn nested<T>(
-        &mut self,
-        value: impl FnOnce(&mut Self) -> Result<T, DecodeError>,
-    ) -> Result<T, DecodeError> {
+    pub fn nested<T>(&mut self, value: impl FnOnce(&mut Self) -> Result<T, DecodeError>) -> Result<T, DecodeError> {
         if self.depth == MAX_DEPTH {
             return Err(DecodeError::Depth { max: MAX_DEPTH });
         }

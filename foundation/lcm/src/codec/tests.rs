@@ -22,40 +22,20 @@ impl Type for Sample {
     fn decode_body(r: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let name = r.string()?;
         let n = r.count::<i8>()?;
-        Ok(Self {
-            name,
-            x: r.get_vec(n)?,
-        })
+        Ok(Self { name, x: r.get_vec(n)? })
     }
 }
 
 fn sample() -> Sample {
-    Sample {
-        name: "žluťoučký".into(),
-        x: vec![[1.5, -0.0], [f64::MIN_POSITIVE, f64::INFINITY]],
-    }
+    Sample { name: "žluťoučký".into(), x: vec![[1.5, -0.0], [f64::MIN_POSITIVE, f64::INFINITY]] }
 }
 
 #[test]
 fn a_message_is_its_fingerprint_and_its_members_big_endian() {
     let mut out = vec![7];
-    Sample {
-        name: "a".into(),
-        x: vec![[1.0, -2.0]],
-    }
-    .encode(&mut out)
-    .unwrap();
-    let body = [
-        0, 0, 0, 2, b'a', 0, 1, 0x3F, 0xF0, 0, 0, 0, 0, 0, 0, 0xC0, 0, 0, 0, 0, 0, 0, 0,
-    ];
-    assert_eq!(
-        out,
-        [
-            &[7, 0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF],
-            &body[..]
-        ]
-        .concat()
-    );
+    Sample { name: "a".into(), x: vec![[1.0, -2.0]] }.encode(&mut out).unwrap();
+    let body = [0, 0, 0, 2, b'a', 0, 1, 0x3F, 0xF0, 0, 0, 0, 0, 0, 0, 0xC0, 0, 0, 0, 0, 0, 0, 0];
+    assert_eq!(out, [&[7, 0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF], &body[..]].concat());
     assert_eq!(fingerprint(&out[1..]), Some(Sample::FINGERPRINT));
     assert_eq!(fingerprint(&out[..7]), None);
 }
@@ -66,44 +46,22 @@ fn decoding_undoes_encoding_and_refuses_every_part() {
     sample().encode(&mut out).unwrap();
     assert_eq!(Sample::decode(&out), Ok(sample()));
     for end in 0..out.len() {
-        assert!(
-            Sample::decode(&out[..end]).is_err(),
-            "cut after {end} bytes"
-        );
+        assert!(Sample::decode(&out[..end]).is_err(), "cut after {end} bytes");
     }
     out.push(0);
-    assert_eq!(
-        Sample::decode(&out),
-        Err(DecodeError::LeftOver { extra: 1 })
-    );
+    assert_eq!(Sample::decode(&out), Err(DecodeError::LeftOver { extra: 1 }));
 }
 
 #[test]
 fn what_cannot_be_written_leaves_the_buffer_as_it_was() {
     let mut out = vec![1, 2];
-    let long = Sample {
-        x: vec![[0.0; 2]; 128],
-        ..Sample::default()
-    };
-    assert_eq!(
-        long.encode(&mut out),
-        Err(EncodeError::TooLong {
-            member: "n",
-            len: 128,
-            max: 127
-        })
-    );
+    let long = Sample { x: vec![[0.0; 2]; 128], ..Sample::default() };
+    assert_eq!(long.encode(&mut out), Err(EncodeError::TooLong { member: "n", len: 128, max: 127 }));
     for at in 0..20 {
         let mut name = "x".repeat(19);
         name.insert(at, '\0');
-        let nul = Sample {
-            name,
-            ..Sample::default()
-        };
-        assert_eq!(
-            nul.encode(&mut out),
-            Err(EncodeError::Nul { member: "name" })
-        );
+        let nul = Sample { name, ..Sample::default() };
+        assert_eq!(nul.encode(&mut out), Err(EncodeError::Nul { member: "name" }));
     }
     assert_eq!(out, [1, 2]);
 }
@@ -132,29 +90,17 @@ fn a_nul_is_found_wherever_it_is_and_nothing_is_taken_for_one() {
 
 #[test]
 fn any_byte_but_zero_is_true() {
-    assert_eq!(
-        [0, 1, 2, 0xFF].map(|byte| bool::load(&[byte])),
-        [false, true, true, true]
-    );
+    assert_eq!([0, 1, 2, 0xFF].map(|byte| bool::load(&[byte])), [false, true, true, true]);
 }
 
 #[test]
 fn elements_without_bytes_are_bounded_in_all() {
     let mut r = Reader::new(&[]);
     let nothing = |_: &mut Reader<'_>| Ok(());
-    assert_eq!(
-        r.vec(MAX_EMPTY - 1, 0, nothing).map(|v| v.len()),
-        Ok(MAX_EMPTY - 1)
-    );
-    assert_eq!(
-        r.vec(2, 0, nothing),
-        Err(DecodeError::Count { count: 2, max: 1 })
-    );
+    assert_eq!(r.vec(MAX_EMPTY - 1, 0, nothing).map(|v| v.len()), Ok(MAX_EMPTY - 1));
+    assert_eq!(r.vec(2, 0, nothing), Err(DecodeError::Count { count: 2, max: 1 }));
     assert_eq!(r.get_vec::<[u8; 0]>(1).map(|v| v.len()), Ok(1));
-    assert_eq!(
-        r.get_vec::<[u8; 0]>(1),
-        Err(DecodeError::Count { count: 1, max: 0 })
-    );
+    assert_eq!(r.get_vec::<[u8; 0]>(1), Err(DecodeError::Count { count: 1, max: 0 }));
 }
 
 #[test]

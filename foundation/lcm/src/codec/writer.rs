@@ -19,11 +19,7 @@ impl<'a> Writer<'a> {
     pub(super) fn new(out: &'a mut Vec<u8>, size: usize) -> Self {
         let position = out.len();
         out.resize(position + size + SLACK, 0);
-        Self {
-            out,
-            position,
-            depth: 0,
-        }
+        Self { out, position, depth: 0 }
     }
 
     /// How far the buffer has been written; what lies behind is room.
@@ -64,11 +60,7 @@ impl<'a> Writer<'a> {
     /// [`EncodeError::Nul`]; [`EncodeError::TooLong`] from 2 GiB on.
     pub fn string(&mut self, member: &'static str, text: &str) -> Result<(), EncodeError> {
         let max = i32::MAX as usize - 1;
-        let too_long = EncodeError::TooLong {
-            member,
-            len: text.len(),
-            max,
-        };
+        let too_long = EncodeError::TooLong { member, len: text.len(), max };
         let len = i32::try_from(text.len().saturating_add(1)).map_err(|_| too_long)?;
         if has_nul(text.as_bytes()) {
             return Err(EncodeError::Nul { member });
@@ -84,11 +76,7 @@ impl<'a> Writer<'a> {
     ///
     /// # Errors
     /// [`EncodeError::TooLong`] when `len` does not fit `T`.
-    pub fn count<T: Fixed + TryFrom<usize>>(
-        &mut self,
-        member: &'static str,
-        len: usize,
-    ) -> Result<(), EncodeError> {
+    pub fn count<T: Fixed + TryFrom<usize>>(&mut self, member: &'static str, len: usize) -> Result<(), EncodeError> {
         let max = (1_usize << (8 * T::SIZE - 1).min(usize::BITS as usize - 1)) - 1;
         let count = T::try_from(len).map_err(|_| EncodeError::TooLong { member, len, max })?;
         self.put(&count);
@@ -99,11 +87,7 @@ impl<'a> Writer<'a> {
     ///
     /// # Errors
     /// [`EncodeError::Negative`].
-    pub fn length(
-        &self,
-        member: &'static str,
-        value: impl Into<i64>,
-    ) -> Result<usize, EncodeError> {
+    pub fn length(&self, member: &'static str, value: impl Into<i64>) -> Result<usize, EncodeError> {
         let value = value.into();
         usize::try_from(value).map_err(|_| EncodeError::Negative { member, value })
     }
@@ -113,31 +97,15 @@ impl<'a> Writer<'a> {
     /// # Errors
     /// [`EncodeError::Length`] when they differ.
     #[inline]
-    pub fn check(
-        &self,
-        member: &'static str,
-        expected: usize,
-        found: usize,
-    ) -> Result<(), EncodeError> {
-        if expected == found {
-            Ok(())
-        } else {
-            Err(EncodeError::Length {
-                member,
-                expected,
-                found,
-            })
-        }
+    pub fn check(&self, member: &'static str, expected: usize, found: usize) -> Result<(), EncodeError> {
+        if expected == found { Ok(()) } else { Err(EncodeError::Length { member, expected, found }) }
     }
 
     /// A value of a recursive type, one level further down.
     ///
     /// # Errors
     /// [`EncodeError::Depth`], and whatever `value` returns.
-    pub fn nested(
-        &mut self,
-        value: impl FnOnce(&mut Self) -> Result<(), EncodeError>,
-    ) -> Result<(), EncodeError> {
+    pub fn nested(&mut self, value: impl FnOnce(&mut Self) -> Result<(), EncodeError>) -> Result<(), EncodeError> {
         if self.depth == MAX_DEPTH {
             return Err(EncodeError::Depth { max: MAX_DEPTH });
         }

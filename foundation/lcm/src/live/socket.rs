@@ -20,9 +20,8 @@ use nix::cmsg_space;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{
-    AddressFamily, ControlMessageOwned, IpMembershipRequest, MsgFlags, SockFlag, SockType,
-    SockaddrIn, bind, connect, getsockname, getsockopt, recvmsg, sendmsg, setsockopt, socket,
-    sockopt,
+    AddressFamily, ControlMessageOwned, IpMembershipRequest, MsgFlags, SockFlag, SockType, SockaddrIn, bind, connect,
+    getsockname, getsockopt, recvmsg, sendmsg, setsockopt, socket, sockopt,
 };
 use nix::sys::time::{TimeSpec, TimeValLike};
 use std::io::{self, IoSlice, IoSliceMut};
@@ -43,8 +42,7 @@ fn context(what: impl std::fmt::Display) -> impl FnOnce(Errno) -> io::Error {
 
 fn open_socket() -> io::Result<OwnedFd> {
     let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
-    socket(AddressFamily::Inet, SockType::Datagram, flags, None)
-        .map_err(context("cannot open a UDP socket"))
+    socket(AddressFamily::Inet, SockType::Datagram, flags, None).map_err(context("cannot open a UDP socket"))
 }
 
 /// Joins `group` on the interface that has `address`, or with 0.0.0.0 on the one in the routing table.
@@ -80,22 +78,14 @@ impl ReceiveSocket {
     pub fn open(url: &Url) -> io::Result<Self> {
         let fd = open_socket()?;
         setsockopt(&fd, sockopt::ReuseAddr, &true).map_err(context("cannot set SO_REUSEADDR"))?;
-        setsockopt(&fd, sockopt::ReceiveTimestampns, &true)
-            .map_err(context("cannot set SO_TIMESTAMPNS"))?;
+        setsockopt(&fd, sockopt::ReceiveTimestampns, &true).map_err(context("cannot set SO_TIMESTAMPNS"))?;
         setsockopt(&fd, sockopt::RxqOvfl, &1).map_err(context("cannot set SO_RXQ_OVFL"))?;
         // Privileged processes get what they ask for, the others at most net.core.rmem_max.
         setsockopt(&fd, sockopt::RcvBufForce, &url.recv_buf_size)
             .or_else(|_| setsockopt(&fd, sockopt::RcvBuf, &url.recv_buf_size))
             .map_err(context("cannot set SO_RCVBUF"))?;
         let control = cmsg_space!(TimeSpec, u32);
-        Ok(Self {
-            fd,
-            address: url.address(),
-            joined: false,
-            control,
-            overflows: 0,
-            dropped: 0,
-        })
+        Ok(Self { fd, address: url.address(), joined: false, control, overflows: 0, dropped: 0 })
     }
 
     /// Joins the group and begins to receive; does nothing when that is done. Can be tried again after an error.
@@ -107,9 +97,9 @@ impl ReceiveSocket {
         let routed = join(&self.fd, group, Ipv4Addr::UNSPECIFIED);
         let loopback = join(&self.fd, group, Ipv4Addr::LOCALHOST);
         // No route: loopback alone. No loopback (a container without one): the route alone.
-        routed.or(loopback).map_err(context(format_args!(
-            "cannot join the multicast group {group} on any interface"
-        )))?;
+        routed
+            .or(loopback)
+            .map_err(context(format_args!("cannot join the multicast group {group} on any interface")))?;
         // To the group, not to any address: unicast to the port is none of the bus's.
         bind(self.fd.as_raw_fd(), &SockaddrIn::from(self.address))
             .map_err(context(format_args!("cannot bind to {}", self.address)))?;
@@ -122,22 +112,14 @@ impl ReceiveSocket {
         let mut parts = [IoSliceMut::new(buffer)];
         let received = loop {
             let control = Some(&mut self.control[..]);
-            match recvmsg::<SockaddrIn>(
-                self.fd.as_raw_fd(),
-                &mut parts,
-                control,
-                MsgFlags::MSG_DONTWAIT,
-            ) {
+            match recvmsg::<SockaddrIn>(self.fd.as_raw_fd(), &mut parts, control, MsgFlags::MSG_DONTWAIT) {
                 Err(Errno::EINTR) => {}
                 Err(Errno::EAGAIN) => return Ok(None),
                 result => break result.map_err(context("cannot receive"))?,
             }
         };
         let (mut at, mut overflows) = (None, self.overflows);
-        for message in received
-            .cmsgs()
-            .map_err(context("cannot read the kernel's receive time"))?
-        {
+        for message in received.cmsgs().map_err(context("cannot read the kernel's receive time"))? {
             match message {
                 ControlMessageOwned::ScmTimestampns(time) => {
                     at = Some(RealtimeNanos(time.num_nanoseconds()));
@@ -146,10 +128,7 @@ impl ReceiveSocket {
                 _ => {}
             }
         }
-        let from = received.address.map_or(
-            SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0),
-            SocketAddrV4::from,
-        );
+        let from = received.address.map_or(SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0), SocketAddrV4::from);
         let at = at.ok_or_else(|| io::Error::other("the kernel gave no receive time"))?;
         let len = received.bytes;
         self.dropped += u64::from(overflows.wrapping_sub(self.overflows));
@@ -161,10 +140,7 @@ impl ReceiveSocket {
         // Rounded up: a wait of half a millisecond is not a busy loop.
         let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
         let timeout = PollTimeout::try_from(millis).map_err(io::Error::other)?;
-        match poll(
-            &mut [PollFd::new(self.fd.as_fd(), PollFlags::POLLIN)],
-            timeout,
-        ) {
+        match poll(&mut [PollFd::new(self.fd.as_fd(), PollFlags::POLLIN)], timeout) {
             Ok(ready) => Ok(ready > 0),
             Err(Errno::EINTR) => Ok(false),
             Err(errno) => Err(context("cannot wait for messages")(errno)),
@@ -178,8 +154,7 @@ impl ReceiveSocket {
 
     pub fn granted_size(&self) -> io::Result<usize> {
         // The kernel reports twice what it grants, the half for its own bookkeeping (socket(7)).
-        let size =
-            getsockopt(&self.fd, sockopt::RcvBuf).map_err(context("cannot read SO_RCVBUF"))?;
+        let size = getsockopt(&self.fd, sockopt::RcvBuf).map_err(context("cannot read SO_RCVBUF"))?;
         Ok(size / 2)
     }
 
@@ -200,12 +175,7 @@ impl SendSocket {
     pub fn open(url: &Url) -> io::Result<Self> {
         let source = route_to(url.address())?.unwrap_or(Ipv4Addr::LOCALHOST);
         let fd = open_sender(*url.address().ip(), url.ttl, source)?;
-        Ok(Self {
-            fd,
-            group: url.address().into(),
-            ttl: url.ttl,
-            source,
-        })
+        Ok(Self { fd, group: url.address().into(), ttl: url.ttl, source })
     }
 
     /// Sends one datagram; when its interface has gone, from now on over `lo`, where all of ours listen.
@@ -214,14 +184,9 @@ impl SendSocket {
         match self.send_once(&parts) {
             // The interface is down, or has lost its address.
             Err(
-                error @ (Errno::ENETUNREACH
-                | Errno::EHOSTUNREACH
-                | Errno::ENETDOWN
-                | Errno::ENODEV
-                | Errno::EINVAL),
+                error @ (Errno::ENETUNREACH | Errno::EHOSTUNREACH | Errno::ENETDOWN | Errno::ENODEV | Errno::EINVAL),
             ) if !self.on_loopback() => {
-                let fd = open_sender(self.group.ip(), self.ttl, Ipv4Addr::LOCALHOST)
-                    .map_err(|_| error)?;
+                let fd = open_sender(self.group.ip(), self.ttl, Ipv4Addr::LOCALHOST).map_err(|_| error)?;
                 (self.fd, self.source) = (fd, Ipv4Addr::LOCALHOST);
                 self.send_once(&parts)
             }
@@ -231,13 +196,7 @@ impl SendSocket {
 
     fn send_once(&self, parts: &[IoSlice<'_>]) -> nix::Result<()> {
         loop {
-            match sendmsg(
-                self.fd.as_raw_fd(),
-                parts,
-                &[],
-                MsgFlags::MSG_DONTWAIT,
-                Some(&self.group),
-            ) {
+            match sendmsg(self.fd.as_raw_fd(), parts, &[], MsgFlags::MSG_DONTWAIT, Some(&self.group)) {
                 Err(Errno::EINTR) => {}
                 result => return result.map(drop),
             }
@@ -256,26 +215,17 @@ fn route_to(to: SocketAddrV4) -> io::Result<Option<Ipv4Addr>> {
     if connect(probe.as_raw_fd(), &SockaddrIn::from(to)).is_err() {
         return Ok(None);
     }
-    let address: SockaddrIn =
-        getsockname(probe.as_raw_fd()).map_err(context("cannot read a socket's address"))?;
+    let address: SockaddrIn = getsockname(probe.as_raw_fd()).map_err(context("cannot read a socket's address"))?;
     Ok(Some(address.ip()))
 }
 
 fn open_sender(group: Ipv4Addr, ttl: u8, source: Ipv4Addr) -> io::Result<OwnedFd> {
     let fd = open_socket()?;
-    setsockopt(&fd, sockopt::IpMulticastTtl, &ttl)
-        .map_err(context("cannot set IP_MULTICAST_TTL"))?;
-    setsockopt(&fd, sockopt::IpMulticastLoop, &true)
-        .map_err(context("cannot set IP_MULTICAST_LOOP"))?;
-    setsockopt(&fd, sockopt::RcvBuf, &SEND_SOCKET_RECV_BUF)
-        .map_err(context("cannot set SO_RCVBUF"))?;
-    bind(
-        fd.as_raw_fd(),
-        &SockaddrIn::from(SocketAddrV4::new(source, 0)),
-    )
-    .map_err(context(format_args!("cannot bind to {source}")))?;
-    join(&fd, group, source).map_err(context(format_args!(
-        "cannot join the multicast group {group} on {source}"
-    )))?;
+    setsockopt(&fd, sockopt::IpMulticastTtl, &ttl).map_err(context("cannot set IP_MULTICAST_TTL"))?;
+    setsockopt(&fd, sockopt::IpMulticastLoop, &true).map_err(context("cannot set IP_MULTICAST_LOOP"))?;
+    setsockopt(&fd, sockopt::RcvBuf, &SEND_SOCKET_RECV_BUF).map_err(context("cannot set SO_RCVBUF"))?;
+    bind(fd.as_raw_fd(), &SockaddrIn::from(SocketAddrV4::new(source, 0)))
+        .map_err(context(format_args!("cannot bind to {source}")))?;
+    join(&fd, group, source).map_err(context(format_args!("cannot join the multicast group {group} on {source}")))?;
     Ok(fd)
 }

@@ -10,9 +10,5 @@ pub fn url() -> Url {
     let [_, high, middle, low] = std::process::id().to_be_bytes();
     let counter = COUNTER.fetch_add(1, Ordering::Relaxed) as u16;
     let group = Ipv4Addr::new(239, 192 + (high & 0x3F), middle, low);
-    Url {
-        group,
-        port: 20_000 + counter,
-        ..Url::default()
-    }
+    Url { group, port: 20_000 + counter, ..Url::default() }
 }

@@ -62,12 +62,7 @@ impl Arbiter {
     /// An arbiter that lets a command live for `ttl`. The planner begins latched.
     #[must_use]
     pub fn new(ttl: Duration) -> Self {
-        Self {
-            ttl,
-            sources: Vec::with_capacity(SOURCES_MAX),
-            holder: None,
-            latched: true,
-        }
+        Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true }
     }
 
     /// Takes a command received at `at`; `blocked` says that a stop for a fault is in force.
@@ -88,11 +83,7 @@ impl Arbiter {
         source.at = at;
         source.command = command;
         if !held {
-            return if blocked {
-                Verdict::NotReleased
-            } else {
-                verdict
-            };
+            return if blocked { Verdict::NotReleased } else { verdict };
         }
         if !manual && self.latched {
             return Verdict::Latched;
@@ -112,10 +103,7 @@ impl Arbiter {
     #[must_use]
     pub fn current(&self, now: Instant) -> Option<&Command> {
         let (name, priority) = self.holder.as_ref()?;
-        let source = self
-            .sources
-            .iter()
-            .find(|s| s.command.source == *name && s.command.priority == *priority)?;
+        let source = self.sources.iter().find(|s| s.command.source == *name && s.command.priority == *priority)?;
         (now.since(source.at) < self.ttl).then_some(&source.command)
     }
 
@@ -123,10 +111,7 @@ impl Arbiter {
     #[must_use]
     pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
         let current = self.current(now)?;
-        let source = self
-            .sources
-            .iter()
-            .find(|source| source.command == *current)?;
+        let source = self.sources.iter().find(|source| source.command == *current)?;
         Some(source.at + self.ttl)
     }
 
@@ -149,9 +134,7 @@ impl Arbiter {
     /// An operator lets the planner go: a `cmd_goal`, or a manual `cmd_state` RUN. Without effect while a manual
     /// source moves the robot.
     pub fn release_planner(&mut self, now: Instant) {
-        let manual = self
-            .current(now)
-            .is_some_and(|command| command.priority > PLANNER);
+        let manual = self.current(now).is_some_and(|command| command.priority > PLANNER);
         if !manual {
             self.latched = false;
         }
@@ -168,25 +151,17 @@ impl Arbiter {
     }
 
     fn place(&mut self, at: Instant, command: &Command) -> usize {
-        let same = |s: &Source| {
-            s.command.source == command.source && s.command.priority == command.priority
-        };
+        let same = |s: &Source| s.command.source == command.source && s.command.priority == command.priority;
         if let Some(index) = self.sources.iter().position(same) {
             return index;
         }
         // A source never heard of has sent nothing since any release.
-        let fresh = Source {
-            command: command.clone(),
-            at: at - self.ttl,
-            armed: false,
-        };
+        let fresh = Source { command: command.clone(), at: at - self.ttl, armed: false };
         if self.sources.len() < SOURCES_MAX {
             self.sources.push(fresh);
             return self.sources.len() - 1;
         }
-        let oldest = (0..self.sources.len())
-            .min_by_key(|index| self.sources[*index].at)
-            .unwrap_or(0);
+        let oldest = (0..self.sources.len()).min_by_key(|index| self.sources[*index].at).unwrap_or(0);
         self.sources[oldest] = fresh;
         oldest
     }
@@ -211,31 +186,17 @@ mod tests {
         }
 
         fn say(&mut self, ms: u64, source: &str, priority: i8, speed: f64) -> Verdict {
-            let command = Command {
-                speed,
-                steering: 0.0,
-                priority,
-                source: source.into(),
-            };
-            self.0
-                .command(Instant::from_millis(1000 + ms), command, false)
+            let command = Command { speed, steering: 0.0, priority, source: source.into() };
+            self.0.command(Instant::from_millis(1000 + ms), command, false)
         }
 
         fn say_blocked(&mut self, ms: u64, source: &str, priority: i8, speed: f64) -> Verdict {
-            let command = Command {
-                speed,
-                steering: 0.0,
-                priority,
-                source: source.into(),
-            };
-            self.0
-                .command(Instant::from_millis(1000 + ms), command, true)
+            let command = Command { speed, steering: 0.0, priority, source: source.into() };
+            self.0.command(Instant::from_millis(1000 + ms), command, true)
         }
 
         fn moves(&self, ms: u64) -> Option<f64> {
-            self.0
-                .current(Instant::from_millis(1000 + ms))
-                .map(|command| command.speed)
+            self.0.current(Instant::from_millis(1000 + ms)).map(|command| command.speed)
         }
     }
 
@@ -282,11 +243,7 @@ mod tests {
         assert_eq!(bench.say_blocked(50, "op", 1, 0.4), NotReleased);
         // The fault is over, the source has not let go.
         assert_eq!(bench.say(100, "op", 1, 0.4), NotReleased);
-        assert_eq!(
-            bench.say(350, "op", 1, 0.4),
-            Holds,
-            "it was silent for its time to live"
-        );
+        assert_eq!(bench.say(350, "op", 1, 0.4), Holds, "it was silent for its time to live");
         bench.0.stopped();
         assert_eq!(bench.say(400, "op", 1, 0.0), Holds);
         assert_eq!(bench.say(450, "op", 1, 0.4), Holds);

@@ -63,19 +63,8 @@ impl Drive {
         self.error_code = 0;
         self.repeat = Ticker::new(now, REPEAT);
         self.changed = true;
-        for fault in [
-            Fault::DriveLost,
-            Fault::DriveBootFailed,
-            Fault::DriveMismatch,
-        ] {
-            out.clear(
-                fault,
-                self.name,
-                format!(
-                    "{} drive (node {}) is there and set up",
-                    self.name, self.node
-                ),
-            );
+        for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch] {
+            out.clear(fault, self.name, format!("{} drive (node {}) is there and set up", self.name, self.node));
         }
     }
 
@@ -85,10 +74,7 @@ impl Drive {
             _ => Fault::DriveBootFailed,
         };
         self.why = format!("cannot be booted: {step}: {reason}");
-        let message = format!(
-            "{} drive (node {}) {}; tried again each second",
-            self.name, self.node, self.why
-        );
+        let message = format!("{} drive (node {}) {}; tried again each second", self.name, self.node, self.why);
         out.raise(Severity::Error, fault, self.name, message);
     }
 
@@ -97,31 +83,15 @@ impl Drive {
         self.axis.lost();
         self.why = format!("is lost: {reason}");
         self.changed = true;
-        let message = format!(
-            "{} drive (node {}) {}; the robot stops",
-            self.name, self.node, self.why
-        );
+        let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
         out.raise(Severity::Error, Fault::DriveLost, self.name, message);
     }
 
-    pub(super) fn on_emergency(
-        &mut self,
-        emergency: &Emergency,
-        suppressed: u32,
-        out: &mut Actions,
-    ) {
+    pub(super) fn on_emergency(&mut self, emergency: &Emergency, suppressed: u32, out: &mut Actions) {
         self.error_code = emergency.code;
         self.changed = true;
-        let severity = if emergency.code == 0 {
-            Severity::Notice
-        } else {
-            Severity::Error
-        };
-        let more = if suppressed > 0 {
-            format!(", {suppressed} more before it")
-        } else {
-            String::new()
-        };
+        let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
+        let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
         let message = format!(
             "{} drive (node {}): emergency 0x{:04X} ({}), register 0x{:02X}{more}",
             self.name,
@@ -154,35 +124,18 @@ impl Drive {
                     let why = format!("left by itself to {to}, statusword 0x{statusword:04X}");
                     self.trouble = Some((now + TROUBLE, why));
                 }
-                AxisEvent::Stuck {
-                    state,
-                    goal,
-                    statusword,
-                    controlword,
-                } => {
+                AxisEvent::Stuck { state, goal, statusword, controlword } => {
                     let state = state.map_or("unseen".into(), |state| state.to_string());
                     let why = format!(
                         "stays {state} on the way to {goal:?}: controlword 0x{controlword:04X}, statusword 0x{statusword:04X}"
                     );
-                    out.report(
-                        Severity::Error,
-                        Fault::DriveFault,
-                        self.name,
-                        format!("{} drive {why}", self.name),
-                    );
+                    out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
                     self.trouble = Some((now + TROUBLE, why));
                     self.doubt = true;
                 }
-                AxisEvent::State {
-                    from: Some(PowerState::Fault),
-                    ..
-                } => {
+                AxisEvent::State { from: Some(PowerState::Fault), .. } => {
                     self.reset = None;
-                    out.clear(
-                        Fault::DriveFault,
-                        self.name,
-                        format!("{} drive: fault reset", self.name),
-                    );
+                    out.clear(Fault::DriveFault, self.name, format!("{} drive: fault reset", self.name));
                 }
                 AxisEvent::State { .. } | AxisEvent::Reached(_) => {}
             }
@@ -191,11 +144,7 @@ impl Drive {
 
     /// Serves what is due; to be called after every event, before the frames are made.
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) {
-        if self
-            .trouble
-            .as_ref()
-            .is_some_and(|(until, _)| *until <= now)
-        {
+        if self.trouble.as_ref().is_some_and(|(until, _)| *until <= now) {
             self.trouble = None;
         }
         if self.reset.is_some_and(|at| at <= now) {
@@ -235,10 +184,9 @@ impl Drive {
             return Some(format!("the {} drive {why}", self.name));
         }
         match self.axis.state() {
-            Some(PowerState::Fault | PowerState::FaultReactionActive) => Some(format!(
-                "the {} drive is in fault, error code 0x{:04X}",
-                self.name, self.error_code
-            )),
+            Some(PowerState::Fault | PowerState::FaultReactionActive) => {
+                Some(format!("the {} drive is in fault, error code 0x{:04X}", self.name, self.error_code))
+            }
             None => Some(format!("the {} drive has not told its state", self.name)),
             Some(_) => None,
         }
@@ -270,9 +218,6 @@ impl Drive {
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let repeat = (self.booted && !self.is_at_rest()).then(|| self.repeat.next());
         let trouble = self.trouble.as_ref().map(|(until, _)| *until);
-        [self.axis.poll_timeout(), self.reset, repeat, trouble]
-            .into_iter()
-            .flatten()
-            .min()
+        [self.axis.poll_timeout(), self.reset, repeat, trouble].into_iter().flatten().min()
     }
 }

@@ -81,22 +81,11 @@ impl Canbus {
     /// # Errors
     /// What CANopen does not allow: node ids out of range or given twice.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
-        let ports = [PortSpec {
-            bus: config.bus.clone(),
-            line: Line::Can {
-                bitrate: config.bitrate,
-            },
-        }];
+        let ports = [PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } }];
         let propulsion = Propulsion::new(&config);
         let steering = Steering::new(&config);
         let nodes = [propulsion.node_config(), steering.node_config()];
-        let master = Master::new(
-            MasterConfig {
-                id: config.node_id,
-                ..MasterConfig::default()
-            },
-            &nodes,
-        )?;
+        let master = Master::new(MasterConfig { id: config.node_id, ..MasterConfig::default() }, &nodes)?;
         Ok(Self {
             master,
             arbiter: Arbiter::new(config.ttl),
@@ -131,20 +120,13 @@ impl Canbus {
         }
     }
 
-    fn on_motion(
-        &mut self,
-        now: Instant,
-        at: Instant,
-        command: &lowlevel::CmdMotion,
-        out: &mut Actions,
-    ) {
+    fn on_motion(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
         // A command that waited longer than it lives says what somebody wanted then, not what he wants now.
         if now.since(at) >= self.config.ttl {
             return;
         }
         let limits = &self.config.limits;
-        let in_limits =
-            command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering;
+        let in_limits = command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering;
         if !in_limits || !arbiter::is_priority(command.priority) {
             self.refuse(now, command, out);
             return;
@@ -162,14 +144,10 @@ impl Canbus {
                 return;
             }
             Verdict::Overruled => format!("{} is overruled by a higher priority", command.source),
-            Verdict::Contested => format!(
-                "{} must wait: another source of its priority moves the robot",
-                command.source
-            ),
-            Verdict::NotReleased => format!(
-                "{} must send zero first: the robot was stopped",
-                command.source
-            ),
+            Verdict::Contested => {
+                format!("{} must wait: another source of its priority moves the robot", command.source)
+            }
+            Verdict::NotReleased => format!("{} must send zero first: the robot was stopped", command.source),
             Verdict::Latched => format!("{} must be let go by an operator first", command.source),
         };
         if verdict == Verdict::Contested {
@@ -184,12 +162,7 @@ impl Canbus {
         let limits = &self.config.limits;
         let message = format!(
             "command of {} refused: speed {} m/s (at most {}), steering {} rad (at most {}), priority {}",
-            command.source,
-            command.speed,
-            limits.speed,
-            command.steering,
-            limits.steering,
-            command.priority
+            command.source, command.speed, limits.speed, command.steering, limits.steering, command.priority
         );
         self.refused_until = Some(now + self.config.ttl);
         out.raise(Severity::Error, Fault::MotionRefused, "", message);
@@ -197,12 +170,9 @@ impl Canbus {
 
     fn on_homing(&mut self, homing: &lowlevel::CmdHoming, out: &mut Actions) {
         match homing.axis.as_str() {
-            "steering" if self.is_standing() && self.state == State::Run => {
-                self.steering.home_again()
-            }
+            "steering" if self.is_standing() && self.state == State::Run => self.steering.home_again(),
             "steering" => {
-                let why =
-                    "homing the steering refused: the robot moves, or the module is not in RUN";
+                let why = "homing the steering refused: the robot moves, or the module is not in RUN";
                 out.report(Severity::Warning, Fault::CommandForbidden, "steering", why);
             }
             axis => {
@@ -231,12 +201,7 @@ impl Canbus {
         match down {
             Some(why) => {
                 self.master.handle_bus_down(now);
-                out.raise(
-                    Severity::Error,
-                    Fault::PortDown,
-                    bus,
-                    format!("{bus} is down: {why}; tried again"),
-                );
+                out.raise(Severity::Error, Fault::PortDown, bus, format!("{bus} is down: {why}; tried again"));
             }
             None => {
                 out.clear(Fault::PortDown, bus, format!("{bus} is up"));
@@ -281,21 +246,12 @@ impl Canbus {
                     self.steering.on_lost();
                 }
             }
-            Heard::Emergency {
-                node,
-                emergency,
-                suppressed,
-            } => {
+            Heard::Emergency { node, emergency, suppressed } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_emergency(&emergency, suppressed, out);
                 }
             }
-            Heard::Pdo {
-                node,
-                number,
-                data,
-                len,
-            } => {
+            Heard::Pdo { node, number, data, len } => {
                 let data = &data[..usize::from(len).min(data.len())];
                 if node == self.propulsion.drive.node {
                     self.propulsion.on_pdo(now, number, data, out);
@@ -303,33 +259,18 @@ impl Canbus {
                     self.steering.on_pdo(now, number, data, out);
                 }
             }
-            Heard::SdoRead {
-                node,
-                index,
-                sub: 0,
-                ref data,
-                ..
-            } if MEASURED.contains(&index) => {
+            Heard::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
             }
             Heard::SdoRead { .. } | Heard::SdoWritten { .. } | Heard::SdoFailed { .. } => {
                 self.steering.on_sdo(now, &event);
             }
             Heard::Malformed { node, count } => {
-                let message =
-                    format!("{count} frames of node {node} that CANopen does not allow, dropped");
-                out.report(
-                    Severity::Warning,
-                    Fault::CanMalformed,
-                    format!("node {node}"),
-                    message,
-                );
+                let message = format!("{count} frames of node {node} that CANopen does not allow, dropped");
+                out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
             }
             Heard::SecondMaster => {
-                let message = format!(
-                    "another master with node id {} is on {}",
-                    self.config.node_id, self.config.bus
-                );
+                let message = format!("another master with node id {} is on {}", self.config.node_id, self.config.bus);
                 out.report(Severity::Error, Fault::CanMalformed, "master", message);
             }
         }
@@ -337,11 +278,7 @@ impl Canbus {
 
     /// Event-driven PDOs tell changes only, and the first ones may have left before the node counted as started.
     fn ask_where_it_is(&mut self, now: Instant, node: u8) {
-        let measured = if node == self.propulsion.drive.node {
-            VELOCITY
-        } else {
-            POSITION
-        };
+        let measured = if node == self.propulsion.drive.node { VELOCITY } else { POSITION };
         for index in [measured, STATUSWORD] {
             // The queue of a node that has just booted has room for both.
             let _ = self.master.sdo_read(now, node, index, 0);
@@ -350,12 +287,8 @@ impl Canbus {
 
     fn on_measured(&mut self, now: Instant, node: u8, index: u16, data: &[u8], out: &mut Actions) {
         match (index, data) {
-            (VELOCITY, &[a, b, c, d]) => self
-                .propulsion
-                .on_velocity(i32::from_le_bytes([a, b, c, d])),
-            (POSITION, &[a, b, c, d]) => {
-                self.steering.on_position(i32::from_le_bytes([a, b, c, d]))
-            }
+            (VELOCITY, &[a, b, c, d]) => self.propulsion.on_velocity(i32::from_le_bytes([a, b, c, d])),
+            (POSITION, &[a, b, c, d]) => self.steering.on_position(i32::from_le_bytes([a, b, c, d])),
             (STATUSWORD, &[low, high]) => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_statusword(now, u16::from_le_bytes([low, high]), out);
@@ -366,9 +299,7 @@ impl Canbus {
     }
 
     fn drive_mut(&mut self, node: u8) -> Option<&mut drive::Drive> {
-        [&mut self.propulsion.drive, &mut self.steering.drive]
-            .into_iter()
-            .find(|drive| drive.node == node)
+        [&mut self.propulsion.drive, &mut self.steering.drive].into_iter().find(|drive| drive.node == node)
     }
 
     fn is_standing(&self) -> bool {
@@ -377,31 +308,18 @@ impl Canbus {
 
     /// What stands against any motion, in the order in which an engineer would ask.
     fn objection(&self, now: Instant) -> Option<Blocked> {
-        let plain = |reason: String| {
-            Some(Blocked {
-                reason,
-                objection: None,
-            })
-        };
+        let plain = |reason: String| Some(Blocked { reason, objection: None });
         if !self.port_up {
             return plain(format!("{} is down", self.config.bus));
         }
-        if let Some(reason) = self
-            .propulsion
-            .drive
-            .objection()
-            .or_else(|| self.steering.drive.objection())
-        {
+        if let Some(reason) = self.propulsion.drive.objection().or_else(|| self.steering.drive.objection()) {
             return plain(reason);
         }
         if self.state != State::Run {
             return plain(format!("{NAME} is in {}", self.state));
         }
         if let Some(objection) = self.around.objection(now) {
-            return Some(Blocked {
-                reason: objection.to_string(),
-                objection: Some(objection),
-            });
+            return Some(Blocked { reason: objection.to_string(), objection: Some(objection) });
         }
         if self.refused_until.is_some() {
             return plain("a command was out of limits".into());
@@ -438,10 +356,7 @@ impl Canbus {
         }
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
-        for (node, in_doubt) in [
-            self.propulsion.drive.take_doubt(),
-            self.steering.drive.take_doubt(),
-        ] {
+        for (node, in_doubt) in [self.propulsion.drive.take_doubt(), self.steering.drive.take_doubt()] {
             if in_doubt {
                 self.ask_where_it_is(now, node);
             }
@@ -452,8 +367,7 @@ impl Canbus {
     /// its angle when nobody commands, and stops where it is when something is wrong.
     fn decide_steering(&mut self, now: Instant) {
         let well = self.state == State::Run && self.port_up && self.around.objection(now).is_none();
-        let drives_well = self.propulsion.drive.objection().is_none()
-            && self.steering.drive.objection().is_none();
+        let drives_well = self.propulsion.drive.objection().is_none() && self.steering.drive.objection().is_none();
         if self.blocked.is_none() {
             self.steering.hold();
         } else if well && drives_well && !self.steering.is_homed() && self.is_standing() {
@@ -474,17 +388,9 @@ impl Canbus {
         if planner && !self.around.is_located(now) {
             return None;
         }
-        let by_source = if planner {
-            limits.speed_autonomous
-        } else {
-            limits.speed_manual
-        };
+        let by_source = if planner { limits.speed_autonomous } else { limits.speed_manual };
         let curvature = libm::fabs(libm::tan(command.steering) / self.config.wheelbase);
-        let by_curve = if curvature > 0.0 {
-            libm::sqrt(limits.lateral_acceleration / curvature)
-        } else {
-            by_source
-        };
+        let by_curve = if curvature > 0.0 { libm::sqrt(limits.lateral_acceleration / curvature) } else { by_source };
         let bound = by_source.min(by_curve);
         Some((command.speed.clamp(-bound, bound), command.steering))
     }
@@ -498,11 +404,7 @@ impl Canbus {
             self.contested = None;
             out.clear(Fault::MotionContested, "", "one source commands the motion");
         }
-        if self
-            .ignored
-            .as_ref()
-            .is_some_and(|(until, _)| *until <= now)
-        {
+        if self.ignored.as_ref().is_some_and(|(until, _)| *until <= now) {
             self.ignored = None;
         }
     }
@@ -512,19 +414,10 @@ impl Canbus {
         let was = self.blocked.as_ref().and_then(fault);
         let is = blocked.and_then(fault);
         if let Some(was) = was.filter(|was| is != Some(*was)) {
-            out.clear(
-                was,
-                "",
-                "what stopped the robot is over; it moves when it is commanded anew",
-            );
+            out.clear(was, "", "what stopped the robot is over; it moves when it is commanded anew");
         }
         if let (Some(is), Some(blocked)) = (is, blocked) {
-            out.raise(
-                Severity::Error,
-                is,
-                "",
-                format!("the robot is stopped: {}", blocked.reason),
-            );
+            out.raise(Severity::Error, is, "", format!("the robot is stopped: {}", blocked.reason));
         }
     }
 
@@ -533,9 +426,7 @@ impl Canbus {
         let ignored = || self.ignored.as_ref().map(|(_, why)| why.clone());
         match (&self.blocked, self.arbiter.current(now)) {
             (Some(blocked), _) => blocked.reason.clone(),
-            (None, Some(command))
-                if command.priority == arbiter::PLANNER && !self.around.is_located(now) =>
-            {
+            (None, Some(command)) if command.priority == arbiter::PLANNER && !self.around.is_located(now) => {
                 "the planner has no estimate to drive by".into()
             }
             (None, Some(_)) => String::new(),
@@ -544,12 +435,8 @@ impl Canbus {
     }
 
     fn publish_motion(&self, now: Instant, out: &mut Actions) {
-        let (speed_target, steering_target) =
-            self.permitted(now).unwrap_or((0.0, self.steering.angle()));
-        let source = self
-            .arbiter
-            .current(now)
-            .map_or(String::new(), |command| command.source.clone());
+        let (speed_target, steering_target) = self.permitted(now).unwrap_or((0.0, self.steering.angle()));
+        let source = self.arbiter.current(now).map_or(String::new(), |command| command.source.clone());
         out.publish(lowlevel::DataMotion {
             timestamp: out.timestamp(now),
             speed: self.propulsion.speed(),
@@ -565,14 +452,8 @@ impl Canbus {
     }
 
     fn publish_axes(&self, now: Instant, out: &mut Actions) {
-        let axes = vec![
-            self.propulsion.row(&self.master),
-            self.steering.row(&self.master),
-        ];
-        out.publish(lowlevel::DataAxes {
-            timestamp: out.timestamp(now),
-            axes,
-        });
+        let axes = vec![self.propulsion.row(&self.master), self.steering.row(&self.master)];
+        out.publish(lowlevel::DataAxes { timestamp: out.timestamp(now), axes });
     }
 }
 
@@ -601,17 +482,9 @@ impl Module for Canbus {
                 self.axes = Ticker::new(now, AXES_PERIOD);
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
-            Event::Port {
-                input: Input::Can(frame),
-                ..
-            } => self.master.handle_rx(now, &frame),
-            Event::Port {
-                input: Input::Up, ..
-            } => self.on_port(now, None, out),
-            Event::Port {
-                input: Input::Down(why),
-                ..
-            } => self.on_port(now, Some(why), out),
+            Event::Port { input: Input::Can(frame), .. } => self.master.handle_rx(now, &frame),
+            Event::Port { input: Input::Up, .. } => self.on_port(now, None, out),
+            Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
             Event::State(state) => self.state = state,
             Event::Timer if self.port_up => self.master.handle_timeout(now),
             Event::Port { .. } | Event::Process(_) | Event::Timer => {}
@@ -625,10 +498,7 @@ impl Module for Canbus {
         if self.motion.due(now) {
             self.publish_motion(now, out);
         }
-        if self.axes.due(now)
-            | self.propulsion.drive.take_changed()
-            | self.steering.drive.take_changed()
-        {
+        if self.axes.due(now) | self.propulsion.drive.take_changed() | self.steering.drive.take_changed() {
             self.publish_axes(now, out);
         }
     }

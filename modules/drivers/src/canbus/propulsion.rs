@@ -89,10 +89,7 @@ impl Propulsion {
 
     pub(super) fn is_quick_stopped(&self) -> bool {
         self.drive.axis.goal() == Goal::QuickStop
-            && matches!(
-                self.drive.axis.state(),
-                Some(PowerState::OperationEnabled | PowerState::QuickStopActive)
-            )
+            && matches!(self.drive.axis.state(), Some(PowerState::OperationEnabled | PowerState::QuickStopActive))
     }
 
     pub(super) fn row(&self, master: &Master) -> lowlevel::Axis {

@@ -160,11 +160,7 @@ impl Steering {
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
-        let goal = if self.want == Want::Stop {
-            Goal::QuickStop
-        } else {
-            Goal::Enabled
-        };
+        let goal = if self.want == Want::Stop { Goal::QuickStop } else { Goal::Enabled };
         self.drive.axis.set_goal(now, goal);
         self.drive.handle_timeout(now, out);
         self.advance_homing(now, master, out);
@@ -178,9 +174,7 @@ impl Steering {
             self.on_homing_finished(result, out);
         }
         match self.want {
-            Want::Home if self.reference == Reference::None && self.drive.axis.is_enabled() => {
-                self.homing.start()
-            }
+            Want::Home if self.reference == Reference::None && self.drive.axis.is_enabled() => self.homing.start(),
             Want::Home => {}
             _ => self.homing.cancel(),
         }
@@ -189,9 +183,7 @@ impl Steering {
             let node = self.config.node;
             let asked = match access {
                 Access::ReadMode => master.sdo_read(now, node, 0x6061, 0),
-                Access::Write(write) => {
-                    master.sdo_write(now, node, write.index, write.sub, write.value)
-                }
+                Access::Write(write) => master.sdo_write(now, node, write.index, write.sub, write.value),
             };
             match asked {
                 Ok(ticket) => self.ticket = Some(ticket),
@@ -210,9 +202,7 @@ impl Steering {
             // It was stopped for something else, and begins anew when that is over.
             Err(HomingError::Cancelled) => Reference::None,
             Err(error) => {
-                let message = format!(
-                    "homing the steering failed: {error}; `advee home steering` tries again"
-                );
+                let message = format!("homing the steering failed: {error}; `advee home steering` tries again");
                 out.raise(Severity::Error, Fault::HomingFailed, "steering", message);
                 Reference::Failed(error.to_string())
             }
@@ -237,9 +227,7 @@ impl Steering {
         self.setpoint.handle_timeout(now);
         while let Some(event) = self.setpoint.poll_event() {
             if matches!(event, SetpointEvent::Retried { tries: TRIES, .. }) {
-                let message = format!(
-                    "steering drive does not take its target, asked {TRIES} times; asked on"
-                );
+                let message = format!("steering drive does not take its target, asked {TRIES} times; asked on");
                 out.report(Severity::Error, Fault::DriveFault, "steering", message);
             }
         }
@@ -264,9 +252,7 @@ impl Steering {
     /// rad, counter-clockwise; NaN while the drive has not told its position, or there is no reference for it.
     pub(super) fn angle(&self) -> f64 {
         match (&self.reference, self.position) {
-            (Reference::Known | Reference::Centering, Some(position)) => {
-                self.config.angle(position)
-            }
+            (Reference::Known | Reference::Centering, Some(position)) => self.config.angle(position),
             _ => f64::NAN,
         }
     }
@@ -295,18 +281,8 @@ impl Steering {
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        let setpoint = self
-            .setpoint
-            .poll_timeout()
-            .filter(|_| self.drive.axis.is_enabled());
-        [
-            self.drive.poll_timeout(),
-            self.homing.poll_timeout(),
-            setpoint,
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        let setpoint = self.setpoint.poll_timeout().filter(|_| self.drive.axis.is_enabled());
+        [self.drive.poll_timeout(), self.homing.poll_timeout(), setpoint].into_iter().flatten().min()
     }
 }
 

@@ -63,26 +63,13 @@ impl Surroundings {
     /// Nothing heard yet. `has_pause_line`: the robot has a power controller that tells of the PAUSE line.
     #[must_use]
     pub fn new(critical: Vec<String>, has_pause_line: bool) -> Self {
-        let pause = (
-            Instant::ZERO,
-            has_pause_line.then(|| "nobody heard of yet".into()),
-        );
-        Self {
-            critical,
-            has_pause_line,
-            processes: None,
-            pause,
-            estimate: None,
-        }
+        let pause = (Instant::ZERO, has_pause_line.then(|| "nobody heard of yet".into()));
+        Self { critical, has_pause_line, processes: None, pause, estimate: None }
     }
 
     /// The watchdog's list, received at `at`.
     pub fn on_processes(&mut self, at: Instant, list: &common::DataProcesses) {
-        let runs = |name: &str| {
-            list.processes
-                .iter()
-                .any(|p| p.module == name && p.phase == common::Process::RUNNING)
-        };
+        let runs = |name: &str| list.processes.iter().any(|p| p.module == name && p.phase == common::Process::RUNNING);
         let missing = self.critical.iter().find(|name| !runs(name)).cloned();
         self.processes = Some((at, missing));
     }
@@ -144,25 +131,15 @@ mod tests {
             phase: common::Process::RUNNING,
             ..common::Process::default()
         };
-        common::DataProcesses {
-            timestamp: 0,
-            processes: running.iter().map(process).collect(),
-        }
+        common::DataProcesses { timestamp: 0, processes: running.iter().map(process).collect() }
     }
 
     #[test]
     fn a_critical_module_that_does_not_run_stands_against_motion() {
         let mut around = Surroundings::new(vec!["eyes".into()], false);
-        assert_eq!(
-            around.objection(at(0)),
-            None,
-            "run by hand, without a watchdog"
-        );
+        assert_eq!(around.objection(at(0)), None, "run by hand, without a watchdog");
         around.on_processes(at(0), &processes(&["nerves"]));
-        assert_eq!(
-            around.objection(at(0)),
-            Some(Objection::Critical("eyes".into()))
-        );
+        assert_eq!(around.objection(at(0)), Some(Objection::Critical("eyes".into())));
         around.on_processes(at(100), &processes(&["nerves", "eyes"]));
         assert_eq!(around.objection(at(349)), None);
         assert_eq!(around.objection(at(350)), Some(Objection::WatchdogSilent));
@@ -173,44 +150,21 @@ mod tests {
     fn the_pause_line_must_be_known_and_open_where_there_is_one() {
         let mut around = Surroundings::new(vec![], true);
         assert!(around.objection(at(0)).is_some());
-        let open = lowlevel::EventStop {
-            timestamp: 0,
-            engaged: false,
-            source: String::new(),
-        };
+        let open = lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() };
         around.on_stop(at(100), &open);
         assert_eq!(around.objection(at(1299)), None);
         assert_eq!(around.objection(at(1300)), Some(Objection::PauseUnknown));
-        around.on_stop(
-            at(1400),
-            &lowlevel::EventStop {
-                engaged: true,
-                source: "button".into(),
-                ..open
-            },
-        );
-        assert_eq!(
-            around.objection(at(1400)),
-            Some(Objection::Paused("button".into()))
-        );
+        around.on_stop(at(1400), &lowlevel::EventStop { engaged: true, source: "button".into(), ..open });
+        assert_eq!(around.objection(at(1400)), Some(Objection::Paused("button".into())));
     }
 
     #[test]
     fn a_lost_or_old_estimate_does_not_carry_the_planner() {
         let mut around = Surroundings::new(vec![], false);
-        let fine = middlelevel::DataEstimate {
-            quality: middlelevel::DataEstimate::FINE,
-            ..Default::default()
-        };
+        let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
         around.on_estimate(at(0), &fine);
         assert!(around.is_located(at(199)) && !around.is_located(at(200)));
-        around.on_estimate(
-            at(300),
-            &middlelevel::DataEstimate {
-                quality: middlelevel::DataEstimate::LOST,
-                ..fine
-            },
-        );
+        around.on_estimate(at(300), &middlelevel::DataEstimate { quality: middlelevel::DataEstimate::LOST, ..fine });
         assert!(!around.is_located(at(300)));
     }
 }

@@ -32,10 +32,7 @@ fn config() -> Config {
         ttl: Duration::from_millis(250),
         critical: vec!["driver_rs485a".into()],
         has_pause_line: false,
-        propulsion: PropulsionConfig {
-            node: 1,
-            rpm_per_mps: 2483.0,
-        },
+        propulsion: PropulsionConfig { node: 1, rpm_per_mps: 2483.0 },
         steering: SteeringConfig {
             node: 2,
             counts_per_turn: 4096.0,
@@ -102,13 +99,8 @@ impl Robot {
                     phase: common::Process::RUNNING,
                     ..common::Process::default()
                 };
-                let modules = [NAME, "driver_rs485a"]
-                    .into_iter()
-                    .filter(|module| *module != self.missing);
-                self.bench.message(common::DataProcesses {
-                    timestamp: 0,
-                    processes: modules.map(process).collect(),
-                });
+                let modules = [NAME, "driver_rs485a"].into_iter().filter(|module| *module != self.missing);
+                self.bench.message(common::DataProcesses { timestamp: 0, processes: modules.map(process).collect() });
             }
             self.epos.handle_timeout(now);
             self.icla.handle_timeout(now);
@@ -174,18 +166,12 @@ impl Robot {
 
     /// The last RPDO4 and when it left.
     fn last_rpdo4(&self) -> (Instant, [u8; 6]) {
-        let (at, frame) = self
-            .frames
-            .iter()
-            .rev()
-            .find(|(_, frame)| frame.id() == can::Id::Standard(0x501))
-            .unwrap();
+        let (at, frame) = self.frames.iter().rev().find(|(_, frame)| frame.id() == can::Id::Standard(0x501)).unwrap();
         (*at, frame.data().try_into().unwrap())
     }
 
     fn moves(&self) -> bool {
-        self.epos.power.state() == PowerState::OperationEnabled
-            && self.epos.node.get(0x606C, 0) != Some(0)
+        self.epos.power.state() == PowerState::OperationEnabled && self.epos.node.get(0x606C, 0) != Some(0)
     }
 }
 
@@ -193,12 +179,8 @@ impl Robot {
 fn both_drives_are_booted_and_the_steering_is_homed_before_anything_moves() {
     let mut robot = Robot::new();
     robot.drive(0.4, 600);
-    let enabled =
-        |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] == 0x0F;
-    assert!(
-        !robot.frames.iter().any(|(_, frame)| enabled(frame)),
-        "enabled before it was homed"
-    );
+    let enabled = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] == 0x0F;
+    assert!(!robot.frames.iter().any(|(_, frame)| enabled(frame)), "enabled before it was homed");
     robot.pass(3000);
     assert_eq!(robot.bench.shell.state(), State::Run);
     assert!(robot.motion().homed);
@@ -217,10 +199,7 @@ fn a_command_is_on_the_bus_in_the_same_turn() {
     let now = robot.bench.now();
     robot.command(0.4, 0.0);
     // 0.4 m/s are 993 rpm: enable operation and 0x000003E1, little endian (facts 2.2).
-    assert_eq!(
-        robot.last_rpdo4(),
-        (now, [0x0F, 0x00, 0xE1, 0x03, 0x00, 0x00])
-    );
+    assert_eq!(robot.last_rpdo4(), (now, [0x0F, 0x00, 0xE1, 0x03, 0x00, 0x00]));
     robot.command(-0.4, 0.0);
     assert_eq!(robot.last_rpdo4().1, [0x0F, 0x00, 0x1F, 0xFC, 0xFF, 0xFF]);
 }
@@ -235,10 +214,7 @@ fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
     robot.pass(249);
     assert!(robot.moves());
     robot.pass(10);
-    let stop = robot
-        .frames
-        .iter()
-        .find(|(at, frame)| *at > last && frame.data().starts_with(&[0x0B, 0x00]));
+    let stop = robot.frames.iter().find(|(at, frame)| *at > last && frame.data().starts_with(&[0x0B, 0x00]));
     assert_eq!(stop.unwrap().0, last + Duration::from_millis(250));
     assert!(!robot.moves());
     robot.pass(100);
@@ -248,22 +224,13 @@ fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
 
 #[test]
 fn a_command_out_of_limits_or_not_a_number_stops_whoever_moves() {
-    for (speed, steering) in [
-        (f64::NAN, 0.0),
-        (0.0, f64::INFINITY),
-        (1.3, 0.0),
-        (0.4, -0.7),
-    ] {
+    for (speed, steering) in [(f64::NAN, 0.0), (0.0, f64::INFINITY), (1.3, 0.0), (0.4, -0.7)] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
         assert!(robot.moves());
         robot.command(speed, steering);
         assert!(!robot.moves(), "{speed} {steering}");
-        assert!(
-            robot
-                .errors
-                .contains(&(Fault::MotionRefused, Severity::Error))
-        );
+        assert!(robot.errors.contains(&(Fault::MotionRefused, Severity::Error)));
         // The honest source goes on commanding and must let go first.
         robot.drive(0.4, 600);
         assert!(!robot.moves());
@@ -284,10 +251,7 @@ fn a_command_that_waited_too_long_is_not_obeyed() {
         source: "frozen".into(),
     });
     let at = robot.bench.now() - Duration::from_millis(250);
-    robot.bench.event(Event::Message {
-        at,
-        message: &message,
-    });
+    robot.bench.event(Event::Message { at, message: &message });
     robot.pass(100);
     assert!(!robot.moves());
 }
@@ -299,30 +263,13 @@ fn a_critical_module_that_dies_stops_the_robot_and_nothing_resumes_by_itself() {
     robot.missing = "driver_rs485a";
     robot.drive(0.4, 200);
     assert!(!robot.moves());
-    assert!(
-        robot.reason().contains("driver_rs485a"),
-        "{}",
-        robot.reason()
-    );
+    assert!(robot.reason().contains("driver_rs485a"), "{}", robot.reason());
     robot.missing = "";
     robot.drive(0.4, 500);
     assert!(!robot.moves());
-    assert_eq!(
-        robot.reason(),
-        "test must send zero first: the robot was stopped"
-    );
-    let critical: Vec<_> = robot
-        .errors
-        .iter()
-        .filter(|(fault, _)| *fault == Fault::CriticalModule)
-        .collect();
-    assert_eq!(
-        critical,
-        [
-            &(Fault::CriticalModule, Severity::Error),
-            &(Fault::CriticalModule, Severity::Notice)
-        ]
-    );
+    assert_eq!(robot.reason(), "test must send zero first: the robot was stopped");
+    let critical: Vec<_> = robot.errors.iter().filter(|(fault, _)| *fault == Fault::CriticalModule).collect();
+    assert_eq!(critical, [&(Fault::CriticalModule, Severity::Error), &(Fault::CriticalModule, Severity::Notice)]);
     robot.pass(300);
     robot.drive(0.4, 200);
     assert!(robot.moves(), "{}", robot.reason());
@@ -351,10 +298,7 @@ fn a_lost_drive_stops_the_other_one_and_is_booted_again() {
     robot.drive(0.4, 5000);
     assert_eq!(robot.bench.shell.state(), State::Run);
     assert!(robot.errors.contains(&(Fault::DriveLost, Severity::Notice)));
-    assert!(
-        robot.motion().homed && !robot.moves(),
-        "homed again, and waits to be asked anew"
-    );
+    assert!(robot.motion().homed && !robot.moves(), "homed again, and waits to be asked anew");
     robot.drive(0.0, 100);
     robot.drive(0.4, 200);
     assert!(robot.moves(), "{}", robot.reason());
@@ -368,19 +312,9 @@ fn a_drive_in_fault_stops_the_robot_and_is_reset_calmly() {
     robot.epos.fault(now, 0x2310);
     robot.drive(0.4, 200);
     assert!(robot.reason().contains("0x2310"), "{}", robot.reason());
-    assert!(
-        robot
-            .errors
-            .contains(&(Fault::DriveEmergency, Severity::Error))
-    );
+    assert!(robot.errors.contains(&(Fault::DriveEmergency, Severity::Error)));
     robot.drive(0.4, 2000);
-    assert!(
-        robot
-            .errors
-            .contains(&(Fault::DriveFault, Severity::Notice)),
-        "{:?}",
-        robot.errors
-    );
+    assert!(robot.errors.contains(&(Fault::DriveFault, Severity::Notice)), "{:?}", robot.errors);
     assert!(!robot.moves());
     robot.drive(0.0, 100);
     robot.drive(0.4, 300);
@@ -393,19 +327,9 @@ fn a_drive_that_is_not_the_configured_one_never_moves() {
     let mut robot = Robot::with(icla::dictionary(1), config());
     robot.drive(0.4, 5000);
     assert_eq!(robot.bench.shell.state(), State::Init);
-    let mismatches = robot
-        .errors
-        .iter()
-        .filter(|(fault, _)| *fault == Fault::DriveMismatch)
-        .count();
+    let mismatches = robot.errors.iter().filter(|(fault, _)| *fault == Fault::DriveMismatch).count();
     assert_eq!(mismatches, 1, "reported once: {:?}", robot.errors);
-    assert!(
-        !robot
-            .frames
-            .iter()
-            .any(|(_, frame)| frame.id() == can::Id::Standard(0x501)),
-        "no PDO before it is known"
-    );
+    assert!(!robot.frames.iter().any(|(_, frame)| frame.id() == can::Id::Standard(0x501)), "no PDO before it is known");
     assert!(robot.reason().contains("propulsion"), "{}", robot.reason());
 }
 
@@ -415,22 +339,13 @@ fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
         let (module, source) = (NAME.into(), "test".into());
-        let command = common::CmdState {
-            timestamp: 0,
-            module,
-            state: state as i8,
-            manual: true,
-            source,
-        };
+        let command = common::CmdState { timestamp: 0, module, state: state as i8, manual: true, source };
         robot.bench.message(command.clone());
         robot.drive(0.4, 500);
         assert!(!robot.moves());
         assert_eq!(robot.epos.power.state(), PowerState::QuickStopActive);
         assert_eq!(robot.reason(), format!("driver_canbus is in {state}"));
-        robot.bench.message(common::CmdState {
-            state: State::Run as i8,
-            ..command
-        });
+        robot.bench.message(common::CmdState { state: State::Run as i8, ..command });
         robot.drive(0.4, 300);
         assert!(!robot.moves(), "it resumed by itself");
         robot.pass(300);
@@ -442,17 +357,11 @@ fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
 #[test]
 fn a_lost_port_is_told_and_everything_begins_again_when_it_is_back() {
     let mut robot = Robot::ready();
-    robot.bench.event(Event::Port {
-        port: PortId(0),
-        input: Input::Down("cable pulled"),
-    });
+    robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("cable pulled") });
     robot.pass(500);
     assert_eq!(robot.bench.shell.state(), State::Error);
     assert!(robot.errors.contains(&(Fault::PortDown, Severity::Error)));
-    robot.bench.event(Event::Port {
-        port: PortId(0),
-        input: Input::Up,
-    });
+    robot.bench.event(Event::Port { port: PortId(0), input: Input::Up });
     robot.pass(5000);
     assert_eq!(robot.bench.shell.state(), State::Run);
     assert!(robot.motion().homed, "{}", robot.reason());
@@ -471,11 +380,7 @@ fn the_end_waits_until_the_robot_stands() {
         source,
     });
     robot.exchange();
-    assert_eq!(
-        robot.last_rpdo4().1[0],
-        0x0B,
-        "a quick stop is the last word"
-    );
+    assert_eq!(robot.last_rpdo4().1[0], 0x0B, "a quick stop is the last word");
     assert!(!robot.moves());
 }
 
@@ -483,22 +388,12 @@ fn the_end_waits_until_the_robot_stands() {
 fn homing_is_for_the_steering_and_for_a_robot_that_stands() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
-    let homing = |axis: &str| lowlevel::CmdHoming {
-        timestamp: 0,
-        axis: axis.into(),
-    };
+    let homing = |axis: &str| lowlevel::CmdHoming { timestamp: 0, axis: axis.into() };
     robot.bench.message(homing("steering"));
     robot.bench.message(homing("propulsion"));
     robot.drive(0.4, 100);
     assert!(robot.moves() && robot.motion().homed);
-    assert_eq!(
-        robot
-            .errors
-            .iter()
-            .filter(|(fault, _)| *fault == Fault::CommandForbidden)
-            .count(),
-        2
-    );
+    assert_eq!(robot.errors.iter().filter(|(fault, _)| *fault == Fault::CommandForbidden).count(), 2);
     robot.pass(1000);
     robot.bench.message(homing("steering"));
     robot.pass(60);
@@ -512,9 +407,7 @@ fn any_frames_on_the_bus_are_survived() {
     let mut robot = Robot::ready();
     let mut seed = 1_u64;
     let mut random = || {
-        seed = seed
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (seed >> 33) as u32
     };
     for _ in 0..20_000 {

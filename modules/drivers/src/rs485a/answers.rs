@@ -15,38 +15,17 @@ impl Rs485a {
     pub(super) fn on_event(&mut self, now: Instant, event: &master::Event, out: &mut Actions) {
         use master::Event;
         match event {
-            Event::Reply {
-                to,
-                instruction,
-                status: Status::Ok,
-                data,
-            } => {
+            Event::Reply { to, instruction, status: Status::Ok, data } => {
                 self.on_answer(now, *to, *instruction, data, out);
             }
-            Event::Reply {
-                to,
-                instruction,
-                status,
-                ..
-            } => self.on_refusal(now, *to, *instruction, *status, out),
-            Event::Silent { to, instruction }
-            | Event::Garbled {
-                to, instruction, ..
-            } => {
+            Event::Reply { to, instruction, status, .. } => self.on_refusal(now, *to, *instruction, *status, out),
+            Event::Silent { to, instruction } | Event::Garbled { to, instruction, .. } => {
                 self.on_failure(now, *to, *instruction, out);
             }
             Event::Unsent { to, instruction } => {
                 self.stuck = true;
-                let message = format!(
-                    "{}: the port does not send; what was asked is dropped",
-                    self.bus
-                );
-                out.raise(
-                    Severity::Warning,
-                    Fault::PortOverrun,
-                    self.bus.as_str(),
-                    message,
-                );
+                let message = format!("{}: the port does not send; what was asked is dropped", self.bus);
+                out.raise(Severity::Warning, Fault::PortOverrun, self.bus.as_str(), message);
                 self.on_failure(now, *to, *instruction, out);
             }
             Event::Sent { .. } => {}
@@ -57,49 +36,32 @@ impl Rs485a {
             }
             Event::Recovered { node } => {
                 let (name, board) = self.name(*node);
-                out.clear(
-                    Fault::BoardDegraded,
-                    name,
-                    format!("{board} answers well again"),
-                );
+                out.clear(Fault::BoardDegraded, name, format!("{board} answers well again"));
             }
             Event::Lost { node } => {
                 self.schedule.lost(now, *node);
                 let (name, board) = self.name(*node);
-                let message =
-                    format!("{board} does not answer: its data is invalid, asking once a second");
+                let message = format!("{board} does not answer: its data is invalid, asking once a second");
                 out.raise(Severity::Error, Fault::BoardLost, name, message);
             }
             Event::Back { node } => {
                 self.schedule.back(now, *node);
                 self.schedule.demand(version_of(*node));
                 let (name, board) = self.name(*node);
-                out.clear(
-                    Fault::BoardDegraded,
-                    name.as_str(),
-                    format!("{board} answers well again"),
-                );
+                out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers well again"));
                 out.clear(Fault::BoardLost, name, format!("{board} answers again"));
             }
         }
     }
 
     fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, data: &[u8], out: &mut Actions) {
-        let Some(board) = self
-            .boards
-            .iter_mut()
-            .find(|board| board.node.address == to)
-        else {
+        let Some(board) = self.boards.iter_mut().find(|board| board.node.address == to) else {
             return;
         };
         board.answered = true;
         let kind = board.node.kind;
         if mem::take(&mut self.stuck) {
-            out.clear(
-                Fault::PortOverrun,
-                self.bus.as_str(),
-                format!("{}: the port sends again", self.bus),
-            );
+            out.clear(Fault::PortOverrun, self.bus.as_str(), format!("{}: the port sends again", self.bus));
         }
         if instruction == GET_VERSION.code {
             if let Some(version) = Version::parse(data) {
@@ -109,16 +71,10 @@ impl Rs485a {
         }
         if mem::take(&mut board.refuses) {
             let (name, board) = self.name(to);
-            out.clear(
-                Fault::BoardRefused,
-                name,
-                format!("{board} does what it is asked"),
-            );
+            out.clear(Fault::BoardRefused, name, format!("{board} does what it is asked"));
         }
         let result = match kind {
-            Kind::Sd1 => {
-                sd1::Both::parse(data).map(|both| self.on_ranges(now, to, Some(both), out))
-            }
+            Kind::Sd1 => sd1::Both::parse(data).map(|both| self.on_ranges(now, to, Some(both), out)),
             Kind::So1 => wheels(data).map(|counts| self.on_ticks(now, to, counts, out)),
         };
         self.on_plausibility(now, to, instruction, result, out);
@@ -132,22 +88,14 @@ impl Rs485a {
         result: Result<(), Implausible>,
         out: &mut Actions,
     ) {
-        let Some(board) = self
-            .boards
-            .iter_mut()
-            .find(|board| board.node.address == to)
-        else {
+        let Some(board) = self.boards.iter_mut().find(|board| board.node.address == to) else {
             return;
         };
         let stood = mem::replace(&mut board.implausible, result.is_err());
         match result {
             Ok(()) if stood => {
                 let (name, board) = self.name(to);
-                out.clear(
-                    Fault::BoardImplausible,
-                    name,
-                    format!("{board} is plausible again"),
-                );
+                out.clear(Fault::BoardImplausible, name, format!("{board} is plausible again"));
             }
             Ok(()) => {}
             Err(why) => {
@@ -159,29 +107,14 @@ impl Rs485a {
         }
     }
 
-    fn on_refusal(
-        &mut self,
-        now: Instant,
-        to: u8,
-        instruction: u8,
-        status: Status,
-        out: &mut Actions,
-    ) {
-        let Some(board) = self
-            .boards
-            .iter_mut()
-            .find(|board| board.node.address == to)
-        else {
+    fn on_refusal(&mut self, now: Instant, to: u8, instruction: u8, status: Status, out: &mut Actions) {
+        let Some(board) = self.boards.iter_mut().find(|board| board.node.address == to) else {
             return;
         };
         board.answered = true;
         let version = instruction == GET_VERSION.code;
         board.refuses |= !version;
-        let verb = if status == Status::UnknownInstruction {
-            "does not know"
-        } else {
-            "could not do"
-        };
+        let verb = if status == Status::UnknownInstruction { "does not know" } else { "could not do" };
         let (name, board) = self.name(to);
         let message = format!("{board} {verb} instruction {instruction:#04x}");
         if version {
@@ -205,10 +138,7 @@ impl Rs485a {
             self.publish_ranges(out);
         }
         self.ranges.put(now, board, both);
-        if self
-            .ranges
-            .complete(|address| self.master.health(address) != Health::Lost)
-        {
+        if self.ranges.complete(|address| self.master.health(address) != Health::Lost) {
             self.publish_ranges(out);
         }
     }
@@ -224,13 +154,9 @@ impl Rs485a {
         match self.odometry.answer(now, out.timestamp(now), counts) {
             Step::First => {}
             Step::Way(odo) => out.publish(odo),
-            Step::Jump {
-                ticks: (left, right),
-            } => {
+            Step::Jump { ticks: (left, right) } => {
                 let (name, board) = self.name(board);
-                let message = format!(
-                    "{board} was reset: its counters jumped by {left} and {right}; odometry goes on"
-                );
+                let message = format!("{board} was reset: its counters jumped by {left} and {right}; odometry goes on");
                 out.report(Severity::Warning, Fault::BoardImplausible, name, message);
             }
         }

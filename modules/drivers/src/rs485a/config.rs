@@ -35,7 +35,7 @@ pub struct Node {
     pub kind: Kind,
     /// How often it is asked, Hz; above 0. A rate beyond the wire's limit gives what the wire gives.
     pub rate_hz: f64,
-    /// How long its answer may take; 20 ms by `docs/boards.md` 1.
+    /// How long its answer may take; 20 ms by `docs/facts/boards.md` 1.
     pub timeout: Duration,
 }
 
@@ -82,15 +82,9 @@ pub struct Wheels {
 }
 
 impl Default for Wheels {
-    /// Advee's (`facts/robot.md` 1.2).
+    /// Advee's (`docs/facts/robot.md` 1.2).
     fn default() -> Self {
-        Self {
-            wheelbase_m: 0.60,
-            track_m: 0.50,
-            radius_m: 0.100,
-            ticks_per_turn: 4096,
-            speed_max_mps: 1.2,
-        }
+        Self { wheelbase_m: 0.60, track_m: 0.50, radius_m: 0.100, ticks_per_turn: 4096, speed_max_mps: 1.2 }
     }
 }
 
@@ -120,16 +114,11 @@ pub enum ConfigError {
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Nodes(nodes) => write!(
-                f,
-                "{nodes} boards on one bus: 1 to {NODES_MAX} are possible"
-            ),
+            Self::Nodes(nodes) => write!(f, "{nodes} boards on one bus: 1 to {NODES_MAX} are possible"),
             Self::Twice(name) => write!(f, "board {name}: its address, or an SO1, is there twice"),
             Self::Rate(name) => write!(f, "board {name}: its rate must be above 0"),
             Self::NoBoard(id) => write!(f, "ranger {id}: its board is no SD1 of this bus"),
-            Self::Wheels => {
-                f.write_str("wheels: lengths, ticks per turn and speed must be above 0")
-            }
+            Self::Wheels => f.write_str("wheels: lengths, ticks per turn and speed must be above 0"),
         }
     }
 }
@@ -144,50 +133,19 @@ impl Config {
         }
         for (i, node) in self.nodes.iter().enumerate() {
             let so1 = |other: &Node| (node.kind, other.kind) == (Kind::So1, Kind::So1);
-            if self.nodes[..i]
-                .iter()
-                .any(|other| other.address == node.address || so1(other))
-            {
+            if self.nodes[..i].iter().any(|other| other.address == node.address || so1(other)) {
                 return Err(ConfigError::Twice(node.name.clone()));
             }
             if !(node.rate_hz.is_finite() && node.rate_hz > 0.0) {
                 return Err(ConfigError::Rate(node.name.clone()));
             }
         }
-        let serves = |board| {
-            self.nodes
-                .iter()
-                .any(|node| node.address == board && node.kind == Kind::Sd1)
-        };
-        if let Some(orphan) = self
-            .srfs
-            .iter()
-            .chain(&self.irs)
-            .find(|ranger| !serves(ranger.board))
-        {
+        let serves = |board| self.nodes.iter().any(|node| node.address == board && node.kind == Kind::Sd1);
+        if let Some(orphan) = self.srfs.iter().chain(&self.irs).find(|ranger| !serves(ranger.board)) {
             return Err(ConfigError::NoBoard(orphan.id));
         }
-        let Wheels {
-            wheelbase_m,
-            track_m,
-            radius_m,
-            ticks_per_turn,
-            speed_max_mps,
-        } = self.wheels;
-        let lengths = [
-            wheelbase_m,
-            track_m,
-            radius_m,
-            speed_max_mps,
-            f64::from(ticks_per_turn),
-        ];
-        if lengths
-            .iter()
-            .all(|length| length.is_finite() && *length > 0.0)
-        {
-            Ok(())
-        } else {
-            Err(ConfigError::Wheels)
-        }
+        let Wheels { wheelbase_m, track_m, radius_m, ticks_per_turn, speed_max_mps } = self.wheels;
+        let lengths = [wheelbase_m, track_m, radius_m, speed_max_mps, f64::from(ticks_per_turn)];
+        if lengths.iter().all(|length| length.is_finite() && *length > 0.0) { Ok(()) } else { Err(ConfigError::Wheels) }
     }
 }

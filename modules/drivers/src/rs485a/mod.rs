@@ -1,6 +1,6 @@
 //! Bus A: the distance boards BR-SD1 and the odometry board BR-SO1.
 //!
-//! Device    `docs/boards.md` 3, 4
+//! Device    `docs/facts/boards.md` 3, 4
 //! Protocol  the 9-bit EIA-485 of `rs485`; boards ask nothing, they are asked
 //! Timing    each board on its own grid (2011: 4 Hz), firmware versions in between
 //! Silence   after 16 failed transactions a board is lost: reported, asked once a second, its data invalid
@@ -65,12 +65,7 @@ struct Board {
 
 impl Board {
     fn new(node: Node) -> Self {
-        Self {
-            node,
-            answered: false,
-            refuses: false,
-            implausible: false,
-        }
+        Self { node, answered: false, refuses: false, implausible: false }
     }
 }
 
@@ -81,19 +76,13 @@ impl Rs485a {
     /// When the configuration cannot be.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
-        let mut master = Master::new(master::Config {
-            baud: config.baud,
-            crc: config.crc,
-            ..master::Config::default()
-        });
+        let mut master =
+            Master::new(master::Config { baud: config.baud, crc: config.crc, ..master::Config::default() });
         for node in &config.nodes {
             master.add_node(node.address, node.timeout);
         }
         Ok(Self {
-            ports: [PortSpec {
-                bus: config.bus.clone(),
-                line: Line::Serial { baud: config.baud },
-            }],
+            ports: [PortSpec { bus: config.bus.clone(), line: Line::Serial { baud: config.baud } }],
             bus: config.bus.clone(),
             baud: config.baud,
             master,
@@ -116,12 +105,8 @@ impl Rs485a {
                 self.up = Some(true);
                 self.schedule = Schedule::new();
                 for Board { node, .. } in &self.boards {
-                    let turn = Turn {
-                        to: node.address,
-                        instruction: poll_of(node.kind).code,
-                    };
-                    self.schedule
-                        .poll(now, Duration::from_secs_f64(1.0 / node.rate_hz), turn);
+                    let turn = Turn { to: node.address, instruction: poll_of(node.kind).code };
+                    self.schedule.poll(now, Duration::from_secs_f64(1.0 / node.rate_hz), turn);
                     if self.master.health(node.address) == Health::Lost {
                         self.schedule.lost(now, node.address);
                     }
@@ -132,9 +117,7 @@ impl Rs485a {
                 self.up = Some(false);
                 self.master.cancel();
                 self.ranges.forget();
-                self.boards
-                    .iter_mut()
-                    .for_each(|board| board.answered = false);
+                self.boards.iter_mut().for_each(|board| board.answered = false);
             }
             Input::Words(words) => self.master.handle_rx(now, words),
             Input::Sent => self.master.handle_tx_done(now),
@@ -156,11 +139,7 @@ impl Rs485a {
             && let Some(Turn { to, instruction }) = self.schedule.due(now)
             && let Some(board) = self.boards.iter().find(|board| board.node.address == to)
         {
-            let instruction = if instruction == GET_VERSION.code {
-                GET_VERSION
-            } else {
-                poll_of(board.node.kind)
-            };
+            let instruction = if instruction == GET_VERSION.code { GET_VERSION } else { poll_of(board.node.kind) };
             // Idle, and without data: never refused.
             let _ = self.master.request(instruction.ask(to, &[]));
         }
@@ -176,14 +155,7 @@ impl Rs485a {
         let working = match self.up {
             None => return,
             Some(false) => false,
-            Some(true)
-                if self
-                    .boards
-                    .iter()
-                    .any(|board| board.answered && !lost(board)) =>
-            {
-                true
-            }
+            Some(true) if self.boards.iter().any(|board| board.answered && !lost(board)) => true,
             Some(true) if self.boards.iter().all(lost) => false,
             Some(true) => return,
         };
@@ -196,37 +168,23 @@ impl Rs485a {
         let bus = self.master.bus_statistics();
         let busy = word_time(self.baud).as_secs_f64() * (bus.words - self.words) as f64;
         self.words = bus.words;
-        let nodes = self
-            .boards
-            .iter()
-            .map(|board| node_message(&mut self.master, &board.node))
-            .collect();
+        let nodes = self.boards.iter().map(|board| node_message(&mut self.master, &board.node)).collect();
         out.publish(DataBus {
             timestamp: out.timestamp(now),
             bus: self.bus.clone(),
             load: (busy / STATISTICS.as_secs_f64()).min(1.0),
             frames: count(bus.frames),
             errors: count(bus.errors),
-            state: if self.up == Some(true) {
-                DataBus::ACTIVE
-            } else {
-                DataBus::CLOSED
-            },
+            state: if self.up == Some(true) { DataBus::ACTIVE } else { DataBus::CLOSED },
             nodes,
         });
     }
 
     /// A board's name for reports' subjects, and for people: name, address, bus.
     fn name(&self, address: u8) -> (String, String) {
-        let board = self
-            .boards
-            .iter()
-            .find(|board| board.node.address == address);
+        let board = self.boards.iter().find(|board| board.node.address == address);
         let name = board.map_or("board", |board| &board.node.name);
-        (
-            name.to_owned(),
-            format!("{name} ({address:#04x} on {})", self.bus),
-        )
+        (name.to_owned(), format!("{name} ({address:#04x} on {})", self.bus))
     }
 }
 
@@ -252,19 +210,8 @@ impl Module for Rs485a {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let turn = if self.asks() && self.master.is_idle() {
-            self.schedule.next()
-        } else {
-            None
-        };
-        [
-            self.master.poll_timeout(),
-            turn,
-            Some(self.statistics.next()),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        let turn = if self.asks() && self.master.is_idle() { self.schedule.next() } else { None };
+        [self.master.poll_timeout(), turn, Some(self.statistics.next())].into_iter().flatten().min()
     }
 }
 
@@ -276,19 +223,14 @@ const fn poll_of(kind: Kind) -> Instruction {
 }
 
 const fn version_of(address: u8) -> Turn {
-    Turn {
-        to: address,
-        instruction: GET_VERSION.code,
-    }
+    Turn { to: address, instruction: GET_VERSION.code }
 }
 
 fn node_message(master: &mut Master, node: &Node) -> NodeMessage {
     let recent = master.take_recent(node.address);
     let health = master.health(node.address);
     let statistics = master.statistics(node.address).copied().unwrap_or_default();
-    let seconds = |time: fn(&RoundTrips) -> Option<Duration>| {
-        time(&recent).map_or(f64::NAN, |time| time.as_secs_f64())
-    };
+    let seconds = |time: fn(&RoundTrips) -> Option<Duration>| time(&recent).map_or(f64::NAN, |time| time.as_secs_f64());
     NodeMessage {
         name: node.name.clone(),
         address: i32::from(node.address),

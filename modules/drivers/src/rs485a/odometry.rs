@@ -50,13 +50,10 @@ impl Follower {
         let metres_per_tick = wheels.metres_per_tick();
         let ticks_per_s = wheels.speed_max_mps / metres_per_tick;
         Self {
-            odometry: Odometry::new(
-                SteeredWheels::new(wheels.wheelbase_m, wheels.track_m),
-                metres_per_tick,
-            ),
+            odometry: Odometry::new(SteeredWheels::new(wheels.wheelbase_m, wheels.track_m), metres_per_tick),
             metres_per_tick,
             ticks_per_s: ticks_per_s * FASTER,
-            // Half a turn of a 16-bit counter: 4.2 s for Advee (facts/robot.md 1.2).
+            // Half a turn of a 16-bit counter: 4.2 s for Advee (docs/facts/robot.md 1.2).
             gap_max: Duration::from_secs_f64((f64::from(i16::MAX) / ticks_per_s).min(3600.0)),
             last: None,
         }
@@ -64,33 +61,19 @@ impl Follower {
 
     /// Takes the counters of an answer that came at `at`, later than the one before; `timestamp` goes into the message.
     pub fn answer(&mut self, at: Instant, timestamp: i64, counts: (i16, i16)) -> Step {
-        let first = Last {
-            at,
-            counts,
-            speeds: None,
-        };
-        let Some(last) = self
-            .last
-            .replace(first)
-            .filter(|last| at.since(last.at) <= self.gap_max)
-        else {
+        let first = Last { at, counts, speeds: None };
+        let Some(last) = self.last.replace(first).filter(|last| at.since(last.at) <= self.gap_max) else {
             self.start(counts);
             return Step::First;
         };
         let seconds = at.since(last.at).as_secs_f64().max(1e-6);
-        let ticks = (
-            tick_difference(counts.0, last.counts.0),
-            tick_difference(counts.1, last.counts.1),
-        );
+        let ticks = (tick_difference(counts.0, last.counts.0), tick_difference(counts.1, last.counts.1));
         let speeds = (f64::from(ticks.0) / seconds, f64::from(ticks.1) / seconds);
         if self.too_far(ticks, seconds) || self.was_reset(&last, counts, speeds, seconds) {
             self.start(counts);
             return Step::Jump { ticks };
         }
-        self.last = Some(Last {
-            speeds: Some(speeds),
-            ..first
-        });
+        self.last = Some(Last { speeds: Some(speeds), ..first });
         let way = self.odometry.update(counts.0, counts.1);
         let path = self.odometry.path();
         let (ticks_left, ticks_right) = self.odometry.ticks();
@@ -120,9 +103,7 @@ impl Follower {
             return false;
         };
         let near = self.ticks_per_s * seconds + SLACK;
-        let nearer = |new: i16, old: i16| {
-            f64::from(new).abs() <= near && new.unsigned_abs() < old.unsigned_abs()
-        };
+        let nearer = |new: i16, old: i16| f64::from(new).abs() <= near && new.unsigned_abs() < old.unsigned_abs();
         let change = (speeds.0 - before.0).abs().max((speeds.1 - before.1).abs()) * seconds;
         // The speeds are means over two intervals: the change is what the acceleration makes of both.
         nearer(counts.0, last.counts.0)
@@ -157,10 +138,7 @@ mod tests {
         let odo = way(follow(&mut follower, 100, -32_510, -32_510));
         // 326 ticks of 0.1534 mm in 0.1 s.
         assert!((odo.translation - 0.5001).abs() < 1e-3, "{odo:?}");
-        assert_eq!(
-            (odo.rotation, odo.heading, odo.ticks_left, odo.ticks_right),
-            (0.0, 0.0, 326, 326)
-        );
+        assert_eq!((odo.rotation, odo.heading, odo.ticks_left, odo.ticks_right), (0.0, 0.0, 326, 326));
         assert!((odo.path - 0.0500).abs() < 1e-4);
     }
 
@@ -177,10 +155,7 @@ mod tests {
         let mut follower = advee();
         follow(&mut follower, 0, 0, 0);
         let odo = way(follow(&mut follower, 100, 300, 300));
-        assert_eq!(
-            way(follow(&mut follower, 4200, 20_300, 20_300)).ticks_left,
-            20_300
-        );
+        assert_eq!(way(follow(&mut follower, 4200, 20_300, 20_300)).ticks_left, 20_300);
         // 4.2 s later than the answer at 4.2 s: one more millisecond is too much.
         assert_eq!(follow(&mut follower, 8400, 30_000, 30_000), Step::First);
         let later = way(follow(&mut follower, 8500, 30_010, 30_010));
@@ -193,12 +168,7 @@ mod tests {
         let mut follower = advee();
         follow(&mut follower, 0, 5000, 5000);
         follow(&mut follower, 50, 5200, 5200);
-        assert_eq!(
-            follow(&mut follower, 100, 12, 13),
-            Step::Jump {
-                ticks: (-5188, -5187)
-            }
-        );
+        assert_eq!(follow(&mut follower, 100, 12, 13), Step::Jump { ticks: (-5188, -5187) });
         let odo = way(follow(&mut follower, 150, 212, 213));
         assert_eq!((odo.ticks_left, odo.ticks_right), (400, 400));
     }
@@ -208,12 +178,7 @@ mod tests {
         let mut follower = advee();
         follow(&mut follower, 0, 300, 300);
         follow(&mut follower, 50, 400, 400);
-        assert_eq!(
-            follow(&mut follower, 100, 0, 0),
-            Step::Jump {
-                ticks: (-400, -400)
-            }
-        );
+        assert_eq!(follow(&mut follower, 100, 0, 0), Step::Jump { ticks: (-400, -400) });
     }
 
     #[test]
@@ -224,19 +189,9 @@ mod tests {
         follow(&mut follower, 10, -2000, -2000);
         for poll in 1..200 {
             // Quick stops from 1.2 m/s, to and fro over zero.
-            speed = if poll % 40 < 20 {
-                (speed - 1.5 * 0.05).max(-1.2)
-            } else {
-                (speed + 1.5 * 0.05).min(1.2)
-            };
+            speed = if poll % 40 < 20 { (speed - 1.5 * 0.05).max(-1.2) } else { (speed + 1.5 * 0.05).min(1.2) };
             count += speed * 0.05 / 1.534e-4;
-            assert!(
-                matches!(
-                    follow(&mut follower, 50 * poll, count as i16, count as i16),
-                    Step::Way(_)
-                ),
-                "{poll}"
-            );
+            assert!(matches!(follow(&mut follower, 50 * poll, count as i16, count as i16), Step::Way(_)), "{poll}");
         }
     }
 }

@@ -32,13 +32,7 @@ impl Ranges {
         };
         let sd1 = config.nodes.iter().filter(|node| node.kind == Kind::Sd1);
         Self {
-            boards: sd1
-                .map(|node| Board {
-                    address: node.address,
-                    last: None,
-                    done: false,
-                })
-                .collect(),
+            boards: sd1.map(|node| Board { address: node.address, last: None, done: false }).collect(),
             srfs: sorted(&config.srfs),
             irs: sorted(&config.irs),
             latest: None,
@@ -47,18 +41,12 @@ impl Ranges {
 
     /// Whether the board's round was over already: what stands is to be published before its news.
     pub fn is_done(&self, address: u8) -> bool {
-        self.boards
-            .iter()
-            .any(|board| board.address == address && board.done)
+        self.boards.iter().any(|board| board.address == address && board.done)
     }
 
     /// The board measured this, or failed to say.
     pub fn put(&mut self, at: Instant, address: u8, both: Option<Both>) {
-        if let Some(board) = self
-            .boards
-            .iter_mut()
-            .find(|board| board.address == address)
-        {
+        if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
             board.done = true;
             board.last = both;
             self.latest = Some(at);
@@ -68,22 +56,15 @@ impl Ranges {
     /// Whether all boards that are waited for have said something.
     pub fn complete(&self, waited_for: impl Fn(u8) -> bool) -> bool {
         let mut boards = self.boards.iter();
-        boards.clone().any(|board| board.done)
-            && boards.all(|board| board.done || !waited_for(board.address))
+        boards.clone().any(|board| board.done) && boards.all(|board| board.done || !waited_for(board.address))
     }
 
     /// All sonars and all infrared rangers, and when the last board spoke; starts the next round.
     pub fn publish(&mut self) -> (Instant, Vec<Range>, Vec<Range>) {
         self.boards.iter_mut().for_each(|board| board.done = false);
-        let srf = |both: &Both, channel: usize| {
-            both.srfs.get(channel).copied().filter(|mm| *mm != NO_ECHO)
-        };
+        let srf = |both: &Both, channel: usize| both.srfs.get(channel).copied().filter(|mm| *mm != NO_ECHO);
         let ir = |both: &Both, channel: usize| {
-            both.irs
-                .get(channel)
-                .copied()
-                .filter(|mm| *mm != OUT_OF_RANGE)
-                .map(u16::from)
+            both.irs.get(channel).copied().filter(|mm| *mm != OUT_OF_RANGE).map(u16::from)
         };
         let at = self.latest.unwrap_or_default();
         (at, self.list(&self.srfs, srf), self.list(&self.irs, ir))
@@ -91,35 +72,17 @@ impl Ranges {
 
     /// Nothing of what the boards said holds any more.
     pub fn forget(&mut self) {
-        self.boards
-            .iter_mut()
-            .for_each(|board| (board.last, board.done) = (None, false));
+        self.boards.iter_mut().for_each(|board| (board.last, board.done) = (None, false));
     }
 
-    fn list(
-        &self,
-        rangers: &[Ranger],
-        measured: impl Fn(&Both, usize) -> Option<u16>,
-    ) -> Vec<Range> {
+    fn list(&self, rangers: &[Ranger], measured: impl Fn(&Both, usize) -> Option<u16>) -> Vec<Range> {
         let range = |ranger: &Ranger| {
-            let board = self
-                .boards
-                .iter()
-                .find(|board| board.address == ranger.board);
+            let board = self.boards.iter().find(|board| board.address == ranger.board);
             let both = board.and_then(|board| board.last.as_ref());
             let mm = both.and_then(|both| measured(both, usize::from(ranger.channel)));
-            let Ranger {
-                id, x, y, theta, ..
-            } = *ranger;
+            let Ranger { id, x, y, theta, .. } = *ranger;
             let distance = mm.map_or(f64::NAN, |mm| f64::from(mm) / 1000.0);
-            Range {
-                id: i32::from(id),
-                x,
-                y,
-                theta,
-                distance,
-                valid: mm.is_some(),
-            }
+            Range { id: i32::from(id), x, y, theta, distance, valid: mm.is_some() }
         };
         rangers.iter().map(range).collect()
     }

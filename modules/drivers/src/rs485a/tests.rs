@@ -20,13 +20,7 @@ fn ms(ms: u64) -> Duration {
 }
 
 fn config() -> Config {
-    let node = |name: &str, address, kind, rate_hz| Node {
-        name: name.into(),
-        address,
-        kind,
-        rate_hz,
-        timeout: ms(20),
-    };
+    let node = |name: &str, address, kind, rate_hz| Node { name: name.into(), address, kind, rate_hz, timeout: ms(20) };
     let ranger = |id: u8, per_board: u8| Ranger {
         id,
         board: if id < per_board { FRONT } else { REAR },
@@ -87,20 +81,13 @@ impl FakeBoard {
         };
         self.asked.push(asked.instruction);
         let driven = (now.since(self.driving_since).as_secs_f64() * self.speed) as i64 as i16;
-        let ticks = self
-            .ticks
-            .iter()
-            .map(|tick| tick.wrapping_add(driven))
-            .collect();
-        let both = sd1::Both {
-            srfs: self.srfs.clone(),
-            irs: self.irs.clone(),
-        };
+        let ticks = self.ticks.iter().map(|tick| tick.wrapping_add(driven)).collect();
+        let both = sd1::Both { srfs: self.srfs.clone(), irs: self.irs.clone() };
         match (asked.instruction, self.slave.config().address) {
             _ if self.status != Status::Ok => self.slave.respond(self.status, &[]),
-            (code, _) if code == GET_VERSION.code => self
-                .slave
-                .respond(Status::Ok, &Version { major: 1, minor: 4 }.build()),
+            (code, _) if code == GET_VERSION.code => {
+                self.slave.respond(Status::Ok, &Version { major: 1, minor: 4 }.build());
+            }
             (code, SO1) if code == so1::GET_TICKS.code => {
                 self.slave.respond(Status::Ok, &so1::build_ticks(&ticks));
             }
@@ -165,21 +152,9 @@ impl Wire {
     fn run(&mut self, duration: Duration) {
         let end = self.bench.now() + duration;
         loop {
-            let slaves = self
-                .boards
-                .iter()
-                .filter(|board| !board.dead)
-                .filter_map(|board| board.slave.poll_timeout());
-            let due = [
-                self.bench.shell.poll_timeout(),
-                self.sent,
-                self.words.front().map(|(at, ..)| *at),
-            ];
-            let next = slaves
-                .chain(due.into_iter().flatten())
-                .min()
-                .unwrap_or(end)
-                .min(end);
+            let slaves = self.boards.iter().filter(|board| !board.dead).filter_map(|board| board.slave.poll_timeout());
+            let due = [self.bench.shell.poll_timeout(), self.sent, self.words.front().map(|(at, ..)| *at)];
+            let next = slaves.chain(due.into_iter().flatten()).min().unwrap_or(end).min(end);
             self.bench.pass(next.since(self.bench.now()));
             self.collect();
             if next == end {
@@ -190,9 +165,7 @@ impl Wire {
     }
 
     fn step(&mut self, now: Instant) {
-        while let Some((_, word, from_master)) =
-            self.words.front().copied().filter(|(at, ..)| *at <= now)
-        {
+        while let Some((_, word, from_master)) = self.words.front().copied().filter(|(at, ..)| *at <= now) {
             self.words.pop_front();
             if from_master {
                 self.boards
@@ -211,11 +184,7 @@ impl Wire {
             board.slave.handle_timeout(now);
             if let Some(transmit) = board.slave.poll_tx(now) {
                 let times = (1..).map(|n| now + word_time(115_200) * n);
-                self.words.extend(
-                    times
-                        .zip(transmit.words)
-                        .map(|(at, word)| (at, *word, false)),
-                );
+                self.words.extend(times.zip(transmit.words).map(|(at, word)| (at, *word, false)));
             }
         }
     }
@@ -224,10 +193,8 @@ impl Wire {
         for (at, action) in self.bench.done() {
             if let Action::Send(PORT, Output::Words(words)) = &action {
                 let times = (1..).map(|n| at + word_time(115_200) * n);
-                self.words
-                    .extend(times.zip(words).map(|(at, word)| (at, *word, true)));
-                self.sent =
-                    (!self.port_stuck).then(|| at + word_time(115_200) * words.len() as u32);
+                self.words.extend(times.zip(words).map(|(at, word)| (at, *word, true)));
+                self.sent = (!self.port_stuck).then(|| at + word_time(115_200) * words.len() as u32);
             }
             self.log.push((at, action));
         }
@@ -237,52 +204,26 @@ impl Wire {
     fn take<T>(&mut self, kind: impl Fn(&Message) -> Option<T>) -> Vec<(Instant, T)> {
         let mut taken = Vec::new();
         self.log.retain(|(at, action)| match action {
-            Action::Publish(message) => kind(message)
-                .map(|found| taken.push((*at, found)))
-                .is_none(),
+            Action::Publish(message) => kind(message).map(|found| taken.push((*at, found))).is_none(),
             _ => true,
         });
         taken
     }
 
     fn odo(&mut self) -> Vec<(Instant, DataOdo)> {
-        self.take(|message| {
-            if let Message::LlDataOdo(odo) = message {
-                Some(odo.clone())
-            } else {
-                None
-            }
-        })
+        self.take(|message| if let Message::LlDataOdo(odo) = message { Some(odo.clone()) } else { None })
     }
 
     fn srfs(&mut self) -> Vec<(Instant, DataSrfs)> {
-        self.take(|message| {
-            if let Message::LlDataSrfs(srfs) = message {
-                Some(srfs.clone())
-            } else {
-                None
-            }
-        })
+        self.take(|message| if let Message::LlDataSrfs(srfs) = message { Some(srfs.clone()) } else { None })
     }
 
     fn irs(&mut self) -> Vec<(Instant, DataIrs)> {
-        self.take(|message| {
-            if let Message::LlDataIrs(irs) = message {
-                Some(irs.clone())
-            } else {
-                None
-            }
-        })
+        self.take(|message| if let Message::LlDataIrs(irs) = message { Some(irs.clone()) } else { None })
     }
 
     fn bus(&mut self) -> Vec<(Instant, DataBus)> {
-        self.take(|message| {
-            if let Message::LlDataBus(bus) = message {
-                Some(bus.clone())
-            } else {
-                None
-            }
-        })
+        self.take(|message| if let Message::LlDataBus(bus) = message { Some(bus.clone()) } else { None })
     }
 
     /// Takes reports and states: what an operator sees.
@@ -291,12 +232,7 @@ impl Wire {
         for (_, action) in std::mem::take(&mut self.log) {
             match action {
                 Action::Report(report) => {
-                    news.push(format!(
-                        "{:?} {} {}",
-                        report.severity,
-                        report.fault.name(),
-                        report.subject
-                    ));
+                    news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
                 }
                 Action::State(state) => news.push(state.to_string()),
                 Action::Note(line) => news.push(line),
@@ -318,16 +254,8 @@ impl Wire {
 }
 
 fn valid(ranges: &[Range]) -> Vec<i32> {
-    assert!(
-        ranges
-            .iter()
-            .all(|range| range.valid != range.distance.is_nan())
-    );
-    ranges
-        .iter()
-        .filter(|range| range.valid)
-        .map(|range| range.id)
-        .collect()
+    assert!(ranges.iter().all(|range| range.valid != range.distance.is_nan()));
+    ranges.iter().filter(|range| range.valid).map(|range| range.id).collect()
 }
 
 #[test]
@@ -347,40 +275,17 @@ sd1_rear (0x11 on rs485.a): firmware 1.4";
 #[test]
 fn ranges_come_four_times_a_second_all_of_them_in_order() {
     let mut wire = Wire::open();
-    wire.front().srfs = [500, 0, 1500, 2000, 2500, 3000, 3500, 4000]
-        .into_iter()
-        .collect();
+    wire.front().srfs = [500, 0, 1500, 2000, 2500, 3000, 3500, 4000].into_iter().collect();
     wire.rear().irs = [255, 90].into_iter().collect();
     wire.run(ms(2000));
     let srfs = wire.srfs();
     assert_eq!(srfs.len(), 8);
     let (at, message) = &srfs[3];
-    assert_eq!(
-        message
-            .srfs
-            .iter()
-            .map(|range| range.id)
-            .collect::<Vec<_>>(),
-        (0..16).collect::<Vec<_>>()
-    );
+    assert_eq!(message.srfs.iter().map(|range| range.id).collect::<Vec<_>>(), (0..16).collect::<Vec<_>>());
     assert_eq!(valid(&message.srfs).len(), 15);
-    assert_eq!(
-        (
-            message.srfs[0].distance,
-            message.srfs[1].valid,
-            message.srfs[2].distance
-        ),
-        (0.5, false, 1.5)
-    );
-    assert_eq!(
-        (message.srfs[9].x, message.srfs[9].y, message.srfs[9].theta),
-        (9.0, 0.5, -1.0)
-    );
-    assert_eq!(
-        message.timestamp,
-        (at.as_nanos() / 1000) as i64,
-        "sent when the last board had answered"
-    );
+    assert_eq!((message.srfs[0].distance, message.srfs[1].valid, message.srfs[2].distance), (0.5, false, 1.5));
+    assert_eq!((message.srfs[9].x, message.srfs[9].y, message.srfs[9].theta), (9.0, 0.5, -1.0));
+    assert_eq!(message.timestamp, (at.as_nanos() / 1000) as i64, "sent when the last board had answered");
     let irs = wire.irs();
     assert_eq!((irs.len(), valid(&irs[7].1.irs)), (8, vec![0, 1, 3]));
     assert_eq!(irs[7].1.irs[3].distance, 0.09);
@@ -399,10 +304,7 @@ fn odometry_comes_at_its_rate_in_metres() {
     // 3259.5 ticks of 0.1534 mm in a second.
     let mean: f64 = odo.iter().map(|(_, odo)| odo.translation).sum::<f64>() / odo.len() as f64;
     assert!((mean - 0.5).abs() < 1e-3, "{mean}");
-    assert!(
-        (last.path - 0.5 * 2.95).abs() < 0.01 && last.heading == 0.0,
-        "{last:?}"
-    );
+    assert!((last.path - 0.5 * 2.95).abs() < 0.01 && last.heading == 0.0, "{last:?}");
     assert_eq!(last.timestamp, (at.as_nanos() / 1000) as i64);
 }
 
@@ -415,10 +317,7 @@ fn a_dead_board_is_degraded_then_lost_and_asked_once_a_second() {
     wire.run(ms(5000));
     let (_, srfs) = wire.srfs().pop().unwrap();
     assert_eq!(valid(&srfs.srfs), (8..16).collect::<Vec<_>>());
-    assert_eq!(
-        wire.news(),
-        "Warning BoardDegraded sd1_front\nError BoardLost sd1_front"
-    );
+    assert_eq!(wire.news(), "Warning BoardDegraded sd1_front\nError BoardLost sd1_front");
     wire.run(ms(5000));
     let srfs = wire.srfs();
     assert_eq!(srfs.len(), 20, "the other board's data goes on");
@@ -426,16 +325,10 @@ fn a_dead_board_is_degraded_then_lost_and_asked_once_a_second() {
     // Asked once a second, without retries.
     let timeouts = |wire: &mut Wire| {
         wire.run(ms(4000));
-        wire.bus()
-            .iter()
-            .map(|(_, bus)| bus.nodes[1].timeouts)
-            .collect::<Vec<_>>()
+        wire.bus().iter().map(|(_, bus)| bus.nodes[1].timeouts).collect::<Vec<_>>()
     };
     let timeouts = timeouts(&mut wire);
-    assert!(
-        timeouts.windows(2).all(|pair| pair[1] == pair[0] + 1),
-        "{timeouts:?}"
-    );
+    assert!(timeouts.windows(2).all(|pair| pair[1] == pair[0] + 1), "{timeouts:?}");
     wire.news();
     wire.front().dead = false;
     wire.run(ms(2000));
@@ -490,9 +383,7 @@ fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
     wire.log.clear();
     wire.run(ms(2500));
     assert!(
-        wire.log
-            .iter()
-            .all(|(_, action)| !matches!(action, Action::Send(..))),
+        wire.log.iter().all(|(_, action)| !matches!(action, Action::Send(..))),
         "nothing is sent into a closed port"
     );
     assert_eq!(wire.bus().last().unwrap().1.state, DataBus::CLOSED);
@@ -549,10 +440,7 @@ fn a_board_that_does_not_know_its_instruction_is_reported_once_and_cleared() {
     assert_eq!(valid(&srfs.srfs), (0..8).collect::<Vec<_>>());
     wire.rear().status = Status::Ok;
     wire.run(ms(1000));
-    assert_eq!(
-        wire.news(),
-        "Warning BoardRefused sd1_rear\nNotice BoardRefused sd1_rear"
-    );
+    assert_eq!(wire.news(), "Warning BoardRefused sd1_rear\nNotice BoardRefused sd1_rear");
 }
 
 #[test]
@@ -589,11 +477,7 @@ fn a_reset_of_the_odometry_board_makes_no_jump() {
     wire.so1().driving_since = now;
     wire.run(ms(1000));
     let odo = wire.odo();
-    assert!(
-        odo.iter()
-            .all(|(_, odo)| (odo.translation - 0.5).abs() < 0.02),
-        "{odo:?}"
-    );
+    assert!(odo.iter().all(|(_, odo)| (odo.translation - 0.5).abs() < 0.02), "{odo:?}");
     assert!((odo.last().unwrap().1.path - odo[0].1.path - 0.45).abs() < 0.05);
     assert_eq!(wire.news(), "Warning BoardImplausible so1");
 }
@@ -610,10 +494,7 @@ fn a_port_that_does_not_send_is_reported_and_no_board_is_blamed() {
     wire.port_stuck = false;
     wire.boards.iter_mut().for_each(|board| board.dead = false);
     wire.run(ms(1000));
-    assert_eq!(
-        wire.news(),
-        "Warning PortOverrun rs485.a\nNotice PortOverrun rs485.a"
-    );
+    assert_eq!(wire.news(), "Warning PortOverrun rs485.a\nNotice PortOverrun rs485.a");
 }
 
 #[test]
@@ -627,24 +508,11 @@ fn statistics_come_once_a_second() {
         (bus.bus.as_str(), bus.state, bus.errors, at.as_nanos()),
         ("rs485.a", DataBus::ACTIVE, 0, 3_000_000_000)
     );
-    let [so1, front, _] = &bus.nodes[..] else {
-        panic!("three boards")
-    };
-    assert_eq!(
-        (so1.name.as_str(), so1.address, so1.state, so1.requests),
-        ("so1", 0x20, 0, 61)
-    );
+    let [so1, front, _] = &bus.nodes[..] else { panic!("three boards") };
+    assert_eq!((so1.name.as_str(), so1.address, so1.state, so1.requests), ("so1", 0x20, 0, 61));
     // 5 words out, 200 us, 9 or 25 words back.
-    assert!(
-        (so1.round_trip_min - 0.001_537).abs() < 2e-6,
-        "{}",
-        so1.round_trip_min
-    );
-    assert!(
-        (front.round_trip_max - 0.003_065).abs() < 2e-6,
-        "{}",
-        front.round_trip_max
-    );
+    assert!((so1.round_trip_min - 0.001_537).abs() < 2e-6, "{}", so1.round_trip_min);
+    assert!((front.round_trip_max - 0.003_065).abs() < 2e-6, "{}", front.round_trip_max);
     // 20 x 14 and 8 x 30 words of 95.5 us.
     assert!((bus.load - 0.0497).abs() < 0.002, "{}", bus.load);
 }
@@ -652,18 +520,9 @@ fn statistics_come_once_a_second() {
 #[test]
 fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
     let mut config = config();
-    config
-        .nodes
-        .iter_mut()
-        .for_each(|node| node.rate_hz = 10_000.0);
-    let shell = Shell::new(
-        ShellConfig::new("driver_rs485a"),
-        Box::new(Rs485a::new(config).unwrap()),
-    );
-    let mut wire = Wire {
-        bench: Bench::new(shell),
-        ..Wire::closed()
-    };
+    config.nodes.iter_mut().for_each(|node| node.rate_hz = 10_000.0);
+    let shell = Shell::new(ShellConfig::new("driver_rs485a"), Box::new(Rs485a::new(config).unwrap()));
+    let mut wire = Wire { bench: Bench::new(shell), ..Wire::closed() };
     wire.bench.event(Event::Start);
     wire.port(Input::Up);
     wire.run(ms(3000));
@@ -672,10 +531,7 @@ fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
     let bound = 74.0 / (74.0 + 3.0 * (200.0 / 95.486 + 2.0));
     assert!(bus.load > 0.95 * bound, "{} of {bound}", bus.load);
     let requests: Vec<i64> = bus.nodes.iter().map(|node| node.requests).collect();
-    assert!(
-        requests.iter().max().unwrap() - requests.iter().min().unwrap() <= 1,
-        "each has its turn: {requests:?}"
-    );
+    assert!(requests.iter().max().unwrap() - requests.iter().min().unwrap() <= 1, "each has its turn: {requests:?}");
 }
 
 #[test]
@@ -685,33 +541,15 @@ fn a_configuration_that_cannot_be_is_refused() {
         change(&mut config);
         Rs485a::new(config).unwrap_err()
     };
-    assert_eq!(
-        refused(|config| config.nodes.clear()),
-        ConfigError::Nodes(0)
-    );
-    assert_eq!(
-        refused(|config| config.nodes[2].address = FRONT),
-        ConfigError::Twice("sd1_rear".into())
-    );
-    assert_eq!(
-        refused(|config| config.nodes[1].kind = Kind::So1),
-        ConfigError::Twice("sd1_front".into())
-    );
-    assert_eq!(
-        refused(|config| config.nodes[0].rate_hz = f64::NAN),
-        ConfigError::Rate("so1".into())
-    );
-    assert_eq!(
-        refused(|config| config.irs[0].board = SO1),
-        ConfigError::NoBoard(3)
-    );
-    assert_eq!(
-        refused(|config| config.wheels.track_m = 0.0),
-        ConfigError::Wheels
-    );
+    assert_eq!(refused(|config| config.nodes.clear()), ConfigError::Nodes(0));
+    assert_eq!(refused(|config| config.nodes[2].address = FRONT), ConfigError::Twice("sd1_rear".into()));
+    assert_eq!(refused(|config| config.nodes[1].kind = Kind::So1), ConfigError::Twice("sd1_front".into()));
+    assert_eq!(refused(|config| config.nodes[0].rate_hz = f64::NAN), ConfigError::Rate("so1".into()));
+    assert_eq!(refused(|config| config.irs[0].board = SO1), ConfigError::NoBoard(3));
+    assert_eq!(refused(|config| config.wheels.track_m = 0.0), ConfigError::Wheels);
 }
 
-/// Words typed from `docs/boards.md`: `!` marks the ninth bit.
+/// Words typed from `docs/facts/boards.md`: `!` marks the ninth bit.
 fn words(text: &str) -> Vec<Word> {
     let word = |token: &str| match token.strip_suffix('!') {
         Some(byte) => Word::address(u8::from_str_radix(byte, 16).unwrap()),
@@ -726,20 +564,14 @@ fn what_is_on_the_wire_stands_in_the_boards_page() {
     config.nodes.truncate(2);
     config.srfs.retain(|ranger| ranger.board == FRONT);
     config.irs.retain(|ranger| ranger.board == FRONT);
-    let shell = Shell::new(
-        ShellConfig::new("driver_rs485a"),
-        Box::new(Rs485a::new(config).unwrap()),
-    );
+    let shell = Shell::new(ShellConfig::new("driver_rs485a"), Box::new(Rs485a::new(config).unwrap()));
     let mut bench = Bench::new(shell);
     bench.start();
     let transcript = [
         ("20! fe 00 00 92", "20! fe 00 02 01 04 60"),
         ("10! fe 00 00 fd", "10! fe 00 02 01 04 5c"),
         ("20! 01 00 00 9c", "20! 01 00 04 01 00 ff ff 36"),
-        (
-            "10! 10 00 00 64",
-            "10! 10 00 14 08 e8 03 00 00 2c 01 00 00 00 00 00 00 00 00 10 27 02 78 ff 27",
-        ),
+        ("10! 10 00 00 64", "10! 10 00 14 08 e8 03 00 00 2c 01 00 00 00 00 00 00 00 00 10 27 02 78 ff 27"),
         ("20! 01 00 00 9c", "20! 01 00 04 11 00 0f 00 35"),
     ];
     let mut published = Vec::new();
@@ -759,47 +591,17 @@ fn what_is_on_the_wire_stands_in_the_boards_page() {
             assert!(bench.step(bench.now() + ms(100)), "nothing is asked");
         }
         assert_eq!(sent, words(asked));
-        bench.event(Event::Port {
-            port: PORT,
-            input: Input::Sent,
-        });
+        bench.event(Event::Port { port: PORT, input: Input::Sent });
         bench.pass(ms(2));
         bench.words(PORT, &words(answer));
     }
     published.extend(bench.published());
-    let srfs = published.iter().find_map(|message| {
-        if let Message::LlDataSrfs(srfs) = message {
-            Some(srfs)
-        } else {
-            None
-        }
-    });
-    let distances: Vec<f64> = srfs
-        .unwrap()
-        .srfs
-        .iter()
-        .map(|range| range.distance)
-        .collect();
-    assert_eq!(
-        (
-            distances[0],
-            distances[2],
-            distances[7],
-            distances[1].is_nan()
-        ),
-        (1.0, 0.3, 10.0, true)
-    );
-    let odo = published.iter().find_map(|message| {
-        if let Message::LlDataOdo(odo) = message {
-            Some(odo)
-        } else {
-            None
-        }
-    });
+    let srfs =
+        published.iter().find_map(|message| if let Message::LlDataSrfs(srfs) = message { Some(srfs) } else { None });
+    let distances: Vec<f64> = srfs.unwrap().srfs.iter().map(|range| range.distance).collect();
+    assert_eq!((distances[0], distances[2], distances[7], distances[1].is_nan()), (1.0, 0.3, 10.0, true));
+    let odo = published.iter().find_map(|message| if let Message::LlDataOdo(odo) = message { Some(odo) } else { None });
     // 16 ticks each in about 50 ms.
-    assert_eq!(
-        (odo.unwrap().ticks_left, odo.unwrap().ticks_right),
-        (16, 16)
-    );
+    assert_eq!((odo.unwrap().ticks_left, odo.unwrap().ticks_right), (16, 16));
     assert!((odo.unwrap().translation - 16.0 * 1.534e-4 / 0.05).abs() < 0.01);
 }

@@ -37,10 +37,7 @@ pub struct CanSocket {
 impl CanSocket {
     /// A network interface, `can0`.
     pub fn new(interface: String) -> Self {
-        Self {
-            interface,
-            socket: None,
-        }
+        Self { interface, socket: None }
     }
 }
 
@@ -121,9 +118,7 @@ fn received(raw: &[u8; FRAME]) -> Result<Received<'static>, Lost> {
         _ => Frame::remote(id, length),
     };
     // In range by the masks above.
-    Ok(frame.map_or(Received::Nothing, |frame| {
-        Received::Input(Input::Can(frame))
-    }))
+    Ok(frame.map_or(Received::Nothing, |frame| Received::Input(Input::Can(frame))))
 }
 
 /// An error frame of the kernel: its class, and the controller's state (byte 1 of its data).
@@ -132,12 +127,7 @@ fn error(class: u32, controller: u8) -> Result<Received<'static>, Lost> {
         // Opened anew, and so without the frames that waited.
         return Err("bus-off".into());
     }
-    let overflow = |side: &str| {
-        Received::Fault(
-            Fault::PortOverrun,
-            format!("the controller's {side} buffer ran over"),
-        )
-    };
+    let overflow = |side: &str| Received::Fault(Fault::PortOverrun, format!("the controller's {side} buffer ran over"));
     let note = |text: &str| Received::Note(text.into());
     Ok(match controller {
         _ if class & ERROR_RESTARTED != 0 => note("the controller was restarted"),
@@ -162,9 +152,7 @@ mod tests {
             Frame::new(Id::Extended(0x1FFF_FFFF), &[0xFF; 8]).unwrap(),
         ];
         for frame in frames {
-            let Ok(Received::Input(Input::Can(back))) = received(&encode(&frame)) else {
-                panic!("{frame:?}")
-            };
+            let Ok(Received::Input(Input::Can(back))) = received(&encode(&frame)) else { panic!("{frame:?}") };
             assert_eq!(back, frame);
         }
     }
@@ -172,21 +160,14 @@ mod tests {
     #[test]
     fn bus_off_loses_the_port_and_other_errors_do_not() {
         assert!(error(ERROR | ERROR_BUS_OFF, 0).is_err());
-        let Ok(Received::Note(text)) = error(ERROR | ERROR_CONTROLLER, 0x20) else {
-            panic!()
-        };
+        let Ok(Received::Note(text)) = error(ERROR | ERROR_CONTROLLER, 0x20) else { panic!() };
         assert_eq!(text, "the controller is error-passive");
-        let Ok(Received::Fault(Fault::PortOverrun, _)) = error(ERROR | ERROR_CONTROLLER, 1) else {
-            panic!()
-        };
+        let Ok(Received::Fault(Fault::PortOverrun, _)) = error(ERROR | ERROR_CONTROLLER, 1) else { panic!() };
     }
 
     #[test]
     fn an_interface_that_is_not_there_is_one_clear_line() {
         let reason = CanSocket::new("can_not_here".into()).open().unwrap_err();
-        assert!(
-            reason.starts_with("can_not_here: ") && !reason.contains('\n'),
-            "{reason}"
-        );
+        assert!(reason.starts_with("can_not_here: ") && !reason.contains('\n'), "{reason}");
     }
 }

@@ -134,30 +134,15 @@ impl Port {
             PortConfig::CanUdp { bus } => Box::new(can_udp::CanUdp::new(bus)),
             PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
         };
-        let state = PortState::Down {
-            since: Instant::ZERO,
-            retry: Instant::ZERO,
-            told: false,
-        };
-        Self {
-            name,
-            device,
-            state,
-            more: false,
-            overrun: false,
-            polls_write: false,
-        }
+        let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
+        Self { name, device, state, more: false, overrun: false, polls_write: false }
     }
 
     /// Closes the device, to be tried again soon.
     pub fn lose(&mut self, now: Instant) {
         self.device.close();
         (self.more, self.polls_write) = (false, false);
-        self.state = PortState::Down {
-            since: now,
-            retry: now + RETRY_SOON,
-            told: true,
-        };
+        self.state = PortState::Down { since: now, retry: now + RETRY_SOON, told: true };
     }
 
     /// Tries to open it when that is due. `Some(Err)` only the first time that it fails.
@@ -176,16 +161,8 @@ impl Port {
             }
             Err(reason) => {
                 let since = if since == Instant::ZERO { now } else { since };
-                let pause = if now.since(since) < Duration::from_secs(1) {
-                    RETRY_SOON
-                } else {
-                    RETRY
-                };
-                self.state = PortState::Down {
-                    since,
-                    retry: now + pause,
-                    told: true,
-                };
+                let pause = if now.since(since) < Duration::from_secs(1) { RETRY_SOON } else { RETRY };
+                self.state = PortState::Down { since, retry: now + pause, told: true };
                 (!told).then_some(Err(reason))
             }
         }

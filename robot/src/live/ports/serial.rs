@@ -76,9 +76,7 @@ impl Serial {
 
     /// What the words of an output cost on the wire.
     fn wire_time(&self, words: u64) -> Duration {
-        Duration::from_nanos(
-            words.saturating_mul(BITS_PER_WORD * 1_000_000_000) / u64::from(self.baud),
-        )
+        Duration::from_nanos(words.saturating_mul(BITS_PER_WORD * 1_000_000_000) / u64::from(self.baud))
     }
 
     fn forget(&mut self) {
@@ -137,8 +135,7 @@ impl Serial {
 /// Opens a device raw, 8 data bits, no parity, 1 stop bit, and keeps others out.
 fn open_terminal(path: &Path, baud: u32) -> Result<OwnedFd, Lost> {
     let named = |errno: Errno| format!("{}: {}", path.display(), errno.desc());
-    let rate = baud_rate(baud)
-        .ok_or_else(|| format!("{}: {baud} Bd is no rate of a terminal", path.display()))?;
+    let rate = baud_rate(baud).ok_or_else(|| format!("{}: {baud} Bd is no rate of a terminal", path.display()))?;
     let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
     let file = open(path, flags, Mode::empty()).map_err(named)?;
     sys::take_exclusively(file.as_fd()).map_err(|error| format!("{}: {error}", path.display()))?;
@@ -149,8 +146,7 @@ fn open_terminal(path: &Path, baud: u32) -> Result<OwnedFd, Lost> {
 
 /// Makes a pseudo-terminal and a link to its other side, in place of any old link.
 fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
-    let master =
-        posix_openpt(OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC);
+    let master = posix_openpt(OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC);
     let named = |errno: Errno| format!("pseudo-terminal: {}", errno.desc());
     let master = master.map_err(named)?;
     grantpt(&master).map_err(named)?;
@@ -169,12 +165,8 @@ fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
 fn make_raw(file: &impl AsFd, rate: Option<BaudRate>) -> nix::Result<()> {
     let mut settings = termios::tcgetattr(file)?;
     termios::cfmakeraw(&mut settings);
-    settings
-        .control_flags
-        .remove(ControlFlags::CSTOPB | ControlFlags::CRTSCTS);
-    settings
-        .control_flags
-        .insert(ControlFlags::CLOCAL | ControlFlags::CREAD);
+    settings.control_flags.remove(ControlFlags::CSTOPB | ControlFlags::CRTSCTS);
+    settings.control_flags.insert(ControlFlags::CLOCAL | ControlFlags::CREAD);
     settings.control_chars[SpecialCharacterIndices::VMIN as usize] = 1;
     settings.control_chars[SpecialCharacterIndices::VTIME as usize] = 0;
     if let Some(rate) = rate {
@@ -241,11 +233,7 @@ impl Device for Serial {
                 Ok(0) => return Err("the device is gone".into()),
                 Ok(count) => {
                     self.words.clear();
-                    self.words.extend(
-                        bytes[..count]
-                            .iter()
-                            .filter_map(|byte| self.codec.decode(*byte)),
-                    );
+                    self.words.extend(bytes[..count].iter().filter_map(|byte| self.codec.decode(*byte)));
                     return Ok(Received::Input(Input::Words(&self.words)));
                 }
                 Err(Errno::EINTR) => {}
@@ -266,10 +254,8 @@ impl Device for Serial {
         if self.queue.len() + 2 * words.len() > QUEUE_MAX {
             return Ok(false);
         }
-        self.queue
-            .extend(words.iter().copied().flat_map(TwoByte::encode));
-        self.outputs
-            .push_back((self.written + self.queue.len() as u64, words.len() as u64));
+        self.queue.extend(words.iter().copied().flat_map(TwoByte::encode));
+        self.outputs.push_back((self.written + self.queue.len() as u64, words.len() as u64));
         self.write_what_goes(now)?;
         Ok(true)
     }

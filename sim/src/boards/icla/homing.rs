@@ -1,4 +1,4 @@
-//! Homing to the mechanical switch at the negative end (facts/canopen.md 1.9).
+//! Homing to the mechanical switch at the negative end (docs/facts/canopen.md 1.9).
 
 use crate::body::Body;
 use canopen::Dictionary;
@@ -60,9 +60,7 @@ impl Homing {
         }
         let (next, demand) = match (*self, closed) {
             (Self::Search { .. }, false) => (*self, Demand::Run(-search)),
-            (Self::Search { off: true }, true) | (Self::Leave, true) => {
-                (Self::Leave, Demand::Run(edge))
-            }
+            (Self::Search { off: true }, true) | (Self::Leave, true) => (Self::Leave, Demand::Run(edge)),
             (Self::Search { off: false }, true) | (Self::Leave, false) | (Self::Here, _) => {
                 (Self::Attained, Demand::Here)
             }

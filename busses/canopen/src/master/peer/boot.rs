@@ -24,12 +24,8 @@ impl Peer {
         self.abandon(shared);
         self.nmt_state = None;
         if self.config.reset {
-            shared
-                .tx
-                .push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
-            self.phase = Phase::Resetting {
-                until: now + self.config.boot_timeout,
-            };
+            shared.tx.push(wire::nmt(NmtCommand::ResetCommunication, self.id()));
+            self.phase = Phase::Resetting { until: now + self.config.boot_timeout };
         } else {
             self.work(now, shared, 0, false);
         }
@@ -43,18 +39,9 @@ impl Peer {
     /// Gives up the transfer under way; one on demand is told so.
     pub(super) fn abandon(&mut self, shared: &mut Shared) {
         self.sdo.cancel();
-        if let Some(Active {
-            ticket, index, sub, ..
-        }) = self.demand.take()
-        {
+        if let Some(Active { ticket, index, sub, .. }) = self.demand.take() {
             let error = sdo::Error::Cancelled;
-            shared.events.push(Event::SdoFailed {
-                node: self.id(),
-                ticket,
-                index,
-                sub,
-                error,
-            });
+            shared.events.push(Event::SdoFailed { node: self.id(), ticket, index, sub, error });
         }
     }
 
@@ -62,16 +49,10 @@ impl Peer {
         let retries_left = shared.config.sdo_retries;
         let heard = self.nmt_state == Some(NmtState::PreOperational);
         self.phase = match self.plan.get(at) {
-            Some(_) => Phase::Working {
-                at,
-                verify,
-                retries_left,
-            },
+            Some(_) => Phase::Working { at, verify, retries_left },
             // A write of 0x1017 starts the heartbeat at once, so it may have come during the read-back.
             None if heard => return self.start(now, shared, STARTS),
-            None => Phase::Listening {
-                until: now + self.config.heartbeat_limit,
-            },
+            None => Phase::Listening { until: now + self.config.heartbeat_limit },
         };
         self.pump(now, shared);
     }
@@ -83,10 +64,7 @@ impl Peer {
                 Phase::Working { at, verify, .. } => self.transfer(now, at, verify),
                 Phase::Running { .. } => self.serve(now),
                 Phase::Resting { until } if now < until => self.serve(now),
-                Phase::Resting { .. }
-                | Phase::Resetting { .. }
-                | Phase::Listening { .. }
-                | Phase::Starting { .. } => {}
+                Phase::Resting { .. } | Phase::Resetting { .. } | Phase::Listening { .. } | Phase::Starting { .. } => {}
             }
         }
         self.flush(shared);
@@ -94,43 +72,26 @@ impl Peer {
 
     pub(super) fn flush(&mut self, shared: &mut Shared) {
         while let Some(data) = self.sdo.poll_tx() {
-            shared.tx.push(Frame::standard(
-                Service::SdoRequest { node: self.id() }.cob_id(),
-                &data,
-            ));
+            shared.tx.push(Frame::standard(Service::SdoRequest { node: self.id() }.cob_id(), &data));
         }
     }
 
     pub(super) fn transfer(&mut self, now: Instant, at: usize, verify: bool) {
         self.stats.requests = self.stats.requests.saturating_add(1);
         match (self.plan[at].1, verify) {
-            (Work::Write(write), false) => {
-                self.sdo.write(now, write.index, write.sub, write.payload())
+            (Work::Write(write), false) => self.sdo.write(now, write.index, write.sub, write.payload()),
+            (Work::Write(ConfigWrite { index, sub, .. }) | Work::Read(Expect { index, sub, .. }), _) => {
+                self.sdo.read(now, index, sub)
             }
-            (
-                Work::Write(ConfigWrite { index, sub, .. }) | Work::Read(Expect { index, sub, .. }),
-                _,
-            ) => self.sdo.read(now, index, sub),
         };
     }
 
     pub(super) fn serve(&mut self, now: Instant) {
-        let Some(Demand {
-            ticket,
-            index,
-            sub,
-            write,
-        }) = self.demands.pop()
-        else {
+        let Some(Demand { ticket, index, sub, write }) = self.demands.pop() else {
             return;
         };
         self.stats.requests = self.stats.requests.saturating_add(1);
-        self.demand = Some(Active {
-            ticket,
-            index,
-            sub,
-            write: write.is_some(),
-        });
+        self.demand = Some(Active { ticket, index, sub, write: write.is_some() });
         match write {
             Some(data) => self.sdo.write(now, index, sub, data),
             None => self.sdo.read(now, index, sub),
@@ -150,14 +111,7 @@ impl Peer {
             }
             match (self.demand.take(), self.phase) {
                 (Some(active), _) => self.answer(active, done, shared),
-                (
-                    None,
-                    Phase::Working {
-                        at,
-                        verify,
-                        retries_left,
-                    },
-                ) => {
+                (None, Phase::Working { at, verify, retries_left }) => {
                     self.worked(now, shared, done, (at, verify, retries_left));
                 }
                 (None, _) => {}
@@ -167,36 +121,11 @@ impl Peer {
     }
 
     pub(super) fn answer(&self, active: Active, done: sdo::Done, shared: &mut Shared) {
-        let (
-            node,
-            Active {
-                ticket,
-                index,
-                sub,
-                write,
-            },
-        ) = (self.id(), active);
+        let (node, Active { ticket, index, sub, write }) = (self.id(), active);
         shared.events.push(match done.result {
-            Ok(_) if write => Event::SdoWritten {
-                node,
-                ticket,
-                index,
-                sub,
-            },
-            Ok(data) => Event::SdoRead {
-                node,
-                ticket,
-                index,
-                sub,
-                data,
-            },
-            Err(error) => Event::SdoFailed {
-                node,
-                ticket,
-                index,
-                sub,
-                error,
-            },
+            Ok(_) if write => Event::SdoWritten { node, ticket, index, sub },
+            Ok(data) => Event::SdoRead { node, ticket, index, sub, data },
+            Err(error) => Event::SdoFailed { node, ticket, index, sub, error },
         });
     }
 
@@ -212,20 +141,14 @@ impl Peer {
             Ok(data) => data,
             Err(sdo::Error::Timeout) if retries_left > 0 => {
                 self.stats.retries = self.stats.retries.saturating_add(1);
-                self.phase = Phase::Working {
-                    at,
-                    verify,
-                    retries_left: retries_left - 1,
-                };
+                self.phase = Phase::Working { at, verify, retries_left: retries_left - 1 };
                 return;
             }
             Err(error) => return self.fail(now, shared, BootError::Sdo { index, sub, error }),
         };
         let mismatch = match self.plan[at].1 {
             Work::Write(_) if !verify => return self.work(now, shared, at, true),
-            Work::Write(write) => {
-                (data != write.payload()).then_some((u32::MAX, write.value.bits()))
-            }
+            Work::Write(write) => (data != write.payload()).then_some((u32::MAX, write.value.bits())),
             Work::Read(expect) => {
                 let holds = data.bits().is_some_and(|found| expect.holds(found));
                 (!holds).then_some((expect.mask, expect.min))
@@ -235,16 +158,7 @@ impl Peer {
             None => self.work(now, shared, at + 1, false),
             Some((mask, expected)) => {
                 let found = data.bits().unwrap_or(0) & mask;
-                self.fail(
-                    now,
-                    shared,
-                    BootError::Mismatch {
-                        index,
-                        sub,
-                        expected,
-                        found,
-                    },
-                );
+                self.fail(now, shared, BootError::Mismatch { index, sub, expected, found });
             }
         }
     }
@@ -252,25 +166,16 @@ impl Peer {
     pub(super) fn fail(&mut self, now: Instant, shared: &mut Shared, reason: BootError) {
         let step = self.step();
         if self.reported.replace((step, reason)) != Some((step, reason)) {
-            shared.events.push(Event::BootFailed {
-                node: self.id(),
-                step,
-                reason,
-            });
+            shared.events.push(Event::BootFailed { node: self.id(), step, reason });
         }
         self.abandon(shared);
-        self.phase = Phase::Resting {
-            until: now + shared.config.retry,
-        };
+        self.phase = Phase::Resting { until: now + shared.config.retry };
     }
 
     pub(super) fn lose(&mut self, now: Instant, shared: &mut Shared, reason: LostReason) {
         self.stats.losses = self.stats.losses.saturating_add(1);
         self.drop_pdos(shared);
-        shared.events.push(Event::Lost {
-            node: self.id(),
-            reason,
-        });
+        shared.events.push(Event::Lost { node: self.id(), reason });
         self.first(now, shared);
     }
 
@@ -296,16 +201,11 @@ impl Peer {
     pub(super) fn start(&mut self, now: Instant, shared: &mut Shared, starts_left: u8) {
         shared.tx.push(wire::nmt(NmtCommand::Start, self.id()));
         let until = now + self.config.heartbeat_limit;
-        self.phase = Phase::Starting {
-            until,
-            starts_left: starts_left - 1,
-        };
+        self.phase = Phase::Starting { until, starts_left: starts_left - 1 };
     }
 
     pub(super) fn booted(&mut self, now: Instant, shared: &mut Shared) {
-        self.phase = Phase::Running {
-            until: now + self.config.heartbeat_limit,
-        };
+        self.phase = Phase::Running { until: now + self.config.heartbeat_limit };
         self.reported = None;
         self.stats.boots = self.stats.boots.saturating_add(1);
         shared.events.push(Event::Booted { node: self.id() });

@@ -7,15 +7,9 @@ const LATER: Instant = Instant::from_millis(2000);
 
 /// A fresh master brought into a state: `tries` attempts left.
 fn enter(state: &str) -> Master {
-    let mut master = Master::new(Config {
-        retries: if state.ends_with("last)") { 0 } else { 2 },
-        ..config()
-    });
+    let mut master = Master::new(Config { retries: if state.ends_with("last)") { 0 } else { 2 }, ..config() });
     master.add_node(0x20, Duration::from_millis(20));
-    let request = Request {
-        answer: Lengths::exactly(4),
-        ..Request::new(0x20, 0x01, &[])
-    };
+    let request = Request { answer: Lengths::exactly(4), ..Request::new(0x20, 0x01, &[]) };
     let name = state.split(' ').next().unwrap();
     if name == "Idle" {
         return master;
@@ -23,10 +17,7 @@ fn enter(state: &str) -> Master {
     if name == "Gap" {
         master.handle_rx(NOW, &words("00"));
     }
-    let request = Request {
-        no_ack: state.ends_with("no answer)"),
-        ..request
-    };
+    let request = Request { no_ack: state.ends_with("no answer)"), ..request };
     master.request(request).unwrap();
     if name == "Gap" {
         return master;
@@ -72,15 +63,7 @@ fn name(state: &State) -> String {
 
 #[test]
 fn the_state_table_is_the_one_that_was_checked() {
-    let states = [
-        "Idle",
-        "Gap",
-        "Ready",
-        "Sending",
-        "Sending (no answer)",
-        "Waiting",
-        "Waiting (last)",
-    ];
+    let states = ["Idle", "Gap", "Ready", "Sending", "Sending (no answer)", "Waiting", "Waiting (last)"];
     let inputs = [
         "request",
         "poll_tx",

@@ -20,13 +20,7 @@ impl Fake {
         let mut node = Node::new(dictionary, Duration::from_millis(5));
         node.power_on(Instant::ZERO);
         let power = Drive::new(quick_stop_option, true);
-        Self {
-            node,
-            power,
-            alive: true,
-            homing: None,
-            bits: status::REMOTE,
-        }
+        Self { node, power, alive: true, homing: None, bits: status::REMOTE }
     }
 
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
@@ -95,11 +89,7 @@ impl Fake {
                 self.node.set(0x6064, 0, target);
             }
             1 => self.bits &= !status::MODE_12,
-            6 if enabled
-                && word & 0x10 != 0
-                && self.homing.is_none()
-                && self.bits & status::MODE_12 == 0 =>
-            {
+            6 if enabled && word & 0x10 != 0 && self.homing.is_none() && self.bits & status::MODE_12 == 0 => {
                 self.homing = Some(now + Duration::from_millis(100));
             }
             _ => {}

@@ -100,23 +100,12 @@ pub fn decode(datagram: &[u8]) -> Result<Frame, Malformed> {
     if pairs > PAIRS_MAX {
         return Err(Malformed::NotAMap);
     }
-    let mut parts = Parts {
-        id: None,
-        extended: true,
-        remote: false,
-        classic: true,
-        dlc: None,
-        data: &[],
-    };
+    let mut parts = Parts { id: None, extended: true, remote: false, classic: true, dlc: None, data: &[] };
     for _ in 0..pairs {
         let (key, after) = decode::read_str_from_slice(rest).map_err(|_| Malformed::Broken)?;
         rest = parts.take(key, after)?;
     }
-    if rest.is_empty() {
-        parts.frame()
-    } else {
-        Err(Malformed::Trailing)
-    }
+    if rest.is_empty() { parts.frame() } else { Err(Malformed::Trailing) }
 }
 
 impl<'a> Parts<'a> {
@@ -151,9 +140,7 @@ impl<'a> Parts<'a> {
         }
         let dlc = self.dlc.unwrap_or(self.data.len() as u64);
         let frame = match self.remote {
-            true if self.data.is_empty() => u8::try_from(dlc)
-                .ok()
-                .and_then(|dlc| Frame::remote(id, dlc)),
+            true if self.data.is_empty() => u8::try_from(dlc).ok().and_then(|dlc| Frame::remote(id, dlc)),
             false if dlc == self.data.len() as u64 => Frame::new(id, self.data),
             _ => None,
         };
@@ -223,9 +210,7 @@ mod tests {
         b5 65 72 72 6f 72 5f 73 74 61 74 65 5f 69 6e 64 69 63 61 74 6f 72 c2";
 
     fn hex(text: &str) -> Vec<u8> {
-        text.split_whitespace()
-            .map(|byte| u8::from_str_radix(byte, 16).unwrap())
-            .collect()
+        text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
     }
 
     fn encoded(frame: &Frame) -> Vec<u8> {
@@ -276,17 +261,10 @@ mod tests {
 
     #[test]
     fn three_keys_are_enough_in_any_order() {
-        let datagram = map(&[
-            ("data", b"\xC4\x02\x01\x02"),
-            ("is_extended_id", b"\xC2"),
-            ("arbitration_id", b"\x05"),
-        ]);
+        let datagram = map(&[("data", b"\xC4\x02\x01\x02"), ("is_extended_id", b"\xC2"), ("arbitration_id", b"\x05")]);
         assert_eq!(decode(&datagram), Ok(Frame::standard(5, &[1, 2])));
         let datagram = map(&[("arbitration_id", b"\x05")]);
-        assert_eq!(
-            decode(&datagram),
-            Ok(Frame::new(Id::Extended(5), &[]).unwrap())
-        );
+        assert_eq!(decode(&datagram), Ok(Frame::new(Id::Extended(5), &[]).unwrap()));
     }
 
     #[test]
@@ -295,51 +273,21 @@ mod tests {
         let base: (&str, &[u8]) = ("is_extended_id", b"\xC2");
         let refused = |pairs: &[(&str, &[u8])]| decode(&map(pairs)).unwrap_err();
         assert_eq!(refused(&[]), Malformed::Identifier);
-        assert_eq!(
-            refused(&[base, ("arbitration_id", b"\xCD\x08\x00")]),
-            Malformed::Identifier
-        );
-        assert_eq!(
-            refused(&[("arbitration_id", b"\xCE\x20\x00\x00\x00")]),
-            Malformed::Identifier
-        );
-        assert_eq!(
-            refused(&[("arbitration_id", b"\xCF\xFF\x00\x00\x00\x00\x00\x00\x00")]),
-            Malformed::Identifier
-        );
+        assert_eq!(refused(&[base, ("arbitration_id", b"\xCD\x08\x00")]), Malformed::Identifier);
+        assert_eq!(refused(&[("arbitration_id", b"\xCE\x20\x00\x00\x00")]), Malformed::Identifier);
+        assert_eq!(refused(&[("arbitration_id", b"\xCF\xFF\x00\x00\x00\x00\x00\x00\x00")]), Malformed::Identifier);
         assert_eq!(refused(&[("arbitration_id", b"\xFF")]), Malformed::Key);
         assert_eq!(refused(&[id, ("colour", b"\x05")]), Malformed::Key);
         assert_eq!(refused(&[id, ("is_fd", b"\x01")]), Malformed::Key);
         assert_eq!(refused(&[id, ("is_fd", b"\xC3")]), Malformed::NotClassic);
-        assert_eq!(
-            refused(&[id, ("is_error_frame", b"\xC3")]),
-            Malformed::NotClassic
-        );
+        assert_eq!(refused(&[id, ("is_error_frame", b"\xC3")]), Malformed::NotClassic);
         assert_eq!(refused(&[id, ("data", b"\xA2ab")]), Malformed::Key);
-        assert_eq!(
-            refused(&[id, ("data", b"\xC4\x02\x01\x02"), ("dlc", b"\x03")]),
-            Malformed::Length
-        );
-        assert_eq!(
-            refused(&[id, ("data", b"\xC4\x09123456789")]),
-            Malformed::Length
-        );
-        assert_eq!(
-            refused(&[id, ("is_remote_frame", b"\xC3"), ("dlc", b"\x09")]),
-            Malformed::Length
-        );
-        assert_eq!(
-            refused(&[id, ("data", b"\xC6\xFF\xFF\xFF\xFF")]),
-            Malformed::Broken
-        );
-        assert_eq!(
-            refused(&[id, ("channel", b"\xDB\xFF\xFF\xFF\xFF")]),
-            Malformed::Broken
-        );
-        assert_eq!(
-            decode(&[0xDF, 0xFF, 0xFF, 0xFF, 0xFF]),
-            Err(Malformed::NotAMap)
-        );
+        assert_eq!(refused(&[id, ("data", b"\xC4\x02\x01\x02"), ("dlc", b"\x03")]), Malformed::Length);
+        assert_eq!(refused(&[id, ("data", b"\xC4\x09123456789")]), Malformed::Length);
+        assert_eq!(refused(&[id, ("is_remote_frame", b"\xC3"), ("dlc", b"\x09")]), Malformed::Length);
+        assert_eq!(refused(&[id, ("data", b"\xC6\xFF\xFF\xFF\xFF")]), Malformed::Broken);
+        assert_eq!(refused(&[id, ("channel", b"\xDB\xFF\xFF\xFF\xFF")]), Malformed::Broken);
+        assert_eq!(decode(&[0xDF, 0xFF, 0xFF, 0xFF, 0xFF]), Err(Malformed::NotAMap));
         assert_eq!(decode(b"hello"), Err(Malformed::NotAMap));
         assert_eq!(decode(&[]), Err(Malformed::NotAMap));
         let mut trailing = hex(SDO);

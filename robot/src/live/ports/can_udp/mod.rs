@@ -7,9 +7,7 @@ use super::{Device, Lost, Received};
 use crate::live::clock;
 use base::{Fault, Instant};
 use module::{Input, Output};
-use nix::sys::socket::{
-    AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt,
-};
+use nix::sys::socket::{AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt};
 use std::io::{self, ErrorKind};
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
@@ -34,11 +32,7 @@ struct Sockets {
 impl CanUdp {
     /// A bus at a multicast group and port.
     pub fn new(bus: SocketAddrV4) -> Self {
-        Self {
-            bus,
-            sockets: None,
-            datagram: Vec::new(),
-        }
+        Self { bus, sockets: None, datagram: Vec::new() }
     }
 }
 
@@ -59,11 +53,7 @@ impl Sockets {
         let on_lo = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::LOCALHOST);
         // Without a route both are the loopback, and the second join is refused.
         by_route.or(on_lo)?;
-        Ok(Self {
-            receiver,
-            sender,
-            own,
-        })
+        Ok(Self { receiver, sender, own })
     }
 }
 
@@ -88,8 +78,7 @@ fn open_sender(bus: SocketAddrV4) -> io::Result<UdpSocket> {
 impl Device for CanUdp {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        self.sockets =
-            Some(Sockets::open(self.bus).map_err(|error| format!("udp:{}: {error}", self.bus))?);
+        self.sockets = Some(Sockets::open(self.bus).map_err(|error| format!("udp:{}: {error}", self.bus))?);
         Ok(())
     }
 
@@ -98,9 +87,7 @@ impl Device for CanUdp {
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
-        self.sockets
-            .as_ref()
-            .map(|sockets| sockets.receiver.as_fd())
+        self.sockets.as_ref().map(|sockets| sockets.receiver.as_fd())
     }
 
     fn receive(&mut self, _now: Instant) -> Result<Received<'_>, Lost> {
@@ -137,11 +124,7 @@ impl Device for CanUdp {
         codec::encode(frame, clock::wall() as f64 * 1e-9, &mut self.datagram);
         match sockets.sender.send(&self.datagram) {
             Ok(_) => Ok(true),
-            Err(error)
-                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
-            {
-                Ok(false)
-            }
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(false),
             // An old error, told late: of a listener that is gone, which multicast does not have.
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(false),
             Err(error) => Err(error.to_string()),
