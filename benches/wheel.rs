@@ -19,10 +19,8 @@ fn main() {
     let can = listen_can(robot::topology::can_port_beside(robot.port));
     // Speeds that differ by more than one rpm, slow enough to stay in the hall.
     let speed = |n: usize| 0.05 + 0.01 * (n % 5) as f64 * if n % 400 < 200 { 1.0 } else { -1.0 };
-    for _ in 0..20 {
-        robot.command(0.0, 0.0);
-        robot.pass(0.02);
-    }
+    robot.drive(0.0, 0.0, 0.5);
+    robot.drive(0.03, 0.0, 0.5);
     let (mut wheel, mut hop) = (Vec::new(), Vec::new());
     let mut lost = 0;
     for n in 0..COMMANDS {
@@ -33,7 +31,7 @@ fn main() {
             speed: speed(n),
             steering: 0.0,
             priority: 1,
-            source: "bench".into(),
+            source: "test".into(),
         };
         let mut bytes = Vec::new();
         Message::from(command).encode(&mut bytes).expect("encodable");
@@ -41,7 +39,7 @@ fn main() {
         // Odd turns measure the hop, even ones the wheel, so that neither waits for the other.
         robot.bus.publish("LL_CMD_MOTION", &bytes).expect("the bus takes it");
         if n % 2 == 0 {
-            match wait_for_rpdo4(&can, begin) {
+            match wait_for_rpdo4(&can, begin, speed(n)) {
                 Some(took) => wheel.push(took),
                 None => lost += 1,
             }
@@ -78,7 +76,10 @@ fn drain(can: &UdpSocket) {
     can.set_nonblocking(false).expect("blocking");
 }
 
-fn wait_for_rpdo4(can: &UdpSocket, begin: Instant) -> Option<Duration> {
+/// When RPDO4 with this speed arrives; it is also repeated with the speed before.
+fn wait_for_rpdo4(can: &UdpSocket, begin: Instant, speed: f64) -> Option<Duration> {
+    // Motor speed at 1 m/s: gear 26, wheels of 0.1 m.
+    let rpm = (speed * 26.0 * 60.0 / (0.2 * std::f64::consts::PI)).round() as i32;
     let mut datagram = [0; 512];
     loop {
         let left = PATIENCE.checked_sub(begin.elapsed()).filter(|left| !left.is_zero())?;
@@ -86,7 +87,7 @@ fn wait_for_rpdo4(can: &UdpSocket, begin: Instant) -> Option<Duration> {
         let len = can.recv(&mut datagram).ok()?;
         let took = begin.elapsed();
         let frame = robot::live::ports::can_udp_codec::decode(&datagram[..len]).ok()?;
-        if frame.id() == base::can::Id::Standard(0x501) {
+        if frame.id() == base::can::Id::Standard(0x501) && frame.data()[2..] == rpm.to_le_bytes() {
             return Some(took);
         }
     }

@@ -59,6 +59,7 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         }
         End::Interrupt => return Err("interrupted before the robot was ready".into()),
     }
+    let _ = print(format_args!("driving at {} m/s, {} rad", command.speed, command.steering));
     let from = session.last.as_ref().map_or(0.0, |motion| motion.steering);
     let mut moved = command.speed.abs() < STANDS_MPS && (command.steering - from).abs() < STEERED_RAD;
     let until = command.time.map_or(Instant::NEVER, |time| clock::now() + time);
@@ -73,7 +74,10 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
         return Err(format!("the robot did not move: {why_not}").into());
     }
     match stood {
-        End::Reached => Ok(ExitCode::SUCCESS),
+        End::Reached => {
+            let _ = print(format_args!("the robot stands"));
+            Ok(ExitCode::SUCCESS)
+        }
         End::Time | End::Interrupt => Err("the robot was told to stop and is not known to stand".into()),
     }
 }

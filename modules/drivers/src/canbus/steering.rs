@@ -233,6 +233,7 @@ impl Steering {
         }
         if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT {
             self.reference = Reference::Known;
+            out.note("the steering is homed: the robot may be driven");
         }
     }
 
