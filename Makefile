@@ -13,7 +13,7 @@ build:
 	cargo build --release --locked
 
 test: lint
-	@tools/require cc python3-venv
+	@tools/require cc python3-venv glib
 	@tools/venv
 	cargo test --workspace --locked
 
@@ -23,7 +23,7 @@ lint:
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 
 bench: build
-	@tools/require cc python3-venv
+	@tools/require cc python3-venv glib
 	@tools/venv
 	cargo bench --workspace --locked
 
