@@ -76,6 +76,7 @@ fn shell(place: &Place, config: &Config, name: &str, wanted: State, wire_time: b
     };
     let mut shell = ShellConfig::new(name);
     shell.wanted = wanted;
+    shell.report_from = config.robot.report_from;
     if name == watchdog::NAME {
         shell.obeys_all = false;
         shell.end_within = WATCHDOG_END;

@@ -3,7 +3,7 @@
 use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
 use base::{Duration, Fault, Instant, Report, Severity, Ticker};
 use messages::{Channel, Message, common};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::mem;
 
 /// The state is announced this often, and at every change.
@@ -18,8 +18,9 @@ pub struct ShellConfig {
     pub name: String,
     /// The state after INIT: RUN, or what an operator wanted before a restart. Others count as RUN.
     pub wanted: State,
-    /// Reports of at least this severity are sent on `CM_EVENT_ERROR`.
-    pub send_from: Severity,
+    /// Reports of at least this severity are sent on `CM_EVENT_ERROR` and printed, and so is the end of such a fault;
+    /// others are dropped.
+    pub report_from: Severity,
     /// Whether commands to module `*` are for it (for the watchdog they are not).
     pub obeys_all: bool,
     /// After TERMINATE it has ended within this time, finished or not.
@@ -33,7 +34,7 @@ impl ShellConfig {
         Self {
             name: name.into(),
             wanted: State::Run,
-            send_from: Severity::Notice,
+            report_from: Severity::Notice,
             obeys_all: true,
             end_within: Duration::from_secs(2),
         }
@@ -48,7 +49,8 @@ pub struct Shell {
     /// Where ERROR was entered from.
     before_error: State,
     announce: Ticker,
-    faults: BTreeSet<(Fault, String)>,
+    /// Faults that stand, with the severity they were reported with.
+    faults: BTreeMap<(Fault, String), Severity>,
     inner: Actions,
     ending: Ending,
 }
@@ -71,7 +73,7 @@ impl Shell {
             state: State::Init,
             before_error: State::Init,
             announce: Ticker::new(Instant::ZERO, ANNOUNCE),
-            faults: BTreeSet::new(),
+            faults: BTreeMap::new(),
             inner: Actions::default(),
             ending: Ending::No,
         }
@@ -151,15 +153,18 @@ impl Shell {
 
     /// A fault that the host found: reported once until [`Shell::clear`].
     pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
-        if self.faults.len() < FAULTS_MAX && self.faults.insert((report.fault, report.subject.clone())) {
+        let key = (report.fault, report.subject.clone());
+        if self.faults.len() < FAULTS_MAX && !self.faults.contains_key(&key) {
+            self.faults.insert(key, report.severity);
             self.send(now, report, out);
         }
     }
 
-    /// A fault that the host found stands no more.
+    /// A fault that the host found stands no more; who was told of it is told of its end.
     pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
-        if self.faults.remove(&(report.fault, report.subject.clone())) {
-            self.send(now, report, out);
+        let raised = self.faults.remove(&(report.fault, report.subject.clone()));
+        if raised.is_some_and(|severity| severity >= self.config.report_from) {
+            self.tell(now, report, out);
         }
     }
 
@@ -258,19 +263,23 @@ impl Shell {
     }
 
     fn send(&self, now: Instant, report: Report, out: &mut Actions) {
-        if report.severity >= self.config.send_from {
-            out.publish(common::Error {
-                timestamp: out.timestamp(now),
-                module: self.config.name.clone(),
-                number: i32::from(report.fault as u16),
-                message: report.message.clone(),
-                fatal: report.fatal,
-                r#type: report.fault.kind() as i8,
-                severity: report.severity as i8,
-                file: report.location.file().into(),
-                line: i32::try_from(report.location.line()).unwrap_or(i32::MAX),
-            });
+        if report.severity >= self.config.report_from {
+            self.tell(now, report, out);
         }
+    }
+
+    fn tell(&self, now: Instant, report: Report, out: &mut Actions) {
+        out.publish(common::Error {
+            timestamp: out.timestamp(now),
+            module: self.config.name.clone(),
+            number: i32::from(report.fault as u16),
+            message: report.message.clone(),
+            fatal: report.fatal,
+            r#type: report.fault.kind() as i8,
+            severity: report.severity as i8,
+            file: report.location.file().into(),
+            line: i32::try_from(report.location.line()).unwrap_or(i32::MAX),
+        });
         out.push(Action::Report(report));
     }
 }

@@ -173,3 +173,18 @@ fn only_what_is_wanted_reaches_the_module() {
     assert!(bench.shell.wants(Channel::CmCmdState));
     assert!(!bench.shell.wants(Channel::LlCmdMotion));
 }
+
+#[test]
+fn reports_begin_at_the_chosen_severity() {
+    let line = crate::Line::Can { bitrate: 1 };
+    let toy = Toy { ports: [PortSpec { bus: "toy".into(), line }], finished: false };
+    let config = ShellConfig { report_from: Severity::Error, ..ShellConfig::new("toy") };
+    let mut bench = Bench::new(Shell::new(config, Box::new(toy)));
+    bench.start();
+    bench.message(command("toy", State::Stop, false));
+    assert_eq!(errors(&mut bench), [], "a warning");
+    down(&mut bench);
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Error as i8)]);
+    up(&mut bench);
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)], "the end of what was told");
+}

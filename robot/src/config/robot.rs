@@ -4,6 +4,7 @@
 //! counter-clockwise.
 
 use super::reader::Table;
+use base::Severity;
 use std::net::Ipv4Addr;
 use std::path::PathBuf;
 
@@ -16,6 +17,8 @@ pub struct Robot {
     pub geometry: Geometry,
     /// How it may move.
     pub limits: Limits,
+    /// Reports of at least this severity are printed, and sent on `CM_EVENT_ERROR`.
+    pub report_from: Severity,
     /// CAN busses by name.
     pub can: Vec<CanBus>,
     /// EIA-485 busses by name.
@@ -232,10 +235,12 @@ pub struct Ranger {
 impl Robot {
     /// Reads the merged tree.
     pub(super) fn read(mut root: Table<'_>) -> Option<Self> {
-        let name = root.table("robot").map(|mut table| {
+        let robot = root.table("robot").map(|mut table| {
             let name = table.text("name", None);
+            let severities = [("notice", Severity::Notice), ("warning", Severity::Warning), ("error", Severity::Error)];
+            let report_from = table.choice("report_from", Some(Severity::Notice), &severities);
             table.end();
-            name
+            (name, report_from)
         });
         let geometry = root.table("geometry").map(Geometry::read);
         let limits = root.table("limits").map(Limits::read);
@@ -245,7 +250,8 @@ impl Robot {
         let srfs = Ranger::read_all(&mut root, "srfs", 7, &rs485);
         let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
         root.end();
-        Some(Self { name: name?, geometry: geometry?, limits: limits?, can, rs485, srfs, irs })
+        let (name, report_from) = robot?;
+        Some(Self { name, report_from, geometry: geometry?, limits: limits?, can, rs485, srfs, irs })
     }
 }
 

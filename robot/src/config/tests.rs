@@ -96,7 +96,7 @@ fn an_unknown_key_is_refused_and_the_known_ones_are_named() {
     refused(
         "name = \"small\"",
         "name = \"small\"\ncolour = \"red\"",
-        &["robot.toml:3: robot.colour: unknown key, expected one of name"],
+        &["robot.toml:3: robot.colour: unknown key, expected one of name, report_from"],
     );
 }
 
@@ -267,7 +267,7 @@ fn an_override_must_be_an_assignment_to_something() {
     assert_eq!(error(".x=1"), ["--set .x=1: expected table.key=value"]);
     assert_eq!(error("robot.name.x=1"), ["--set robot.name.x=1: \"small\" has no key x"]);
     assert_eq!(error("can.main.nodes.2.id=1"), ["--set can.main.nodes.2.id=1: 2 is none of the 2 items"]);
-    assert_eq!(error("robot.nmae=x"), ["--set: robot.nmae: unknown key, expected one of name"]);
+    assert_eq!(error("robot.nmae=x"), ["--set: robot.nmae: unknown key, expected one of name, report_from"]);
 }
 
 #[test]
