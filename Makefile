@@ -22,10 +22,9 @@ lint:
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 
-bench: build
-	@tools/require cc python3-venv glib
-	@tools/venv
-	cargo bench --workspace --locked
+bench:
+	@tools/require cc
+	cargo bench -p advee --locked --bench start --bench wheel
 
 clean:
 	cargo clean

@@ -113,6 +113,19 @@ fn the_death_of_the_watchdog_stops_the_robot_and_a_new_one_begins() {
 }
 
 #[test]
+fn a_module_that_hangs_is_ended_and_is_back() {
+    let mut robot = Robot::ready(&[]);
+    let pid = robot.view.pid("driver_canbus");
+    robot.drive(0.4, 0.0, 1.2);
+    support::signal(pid, "STOP");
+    // The drives miss the master's heartbeat; the watchdog hears nothing for two seconds.
+    robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+    robot.until("it is back", 6.0, |view| view.runs("driver_canbus") && view.pid("driver_canbus") != pid);
+    let hung = |error: &messages::common::Error| error.number == Fault::ModuleHung as i32;
+    assert!(robot.view.errors.iter().any(hung), "{:?}", robot.view.errors);
+}
+
+#[test]
 fn a_module_obeys_state_commands_and_keeps_them_over_its_death() {
     let mut robot = Robot::ready(&[]);
     let done = robot.advee(&["state", "driver_rs485a", "STOP"]);

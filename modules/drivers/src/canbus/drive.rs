@@ -25,7 +25,10 @@ pub(super) struct Drive {
     booted: bool,
     /// Why it is not booted, for people.
     why: String,
+    /// Of the last emergency since it was booted.
     error_code: u16,
+    /// The newest entry of its error history (0x1003:1), read when it is asked for its state.
+    history: u16,
     trouble: Option<(Instant, String)>,
     reset: Option<Instant>,
     repeat: Ticker,
@@ -44,6 +47,7 @@ impl Drive {
             booted: false,
             why: "is being booted".into(),
             error_code: 0,
+            history: 0,
             trouble: None,
             reset: None,
             repeat: Ticker::new(Instant::NEVER, REPEAT),
@@ -103,6 +107,22 @@ impl Drive {
         out.report(severity, Fault::DriveEmergency, self.name, message);
     }
 
+    /// The newest entry of its error history: the reason of a fault whose emergency nobody heard.
+    pub(super) fn on_history(&mut self, code: u16) {
+        self.history = code;
+    }
+
+    fn fault_code(&self) -> u16 {
+        if self.error_code == 0 { self.history } else { self.error_code }
+    }
+
+    /// Where the axis shall be; a drive that is not booted is not asked.
+    pub(super) fn set_goal(&mut self, now: Instant, goal: Goal) {
+        if self.booted {
+            self.axis.set_goal(now, goal);
+        }
+    }
+
     pub(super) fn on_statusword(&mut self, now: Instant, statusword: u16, out: &mut Actions) {
         self.axis.handle_statusword(now, statusword);
         self.drain(now, out);
@@ -116,7 +136,9 @@ impl Drive {
                     self.reset = Some(now + RESET);
                     let message = format!(
                         "{} drive (node {}) is in fault, error code 0x{:04X}, statusword 0x{statusword:04X}",
-                        self.name, self.node, self.error_code
+                        self.name,
+                        self.node,
+                        self.fault_code()
                     );
                     out.raise(Severity::Error, Fault::DriveFault, self.name, message);
                 }
@@ -185,7 +207,7 @@ impl Drive {
         }
         match self.axis.state() {
             Some(PowerState::Fault | PowerState::FaultReactionActive) => {
-                Some(format!("the {} drive is in fault, error code 0x{:04X}", self.name, self.error_code))
+                Some(format!("the {} drive is in fault, error code 0x{:04X}", self.name, self.fault_code()))
             }
             None => Some(format!("the {} drive has not told its state", self.name)),
             Some(_) => None,

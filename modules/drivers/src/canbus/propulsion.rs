@@ -72,7 +72,7 @@ impl Propulsion {
     }
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
-        self.drive.axis.set_goal(now, self.goal);
+        self.drive.set_goal(now, self.goal);
         self.drive.handle_timeout(now, out);
         let data = epos::pack(self.drive.axis.controlword(), self.target_rpm);
         self.drive.send(now, master, epos::RPDO, data);

@@ -161,7 +161,7 @@ impl Steering {
 
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
         let goal = if self.want == Want::Stop { Goal::QuickStop } else { Goal::Enabled };
-        self.drive.axis.set_goal(now, goal);
+        self.drive.set_goal(now, goal);
         self.drive.handle_timeout(now, out);
         self.advance_homing(now, master, out);
         self.advance_setpoint(now, out);
