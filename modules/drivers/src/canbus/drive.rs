@@ -27,8 +27,6 @@ pub(super) struct Drive {
     why: String,
     /// Of the last emergency since it was booted.
     error_code: u16,
-    /// The newest entry of its error history (0x1003:1), read when it is asked for its state.
-    history: u16,
     trouble: Option<(Instant, String)>,
     reset: Option<Instant>,
     repeat: Ticker,
@@ -47,7 +45,6 @@ impl Drive {
             booted: false,
             why: "is being booted".into(),
             error_code: 0,
-            history: 0,
             trouble: None,
             reset: None,
             repeat: Ticker::new(Instant::NEVER, REPEAT),
@@ -107,13 +104,13 @@ impl Drive {
         out.report(severity, Fault::DriveEmergency, self.name, message);
     }
 
-    /// The newest entry of its error history: the reason of a fault whose emergency nobody heard.
-    pub(super) fn on_history(&mut self, code: u16) {
-        self.history = code;
-    }
-
-    fn fault_code(&self) -> u16 {
-        if self.error_code == 0 { self.history } else { self.error_code }
+    /// Its fault for people. A drive that broke before it was booted has told its emergency to nobody, and the reset
+    /// of the boot-up takes its error history.
+    fn fault(&self) -> String {
+        match self.error_code {
+            0 => "in fault since before it was booted".into(),
+            code => format!("in fault, error code 0x{code:04X}"),
+        }
     }
 
     /// Where the axis shall be; a drive that is not booted is not asked.
@@ -134,12 +131,9 @@ impl Drive {
             match event {
                 AxisEvent::Fault { statusword } => {
                     self.reset = Some(now + RESET);
-                    let message = format!(
-                        "{} drive (node {}) is in fault, error code 0x{:04X}, statusword 0x{statusword:04X}",
-                        self.name,
-                        self.node,
-                        self.fault_code()
-                    );
+                    let fault = self.fault();
+                    let message =
+                        format!("{} drive (node {}) is {fault}; statusword 0x{statusword:04X}", self.name, self.node);
                     out.raise(Severity::Error, Fault::DriveFault, self.name, message);
                 }
                 AxisEvent::Dropped { to, statusword } => {
@@ -207,7 +201,7 @@ impl Drive {
         }
         match self.axis.state() {
             Some(PowerState::Fault | PowerState::FaultReactionActive) => {
-                Some(format!("the {} drive is in fault, error code 0x{:04X}", self.name, self.fault_code()))
+                Some(format!("the {} drive is {}", self.name, self.fault()))
             }
             None => Some(format!("the {} drive has not told its state", self.name)),
             Some(_) => None,

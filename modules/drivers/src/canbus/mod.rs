@@ -35,11 +35,10 @@ pub const NAME: &str = "driver_canbus";
 
 const CAN: PortId = PortId(0);
 /// Objects that are read when a drive has booted.
-const ERROR_HISTORY: u16 = 0x1003;
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
-const MEASURED: [u16; 4] = [ERROR_HISTORY, STATUSWORD, POSITION, VELOCITY];
+const MEASURED: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
 const AXES_PERIOD: Duration = Duration::from_millis(200);
 /// Slower than this the robot stands, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
@@ -260,7 +259,7 @@ impl Canbus {
                     self.steering.on_pdo(now, number, data, out);
                 }
             }
-            Heard::SdoRead { node, index, ref data, .. } if MEASURED.contains(&index) => {
+            Heard::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
             }
             Heard::SdoRead { .. } | Heard::SdoWritten { .. } | Heard::SdoFailed { .. } => {
@@ -280,9 +279,9 @@ impl Canbus {
     /// Event-driven PDOs tell changes only, and the first ones may have left before the node counted as started.
     fn ask_where_it_is(&mut self, now: Instant, node: u8) {
         let measured = if node == self.propulsion.drive.node { VELOCITY } else { POSITION };
-        for (index, sub) in [(ERROR_HISTORY, 1), (measured, 0), (STATUSWORD, 0)] {
-            // The queue of a node that has just booted has room for all.
-            let _ = self.master.sdo_read(now, node, index, sub);
+        for index in [measured, STATUSWORD] {
+            // The queue of a node that has just booted has room for both.
+            let _ = self.master.sdo_read(now, node, index, 0);
         }
     }
 
@@ -290,11 +289,6 @@ impl Canbus {
         match (index, data) {
             (VELOCITY, &[a, b, c, d]) => self.propulsion.on_velocity(i32::from_le_bytes([a, b, c, d])),
             (POSITION, &[a, b, c, d]) => self.steering.on_position(i32::from_le_bytes([a, b, c, d])),
-            (ERROR_HISTORY, &[low, high, ..]) => {
-                if let Some(drive) = self.drive_mut(node) {
-                    drive.on_history(u16::from_le_bytes([low, high]));
-                }
-            }
             (STATUSWORD, &[low, high]) => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_statusword(now, u16::from_le_bytes([low, high]), out);
