@@ -48,6 +48,8 @@ pub struct Shell {
     state: State,
     /// Where ERROR was entered from.
     before_error: State,
+    /// What the module said last of its device.
+    failed: bool,
     announce: Ticker,
     /// Faults that stand, with the severity they were reported with.
     faults: BTreeMap<(Fault, String), Severity>,
@@ -72,6 +74,7 @@ impl Shell {
             module,
             state: State::Init,
             before_error: State::Init,
+            failed: false,
             announce: Ticker::new(Instant::ZERO, ANNOUNCE),
             faults: BTreeMap::new(),
             inner: Actions::default(),
@@ -196,6 +199,7 @@ impl Shell {
     }
 
     fn condition(&mut self, now: Instant, condition: Condition, out: &mut Actions) {
+        self.failed = condition == Condition::Failed;
         let next = match (condition, self.state) {
             (Condition::Working, State::Init) => self.wanted(),
             (Condition::Working, State::Error) => match self.before_error {
@@ -231,6 +235,11 @@ impl Shell {
                     self.config.wanted = to;
                 }
                 self.enter(now, to, out);
+                // It was led through STOP out of ERROR; its device is lost as before.
+                if self.failed && matches!(self.state, State::Run | State::Pause) {
+                    self.before_error = self.state;
+                    self.enter(now, State::Error, out);
+                }
             }
             Some(to) => {
                 let manner = if command.manual { "manual " } else { "" };

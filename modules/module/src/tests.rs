@@ -114,6 +114,32 @@ fn error_returns_only_to_where_it_came_from() {
 }
 
 #[test]
+fn a_lost_device_is_not_forgotten_by_way_of_stop() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    down(&mut bench);
+    bench.message(command("toy", State::Stop, true));
+    assert_eq!(bench.shell.state(), State::Stop);
+    bench.message(command("toy", State::Run, true));
+    assert_eq!(bench.shell.state(), State::Error, "RUN without its device");
+    up(&mut bench);
+    assert_eq!(bench.shell.state(), State::Run);
+}
+
+#[test]
+fn nothing_leads_out_of_terminate() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    bench.message(command("toy", State::Terminate, false));
+    down(&mut bench);
+    up(&mut bench);
+    for state in [State::Run, State::Pause, State::Stop] {
+        bench.message(command("toy", state, true));
+    }
+    assert_eq!(bench.shell.state(), State::Terminate);
+}
+
+#[test]
 fn a_forbidden_command_changes_nothing_and_is_reported() {
     let mut bench = bench(State::Run);
     bench.start();

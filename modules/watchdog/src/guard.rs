@@ -1,6 +1,6 @@
 //! One guarded module: its process, the state that is wanted of it, and when it may be started again.
 
-use crate::ModuleConfig;
+use crate::{ModuleConfig, NAME};
 use base::{Duration, Instant};
 use messages::common;
 use module::{Action, Actions, Cause, ProcessCommand, State};
@@ -51,6 +51,10 @@ pub(crate) struct Guard {
     /// How often it was started, without the first time.
     restarts: i32,
     launched: bool,
+    /// It has announced a state other than INIT since it was started.
+    settled: bool,
+    /// It was in STOP when TERMINATE was commanded: only an operator leads out.
+    held: bool,
     /// When it was last started.
     pub(crate) since: Instant,
     delay: Duration,
@@ -69,6 +73,8 @@ impl Guard {
             rss: 0,
             restarts: 0,
             launched: false,
+            settled: false,
+            held: false,
             since: Instant::ZERO,
             delay: Duration::ZERO,
         }
@@ -86,9 +92,30 @@ impl Guard {
         self.launched = true;
         self.since = now;
         self.state = State::Unknown;
+        self.settled = false;
     }
 
-    pub(crate) fn on_started(&mut self, now: Instant, pid: u32) {
+    /// Its first state after a start. One that was commanded on the way, when the process was ordered with another and
+    /// did not hear yet, is commanded again.
+    pub(crate) fn settle(&mut self, now: Instant, state: State, out: &mut Actions) {
+        if !self.settled && state != self.wanted && matches!(self.wanted, State::Pause | State::Stop) {
+            out.publish(common::CmdState {
+                timestamp: out.timestamp(now),
+                module: self.config.name.clone(),
+                state: self.wanted as i8,
+                manual: true,
+                source: NAME.into(),
+            });
+        }
+        self.settled = true;
+    }
+
+    pub(crate) fn on_started(&mut self, now: Instant, pid: u32, out: &mut Actions) {
+        if self.phase.pid().is_some() {
+            // An answer that came too late: there is another one by now, and two would fight for the device.
+            out.push(Action::Process(ProcessCommand::Kill { pid }));
+            return;
+        }
         self.phase = Phase::Running { pid, since: now };
         self.heard = now;
     }
@@ -117,7 +144,8 @@ impl Guard {
         };
         match to {
             State::Run if down => {
-                self.wanted = State::Run;
+                let held = self.held && cause != Cause::Manual;
+                self.wanted = if held { State::Stop } else { State::Run };
                 self.launched = false;
                 if matches!(self.phase, Phase::Down { .. }) {
                     self.phase = Phase::Down { not_before: now };
@@ -125,6 +153,7 @@ impl Guard {
                 true
             }
             State::Terminate if !down => {
+                self.held = self.wanted == State::Stop;
                 self.wanted = State::Terminate;
                 if let Phase::Running { pid, .. } = self.phase {
                     self.phase = Phase::Terminating { pid, kill_at: Some(now + end_within) };

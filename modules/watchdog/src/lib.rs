@@ -25,6 +25,8 @@ const CHECK: Duration = Duration::from_millis(200);
 const DEPENDS_PATIENCE: Duration = Duration::from_secs(2);
 /// A process that hangs has this long between SIGTERM and SIGKILL.
 const HANG_GRACE: Duration = Duration::from_millis(200);
+/// A watchdog that was not called for this long was held up itself, and heard nobody.
+const HELD_UP: Duration = Duration::from_millis(500);
 
 /// What to guard and how.
 #[derive(Clone, Debug)]
@@ -121,6 +123,7 @@ impl Watchdog {
         guard.state = state;
         self.changed = true;
         if matches!(state, State::Run | State::Pause | State::Stop) {
+            guard.settle(now, state, out);
             let took = now.since(guard.since).as_secs_f64();
             let name = &guard.config.name;
             for fault in [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUnstartable] {
@@ -153,8 +156,9 @@ impl Watchdog {
         match *event {
             ProcessEvent::Started { module, pid } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == module) {
-                    guard.on_started(now, pid);
-                    if self.ending {
+                    guard.on_started(now, pid, out);
+                    // A TERMINATE that came meanwhile was not heard by a process that was not there.
+                    if self.ending || guard.wanted == State::Terminate {
                         guard.end(now, self.config.end_within, out);
                     }
                 }
@@ -293,6 +297,11 @@ impl Module for Watchdog {
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        if now.since(self.now) >= HELD_UP {
+            for guard in &mut self.guards {
+                guard.heard = now;
+            }
+        }
         self.now = now;
         match event {
             Event::Start => {

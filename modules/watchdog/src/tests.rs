@@ -1,10 +1,10 @@
 //! The watchdog against processes that the test plays.
 
 use crate::{Config, ModuleConfig, NAME, Watchdog};
-use base::{Duration, Instant, Severity};
+use base::{Duration, Epoch, Instant, Severity};
 use messages::{Message, common};
 use module::bench::Bench;
-use module::{Action, Event, ExitStatus, ProcessCommand, ProcessEvent, Shell, ShellConfig, State};
+use module::{Action, Actions, Event, ExitStatus, ProcessCommand, ProcessEvent, Shell, ShellConfig, State};
 use std::fmt::Write;
 
 /// Two modules: `eyes` depends on `nerves`.
@@ -86,6 +86,10 @@ fn log(bench: &mut Bench, seen: &mut String) {
                 format!("notice {}", report.subject)
             }
             Action::Report(report) => format!("report {:?} {}", report.fault, report.subject),
+            Action::Publish(Message::CmCmdState(command)) => {
+                let state = State::from_value(command.state).unwrap();
+                format!("command {} {state}{}", command.module, if command.manual { " manual" } else { "" })
+            }
             Action::Exit(code) => format!("exit {code}"),
             _ => continue,
         };
@@ -271,4 +275,80 @@ fn processes_are_shown_ten_times_a_second_and_at_every_change() {
     let Message::CmDataProcesses(processes) = &published[0] else { panic!("{published:?}") };
     let nerves = &processes.processes[0];
     assert_eq!((nerves.module.as_str(), nerves.pid, nerves.phase), ("nerves", 7, common::Process::RUNNING));
+}
+
+#[test]
+fn a_command_to_a_process_that_is_being_started_is_not_lost() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > command nerves STOP manual
+         2ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < command nerves STOP manual
+         10ms < spawn eyes RUN
+         11ms > says nerves STOP
+         20ms > command eyes TERMINATE
+         21ms > pid eyes 8
+         21ms < sigterm 8
+         30ms > exit 8 0
+         40ms > end",
+    );
+}
+
+#[test]
+fn a_second_process_of_a_module_is_not_left() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         5000ms < report ModuleUnstartable nerves
+         5000ms < spawn nerves RUN
+         5001ms > pid nerves 8
+         5002ms > pid nerves 7
+         5002ms < sigkill 7
+         5003ms > exit 7 137
+         5004ms > end",
+    );
+}
+
+#[test]
+fn terminate_is_no_way_out_of_stop_but_for_an_operator() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         11ms > command nerves STOP manual
+         12ms > says nerves STOP
+         20ms > command nerves TERMINATE
+         25ms > exit 7 0
+         30ms > command nerves RUN
+         30ms < spawn nerves STOP
+         31ms > pid nerves 8
+         32ms > says nerves STOP
+         40ms > command nerves TERMINATE
+         45ms > exit 8 0
+         50ms > command nerves RUN manual
+         50ms < spawn nerves RUN",
+    );
+}
+
+#[test]
+fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
+    let mut bench = bench();
+    bench.event(Event::Start);
+    bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
+    bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
+    bench.pass(Duration::from_millis(500));
+    let frozen = bench.now() + Duration::from_secs(3);
+    let mut out = Actions::new(Epoch::default());
+    bench.shell.handle(frozen, Event::Timer, &mut out);
+    let ended = |action: &Action| matches!(action, Action::Process(ProcessCommand::Terminate { .. }));
+    assert!(!out.drain().any(|action| ended(&action)));
+    // Who stays silent from then on is ended as ever.
+    for ms in (100..=2200).step_by(100) {
+        bench.shell.handle(frozen + Duration::from_millis(ms), Event::Timer, &mut out);
+    }
+    assert_eq!(out.drain().filter(ended).count(), 1);
 }

@@ -145,6 +145,12 @@ impl Axis {
         *self = Self { events, ..Self::new(self.config) };
     }
 
+    /// Whether the goal was seen reached.
+    #[must_use]
+    pub fn is_reached(&self) -> bool {
+        self.reached
+    }
+
     /// The state seen last.
     #[must_use]
     pub fn state(&self) -> Option<PowerState> {

@@ -271,7 +271,7 @@ impl Peer {
             self.stats.losses = self.stats.losses.saturating_add(1);
             shared.events.push(Event::Lost { node: self.id(), reason: LostReason::BusDown });
         }
-        self.abandon(shared);
+        self.forget_demands(shared);
         self.nmt_state = None;
         self.phase = Phase::Resting { until: now + shared.config.retry };
     }

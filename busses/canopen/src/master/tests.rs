@@ -365,6 +365,25 @@ fn when_the_bus_goes_down_nothing_is_left_to_send() {
 }
 
 #[test]
+fn what_was_asked_of_a_node_before_it_was_lost_is_not_written_after() {
+    let mut bus = booted();
+    let now = bus.now;
+    let first = bus.master.sdo_write(now, 2, 0x6083, 0, crate::Value::U32(500)).unwrap();
+    let second = bus.master.sdo_write(now, 2, 0x6060, 0, crate::Value::I8(6)).unwrap();
+    // It reboots before anything of this has reached it.
+    while bus.master.poll_tx().is_some() {}
+    bus.nodes[1].power_on(now);
+    bus.run_to(3000, is_booted(2));
+    let cancelled = |event: &&(Instant, Event)| {
+        let error = crate::sdo::Error::Cancelled;
+        matches!(event.1, Event::SdoFailed { ticket, error: why, .. } if [first, second].contains(&ticket) && why == error)
+    };
+    assert_eq!(bus.events.iter().filter(cancelled).count(), 2, "{:?}", bus.events);
+    bus.run(1000);
+    assert_eq!(bus.nodes[1].get(0x6060, 0), Some(1), "the mode it was set up with");
+}
+
+#[test]
 fn two_nodes_with_one_id_are_refused() {
     let mut bus = booted();
     let twin = Node::new(epos::dictionary(1), Duration::from_millis(9));

@@ -56,13 +56,15 @@ pub struct Arbiter {
     /// The source that moves the robot, by name; kept after it fell silent until the robot stands.
     holder: Option<(String, i8)>,
     latched: bool,
+    /// An operator's word from before this moment lets nobody go: the last stop's end, the last manual command.
+    since: Instant,
 }
 
 impl Arbiter {
     /// An arbiter that lets a command live for `ttl`. The planner begins latched.
     #[must_use]
     pub fn new(ttl: Duration) -> Self {
-        Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true }
+        Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true, since: Instant::ZERO }
     }
 
     /// Takes a command received at `at`; `blocked` says that a stop for a fault is in force.
@@ -94,6 +96,7 @@ impl Arbiter {
         let key = (source.command.source.clone(), source.command.priority);
         if manual {
             self.latched = true;
+            self.since = self.since.max(at);
         }
         self.holder = Some(key);
         Verdict::Holds
@@ -122,20 +125,22 @@ impl Arbiter {
         }
     }
 
-    /// The robot is being stopped for a fault, a PAUSE, or by an operator: whoever moves must ask anew.
-    pub fn stopped(&mut self) {
+    /// The robot is being stopped for a fault, a PAUSE, or by an operator: whoever moves must ask anew. To be called
+    /// again when the reason is over: what an operator said before does not count.
+    pub fn stopped(&mut self, now: Instant) {
         self.latched = true;
+        self.since = now;
         self.holder = None;
         for source in &mut self.sources {
             source.armed &= source.command.speed == 0.0;
         }
     }
 
-    /// An operator lets the planner go: a `cmd_goal`, or a manual `cmd_state` RUN. Without effect while a manual
-    /// source moves the robot.
-    pub fn release_planner(&mut self, now: Instant) {
-        let manual = self.current(now).is_some_and(|command| command.priority > PLANNER);
-        if !manual {
+    /// An operator lets the planner go: a `cmd_goal`, or a manual `cmd_state` RUN, received at `at`. Without effect
+    /// while a manual source moves the robot, and when it was said before the last stop was over.
+    pub fn release_planner(&mut self, at: Instant) {
+        let manual = self.current(at).is_some_and(|command| command.priority > PLANNER);
+        if !manual && at >= self.since {
             self.latched = false;
         }
     }
@@ -156,13 +161,17 @@ impl Arbiter {
             return index;
         }
         // A source never heard of has sent nothing since any release.
-        let fresh = Source { command: command.clone(), at: at - self.ttl, armed: false };
+        let mut new = Source { command: command.clone(), at: at - self.ttl, armed: false };
         if self.sources.len() < SOURCES_MAX {
-            self.sources.push(fresh);
+            self.sources.push(new);
             return self.sources.len() - 1;
         }
         let oldest = (0..self.sources.len()).min_by_key(|index| self.sources[*index].at).unwrap_or(0);
-        self.sources[oldest] = fresh;
+        // Where even the oldest lives, this may be one that was forgotten a moment ago: it must send zero.
+        if at.since(self.sources[oldest].at) < self.ttl {
+            new.at = at;
+        }
+        self.sources[oldest] = new;
         oldest
     }
 }
@@ -238,13 +247,13 @@ mod tests {
     fn after_a_stop_a_source_must_send_zero_or_nothing_first() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
-        bench.0.stopped();
+        bench.0.stopped(Instant::from_millis(1001));
         assert_eq!(bench.moves(1), None);
         assert_eq!(bench.say_blocked(50, "op", 1, 0.4), NotReleased);
         // The fault is over, the source has not let go.
         assert_eq!(bench.say(100, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(350, "op", 1, 0.4), Holds, "it was silent for its time to live");
-        bench.0.stopped();
+        bench.0.stopped(Instant::from_millis(1360));
         assert_eq!(bench.say(400, "op", 1, 0.0), Holds);
         assert_eq!(bench.say(450, "op", 1, 0.4), Holds);
     }
@@ -262,6 +271,28 @@ mod tests {
         assert_eq!(bench.say(1000, "planner", 0, 0.4), Latched);
         bench.0.release_planner(Instant::from_millis(2100));
         assert_eq!(bench.say(1300, "planner", 0, 0.4), Holds);
+    }
+
+    #[test]
+    fn what_an_operator_said_before_the_stop_was_over_does_not_let_the_planner_go() {
+        let mut bench = Bench::new();
+        bench.0.stopped(Instant::from_millis(1100));
+        bench.0.release_planner(Instant::from_millis(1099));
+        assert_eq!(bench.say(110, "planner", 0, 0.4), Latched);
+        bench.0.release_planner(Instant::from_millis(1120));
+        assert_eq!(bench.say(120, "planner", 0, 0.4), Holds);
+    }
+
+    #[test]
+    fn a_source_that_was_forgotten_for_others_is_not_a_new_one() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        bench.0.stopped(Instant::from_millis(1001));
+        for n in 0..8 {
+            bench.say(10 + n, &format!("s{n}"), 3, 0.0);
+        }
+        bench.0.stopped(Instant::from_millis(1020));
+        assert_eq!(bench.say(50, "op", 1, 0.4), NotReleased);
     }
 
     #[test]

@@ -15,6 +15,10 @@ const REPEAT: Duration = Duration::from_millis(50);
 const RESET: Duration = Duration::from_secs(1);
 /// An axis that did not obey, or left by itself, stands against motion at least this long.
 const TROUBLE: Duration = Duration::from_millis(500);
+/// Event-driven PDOs tell changes only: after this long without one the drive is asked what it measures.
+const QUIET: Duration = Duration::from_millis(400);
+/// What was measured longer ago is not known any more.
+const KNOWN: Duration = Duration::from_secs(1);
 
 /// One drive.
 pub(super) struct Drive {
@@ -34,6 +38,13 @@ pub(super) struct Drive {
     changed: bool,
     /// What was seen last may not be so: the drive is to be asked.
     doubt: bool,
+    /// When it last told what it measures, and when it is asked.
+    measured: Instant,
+    ask: Instant,
+    /// Questions under way.
+    asked: u8,
+    /// It was asked and did not answer, whatever its heartbeat says.
+    deaf: bool,
 }
 
 impl Drive {
@@ -51,6 +62,10 @@ impl Drive {
             sent: None,
             changed: true,
             doubt: false,
+            measured: Instant::ZERO,
+            ask: Instant::NEVER,
+            asked: 0,
+            deaf: false,
         }
     }
 
@@ -63,8 +78,10 @@ impl Drive {
         self.sent = None;
         self.error_code = 0;
         self.repeat = Ticker::new(now, REPEAT);
+        self.ask = now + QUIET;
         self.changed = true;
-        for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch] {
+        // A fault that it had is gone with its reset, or told anew.
+        for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch, Fault::DriveFault] {
             out.clear(fault, self.name, format!("{} drive (node {}) is there and set up", self.name, self.node));
         }
     }
@@ -82,6 +99,8 @@ impl Drive {
     pub(super) fn on_lost(&mut self, reason: LostReason, out: &mut Actions) {
         self.booted = false;
         self.axis.lost();
+        (self.trouble, self.reset, self.doubt) = (None, None, false);
+        (self.asked, self.deaf) = (0, false);
         self.why = format!("is lost: {reason}");
         self.changed = true;
         let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
@@ -91,6 +110,8 @@ impl Drive {
     pub(super) fn on_emergency(&mut self, emergency: &Emergency, suppressed: u32, out: &mut Actions) {
         self.error_code = emergency.code;
         self.changed = true;
+        // The statusword that goes with it may have been lost.
+        self.doubt |= emergency.code != 0;
         let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
         let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
         let message = format!(
@@ -125,6 +146,40 @@ impl Drive {
         self.drain(now, out);
     }
 
+    /// It told what it measures.
+    pub(super) fn on_measured(&mut self, now: Instant) {
+        self.measured = now;
+        self.ask = now + QUIET;
+        self.deaf = false;
+    }
+
+    /// A question is under way.
+    pub(super) fn on_asked(&mut self) {
+        self.asked = self.asked.saturating_add(1);
+    }
+
+    /// A question has ended, without an answer or with one.
+    pub(super) fn on_answer(&mut self, answered: bool, out: &mut Actions) {
+        self.asked = self.asked.saturating_sub(1);
+        if !answered && self.booted && !self.deaf {
+            self.deaf = true;
+            let message =
+                format!("{} drive (node {}) lives but does not answer; the robot stops", self.name, self.node);
+            out.report(Severity::Error, Fault::DriveFault, self.name, message);
+        }
+    }
+
+    /// Whether what it measured is still so, as far as can be known.
+    pub(super) fn is_known(&self, now: Instant) -> bool {
+        self.booted && now.since(self.measured) < KNOWN
+    }
+
+    /// It does not do as it is told: stands against motion until it was seen stopped.
+    pub(super) fn distrust(&mut self, now: Instant, why: String) {
+        self.trouble = Some((now + TROUBLE, why));
+        self.doubt = true;
+    }
+
     fn drain(&mut self, now: Instant, out: &mut Actions) {
         while let Some(event) = self.axis.poll_event() {
             self.changed = true;
@@ -146,8 +201,7 @@ impl Drive {
                         "stays {state} on the way to {goal:?}: controlword 0x{controlword:04X}, statusword 0x{statusword:04X}"
                     );
                     out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
-                    self.trouble = Some((now + TROUBLE, why));
-                    self.doubt = true;
+                    self.distrust(now, why);
                 }
                 AxisEvent::State { from: Some(PowerState::Fault), .. } => {
                     self.reset = None;
@@ -160,8 +214,15 @@ impl Drive {
 
     /// Serves what is due; to be called after every event, before the frames are made.
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) {
-        if self.trouble.as_ref().is_some_and(|(until, _)| *until <= now) {
-            self.trouble = None;
+        if let Some((_, why)) = self.trouble.take_if(|(until, _)| *until <= now)
+            && !self.axis.is_reached()
+        {
+            // It was told to stop and does not: that is no passing trouble.
+            self.distrust(now, why);
+        }
+        if self.booted && self.ask <= now {
+            self.ask = now + QUIET;
+            self.doubt = true;
         }
         if self.reset.is_some_and(|at| at <= now) {
             self.reset = Some(now + RESET);
@@ -187,7 +248,7 @@ impl Drive {
     fn is_at_rest(&self) -> bool {
         match self.axis.goal() {
             Goal::Enabled => false,
-            Goal::QuickStop | Goal::Disabled => self.axis.poll_timeout().is_none(),
+            Goal::QuickStop | Goal::Disabled => self.axis.is_reached() && self.axis.poll_timeout().is_none(),
         }
     }
 
@@ -195,6 +256,9 @@ impl Drive {
     pub(super) fn objection(&self) -> Option<String> {
         if !self.booted {
             return Some(format!("the {} drive {}", self.name, self.why));
+        }
+        if self.deaf {
+            return Some(format!("the {} drive does not answer", self.name));
         }
         if let Some((_, why)) = &self.trouble {
             return Some(format!("the {} drive {why}", self.name));
@@ -223,7 +287,7 @@ impl Drive {
 
     /// Its node, and whether it is to be asked for its state; once.
     pub(super) fn take_doubt(&mut self) -> (u8, bool) {
-        (self.node, std::mem::take(&mut self.doubt) && self.booted)
+        (self.node, std::mem::take(&mut self.doubt) && self.booted && self.asked == 0)
     }
 
     /// Whether something of its state changed since the last call.
@@ -234,6 +298,7 @@ impl Drive {
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let repeat = (self.booted && !self.is_at_rest()).then(|| self.repeat.next());
         let trouble = self.trouble.as_ref().map(|(until, _)| *until);
-        [self.axis.poll_timeout(), self.reset, repeat, trouble].into_iter().flatten().min()
+        let ask = self.booted.then_some(self.ask);
+        [self.axis.poll_timeout(), self.reset, repeat, trouble, ask].into_iter().flatten().min()
     }
 }

@@ -23,7 +23,7 @@ pub use config::{Config, Limits, PropulsionConfig, SteeringConfig};
 use arbiter::{Arbiter, Command, Verdict};
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use canopen::master::ConfigError;
-use canopen::{Event as Heard, Master, MasterConfig};
+use canopen::{Event as Heard, Master, MasterConfig, sdo};
 use messages::{Channel, Message, common, lowlevel};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 use propulsion::Propulsion;
@@ -63,6 +63,8 @@ pub struct Canbus {
     ignored: Option<(Instant, String)>,
     contested: Option<Instant>,
     working: Option<bool>,
+    /// The planner was permitted to move the robot, as it was decided last.
+    planned: bool,
     motion: Ticker,
     axes: Ticker,
     now: Instant,
@@ -101,6 +103,7 @@ impl Canbus {
             ignored: None,
             contested: None,
             working: None,
+            planned: false,
             motion: Ticker::new(Instant::NEVER, MOTION_PERIOD),
             axes: Ticker::new(Instant::NEVER, AXES_PERIOD),
             now: Instant::ZERO,
@@ -108,14 +111,16 @@ impl Canbus {
     }
 
     fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
+        // A clock that was wrong when it was received must not make it live longer.
+        let at = at.min(now);
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(homing, out),
             Message::CmDataProcesses(list) => self.around.on_processes(at, list),
             Message::LlEventStop(stop) => self.around.on_stop(at, stop),
             Message::MlDataEstimate(estimate) => self.around.on_estimate(at, estimate),
-            Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.release_planner(now),
-            Message::CmCmdState(command) => self.on_state_command(now, command),
+            Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.release_planner(at),
+            Message::CmCmdState(command) => self.on_state_command(at, command),
             _ => {}
         }
     }
@@ -182,16 +187,16 @@ impl Canbus {
         }
     }
 
-    fn on_state_command(&mut self, now: Instant, command: &common::CmdState) {
+    fn on_state_command(&mut self, at: Instant, command: &common::CmdState) {
         let planner = command.module == "planner" || command.module == "*";
         if planner && command.manual && command.state == State::Run as i8 {
-            self.release_planner(now);
+            self.release_planner(at);
         }
     }
 
-    fn release_planner(&mut self, now: Instant) {
+    fn release_planner(&mut self, at: Instant) {
         if self.blocked.is_none() {
-            self.arbiter.release_planner(now);
+            self.arbiter.release_planner(at);
         }
     }
 
@@ -244,6 +249,8 @@ impl Canbus {
                 }
                 if node == self.steering.drive.node {
                     self.steering.on_lost();
+                } else if node == self.propulsion.drive.node {
+                    self.propulsion.on_lost();
                 }
             }
             Heard::Emergency { node, emergency, suppressed } => {
@@ -261,6 +268,14 @@ impl Canbus {
             }
             Heard::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
+                if let Some(drive) = self.drive_mut(node) {
+                    drive.on_answer(true, out);
+                }
+            }
+            Heard::SdoFailed { node, index, sub: 0, error, .. } if MEASURED.contains(&index) => {
+                if let Some(drive) = self.drive_mut(node) {
+                    drive.on_answer(error == sdo::Error::Cancelled, out);
+                }
             }
             Heard::SdoRead { .. } | Heard::SdoWritten { .. } | Heard::SdoFailed { .. } => {
                 self.steering.on_sdo(now, &event);
@@ -281,14 +296,18 @@ impl Canbus {
         let measured = if node == self.propulsion.drive.node { VELOCITY } else { POSITION };
         for index in [measured, STATUSWORD] {
             // The queue of a node that has just booted has room for both.
-            let _ = self.master.sdo_read(now, node, index, 0);
+            if self.master.sdo_read(now, node, index, 0).is_ok()
+                && let Some(drive) = self.drive_mut(node)
+            {
+                drive.on_asked();
+            }
         }
     }
 
     fn on_measured(&mut self, now: Instant, node: u8, index: u16, data: &[u8], out: &mut Actions) {
         match (index, data) {
-            (VELOCITY, &[a, b, c, d]) => self.propulsion.on_velocity(i32::from_le_bytes([a, b, c, d])),
-            (POSITION, &[a, b, c, d]) => self.steering.on_position(i32::from_le_bytes([a, b, c, d])),
+            (VELOCITY, &[a, b, c, d]) => self.propulsion.on_velocity(now, i32::from_le_bytes([a, b, c, d])),
+            (POSITION, &[a, b, c, d]) => self.steering.on_position(now, i32::from_le_bytes([a, b, c, d])),
             (STATUSWORD, &[low, high]) => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_statusword(now, u16::from_le_bytes([low, high]), out);
@@ -302,8 +321,9 @@ impl Canbus {
         [&mut self.propulsion.drive, &mut self.steering.drive].into_iter().find(|drive| drive.node == node)
     }
 
+    /// Whether it is known to stand.
     fn is_standing(&self) -> bool {
-        self.propulsion.speed().abs() < STANDING
+        self.propulsion.is_slower(self.now, STANDING)
     }
 
     /// What stands against any motion, in the order in which an engineer would ask.
@@ -336,18 +356,18 @@ impl Canbus {
         let blocked = self.objection(now);
         if blocked != self.blocked {
             self.report_change(blocked.as_ref(), out);
-            if blocked.is_some() {
-                self.arbiter.stopped();
-            }
+            self.arbiter.stopped(now);
             self.blocked = blocked;
         }
         if self.is_standing() {
             self.arbiter.standing(now);
         }
+        self.watch_planner(now);
         match self.permitted(now) {
             Some((speed, steering)) => {
                 self.steering.go(steering);
-                self.propulsion.drive(speed);
+                // A robot that does not steer does not drive.
+                self.propulsion.drive(if self.steering.is_enabled() { speed } else { 0.0 });
             }
             None => {
                 self.propulsion.quick_stop();
@@ -361,6 +381,16 @@ impl Canbus {
                 self.ask_where_it_is(now, node);
             }
         }
+    }
+
+    /// Without an estimate the planner stops; an estimate that comes back does not let it go again.
+    fn watch_planner(&mut self, now: Instant) {
+        let plans = self.arbiter.current(now).is_some_and(|command| command.priority == arbiter::PLANNER);
+        if plans && self.planned && !self.around.is_located(now) {
+            self.arbiter.stopped(now);
+            self.ignored = Some((now + self.config.ttl, "the planner has lost the estimate it drove by".into()));
+        }
+        self.planned = plans && self.around.is_located(now);
     }
 
     /// The steering while nobody moves the robot: it is homed as soon as nothing but that stands against motion, holds
@@ -511,7 +541,7 @@ impl Module for Canbus {
             self.propulsion.drive.poll_timeout(),
             self.steering.poll_timeout(),
             self.arbiter.poll_timeout(self.now),
-            self.around.poll_timeout().filter(|due| *due > self.now),
+            self.around.poll_timeout(self.now),
             self.refused_until,
             self.contested,
         ];

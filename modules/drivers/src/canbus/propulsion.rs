@@ -50,13 +50,24 @@ impl Propulsion {
             return;
         };
         if let Some(rpm) = status.velocity_rpm {
-            self.on_velocity(rpm);
+            self.on_velocity(now, rpm);
         }
         self.drive.on_statusword(now, status.statusword, out);
     }
 
-    pub(super) fn on_velocity(&mut self, rpm: i32) {
+    pub(super) fn on_velocity(&mut self, now: Instant, rpm: i32) {
         self.speed = f64::from(rpm) / self.rpm_per_mps;
+        self.drive.on_measured(now);
+    }
+
+    /// How fast it turns is not known until it tells.
+    pub(super) fn on_lost(&mut self) {
+        self.speed = f64::NAN;
+    }
+
+    /// Whether it is known to turn slower than `limit`, m/s.
+    pub(super) fn is_slower(&self, now: Instant, limit: f64) -> bool {
+        self.drive.is_known(now) && self.speed.abs() < limit
     }
 
     /// Drive at `speed`, m/s.

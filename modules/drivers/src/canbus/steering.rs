@@ -108,7 +108,9 @@ impl Steering {
         let Some(status) = icla::unpack(number, data) else {
             return;
         };
-        self.position = status.position.or(self.position);
+        if let Some(counts) = status.position {
+            self.on_position(now, counts);
+        }
         self.drive.on_statusword(now, status.statusword, out);
         if self.homing.is_running() {
             self.homing.handle_statusword(now, status.statusword);
@@ -117,8 +119,9 @@ impl Steering {
         }
     }
 
-    pub(super) fn on_position(&mut self, counts: i32) {
+    pub(super) fn on_position(&mut self, now: Instant, counts: i32) {
         self.position = Some(counts);
+        self.drive.on_measured(now);
     }
 
     pub(super) fn on_sdo(&mut self, now: Instant, event: &Heard) {
@@ -227,8 +230,9 @@ impl Steering {
         self.setpoint.handle_timeout(now);
         while let Some(event) = self.setpoint.poll_event() {
             if matches!(event, SetpointEvent::Retried { tries: TRIES, .. }) {
-                let message = format!("steering drive does not take its target, asked {TRIES} times; asked on");
+                let message = format!("steering drive does not take its target, asked {TRIES} times: the robot stops");
                 out.report(Severity::Error, Fault::DriveFault, "steering", message);
+                self.drive.distrust(now, "does not take its target".into());
             }
         }
         if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT {

@@ -88,12 +88,11 @@ impl Surroundings {
     /// What stands against any motion at `now`.
     #[must_use]
     pub fn objection(&self, now: Instant) -> Option<Objection> {
-        if self.has_pause_line {
-            match &self.pause {
-                (at, _) if now.since(*at) >= PAUSE_UNKNOWN => return Some(Objection::PauseUnknown),
-                (_, Some(source)) => return Some(Objection::Paused(source.clone())),
-                (_, None) => {}
-            }
+        match &self.pause {
+            (at, _) if self.has_pause_line && now.since(*at) >= PAUSE_UNKNOWN => return Some(Objection::PauseUnknown),
+            // Whoever says so: without a power controller too.
+            (_, Some(source)) => return Some(Objection::Paused(source.clone())),
+            (_, None) => {}
         }
         match self.processes.as_ref()? {
             (at, _) if now.since(*at) >= WATCHDOG_SILENT => Some(Objection::WatchdogSilent),
@@ -108,12 +107,13 @@ impl Surroundings {
         self.estimate.is_some_and(|at| now.since(at) < ESTIMATE_OLD)
     }
 
-    /// When an objection may arise from silence, if nothing is heard until then.
+    /// When, after `now`, silence may make an objection or an old estimate, if nothing is heard until then.
     #[must_use]
-    pub fn poll_timeout(&self) -> Option<Instant> {
+    pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
         let watchdog = self.processes.as_ref().map(|(at, _)| *at + WATCHDOG_SILENT);
         let pause = self.has_pause_line.then(|| self.pause.0 + PAUSE_UNKNOWN);
-        [watchdog, pause].into_iter().flatten().min()
+        let estimate = self.estimate.map(|at| at + ESTIMATE_OLD);
+        [watchdog, pause, estimate].into_iter().flatten().filter(|due| *due > now).min()
     }
 }
 
@@ -143,7 +143,8 @@ mod tests {
         around.on_processes(at(100), &processes(&["nerves", "eyes"]));
         assert_eq!(around.objection(at(349)), None);
         assert_eq!(around.objection(at(350)), Some(Objection::WatchdogSilent));
-        assert_eq!(around.poll_timeout(), Some(at(350)));
+        assert_eq!(around.poll_timeout(at(349)), Some(at(350)));
+        assert_eq!(around.poll_timeout(at(350)), None);
     }
 
     #[test]
@@ -159,11 +160,30 @@ mod tests {
     }
 
     #[test]
+    fn an_engaged_pause_line_counts_without_a_power_controller_too() {
+        let mut around = Surroundings::new(vec![], false);
+        assert_eq!(around.objection(at(5000)), None);
+        around.on_stop(at(5000), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper1".into() });
+        assert_eq!(around.objection(at(9000)), Some(Objection::Paused("bumper1".into())));
+        around.on_stop(at(9000), &lowlevel::EventStop { timestamp: 0, engaged: false, source: "bumper1".into() });
+        assert_eq!(around.objection(at(19_000)), None);
+    }
+
+    #[test]
+    fn a_deadline_that_is_past_hides_none_that_comes() {
+        let mut around = Surroundings::new(vec![], true);
+        around.on_processes(at(0), &processes(&[]));
+        around.on_stop(at(100), &lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() });
+        assert_eq!(around.poll_timeout(at(300)), Some(at(1300)));
+    }
+
+    #[test]
     fn a_lost_or_old_estimate_does_not_carry_the_planner() {
         let mut around = Surroundings::new(vec![], false);
         let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
         around.on_estimate(at(0), &fine);
         assert!(around.is_located(at(199)) && !around.is_located(at(200)));
+        assert_eq!(around.poll_timeout(at(0)), Some(at(200)));
         around.on_estimate(at(300), &middlelevel::DataEstimate { quality: middlelevel::DataEstimate::LOST, ..fine });
         assert!(!around.is_located(at(300)));
     }

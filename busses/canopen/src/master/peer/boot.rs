@@ -31,6 +31,15 @@ impl Peer {
         }
     }
 
+    /// What was asked on demand before a node was lost was meant for the node that it was.
+    pub(super) fn forget_demands(&mut self, shared: &mut Shared) {
+        self.abandon(shared);
+        while let Some(Demand { ticket, index, sub, .. }) = self.demands.pop() {
+            let error = sdo::Error::Cancelled;
+            shared.events.push(Event::SdoFailed { node: self.id(), ticket, index, sub, error });
+        }
+    }
+
     pub(super) fn first(&mut self, now: Instant, shared: &mut Shared) {
         self.boot_ups = 0;
         self.begin(now, shared);
@@ -176,6 +185,7 @@ impl Peer {
         self.stats.losses = self.stats.losses.saturating_add(1);
         self.drop_pdos(shared);
         shared.events.push(Event::Lost { node: self.id(), reason });
+        self.forget_demands(shared);
         self.first(now, shared);
     }
 

@@ -1,6 +1,6 @@
 //! A drive that is no more than its objects: it obeys at once. What a drive really does is the simulator's affair.
 
-use base::can::Frame;
+use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use canopen::axis::drive::Drive;
 use canopen::axis::{PowerState, status};
@@ -11,6 +11,10 @@ pub struct Fake {
     pub power: Drive,
     /// It takes part in the bus.
     pub alive: bool,
+    /// What it sends is lost, but for its heartbeat.
+    pub mute: bool,
+    /// It does not obey its controlword any more.
+    pub stubborn: bool,
     homing: Option<Instant>,
     bits: u16,
 }
@@ -20,7 +24,7 @@ impl Fake {
         let mut node = Node::new(dictionary, Duration::from_millis(5));
         node.power_on(Instant::ZERO);
         let power = Drive::new(quick_stop_option, true);
-        Self { node, power, alive: true, homing: None, bits: status::REMOTE }
+        Self { node, power, alive: true, mute: false, stubborn: false, homing: None, bits: status::REMOTE }
     }
 
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
@@ -45,7 +49,13 @@ impl Fake {
     }
 
     pub fn poll_tx(&mut self) -> Option<Frame> {
-        self.node.poll_tx().filter(|_| self.alive)
+        while let Some(frame) = self.node.poll_tx() {
+            let heartbeat = matches!(frame.id(), Id::Standard(id) if id & 0x780 == 0x700);
+            if self.alive && (heartbeat || !self.mute) {
+                return Some(frame);
+            }
+        }
+        None
     }
 
     /// Something breaks inside: the drive tells and stops.
@@ -75,6 +85,9 @@ impl Fake {
     }
 
     fn obey(&mut self, now: Instant) {
+        if self.stubborn {
+            return;
+        }
         let word = self.get(0x6040) as u16;
         self.power.apply(word);
         let enabled = self.power.state() == PowerState::OperationEnabled;

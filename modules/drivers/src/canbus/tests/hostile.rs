@@ -1,0 +1,214 @@
+//! What goes wrong in ways that heartbeats do not show, and what was said before a stop.
+
+use super::*;
+use base::can::Id;
+use messages::middlelevel::{CmdGoal, DataEstimate, Waypoint};
+
+fn rpdo4_moves(frame: &can::Frame) -> bool {
+    frame.id() == Id::Standard(0x501) && frame.data()[0] == 0x0F && frame.data()[2..6] != [0; 4]
+}
+
+impl Robot {
+    fn estimate(&mut self) {
+        self.bench.message(DataEstimate { quality: DataEstimate::FINE, ..Default::default() });
+    }
+
+    fn goal(&mut self, at: Instant) {
+        let goal = Message::from(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
+        self.bench.event(Event::Message { at, message: &goal });
+    }
+
+    fn plan(&mut self, speed: f64, ms: u32, located: bool) {
+        for _ in 0..ms / 50 {
+            if located {
+                self.estimate();
+            }
+            let (priority, source) = (arbiter_planner(), "planner".into());
+            self.bench.message(lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source });
+            self.exchange();
+            self.pass(50);
+        }
+    }
+}
+
+fn arbiter_planner() -> i8 {
+    super::super::arbiter::PLANNER
+}
+
+#[test]
+fn an_estimate_that_comes_back_does_not_let_the_planner_go_again() {
+    let mut robot = Robot::ready();
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 500, true);
+    assert!(robot.moves(), "{}", robot.reason());
+    let last = robot.bench.now() - Duration::from_millis(50);
+    robot.frames.clear();
+    robot.plan(0.4, 400, false);
+    assert!(!robot.moves());
+    let stop = robot.frames.iter().find(|(_, frame)| frame.data().starts_with(&[0x0B, 0x00])).unwrap().0;
+    assert_eq!(stop.since(last), Duration::from_millis(200), "at once, not at the next message");
+    robot.plan(0.4, 1000, true);
+    assert!(!robot.moves(), "it resumed by itself");
+    assert_eq!(robot.reason(), "planner must be let go by an operator first");
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 200, true);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_goal_from_before_the_end_of_a_stop_does_not_let_the_planner_go() {
+    let mut robot = Robot::ready();
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 500, true);
+    robot.missing = "driver_rs485a";
+    robot.plan(0.4, 200, true);
+    let during = robot.bench.now();
+    robot.missing = "";
+    robot.plan(0.4, 200, true);
+    // It waited in the socket.
+    robot.goal(during);
+    robot.plan(0.4, 500, true);
+    assert!(!robot.moves());
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 200, true);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.bench.message(lowlevel::EventStop { timestamp: 0, engaged: true, source: "sd1_front".into() });
+    robot.exchange();
+    assert!(!robot.moves());
+    robot.drive(0.4, 200);
+    assert_eq!(robot.reason(), "PAUSE is engaged by sd1_front");
+    robot.bench.message(lowlevel::EventStop { timestamp: 0, engaged: false, source: "sd1_front".into() });
+    robot.drive(0.4, 200);
+    assert!(!robot.moves(), "it resumed by itself");
+}
+
+#[test]
+fn a_command_from_the_future_lives_no_longer_than_any_other() {
+    let mut robot = Robot::ready();
+    let source = "clock".into();
+    let message = Message::from(lowlevel::CmdMotion { timestamp: 0, speed: 0.4, steering: 0.0, priority: 1, source });
+    let at = robot.bench.now() + Duration::from_secs(3600);
+    robot.bench.event(Event::Message { at, message: &message });
+    robot.exchange();
+    robot.pass(249);
+    assert!(robot.moves(), "{}", robot.reason());
+    robot.pass(2);
+    assert!(!robot.moves());
+}
+
+#[test]
+fn the_robot_does_not_drive_before_it_steers() {
+    let mut robot = Robot::ready();
+    robot.pass(500);
+    // Quick-stopped by PAUSE, then let go: both drives are to be enabled again, and the steering does not obey.
+    let pause = |engaged| lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() };
+    robot.bench.message(pause(true));
+    robot.pass(200);
+    robot.icla.stubborn = true;
+    robot.bench.message(pause(false));
+    robot.frames.clear();
+    robot.drive(0.4, 3000);
+    assert!(!robot.frames.iter().any(|(_, frame)| rpdo4_moves(frame)), "driven without steering");
+}
+
+#[test]
+fn a_stop_that_is_not_seen_done_is_commanded_for_ever_and_stands_against_motion() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.epos.stubborn = true;
+    robot.pass(4000);
+    let before = robot.bench.now();
+    robot.pass(1000);
+    let stops = |(at, frame): &&(Instant, can::Frame)| *at > before && frame.data().starts_with(&[0x0B, 0x00]);
+    let stops = robot.frames.iter().filter(stops).count();
+    assert!(stops >= 19, "{stops} quick stops in a second");
+    assert!(robot.reason().contains("propulsion drive stays"), "{}", robot.reason());
+    robot.drive(0.0, 200);
+    robot.frames.clear();
+    robot.drive(0.4, 1000);
+    assert!(!robot.frames.iter().any(|(_, frame)| rpdo4_moves(frame)));
+    robot.epos.stubborn = false;
+    robot.pass(2000);
+    assert!(!robot.moves());
+    robot.drive(0.4, 500);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_drive_of_which_only_the_heartbeat_is_left_stops_the_robot() {
+    for propulsion in [true, false] {
+        let mut robot = Robot::ready();
+        robot.drive(0.4, 500);
+        let mute = if propulsion { &mut robot.epos } else { &mut robot.icla };
+        mute.mute = true;
+        robot.drive(0.4, 1000);
+        assert!(robot.reason().contains("does not answer"), "{propulsion}: {}", robot.reason());
+        assert!(!robot.moves(), "{propulsion}");
+        let told = robot.errors.iter().filter(|(fault, _)| *fault == Fault::DriveFault).count();
+        assert!(told > 0);
+        robot.epos.mute = false;
+        robot.icla.mute = false;
+        robot.drive(0.4, 2000);
+        assert!(!robot.moves(), "it resumed by itself");
+        robot.pass(500);
+        robot.drive(0.4, 500);
+        assert!(robot.moves(), "{propulsion}: {}", robot.reason());
+    }
+}
+
+#[test]
+fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
+    let mut robot = Robot::ready();
+    // It rolls, pushed; the frame that would tell so is lost, and then the steering is to be homed.
+    robot.epos.mute = true;
+    robot.epos.node.set(0x606C, 0, 1000);
+    robot.pass(20);
+    robot.epos.mute = false;
+    robot.pass(500);
+    robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
+    robot.pass(100);
+    assert!(robot.errors.contains(&(Fault::CommandForbidden, Severity::Warning)));
+    assert!(robot.motion().homed);
+    // The steering reboots: it is homed when the robot stands, not before.
+    let now = robot.bench.now();
+    robot.icla.node.power_on(now);
+    robot.pass(3000);
+    assert!(!robot.motion().homed, "homed while it rolls");
+    robot.epos.node.set(0x606C, 0, 0);
+    robot.pass(3000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+}
+
+#[test]
+fn a_fault_of_a_drive_that_reboots_is_over_and_the_next_one_is_told() {
+    let mut robot = Robot::ready();
+    for n in 1..3 {
+        let now = robot.bench.now();
+        robot.epos.fault(now, 0x2310);
+        robot.pass(100);
+        let now = robot.bench.now();
+        robot.epos.power = canopen::axis::drive::Drive::new(6, true);
+        robot.epos.node.power_on(now);
+        robot.pass(3000);
+        let told = |severity| robot.errors.iter().filter(|told| **told == (Fault::DriveFault, severity)).count();
+        assert_eq!((told(Severity::Error), told(Severity::Notice)), (n, n));
+    }
+}
+
+#[test]
+fn a_priority_that_nobody_has_is_refused() {
+    for priority in [-1, 4, i8::MIN, i8::MAX] {
+        let mut robot = Robot::ready();
+        robot.drive(0.4, 500);
+        let source = "odd".into();
+        robot.bench.message(lowlevel::CmdMotion { timestamp: 0, speed: 0.0, steering: 0.0, priority, source });
+        robot.exchange();
+        assert!(!robot.moves(), "{priority}");
+    }
+}
