@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | a board | `silent` | it neither hears nor answers |
 //! | a board | `bad_crc` | its answers have a wrong CRC |
+//! | a board | `refuses` | it says of every instruction that it does not know it |
 //! | an odometry board | `stuck` | its encoders stand still |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |
 //! | a drive | `fault` | emergency `value` (0: 0x1000, generic), and the fault state |
@@ -21,6 +22,8 @@ pub enum Ailment {
     Silent,
     /// Its answers are damaged.
     BadCrc,
+    /// It knows no instruction.
+    Refuses,
     /// Its encoders stand.
     Stuck,
     /// It finds a fault in itself.
@@ -38,6 +41,7 @@ impl Ailment {
         match name {
             "silent" => Some(Self::Silent),
             "bad_crc" => Some(Self::BadCrc),
+            "refuses" => Some(Self::Refuses),
             "stuck" => Some(Self::Stuck),
             // As casts saturate, no value is out of range.
             "fault" => Some(Self::Fault(if value > 0.0 { value as u16 } else { 0x1000 })),

@@ -292,7 +292,7 @@ impl Simulator {
                 Ailment::None => drive.silent_until = now,
                 Ailment::Fault(code) => drive.fault(now, code, self.scene.body()),
                 Ailment::Reboot => drive.power_on(now, self.scene.body()),
-                Ailment::BadCrc | Ailment::Stuck => return false,
+                Ailment::BadCrc | Ailment::Refuses | Ailment::Stuck => return false,
             }
             return true;
         }
@@ -303,9 +303,11 @@ impl Simulator {
         match (ailment, &board.kind) {
             (Ailment::Silent, _) => board.silent_until = until,
             (Ailment::BadCrc, _) => board.bad_crc_until = until,
+            (Ailment::Refuses, _) => board.refuses_until = until,
             (Ailment::Stuck, Kind::So1(_)) => board.stuck_until = until,
             (Ailment::None, _) => {
-                (board.silent_until, board.bad_crc_until, board.stuck_until) = (now, now, now);
+                (board.silent_until, board.bad_crc_until) = (now, now);
+                (board.refuses_until, board.stuck_until) = (now, now);
             }
             _ => return false,
         }

@@ -5,7 +5,7 @@
 
 mod socket;
 
-use crate::receiver::{Receiver, Stats};
+use crate::receiver::{Receiver, Rejections, Stats};
 use crate::subscription::{PatternError, SubscriptionId};
 use crate::udpm::{DATAGRAM_MAX, EncodeError, ShortHeader};
 use crate::url::Url;
@@ -179,6 +179,12 @@ impl Lcm {
     #[must_use]
     pub fn stats(&self) -> &Stats {
         &self.receiver.stats
+    }
+
+    /// What was rejected so far, by kind: at most one of each.
+    #[must_use]
+    pub fn rejections(&self) -> &[Rejections] {
+        self.receiver.rejections()
     }
 
     /// The size of the receive buffer in bytes that the kernel granted; less than the URL asks for where

@@ -50,6 +50,26 @@ pub enum Rejection {
     },
 }
 
+impl Rejection {
+    /// Its kind, without what differs from datagram to datagram: one word.
+    #[must_use]
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Self::Malformed(why) => why.kind(),
+            Self::Fragmented { .. } => "Fragmented",
+        }
+    }
+}
+
+/// All rejected datagrams of one kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rejections {
+    /// The newest.
+    pub last: Rejected,
+    /// How many so far.
+    pub count: u64,
+}
+
 impl fmt::Display for Rejected {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "LCM datagram from {} dropped: ", self.from)?;
@@ -67,6 +87,8 @@ impl fmt::Display for Rejected {
 pub struct Receiver {
     subscriptions: Subscriptions,
     sources: Sources,
+    /// One for each kind that came.
+    rejections: Vec<Rejections>,
     /// The counters; a transport adds its own.
     pub stats: Stats,
 }
@@ -100,7 +122,7 @@ impl Receiver {
             Ok(Datagram::Fragment(fragment)) => self.on_fragment(from, fragment),
             Err(why) => {
                 self.stats.malformed += 1;
-                self.stats.last_rejected = Some(Rejected { from, why: Rejection::Malformed(why) });
+                self.reject(Rejected { from, why: Rejection::Malformed(why) });
             }
         }
         None
@@ -109,9 +131,23 @@ impl Receiver {
     fn on_fragment(&mut self, from: SocketAddrV4, fragment: Fragment<'_>) {
         self.stats.fragments += 1;
         if fragment.channel.is_some_and(|channel| self.subscriptions.wants(channel)) {
-            let why = Rejection::Fragmented { total: fragment.total };
-            self.stats.last_rejected = Some(Rejected { from, why });
+            self.reject(Rejected { from, why: Rejection::Fragmented { total: fragment.total } });
         }
+    }
+
+    fn reject(&mut self, rejected: Rejected) {
+        self.stats.last_rejected = Some(rejected);
+        let kind = rejected.why.kind();
+        match self.rejections.iter_mut().find(|known| known.last.why.kind() == kind) {
+            Some(known) => *known = Rejections { last: rejected, count: known.count + 1 },
+            None => self.rejections.push(Rejections { last: rejected, count: 1 }),
+        }
+    }
+
+    /// What was rejected so far, by kind.
+    #[must_use]
+    pub fn rejections(&self) -> &[Rejections] {
+        &self.rejections
     }
 }
 
@@ -213,6 +249,11 @@ mod tests {
                     supported yet";
         assert_eq!(receiver.stats.last_rejected.unwrap().to_string(), line);
         assert_eq!((receiver.stats.malformed, receiver.stats.fragments), (1, 1));
+        for _ in 0..9 {
+            receiver.handle_rx(publisher(5), b"hello you");
+        }
+        let by_kind: Vec<_> = receiver.rejections().iter().map(|kind| (kind.last.why.kind(), kind.count)).collect();
+        assert_eq!(by_kind, [("TooShort", 1), ("Fragmented", 1), ("Magic", 9)]);
     }
 
     #[test]

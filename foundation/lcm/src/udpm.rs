@@ -191,6 +191,22 @@ pub enum DecodeError {
     },
 }
 
+impl DecodeError {
+    /// Its name, without what differs from datagram to datagram.
+    pub(crate) const fn kind(&self) -> &'static str {
+        match self {
+            Self::TooShort { .. } => "TooShort",
+            Self::Magic(_) => "Magic",
+            Self::ChannelUnterminated => "ChannelUnterminated",
+            Self::ChannelTooLong => "ChannelTooLong",
+            Self::ChannelNotUtf8 => "ChannelNotUtf8",
+            Self::FragmentNumber { .. } => "FragmentNumber",
+            Self::MessageTooLong { .. } => "MessageTooLong",
+            Self::BeyondEnd { .. } => "BeyondEnd",
+        }
+    }
+}
+
 impl fmt::Display for DecodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -4,6 +4,7 @@ use super::clock;
 use base::Instant;
 use lcm::Url;
 use lcm::live::Lcm;
+use lcm::receiver::{Rejected, Rejection};
 use messages::{DecodeError, Message};
 use std::os::fd::{AsFd, BorrowedFd};
 
@@ -12,6 +13,8 @@ pub struct Bus {
     lcm: Lcm,
     /// What is being sent.
     buffer: Vec<u8>,
+    /// How many datagrams LCM had refused, by kind, as of the last look.
+    told: Vec<(&'static str, u64)>,
 }
 
 /// What came.
@@ -54,7 +57,7 @@ impl Bus {
         for channel in channels {
             lcm.subscribe(channel).map_err(|error| error.to_string())?;
         }
-        Ok(Self { lcm, buffer: Vec::new() })
+        Ok(Self { lcm, buffer: Vec::new(), told: Vec::new() })
     }
 
     /// Sends a message on its channel.
@@ -68,6 +71,24 @@ impl Bus {
     /// How many datagrams the kernel had no room for so far.
     pub fn kernel_dropped(&self) -> u64 {
         self.lcm.stats().kernel_dropped
+    }
+
+    /// Tells of datagrams that were refused since the last call: cause, one line, how many. Those that are not LCM's at
+    /// all reach every process: `all` asks for them, too.
+    pub fn rejected(&mut self, all: bool, mut tell: impl FnMut(String, String, u64)) {
+        for rejections in self.lcm.rejections() {
+            let Rejected { why, .. } = rejections.last;
+            let told = match self.told.iter_mut().find(|(kind, _)| *kind == why.kind()) {
+                Some((_, told)) => std::mem::replace(told, rejections.count),
+                None => {
+                    self.told.push((why.kind(), rejections.count));
+                    0
+                }
+            };
+            if rejections.count > told && (all || matches!(why, Rejection::Fragmented { .. })) {
+                tell(format!("lcm {}", why.kind()), rejections.last.to_string(), rejections.count - told);
+            }
+        }
     }
 
     /// Takes what has come, decoded.
@@ -105,7 +126,10 @@ fn malformed(raw: &Raw<'_>, error: &DecodeError) -> Received {
     let kind = format!("{error:?}");
     let kind = kind.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
     let subject = format!("{} {kind}", raw.channel);
-    Received::Malformed { subject, why: format!("{} bytes are dropped: {error}", raw.data.len()) }
+    Received::Malformed {
+        subject,
+        why: format!("{}: a message of {} bytes is dropped: {error}", raw.channel, raw.data.len()),
+    }
 }
 
 impl AsFd for Bus {

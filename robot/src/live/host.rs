@@ -3,6 +3,7 @@
 //! Each turn of the loop serves what is due, then every source a bounded number of times, so that a flood on one of
 //! them delays the others by a turn at most.
 
+use super::bad_input::{self, BadInput};
 use super::bus::{Bus, Received as FromBus};
 use super::clock;
 use super::log::Log;
@@ -59,6 +60,7 @@ struct Host {
     bus_refuses: bool,
     /// Messages that the kernel had no room for, and when that was last seen to grow.
     lost: (u64, Option<Instant>),
+    bad: BadInput,
     ports: Vec<Port>,
     /// The last note of each port: one that repeats itself is not printed again.
     notes: Vec<String>,
@@ -99,6 +101,7 @@ impl Host {
             bus_more: true,
             bus_refuses: false,
             lost: (0, None),
+            bad: BadInput::default(),
             notes: vec![String::new(); ports.len()],
             ports,
             processes: config.launch.map(|launch| Processes::new(clock::now(), launch)),
@@ -214,6 +217,8 @@ impl Host {
                 FromBus::Nothing => {
                     self.bus_more = false;
                     self.watch_losses(now);
+                    self.watch_datagrams(now);
+                    self.tell_what_is_over(now);
                     return;
                 }
                 FromBus::Message { at, message } => {
@@ -222,9 +227,7 @@ impl Host {
                     }
                 }
                 FromBus::Malformed { subject, why } => {
-                    let report = Report::new(Severity::Warning, Fault::MessageMalformed, subject, why);
-                    self.shell.raise(now, report, &mut self.out);
-                    self.act();
+                    self.drop_bad(now, subject, why, 1);
                 }
                 FromBus::Broken(why) => {
                     self.bus_more = false;
@@ -281,7 +284,7 @@ impl Host {
         match sent {
             Ok(()) if self.bus_refuses => {
                 self.bus_refuses = false;
-                let report = Report::new(Severity::Notice, Fault::PortDown, "lcm", "messages leave again");
+                let report = Report::new(Severity::Notice, Fault::PortDown, "lcm", "LCM bus: messages leave again");
                 self.shell.clear(now, report, &mut self.out);
             }
             Ok(()) => {}
@@ -298,11 +301,38 @@ impl Host {
         let count = self.bus.kernel_dropped();
         if count > self.lost.0 {
             self.lost = (count, Some(now));
-            self.raise(Fault::PortOverrun, "lcm", "messages are lost: they come faster than they are taken");
+            self.raise(Fault::PortOverrun, "lcm", "LCM bus: messages are lost: they come faster than they are taken");
         } else if self.lost.1.is_some_and(|at| now.since(at) >= LOSSES_OVER) {
             self.lost.1 = None;
-            let message = format!("no message lost for {} s; {count} in all", LOSSES_OVER.as_secs());
+            let message = format!("LCM bus: no message lost for {} s; {count} in all", LOSSES_OVER.as_secs());
             let report = Report::new(Severity::Notice, Fault::PortOverrun, "lcm", message);
+            self.shell.clear(now, report, &mut self.out);
+            self.act();
+        }
+    }
+
+    /// Tells of datagrams that are no messages. They are for nobody in particular, so one process tells for the whole
+    /// robot: the one that starts the others.
+    fn watch_datagrams(&mut self, now: Instant) {
+        let all = self.processes.is_some();
+        let mut rejected = Vec::new();
+        self.bus.rejected(all, |cause, why, count| rejected.push((cause, why, count)));
+        for (cause, why, count) in rejected {
+            self.drop_bad(now, cause, why, count);
+        }
+    }
+
+    /// Counts input that is dropped, and tells of each cause once.
+    fn drop_bad(&mut self, now: Instant, cause: String, why: String, count: u64) {
+        if self.bad.count(now, &cause, count) {
+            self.raise(Fault::MessageMalformed, cause, why);
+        }
+    }
+
+    fn tell_what_is_over(&mut self, now: Instant) {
+        while let Some((cause, count)) = self.bad.take_over(now) {
+            let message = format!("{cause}: none for {} s; {count} dropped", bad_input::OVER.as_secs());
+            let report = Report::new(Severity::Notice, Fault::MessageMalformed, cause, message);
             self.shell.clear(now, report, &mut self.out);
             self.act();
         }
@@ -334,14 +364,19 @@ impl Host {
             Ok(true) => {
                 if port.overrun && !port.device.wants_to_write() {
                     port.overrun = false;
-                    let report = Report::new(Severity::Notice, Fault::PortOverrun, &*port.name, "output leaves again");
+                    let report = Report::new(
+                        Severity::Notice,
+                        Fault::PortOverrun,
+                        &*port.name,
+                        format!("{}: output leaves again", port.name),
+                    );
                     self.shell.clear(now, report, &mut self.out);
                 }
                 self.watch_writing(index);
             }
             Ok(false) => {
                 port.overrun = true;
-                let why = "output is dropped: it does not leave";
+                let why = format!("{}: output is dropped: it does not leave", port.name);
                 let report = Report::new(Severity::Warning, Fault::PortOverrun, &*port.name, why);
                 self.shell.raise(now, report, &mut self.out);
             }
@@ -430,6 +465,10 @@ impl Host {
                 Ok(Received::Nothing) => port.more = false,
                 Ok(Received::Input(input)) => {
                     self.shell.handle(now, Event::Port { port: id, input }, &mut self.out);
+                }
+                Ok(Received::Fault(Fault::MessageMalformed, why)) => {
+                    let name = port.name.clone();
+                    self.drop_bad(now, name, why, 1);
                 }
                 Ok(Received::Fault(fault, why)) => {
                     let report = Report::new(Severity::Warning, fault, &*port.name, why);

@@ -2,6 +2,7 @@
 //!
 //! Read [`host`] first. Nothing here knows what a module does.
 
+mod bad_input;
 pub mod bus;
 pub mod clock;
 mod host;

@@ -31,6 +31,8 @@ pub(crate) struct Board {
     pub silent_until: Instant,
     /// Its answers have a wrong CRC until then.
     pub bad_crc_until: Instant,
+    /// It knows no instruction until then.
+    pub refuses_until: Instant,
     /// Its encoders stand until then.
     pub stuck_until: Instant,
 }
@@ -38,11 +40,20 @@ pub(crate) struct Board {
 impl Board {
     pub fn new(name: &str, slave: Slave, kind: Kind) -> Self {
         let never = Instant::ZERO;
-        Self { name: name.into(), kind, slave, silent_until: never, bad_crc_until: never, stuck_until: never }
+        Self {
+            name: name.into(),
+            kind,
+            slave,
+            silent_until: never,
+            bad_crc_until: never,
+            refuses_until: never,
+            stuck_until: never,
+        }
     }
 
     fn answer(&mut self, now: Instant, asked: &Asked, scene: &Scene) {
         let (status, data) = match (asked.instruction, &mut self.kind) {
+            _ if self.refuses_until > now => (Status::UnknownInstruction, Data::new()),
             (code, _) if code == GET_VERSION.code => (Status::Ok, VERSION.build().into_iter().collect()),
             (code, Kind::Sd1(board)) if code == DO_RESET.code => {
                 board.reset(now);

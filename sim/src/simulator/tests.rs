@@ -96,6 +96,10 @@ fn faults_come_last_and_go() {
     assert!(bad[..23] == good[..23] && bad != good);
     fault(&mut bench, "so1", "none", 0.0);
     assert_eq!(ask(&mut bench, TICKS).unwrap().1, good);
+    fault(&mut bench, "so1", "refuses", 0.1);
+    assert!(ask(&mut bench, TICKS).unwrap().1.starts_with("20! 01 03 00 "));
+    bench.pass(Duration::from_millis(100));
+    assert_eq!(ask(&mut bench, TICKS).unwrap().1, good);
 }
 
 #[test]

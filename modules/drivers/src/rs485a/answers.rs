@@ -7,7 +7,7 @@ use messages::lowlevel::{DataIrs, DataSrfs};
 use module::Actions;
 use rs485::boards::{GET_VERSION, Implausible, Version, sd1, so1};
 use rs485::frame::Status;
-use rs485::master;
+use rs485::master::{self, Why};
 use rs485::node::Health;
 use std::mem;
 
@@ -19,7 +19,12 @@ impl Rs485a {
                 self.on_answer(now, *to, *instruction, data, out);
             }
             Event::Reply { to, instruction, status, .. } => self.on_refusal(now, *to, *instruction, *status, out),
-            Event::Silent { to, instruction } | Event::Garbled { to, instruction, .. } => {
+            Event::Silent { to, instruction } => {
+                self.fails(*to, "does not answer");
+                self.on_failure(now, *to, *instruction, out);
+            }
+            Event::Garbled { to, instruction, why } => {
+                self.fails(*to, damage(*why));
                 self.on_failure(now, *to, *instruction, out);
             }
             Event::Unsent { to, instruction } => {
@@ -31,7 +36,7 @@ impl Rs485a {
             Event::Sent { .. } => {}
             Event::Degraded { node } => {
                 let (name, board) = self.name(*node);
-                let message = format!("{board} answers badly: error counter at 96");
+                let message = format!("{board} fails again and again: it {}; asked on", self.failure(*node));
                 out.raise(Severity::Warning, Fault::BoardDegraded, name, message);
             }
             Event::Recovered { node } => {
@@ -41,7 +46,7 @@ impl Rs485a {
             Event::Lost { node } => {
                 self.schedule.lost(now, *node);
                 let (name, board) = self.name(*node);
-                let message = format!("{board} does not answer: its data is invalid, asking once a second");
+                let message = format!("{board} {}: its data is invalid, asked once a second", self.failure(*node));
                 out.raise(Severity::Error, Fault::BoardLost, name, message);
             }
             Event::Back { node } => {
@@ -52,6 +57,16 @@ impl Rs485a {
                 out.clear(Fault::BoardLost, name, format!("{board} answers again"));
             }
         }
+    }
+
+    fn fails(&mut self, address: u8, how: &'static str) {
+        if let Some(board) = self.boards.iter_mut().find(|board| board.node.address == address) {
+            board.fails = how;
+        }
+    }
+
+    fn failure(&self, address: u8) -> &'static str {
+        self.boards.iter().find(|board| board.node.address == address).map_or("", |board| board.fails)
     }
 
     fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, data: &[u8], out: &mut Actions) {
@@ -119,9 +134,14 @@ impl Rs485a {
         let message = format!("{board} {verb} instruction {instruction:#04x}");
         if version {
             // Asked once only: what it would clear never comes.
-            out.report(Severity::Warning, Fault::BoardRefused, name, message);
+            out.report(Severity::Warning, Fault::BoardRefused, name, format!("{message}; its version stays unknown"));
         } else {
-            out.raise(Severity::Warning, Fault::BoardRefused, name, message);
+            out.raise(
+                Severity::Warning,
+                Fault::BoardRefused,
+                name,
+                format!("{message}; asked on, its data is missing"),
+            );
         }
         self.on_failure(now, to, instruction, out);
     }
@@ -160,6 +180,16 @@ impl Rs485a {
                 out.report(Severity::Warning, Fault::BoardImplausible, name, message);
             }
         }
+    }
+}
+
+const fn damage(why: Why) -> &'static str {
+    match why {
+        Why::Crc => "answers with a wrong CRC",
+        Why::Length { .. } => "answers with a wrong length",
+        Why::Status { .. } => "answers with a status that is none",
+        Why::Incomplete => "answers with half a frame",
+        Why::Request => "finds a wrong CRC in what it is asked",
     }
 }
 

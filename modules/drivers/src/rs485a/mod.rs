@@ -16,7 +16,7 @@ mod ranges;
 
 pub use config::{Config, ConfigError, Kind, Node, Ranger, Wheels};
 
-use base::{Duration, Instant, Ticker};
+use base::{Duration, Fault, Instant, Severity, Ticker};
 use messages::lowlevel::{DataBus, Node as NodeMessage};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 use odometry::Follower;
@@ -61,11 +61,13 @@ struct Board {
     answered: bool,
     refuses: bool,
     implausible: bool,
+    /// What was wrong the last time that it failed, for people.
+    fails: &'static str,
 }
 
 impl Board {
     fn new(node: Node) -> Self {
-        Self { node, answered: false, refuses: false, implausible: false }
+        Self { node, answered: false, refuses: false, implausible: false, fails: "" }
     }
 }
 
@@ -99,10 +101,11 @@ impl Rs485a {
         })
     }
 
-    fn on_port(&mut self, now: Instant, input: &Input<'_>) {
+    fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) {
         match input {
             Input::Up => {
                 self.up = Some(true);
+                out.clear(Fault::PortDown, self.bus.as_str(), format!("{} is up", self.bus));
                 self.schedule = Schedule::new();
                 for Board { node, .. } in &self.boards {
                     let turn = Turn { to: node.address, instruction: poll_of(node.kind).code };
@@ -113,8 +116,10 @@ impl Rs485a {
                     self.schedule.demand(version_of(node.address));
                 }
             }
-            Input::Down(_) => {
+            Input::Down(why) => {
                 self.up = Some(false);
+                let message = format!("{} is down: {why}; tried again", self.bus);
+                out.raise(Severity::Error, Fault::PortDown, self.bus.as_str(), message);
                 self.master.cancel();
                 self.ranges.forget();
                 self.boards.iter_mut().for_each(|board| board.answered = false);
@@ -196,7 +201,7 @@ impl Module for Rs485a {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => self.statistics = Ticker::new(now + STATISTICS, STATISTICS),
-            Event::Port { port: PORT, input } => self.on_port(now, &input),
+            Event::Port { port: PORT, input } => self.on_port(now, &input, out),
             Event::State(state) => self.state = state,
             Event::Timer => {
                 self.master.handle_timeout(now);

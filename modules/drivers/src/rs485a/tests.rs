@@ -242,6 +242,15 @@ impl Wire {
         news.join("\n")
     }
 
+    /// The reports so far, as people read them.
+    fn texts(&self) -> Vec<String> {
+        let texts = self.log.iter().filter_map(|(_, action)| match action {
+            Action::Report(report) => Some(report.message.clone()),
+            _ => None,
+        });
+        texts.collect()
+    }
+
     fn command(&mut self, state: State) {
         self.bench.message(messages::common::CmdState {
             module: "driver_rs485a".into(),
@@ -372,9 +381,11 @@ fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
     assert_eq!(wire.bench.shell.state(), State::Init);
     wire.port(Input::Down("no such device"));
     assert_eq!(wire.bench.shell.state(), State::Error);
+    assert_eq!(wire.texts(), ["rs485.a is down: no such device; tried again"]);
     wire.port(Input::Up);
     wire.run(ms(100));
     assert_eq!(wire.bench.shell.state(), State::Run);
+    assert_eq!(wire.texts()[1..], ["rs485.a is up"]);
     wire.run(ms(10));
     wire.port(Input::Down("unplugged"));
     assert_eq!(wire.bench.shell.state(), State::Error);

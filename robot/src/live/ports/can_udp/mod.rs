@@ -104,7 +104,7 @@ impl Device for CanUdp {
                         Ok(frame) => Received::Input(Input::Can(frame)),
                         Err(why) => Received::Fault(
                             Fault::MessageMalformed,
-                            format!("a datagram from {from} is no frame: {why}"),
+                            format!("udp:{}: dropped a datagram from {from} that is no frame: {why}", self.bus),
                         ),
                     });
                 }
