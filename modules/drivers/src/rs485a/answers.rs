@@ -84,9 +84,11 @@ impl Rs485a {
             }
             return;
         }
-        if mem::take(&mut board.refuses) {
+        let refusals = mem::take(&mut board.refusals);
+        if refusals > 0 {
             let (name, board) = self.name(to);
-            out.clear(Fault::BoardRefused, name, format!("{board} does what it is asked"));
+            let message = format!("{board} does what it is asked again, after {refusals} refusals");
+            out.clear(Fault::BoardRefused, name, message);
         }
         let result = match kind {
             Kind::Sd1 => sd1::Both::parse(data).map(|both| self.on_ranges(now, to, Some(both), out)),
@@ -128,7 +130,9 @@ impl Rs485a {
         };
         board.answered = true;
         let version = instruction == GET_VERSION.code;
-        board.refuses |= !version;
+        if !version {
+            board.refusals = board.refusals.saturating_add(1);
+        }
         let verb = if status == Status::UnknownInstruction { "does not know" } else { "could not do" };
         let (name, board) = self.name(to);
         let message = format!("{board} {verb} instruction {instruction:#04x}");

@@ -59,7 +59,8 @@ struct Board {
     node: Node,
     /// Since the port is up.
     answered: bool,
-    refuses: bool,
+    /// Answers in a row that said it did not do what it was asked.
+    refusals: u32,
     implausible: bool,
     /// What was wrong the last time that it failed, for people.
     fails: &'static str,
@@ -67,7 +68,7 @@ struct Board {
 
 impl Board {
     fn new(node: Node) -> Self {
-        Self { node, answered: false, refuses: false, implausible: false, fails: "" }
+        Self { node, answered: false, refusals: 0, implausible: false, fails: "" }
     }
 }
 
