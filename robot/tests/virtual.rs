@@ -1,6 +1,9 @@
 //! The whole robot in virtual time: the same modules, the watchdog among them, on modelled busses. What live tests can
 //! only bound, this one knows to the nanosecond.
 
+#[path = "virtual/storm.rs"]
+mod storm;
+
 use base::{Duration, Instant, can};
 use messages::{Message, lowlevel};
 use module::State;
