@@ -18,7 +18,7 @@ pub use robot::{
     Rs485Node, Transport,
 };
 pub use tree::{Node, Origin, Value};
-pub use world::world;
+pub use world::{check as check_world, world};
 
 use std::fmt;
 use std::fs;
@@ -69,7 +69,8 @@ impl Config {
         Self::check(&robot, &modules, sim)
     }
 
-    fn check(robot: &Node, modules: &Node, sim: bool) -> Result<Self, ConfigError> {
+    /// Checks both files, parsed; with `sim` for the simulated robot.
+    pub fn check(robot: &Node, modules: &Node, sim: bool) -> Result<Self, ConfigError> {
         let problems = Problems::default();
         let robot = Table::new(robot, "", &problems).and_then(Robot::read);
         let modules = Table::new(modules, "", &problems).map(|root| modules::read(root, sim));
@@ -86,6 +87,14 @@ fn override_by<S: AsRef<str>>(sets: &[S], robot: &mut Node, modules: &mut Node) 
         true => modules.set(set),
         false => robot.set(set),
     })
+}
+
+/// What is said of a key or a value is one line, whatever stands in it.
+fn one_line(text: String) -> String {
+    if !text.contains(char::is_control) {
+        return text;
+    }
+    text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() }).collect()
 }
 
 /// Parses one file.

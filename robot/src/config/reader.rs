@@ -1,6 +1,7 @@
 //! A strict reader: every key that is taken is checked, every key that is not taken is an error, and all errors are
 //! collected before anything is refused.
 
+use super::one_line;
 use super::tree::{Node, Origin, Value};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -22,7 +23,7 @@ impl Problems {
     pub fn lines(&self) -> Vec<String> {
         let mut found = self.0.borrow().clone();
         found.sort_by(|a, b| a.0.cmp(&b.0));
-        found.into_iter().map(|(origin, what)| format!("{origin}: {what}")).collect()
+        found.into_iter().map(|(origin, what)| one_line(format!("{origin}: {what}"))).collect()
     }
 }
 

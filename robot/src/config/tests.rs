@@ -261,6 +261,19 @@ fn modules_are_overridden_by_name() {
 }
 
 #[test]
+fn what_is_wrong_is_one_line_whatever_stands_in_a_key_or_a_value() {
+    refused(
+        "name = \"small\"",
+        "name = \"small\"\n\"co\\nlour\" = 1",
+        &["robot.toml:3: robot.co\\nlour: unknown key, expected one of name, report_from"],
+    );
+    let lines = load(ROBOT, "", &["a\nb"], MODULES).unwrap_err();
+    assert_eq!(lines, ["--set a\\nb: expected table.key=value"]);
+    let lines = load(ROBOT, "\"a\\r\" = 2026-01-01", &[], MODULES).unwrap_err();
+    assert!(lines.len() == 1 && !lines[0].contains(char::is_control), "{lines:?}");
+}
+
+#[test]
 fn an_override_must_be_an_assignment_to_something() {
     let error = |set: &str| load(ROBOT, "", &[set], MODULES).unwrap_err();
     assert_eq!(error("limits"), ["--set limits: expected table.key=value"]);

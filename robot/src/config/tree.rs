@@ -1,6 +1,7 @@
 //! TOML as a tree in which every value knows where it was written, so that an error can name file and line even after
 //! several files were laid over each other.
 
+use super::one_line;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
@@ -76,7 +77,7 @@ impl Node {
             .map(|error| format!("{}: {}", source.origin(error.span().map_or(0, |span| span.start)), error.message()))
             .collect();
         let root = source.table(table.get_ref(), 0, &mut problems);
-        if problems.is_empty() { Ok(root) } else { Err(problems) }
+        if problems.is_empty() { Ok(root) } else { Err(problems.into_iter().map(one_line).collect()) }
     }
 
     /// Lays `over` over this: tables merge key by key, everything else is replaced.
@@ -97,6 +98,10 @@ impl Node {
     /// Applies one `--set table.key=value`. The value is TOML; what is not counts as a string. A part of the key may
     /// be an item of an array: its `name`, or its place from 0.
     pub fn set(&mut self, assignment: &str) -> Result<(), String> {
+        self.assign(assignment).map_err(one_line)
+    }
+
+    fn assign(&mut self, assignment: &str) -> Result<(), String> {
         let malformed = || format!("--set {assignment}: expected table.key=value");
         let (path, text) = assignment.split_once('=').ok_or_else(malformed)?;
         let (path, text) = (path.trim(), text.trim());

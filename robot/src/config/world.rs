@@ -30,7 +30,8 @@ fn named(dir: &Path, name: &Path) -> PathBuf {
     if within.exists() { within } else { dir.parent().unwrap_or(dir).join("worlds").join(file) }
 }
 
-pub(super) fn check(node: &Node) -> Result<World, ConfigError> {
+/// Checks a world, parsed.
+pub fn check(node: &Node) -> Result<World, ConfigError> {
     let problems = Problems::default();
     let world = Table::new(node, "", &problems).map(take);
     match (world, problems.lines()) {
