@@ -38,6 +38,8 @@ pub enum Verdict {
     NotReleased,
     /// The planner must be let go by an operator first.
     Latched,
+    /// The robot is stopped for a fault: nobody moves it.
+    Blocked,
 }
 
 #[derive(Debug)]
@@ -85,7 +87,7 @@ impl Arbiter {
         source.at = at;
         source.command = command;
         if !held {
-            return if blocked { Verdict::NotReleased } else { verdict };
+            return if blocked { Verdict::Blocked } else { verdict };
         }
         if !manual && self.latched {
             return Verdict::Latched;
@@ -185,7 +187,7 @@ pub fn is_priority(priority: i8) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use Verdict::{Contested, Holds, Latched, NotReleased, Overruled};
+    use Verdict::{Blocked, Contested, Holds, Latched, NotReleased, Overruled};
 
     struct Bench(Arbiter);
 
@@ -249,7 +251,7 @@ mod tests {
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         bench.0.stopped(Instant::from_millis(1001));
         assert_eq!(bench.moves(1), None);
-        assert_eq!(bench.say_blocked(50, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.say_blocked(50, "op", 1, 0.4), Blocked);
         // The fault is over, the source has not let go.
         assert_eq!(bench.say(100, "op", 1, 0.4), NotReleased);
         assert_eq!(bench.say(350, "op", 1, 0.4), Holds, "it was silent for its time to live");

@@ -144,7 +144,8 @@ impl Canbus {
         };
         let verdict = self.arbiter.command(at, asked, self.blocked.is_some());
         let why = match verdict {
-            Verdict::Holds => {
+            // What blocks it is told in its own words.
+            Verdict::Holds | Verdict::Blocked => {
                 self.ignored = None;
                 return;
             }

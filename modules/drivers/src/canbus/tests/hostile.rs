@@ -212,3 +212,18 @@ fn a_priority_that_nobody_has_is_refused() {
         assert!(!robot.moves(), "{priority}");
     }
 }
+
+#[test]
+fn a_stop_shorter_than_the_pause_between_two_commands_is_a_stop() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    robot.command(0.4, 0.0);
+    let pause = |engaged| lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() };
+    robot.bench.message(pause(true));
+    robot.pass(5);
+    robot.bench.message(pause(false));
+    robot.pass(5);
+    robot.drive(0.4, 500);
+    assert!(!robot.moves(), "it resumed by itself");
+    assert_eq!(robot.reason(), "test must send zero first: the robot was stopped");
+}
