@@ -280,7 +280,9 @@ impl Simulator {
             .is_some_and(|ailment| self.ail(now, &command.target, ailment, until));
         if !known {
             let subject = format!("{} {}", command.target, command.fault);
-            out.report(Severity::Warning, Fault::FaultUnknown, subject, "no such target, or not a fault of its kind");
+            let why =
+                format!("fault {} of {}: no such target, or not a fault of its kind", command.fault, command.target);
+            out.report(Severity::Warning, Fault::FaultUnknown, subject, why);
         }
     }
 

@@ -1,6 +1,6 @@
 //! Input that is dropped for what it is: counted by cause, so that each cause is told once, and once that it is over.
 
-use base::{Duration, Instant};
+use base::{Duration, Fault, Instant};
 use std::collections::BTreeMap;
 
 /// A cause is over when nothing of its kind came for this long.
@@ -11,7 +11,7 @@ const CAUSES_MAX: usize = 64;
 /// What was dropped, by cause.
 #[derive(Debug, Default)]
 pub struct BadInput {
-    causes: BTreeMap<String, Cause>,
+    causes: BTreeMap<(Fault, String), Cause>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -22,23 +22,24 @@ struct Cause {
 
 impl BadInput {
     /// Counts `more` of a cause; true when it is to be told.
-    pub fn count(&mut self, now: Instant, cause: &str, more: u64) -> bool {
-        if let Some(known) = self.causes.get_mut(cause) {
+    pub fn count(&mut self, now: Instant, fault: Fault, subject: &str, more: u64) -> bool {
+        let cause = (fault, subject.to_owned());
+        if let Some(known) = self.causes.get_mut(&cause) {
             *known = Cause { count: known.count + more, last: now };
             return false;
         }
         let room = self.causes.len() < CAUSES_MAX;
         if room {
-            self.causes.insert(cause.into(), Cause { count: more, last: now });
+            self.causes.insert(cause, Cause { count: more, last: now });
         }
         room
     }
 
     /// Takes a cause that is over, with how many there were.
-    pub fn take_over(&mut self, now: Instant) -> Option<(String, u64)> {
+    pub fn take_over(&mut self, now: Instant) -> Option<(Fault, String, u64)> {
         let over = self.causes.iter().find(|(_, cause)| now.since(cause.last) >= OVER)?.0.clone();
         let cause = self.causes.remove(&over)?;
-        Some((over, cause.count))
+        Some((over.0, over.1, cause.count))
     }
 }
 
@@ -50,23 +51,26 @@ mod tests {
         Instant::from_millis(seconds * 1000)
     }
 
+    const BAD: Fault = Fault::MessageMalformed;
+
     #[test]
     fn a_cause_is_told_once_counted_and_over_after_a_minute_without_it() {
         let mut bad = BadInput::default();
-        assert!(bad.count(at(1), "can.main", 1));
-        assert!((2..=100).all(|second| !bad.count(at(second), "can.main", 1)));
-        assert!(bad.count(at(100), "CM_CMD_STATE Fingerprint", 7), "another cause");
+        assert!(bad.count(at(1), BAD, "can.main", 1));
+        assert!((2..=100).all(|second| !bad.count(at(second), BAD, "can.main", 1)));
+        assert!(bad.count(at(100), BAD, "CM_CMD_STATE Fingerprint", 7), "another cause");
+        assert!(bad.count(at(150), Fault::PortOverrun, "can.main", 1), "another fault");
         assert_eq!(bad.take_over(at(159)), None);
-        assert_eq!(bad.take_over(at(160)), Some(("CM_CMD_STATE Fingerprint".into(), 7)));
-        assert_eq!(bad.take_over(at(160)), Some(("can.main".into(), 100)));
+        assert_eq!(bad.take_over(at(160)), Some((BAD, "CM_CMD_STATE Fingerprint".into(), 7)));
+        assert_eq!(bad.take_over(at(160)), Some((BAD, "can.main".into(), 100)));
         assert_eq!(bad.take_over(at(160)), None);
-        assert!(bad.count(at(161), "can.main", 1), "told again");
+        assert!(bad.count(at(161), BAD, "can.main", 1), "told again");
     }
 
     #[test]
     fn causes_are_bounded() {
         let mut bad = BadInput::default();
-        let told = (0..1000).filter(|n| bad.count(at(1), &n.to_string(), 1)).count();
+        let told = (0..1000).filter(|n| bad.count(at(1), BAD, &n.to_string(), 1)).count();
         assert_eq!((told, bad.causes.len()), (CAUSES_MAX, CAUSES_MAX));
     }
 }

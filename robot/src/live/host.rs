@@ -227,7 +227,7 @@ impl Host {
                     }
                 }
                 FromBus::Malformed { subject, why } => {
-                    self.drop_bad(now, subject, why, 1);
+                    self.drop_bad(now, Fault::MessageMalformed, subject, why, 1);
                 }
                 FromBus::Broken(why) => {
                     self.bus_more = false;
@@ -318,21 +318,21 @@ impl Host {
         let mut rejected = Vec::new();
         self.bus.rejected(all, |cause, why, count| rejected.push((cause, why, count)));
         for (cause, why, count) in rejected {
-            self.drop_bad(now, cause, why, count);
+            self.drop_bad(now, Fault::MessageMalformed, cause, why, count);
         }
     }
 
     /// Counts input that is dropped, and tells of each cause once.
-    fn drop_bad(&mut self, now: Instant, cause: String, why: String, count: u64) {
-        if self.bad.count(now, &cause, count) {
-            self.raise(Fault::MessageMalformed, cause, why);
+    fn drop_bad(&mut self, now: Instant, fault: Fault, cause: String, why: String, count: u64) {
+        if self.bad.count(now, fault, &cause, count) {
+            self.raise(fault, cause, why);
         }
     }
 
     fn tell_what_is_over(&mut self, now: Instant) {
-        while let Some((cause, count)) = self.bad.take_over(now) {
-            let message = format!("{cause}: none for {} s; {count} dropped", bad_input::OVER.as_secs());
-            let report = Report::new(Severity::Notice, Fault::MessageMalformed, cause, message);
+        while let Some((fault, cause, count)) = self.bad.take_over(now) {
+            let message = format!("{cause}: well for {} s; it was so {count} times", bad_input::OVER.as_secs());
+            let report = Report::new(Severity::Notice, fault, cause, message);
             self.shell.clear(now, report, &mut self.out);
             self.act();
         }
@@ -466,13 +466,11 @@ impl Host {
                 Ok(Received::Input(input)) => {
                     self.shell.handle(now, Event::Port { port: id, input }, &mut self.out);
                 }
-                Ok(Received::Fault(Fault::MessageMalformed, why)) => {
-                    let name = port.name.clone();
-                    self.drop_bad(now, name, why, 1);
-                }
                 Ok(Received::Fault(fault, why)) => {
-                    let report = Report::new(Severity::Warning, fault, &*port.name, why);
-                    self.shell.raise(now, report, &mut self.out);
+                    let name = port.name.clone();
+                    let why = format!("{name}: {why}");
+                    // Apart from what is wrong with the output.
+                    self.drop_bad(now, fault, format!("{name} input"), why, 1);
                 }
                 Ok(Received::Note(text)) => {
                     if self.notes[index] != text {

@@ -104,7 +104,7 @@ impl Device for CanUdp {
                         Ok(frame) => Received::Input(Input::Can(frame)),
                         Err(why) => Received::Fault(
                             Fault::MessageMalformed,
-                            format!("udp:{}: dropped a datagram from {from} that is no frame: {why}", self.bus),
+                            format!("dropped a datagram from {from} that is no frame: {why}"),
                         ),
                     });
                 }

@@ -1,0 +1,114 @@
+//! The way from the wires to the modules: datagrams through LCM's receiver and the messages' decoder, frames and words
+//! from ports, state commands, time; into each module of the shipped robot in its shell.
+//!
+//! A module is never due again at a moment at which it was served; what it publishes can be sent; a shell that was told
+//! to end does end.
+#![no_main]
+use base::can::Frame;
+use base::serial::Word;
+use base::{Duration, Instant};
+use lcm::receiver::Receiver;
+use lcm::udpm::ShortHeader;
+use messages::{Channel, Message};
+use module::bench::Bench;
+use module::{Action, Event, ExitStatus, Input, Line, PortId, ProcessEvent, State};
+use robot::topology::{self, Place};
+use std::net::{Ipv4Addr, SocketAddrV4};
+use std::path::Path;
+
+const MODULES: [&str; 4] = ["driver_rs485a", "driver_canbus", "simulator", "watchdog"];
+
+libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
+    let (which, steps) = input;
+    let place = Place {
+        config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
+        run_dir: "/nowhere".into(),
+        lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
+        sets: Vec::new(),
+        sim: true,
+        world: None,
+    };
+    let name = MODULES[usize::from(which) % MODULES.len()];
+    let (shell, _) = topology::module(&place, name, State::Run).expect("the shipped robot");
+    let lines: Vec<Line> = shell.module().ports().iter().map(|port| port.line).collect();
+    let mut receiver = Receiver::default();
+    receiver.subscribe(".*").expect("a good pattern");
+    let mut bench = Bench::new(shell);
+    bench.start();
+    let from = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 1);
+    for (n, (what, number, bytes)) in steps.into_iter().take(200).enumerate() {
+        match what % 8 {
+            // A datagram as it comes, or with the header and the fingerprint of a channel.
+            0 => receive(&mut bench, &mut receiver, from, &bytes),
+            1 | 2 => {
+                let channel = Channel::ALL[usize::from(number) % Channel::ALL.len()];
+                let payload = [&channel.fingerprint().to_be_bytes()[..], &bytes].concat();
+                let header = ShortHeader::new(n as u32, channel.name(), payload.len());
+                if let Ok(header) = header {
+                    receive(&mut bench, &mut receiver, from, &[header.as_bytes(), &payload].concat());
+                }
+            }
+            3 | 4 if !lines.is_empty() => {
+                let port = PortId((usize::from(number >> 12) % lines.len()) as u8);
+                match lines[usize::from(port.0)] {
+                    Line::Can { .. } => bench.can(port, Frame::standard(number, &bytes)),
+                    Line::Serial { .. } => {
+                        let words: Vec<Word> = bytes
+                            .chunks(2)
+                            .map(|pair| Word { byte: pair[0], ninth: pair.len() > 1 && pair[1] & 1 != 0 })
+                            .collect();
+                        bench.words(port, &words);
+                    }
+                }
+            }
+            5 => {
+                let port = PortId((number >> 8) as u8 % 3);
+                let input = match number % 8 {
+                    0 => Input::Down("gone"),
+                    1..=4 => Input::Up,
+                    _ => Input::Sent,
+                };
+                bench.event(Event::Port { port, input });
+            }
+            6 if name == "watchdog" => {
+                let (module, pid) = (MODULES[usize::from(number) % MODULES.len()], u32::from(number >> 4));
+                bench.event(Event::Process(match number % 4 {
+                    0 => ProcessEvent::Started { module, pid },
+                    1 => ProcessEvent::Unstartable { module, reason: "nothing there" },
+                    2 => ProcessEvent::Exited { pid, status: ExitStatus::Code(i32::from(what)) },
+                    _ => ProcessEvent::Usage { pid, cpu: f64::from(number), rss: -1 },
+                }));
+            }
+            _ => bench.pass(Duration::from_micros(u64::from(number) << (what / 8 % 5))),
+        }
+        check(&mut bench);
+    }
+    // Told to end, it ends.
+    let mut out = module::Actions::new(base::Epoch::default());
+    let now: Instant = bench.now();
+    bench.shell.terminate(now, &mut out);
+    bench.pass(Duration::from_secs(7));
+    assert_eq!(bench.shell.poll_timeout(), None, "{name} does not end");
+});
+
+fn receive(bench: &mut Bench, receiver: &mut Receiver, from: SocketAddrV4, datagram: &[u8]) {
+    if let Some(short) = receiver.handle_rx(from, datagram)
+        && let Some(Ok(message)) = Message::receive(short.channel, short.payload)
+    {
+        bench.message(message);
+    }
+    assert!(receiver.rejections().len() <= 9);
+}
+
+fn check(bench: &mut Bench) {
+    for (_, action) in bench.done() {
+        match action {
+            Action::Publish(message) => {
+                let mut bytes = Vec::new();
+                message.encode(&mut bytes).expect("what a module says can be sent");
+            }
+            Action::Report(report) => assert!(!report.message.is_empty()),
+            _ => {}
+        }
+    }
+}
