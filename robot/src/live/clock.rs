@@ -21,8 +21,9 @@ pub fn epoch() -> Epoch {
     Epoch { offset_us: (wall() / 1000) as i64 - (now().as_nanos() / 1000) as i64 }
 }
 
-/// The moment on the monotonic scale of a kernel's receive time on the wall clock. Never after `now`; a step of the
-/// wall clock in between makes it wrong by the step, so a message counts as old rather than as new for long.
+/// The moment on the monotonic scale of a kernel's receive time on the wall clock. Never after `now`. A step of the wall
+/// clock between reception and now makes it wrong by the step: forward, a message counts as older than it is; backward,
+/// one that waited meanwhile counts as new. The kernel stamps datagrams on no other clock.
 #[must_use]
 pub fn received(now: Instant, kernel_ns: u64) -> Instant {
     now - std::time::Duration::from_nanos(wall().saturating_sub(kernel_ns))
