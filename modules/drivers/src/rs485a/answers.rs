@@ -2,7 +2,7 @@
 
 use super::odometry::Step;
 use super::{Kind, Rs485a, version_of};
-use base::{Fault, Instant, Severity};
+use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::{DataIrs, DataSrfs};
 use module::Actions;
 use rs485::boards::{GET_VERSION, Implausible, Version, sd1, so1};
@@ -10,6 +10,9 @@ use rs485::frame::Status;
 use rs485::master::{self, Why};
 use rs485::node::Health;
 use std::mem;
+
+/// Jumps of counters are reported this often at most.
+const JUMPS_EVERY: Duration = Duration::from_secs(10);
 
 impl Rs485a {
     pub(super) fn on_event(&mut self, now: Instant, event: &master::Event, out: &mut Actions) {
@@ -179,9 +182,19 @@ impl Rs485a {
             Step::First => {}
             Step::Way(odo) => out.publish(odo),
             Step::Jump { ticks: (left, right) } => {
+                self.jumps += 1;
+                if now < self.jumps_quiet {
+                    return;
+                }
                 let (name, board) = self.name(board);
-                let message = format!("{board} was reset: its counters jumped by {left} and {right}; odometry goes on");
+                let again = match mem::take(&mut self.jumps) {
+                    1 => String::new(),
+                    jumps => format!(", {jumps} times since it was told"),
+                };
+                let message =
+                    format!("{board} was reset: its counters jumped by {left} and {right}{again}; odometry goes on");
                 out.report(Severity::Warning, Fault::BoardImplausible, name, message);
+                self.jumps_quiet = now + JUMPS_EVERY;
             }
         }
     }

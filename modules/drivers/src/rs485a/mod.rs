@@ -42,6 +42,9 @@ pub struct Rs485a {
     schedule: Schedule<NODES_MAX>,
     ranges: Ranges,
     odometry: Follower,
+    /// Jumps of the counters since they were told, and until when none is.
+    jumps: u32,
+    jumps_quiet: Instant,
     state: State,
     /// None until the host has said.
     up: Option<bool>,
@@ -92,6 +95,8 @@ impl Rs485a {
             schedule: Schedule::new(),
             ranges: Ranges::new(&config),
             odometry: Follower::new(&config.wheels),
+            jumps: 0,
+            jumps_quiet: Instant::ZERO,
             state: State::Init,
             up: None,
             stuck: false,

@@ -494,6 +494,21 @@ fn a_reset_of_the_odometry_board_makes_no_jump() {
 }
 
 #[test]
+fn counters_that_jump_all_the_time_are_told_every_ten_seconds_with_their_number() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.news();
+    for n in 0..400 {
+        wire.so1().ticks = vec![if n % 2 == 0 { 9000 } else { 0 }; 2];
+        wire.run(ms(50));
+    }
+    let texts = wire.texts();
+    assert_eq!(texts.len(), 2, "{texts:?}");
+    assert_eq!(texts[0], "so1 (0x20 on rs485.a) was reset: its counters jumped by 9000 and 9000; odometry goes on");
+    assert!(texts[1].contains(", 200 times since it was told; ") && !texts[1].contains('\n'), "{texts:?}");
+}
+
+#[test]
 fn a_port_that_does_not_send_is_reported_and_no_board_is_blamed() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
