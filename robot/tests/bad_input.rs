@@ -42,9 +42,9 @@ fn drive_through(robot: &mut Robot, mut bad: impl FnMut(&mut Robot)) {
 
 /// Sends a datagram to the robot's own LCM or CAN bus.
 fn throw(group: [u8; 4], port: u16, datagram: &[u8]) {
-    let stranger = UdpSocket::bind("0.0.0.0:0").unwrap();
-    stranger.set_multicast_ttl_v4(0).unwrap();
-    stranger.send_to(datagram, (Ipv4Addr::from(group), port)).unwrap();
+    let stranger = UdpSocket::bind("0.0.0.0:0").expect("a socket");
+    stranger.set_multicast_ttl_v4(0).expect("it stays on this machine");
+    stranger.send_to(datagram, (Ipv4Addr::from(group), port)).expect("it leaves");
 }
 
 const LCM_GROUP: [u8; 4] = [239, 255, 76, 67];
