@@ -5,10 +5,13 @@ use crate::live::sys;
 use base::can::{Frame, Id};
 use base::{Fault, Instant};
 use module::{Input, Output};
+use nix::cmsg_space;
 use nix::errno::Errno;
-use nix::unistd::{read, write};
-use std::io;
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use nix::sys::socket::{ControlMessageOwned, MsgFlags, getsockopt, recvmsg, setsockopt, sockopt};
+use nix::unistd::write;
+use std::io::{self, IoSliceMut};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::{fs, mem};
 
 /// `struct can_frame`: identifier and flags, length, three bytes of padding, data.
 const FRAME: usize = 16;
@@ -28,33 +31,100 @@ const WARNING: u8 = 0x04 | 0x08;
 const PASSIVE: u8 = 0x10 | 0x20;
 const ACTIVE: u8 = 0x40;
 
+/// So many bytes may wait in the kernel, if it allows: some thousand frames.
+const RECEIVE_BUFFER: usize = 1 << 20;
+
 /// The interface.
 pub struct CanSocket {
     interface: String,
     socket: Option<OwnedFd>,
+    control: Vec<u8>,
+    /// The kernel's count of frames that found the receive buffer full, and how many more since that was told.
+    dropped: u32,
+    untold: u32,
+    /// A frame that came with such a count, and waits for it to be told.
+    next: Option<[u8; FRAME]>,
 }
 
 impl CanSocket {
     /// A network interface, `can0`.
     pub fn new(interface: String) -> Self {
-        Self { interface, socket: None }
+        Self { interface, socket: None, control: cmsg_space!(u32), dropped: 0, untold: 0, next: None }
+    }
+
+    fn lost(&self, errno: Errno) -> Lost {
+        let interface = &self.interface;
+        match errno {
+            Errno::EAFNOSUPPORT => format!("{interface}: this kernel has no CAN"),
+            Errno::ENODEV | Errno::ENXIO => format!("{interface}: there is no such interface"),
+            Errno::ENETDOWN => format!("{interface}: the interface is down (ip link set {interface} up)"),
+            errno => format!("{interface}: {}", errno.desc()),
+        }
+    }
+
+    /// Whether what is sent now will leave now. An interface that is down takes a socket all the same, with an error
+    /// pending; one that is bus-off takes frames and keeps them for later, or drops them without a word.
+    fn check(&self, socket: &impl AsFd) -> Result<(), Lost> {
+        match getsockopt(socket, sockopt::SocketError).map_err(|errno| self.lost(errno))? {
+            0 => {}
+            pending => return Err(self.lost(Errno::from_raw(pending))),
+        }
+        let interface = &self.interface;
+        match fs::read(format!("/sys/class/net/{interface}/carrier")) {
+            Ok(carrier) if carrier.starts_with(b"0") => {
+                Err(format!("{interface}: no carrier: bus-off (ip link set {interface} type can restart)"))
+            }
+            // Where there is no sysfs it cannot be asked.
+            _ => Ok(()),
+        }
+    }
+
+    fn read(&mut self) -> Result<Option<[u8; FRAME]>, Lost> {
+        let Some(socket) = &self.socket else {
+            return Ok(None);
+        };
+        let mut raw = [0; FRAME];
+        let mut parts = [IoSliceMut::new(&mut raw)];
+        let message = loop {
+            match recvmsg::<()>(socket.as_raw_fd(), &mut parts, Some(&mut self.control), MsgFlags::empty()) {
+                Ok(message) => break message,
+                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EINTR) => {}
+                Err(errno) => return Err(self.lost(errno)),
+            }
+        };
+        for control in message.cmsgs().map_err(|errno| errno.desc())? {
+            if let ControlMessageOwned::RxqOvfl(count) = control {
+                self.untold = self.untold.saturating_add(count.wrapping_sub(mem::replace(&mut self.dropped, count)));
+            }
+        }
+        match message.bytes {
+            FRAME => Ok(Some(raw)),
+            _ => Err(format!("{}: gives frames of a strange length", self.interface)),
+        }
     }
 }
 
 impl Device for CanSocket {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        let reason = |error: io::Error| match error.raw_os_error().map(Errno::from_raw) {
-            Some(Errno::EAFNOSUPPORT) => format!("{}: this kernel has no CAN", self.interface),
-            Some(Errno::ENODEV) => format!("{}: there is no such interface", self.interface),
-            _ => format!("{}: {error}", self.interface),
+        let reason = |error: io::Error| match error.raw_os_error() {
+            Some(errno) => self.lost(Errno::from_raw(errno)),
+            None => format!("{}: {error}", self.interface),
         };
-        self.socket = Some(sys::open_can(&self.interface, ERRORS).map_err(reason)?);
+        let socket = sys::open_can(&self.interface, ERRORS).map_err(reason)?;
+        self.check(&socket)?;
+        setsockopt(&socket, sockopt::RxqOvfl, &1).map_err(|errno| self.lost(errno))?;
+        // Privileged processes get what they ask for, the others what net.core.rmem_max allows.
+        setsockopt(&socket, sockopt::RcvBufForce, &RECEIVE_BUFFER)
+            .or_else(|_| setsockopt(&socket, sockopt::RcvBuf, &RECEIVE_BUFFER))
+            .map_err(|errno| self.lost(errno))?;
+        self.socket = Some(socket);
         Ok(())
     }
 
     fn close(&mut self) {
-        self.socket = None;
+        (self.socket, self.dropped, self.untold, self.next) = (None, 0, 0, None);
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -62,17 +132,19 @@ impl Device for CanSocket {
     }
 
     fn receive(&mut self, _now: Instant) -> Result<Received<'_>, Lost> {
-        let Some(socket) = &self.socket else {
-            return Ok(Received::Nothing);
+        let raw = match self.next.take() {
+            Some(raw) => raw,
+            None => match self.read()? {
+                Some(raw) => raw,
+                None => return Ok(Received::Nothing),
+            },
         };
-        let mut raw = [0; FRAME];
-        loop {
-            match read(socket, &mut raw) {
-                Ok(FRAME) => return received(&raw),
-                Ok(_) => return Err("the interface gives frames of a strange length".into()),
-                Err(Errno::EAGAIN) => return Ok(Received::Nothing),
-                Err(Errno::EINTR) => {}
-                Err(errno) => return Err(errno.desc().into()),
+        match mem::take(&mut self.untold) {
+            0 => received(&raw).map_err(|why| format!("{}: {why}", self.interface)),
+            count => {
+                self.next = Some(raw);
+                let what = format!("{}: the receive buffer ran over: {count} frames are lost", self.interface);
+                Ok(Received::Fault(Fault::PortOverrun, what))
             }
         }
     }
@@ -85,7 +157,7 @@ impl Device for CanSocket {
             Ok(_) => Ok(true),
             // A full queue: what cannot leave now would be old when it could.
             Err(Errno::EAGAIN | Errno::ENOBUFS | Errno::EINTR) => Ok(false),
-            Err(errno) => Err(errno.desc().into()),
+            Err(errno) => Err(self.lost(errno)),
         }
     }
 }
@@ -124,7 +196,7 @@ fn received(raw: &[u8; FRAME]) -> Result<Received<'static>, Lost> {
 /// An error frame of the kernel: its class, and the controller's state (byte 1 of its data).
 fn error(class: u32, controller: u8) -> Result<Received<'static>, Lost> {
     if class & ERROR_BUS_OFF != 0 {
-        // Opened anew, and so without the frames that waited.
+        // Opened anew when the controller is on the bus again; till then nothing is sent that would be old then.
         return Err("bus-off".into());
     }
     let overflow = |side: &str| Received::Fault(Fault::PortOverrun, format!("the controller's {side} buffer ran over"));
@@ -143,6 +215,7 @@ fn error(class: u32, controller: u8) -> Result<Received<'static>, Lost> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::net::{Ipv4Addr, UdpSocket};
 
     #[test]
     fn frames_survive_the_kernel_s_layout() {
@@ -163,6 +236,62 @@ mod tests {
         let Ok(Received::Note(text)) = error(ERROR | ERROR_CONTROLLER, 0x20) else { panic!() };
         assert_eq!(text, "the controller is error-passive");
         let Ok(Received::Fault(Fault::PortOverrun, _)) = error(ERROR | ERROR_CONTROLLER, 1) else { panic!() };
+    }
+
+    /// The interface with one end of a UDP connection for its socket, which counts what it loses as CAN's does.
+    fn connected() -> (CanSocket, UdpSocket) {
+        let [ours, peer] = [(); 2].map(|()| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap());
+        ours.connect(peer.local_addr().unwrap()).unwrap();
+        peer.connect(ours.local_addr().unwrap()).unwrap();
+        ours.set_nonblocking(true).unwrap();
+        setsockopt(&ours, sockopt::RxqOvfl, &1).unwrap();
+        setsockopt(&ours, sockopt::RcvBuf, &0).unwrap();
+        let mut port = CanSocket::new("lo".into());
+        port.socket = Some(ours.into());
+        (port, peer)
+    }
+
+    #[test]
+    fn frames_that_found_the_buffer_full_are_counted_and_the_others_come_in_order() {
+        const SENT: u32 = 1000;
+        let (mut port, peer) = connected();
+        let send = |id: u32| peer.send(&encode(&Frame::standard(id as u16, &[0; 8]))).unwrap();
+        (0..SENT).for_each(|id| assert_eq!(send(id), FRAME));
+        let (mut got, mut lost) = (Vec::new(), Vec::new());
+        let mut drain = |port: &mut CanSocket| loop {
+            match port.receive(Instant::ZERO).unwrap() {
+                Received::Nothing => break,
+                Received::Input(Input::Can(frame)) => got.push(frame.id()),
+                Received::Fault(Fault::PortOverrun, why) => lost.push(why),
+                _ => panic!(),
+            }
+        };
+        drain(&mut port);
+        // Those lost since the last one that came are told with the next.
+        send(SENT);
+        drain(&mut port);
+        let count = SENT as usize + 1 - got.len();
+        assert!(count > 0 && got.is_sorted(), "{got:?}");
+        assert_eq!(lost, [format!("lo: the receive buffer ran over: {count} frames are lost")]);
+        assert_eq!(got.last(), Some(&Id::Standard(SENT as u16)));
+    }
+
+    #[test]
+    fn a_socket_with_an_error_pending_is_not_up() {
+        let (port, peer) = connected();
+        let socket = port.socket.as_ref().unwrap();
+        assert_eq!(port.check(socket), Ok(()));
+        drop(peer);
+        write(socket, b"to nobody").unwrap();
+        assert_eq!(port.check(socket), Err(format!("lo: {}", Errno::ECONNREFUSED.desc())));
+        assert_eq!(port.check(socket), Ok(()), "told once");
+    }
+
+    #[test]
+    fn a_frame_of_a_strange_length_loses_the_port() {
+        let (mut port, peer) = connected();
+        peer.send(&[0; FRAME - 1]).unwrap();
+        assert_eq!(port.receive(Instant::ZERO).err().unwrap(), "lo: gives frames of a strange length");
     }
 
     #[test]
