@@ -19,6 +19,7 @@ fn all_gone(robot: &Robot) {
 fn nothing_outlives_a_parent_that_is_killed_and_the_next_one_clears_up() {
     let mut robot = Robot::start(&[]);
     robot.until("the boards' driver runs", 10.0, |view| view.runs("driver_rs485a"));
+    let old = robot.view.pid("driver_rs485a");
     let refused = robot.advee(&["up", "--sim", "--headless"]);
     let why = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(
@@ -32,8 +33,7 @@ fn nothing_outlives_a_parent_that_is_killed_and_the_next_one_clears_up() {
 
     let mut next = support::advee(&robot.url, &robot.run_dir);
     let mut next = next.args(["up", "--sim", "--headless"]).stderr(std::process::Stdio::null()).spawn().unwrap();
-    robot.view.processes.clear();
-    robot.until("the next one runs", 10.0, |view| view.runs("driver_rs485a"));
+    robot.until("the next one runs", 10.0, |view| view.runs("driver_rs485a") && view.pid("driver_rs485a") != old);
     support::signal(next.id() as i32, "TERM");
     assert!(next.wait().unwrap().success());
     assert!(robot.processes().is_empty() && !robot.run_dir.exists());

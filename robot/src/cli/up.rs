@@ -65,9 +65,11 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     if command.sim {
         config::world(&common.config_dir(), command.world.as_deref())?;
     }
-    let folder = RunFolder::take(&common.run_dir())?;
     let watchdog = watchdog(common, command)?;
-    let result = Parent::new(log)?.run(&watchdog);
+    // Signals are held back before there is anything to leave behind.
+    let parent = Parent::new(log)?;
+    let folder = RunFolder::take(&common.run_dir())?;
+    let result = parent.run(&watchdog);
     clean(&folder, &config);
     folder.give_back();
     result
@@ -242,7 +244,7 @@ impl Parent {
             wait(&[self.signals.as_fd()], Duration::from_millis(50))?;
             while let Ok(Some(_)) = self.signals.read_signal() {}
         }
-        Err("some processes do not end".into())
+        Err("processes of this robot do not end although they were killed; they are left over".into())
     }
 }
 
