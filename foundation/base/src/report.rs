@@ -97,6 +97,8 @@ faults! {
     WatchdogSilent = 0x020A, Timeout;
     /// A CAN frame that CANopen does not allow came from a node.
     CanMalformed = 0x020B, Device;
+    /// Another CANopen master with our node id is on the bus: the robot stops.
+    SecondMaster = 0x020C, Device;
 
     /// A module's process ended unasked and is started again.
     ModuleDied = 0x0301, Unknown;

@@ -39,6 +39,8 @@ const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
 const MEASURED: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
+/// A second master is told at most every 10 s while it is heard.
+const SECOND_MASTER: Duration = Duration::from_secs(11);
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
 const AXES_PERIOD: Duration = Duration::from_millis(200);
 /// Slower than this the robot stands, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
@@ -62,6 +64,8 @@ pub struct Canbus {
     /// The last command that was not followed, and why; shown for its time to live.
     ignored: Option<(Instant, String)>,
     contested: Option<Instant>,
+    /// Another master was heard; it stands against motion until this moment.
+    second_master: Option<Instant>,
     working: Option<bool>,
     /// The planner was permitted to move the robot, as it was decided last.
     planned: bool,
@@ -102,6 +106,7 @@ impl Canbus {
             refused_until: None,
             ignored: None,
             contested: None,
+            second_master: None,
             working: None,
             planned: false,
             motion: Ticker::new(Instant::NEVER, MOTION_PERIOD),
@@ -286,8 +291,10 @@ impl Canbus {
                 out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
             }
             Heard::SecondMaster => {
-                let message = format!("another master with node id {} is on {}", self.config.node_id, self.config.bus);
-                out.report(Severity::Error, Fault::CanMalformed, "master", message);
+                let Config { node_id, bus, .. } = &self.config;
+                let message = format!("another master with node id {node_id} is on {bus}: the robot stops");
+                out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
+                self.second_master = Some(now + SECOND_MASTER);
             }
         }
     }
@@ -332,6 +339,9 @@ impl Canbus {
         let plain = |reason: String| Some(Blocked { reason, objection: None });
         if !self.port_up {
             return plain(format!("{} is down", self.config.bus));
+        }
+        if self.second_master.is_some() {
+            return plain("another master commands the drives".into());
         }
         if let Some(reason) = self.propulsion.drive.objection().or_else(|| self.steering.drive.objection()) {
             return plain(reason);
@@ -430,6 +440,11 @@ impl Canbus {
         if self.refused_until.is_some_and(|until| until <= now) {
             self.refused_until = None;
             out.clear(Fault::MotionRefused, "", "commands are within limits again");
+        }
+        if self.second_master.is_some_and(|until| until <= now) {
+            self.second_master = None;
+            let bus = self.config.bus.as_str();
+            out.clear(Fault::SecondMaster, bus, format!("no other master is heard on {bus}"));
         }
         if self.contested.is_some_and(|until| until <= now) {
             self.contested = None;
@@ -545,6 +560,7 @@ impl Module for Canbus {
             self.around.poll_timeout(self.now),
             self.refused_until,
             self.contested,
+            self.second_master,
         ];
         own.into_iter().flatten().min()
     }

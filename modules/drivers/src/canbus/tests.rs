@@ -335,6 +335,20 @@ fn a_drive_that_is_not_the_configured_one_never_moves() {
 }
 
 #[test]
+fn another_master_on_the_bus_stops_the_robot() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    // Its heartbeat would keep the drives running when ours is gone.
+    robot.bench.can(PortId(0), can::Frame::standard(0x77F, &[0x05]));
+    robot.drive(0.4, 200);
+    assert!(!robot.moves());
+    assert_eq!(robot.reason(), "another master commands the drives");
+    robot.pass(12_000);
+    robot.drive(0.4, 300);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
 fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
     for state in [State::Pause, State::Stop] {
         let mut robot = Robot::ready();
