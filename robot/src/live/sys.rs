@@ -42,7 +42,7 @@ pub fn open_can(interface: &str, errors: u32) -> io::Result<OwnedFd> {
     // SAFETY: `fd` was just opened and belongs to nobody else.
     let socket = unsafe { OwnedFd::from_raw_fd(fd) };
     set_option(&socket, libc::SOL_CAN_RAW, libc::CAN_RAW_ERR_FILTER, &errors)?;
-    // The kernel takes no less than SOCK_MIN_SNDBUF, room for about ten frames.
+    // The kernel takes no less than SOCK_MIN_SNDBUF, room for six frames.
     set_option(&socket, libc::SOL_SOCKET, libc::SO_SNDBUF, &(0 as libc::c_int))?;
     let index = nix::net::if_::if_nametoindex(interface)?;
     // SAFETY: all zeros is a valid sockaddr_can.

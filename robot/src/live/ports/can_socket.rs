@@ -39,7 +39,8 @@ pub struct CanSocket {
     interface: String,
     socket: Option<OwnedFd>,
     control: Vec<u8>,
-    /// The kernel's count of frames that found the receive buffer full, and how many more since that was told.
+    /// The kernel's count of frames that found the receive buffer full, as the last frame brought it, and how many of
+    /// them are not told yet.
     dropped: u32,
     untold: u32,
     /// A frame that came with such a count, and waits for it to be told.
@@ -93,7 +94,7 @@ impl CanSocket {
                 Err(errno) => return Err(self.lost(errno)),
             }
         };
-        for control in message.cmsgs().map_err(|errno| errno.desc())? {
+        for control in message.cmsgs().map_err(Errno::desc)? {
             if let ControlMessageOwned::RxqOvfl(count) = control {
                 self.untold = self.untold.saturating_add(count.wrapping_sub(mem::replace(&mut self.dropped, count)));
             }
