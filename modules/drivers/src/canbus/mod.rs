@@ -34,7 +34,7 @@ use surroundings::{Objection, Surroundings};
 pub const NAME: &str = "driver_canbus";
 
 const CAN: PortId = PortId(0);
-/// Objects that are read when a drive has booted.
+/// Objects that are read when a drive has booted, or has been quiet.
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
@@ -79,6 +79,8 @@ pub struct Canbus {
 struct Blocked {
     reason: String,
     objection: Option<Objection>,
+    /// Nothing else stands against motion than that the steering has no reference.
+    only_not_homed: bool,
 }
 
 impl Canbus {
@@ -336,7 +338,7 @@ impl Canbus {
 
     /// What stands against any motion, in the order in which an engineer would ask.
     fn objection(&self, now: Instant) -> Option<Blocked> {
-        let plain = |reason: String| Some(Blocked { reason, objection: None });
+        let plain = |reason: String| Some(Blocked { reason, objection: None, only_not_homed: false });
         if !self.port_up {
             return plain(format!("{} is down", self.config.bus));
         }
@@ -350,13 +352,15 @@ impl Canbus {
             return plain(format!("{NAME} is in {}", self.state));
         }
         if let Some(objection) = self.around.objection(now) {
-            return Some(Blocked { reason: objection.to_string(), objection: Some(objection) });
+            let reason = objection.to_string();
+            return Some(Blocked { reason, objection: Some(objection), only_not_homed: false });
         }
         if self.refused_until.is_some() {
             return plain("a command was out of limits".into());
         }
         if !self.steering.is_homed() {
-            return plain(self.steering.why_not_homed());
+            // Asked last: this alone may be mended by moving the steering.
+            return Some(Blocked { reason: self.steering.why_not_homed(), objection: None, only_not_homed: true });
         }
         None
     }
@@ -382,7 +386,7 @@ impl Canbus {
             }
             None => {
                 self.propulsion.quick_stop();
-                self.decide_steering(now);
+                self.decide_steering();
             }
         }
         self.propulsion.advance(now, &mut self.master, out);
@@ -404,17 +408,13 @@ impl Canbus {
         self.planned = plans && self.around.is_located(now);
     }
 
-    /// The steering while nobody moves the robot: it is homed as soon as nothing but that stands against motion, holds
-    /// its angle when nobody commands, and stops where it is when something is wrong.
-    fn decide_steering(&mut self, now: Instant) {
-        let well = self.state == State::Run && self.port_up && self.around.objection(now).is_none();
-        let drives_well = self.propulsion.drive.objection().is_none() && self.steering.drive.objection().is_none();
-        if self.blocked.is_none() {
-            self.steering.hold();
-        } else if well && drives_well && !self.steering.is_homed() && self.is_standing() {
-            self.steering.home();
-        } else {
-            self.steering.quick_stop();
+    /// The steering while nobody moves the robot: it is homed when nothing but that stands against motion, holds its
+    /// angle when nobody commands, and stops where it is when something is wrong.
+    fn decide_steering(&mut self) {
+        match &self.blocked {
+            None => self.steering.hold(),
+            Some(blocked) if blocked.only_not_homed && self.is_standing() => self.steering.home(),
+            Some(_) => self.steering.quick_stop(),
         }
     }
 

@@ -343,6 +343,11 @@ fn another_master_on_the_bus_stops_the_robot() {
     robot.drive(0.4, 200);
     assert!(!robot.moves());
     assert_eq!(robot.reason(), "another master commands the drives");
+    // Nor does the steering move: what is asked of it waits.
+    robot.pass(1000);
+    robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
+    robot.pass(1000);
+    assert!(!robot.motion().homed, "it was homed meanwhile");
     robot.pass(12_000);
     robot.drive(0.4, 300);
     assert!(robot.moves(), "{}", robot.reason());
