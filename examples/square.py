@@ -66,11 +66,12 @@ if not ready:
     sys.exit(1)
 
 start, corners = truth[0], []
+ahead = odo[0].heading
 for corner in range(1, 5):
     path = odo[0].path
     arrived = drive(SPEED, 0, lambda: odo[0].path >= path + side, 10 + 5 * side)
-    heading = odo[0].heading
-    turned = drive(SPEED, STEERING, lambda: odo[0].heading >= heading + math.pi / 2, 20)
+    # Counted from the start: what one corner turns too far, the next does not add to.
+    turned = drive(SPEED, STEERING, lambda: odo[0].heading >= ahead + corner * math.pi / 2, 20)
     if not (arrived and turned):
         command(0, 0)
         print("the robot does not get on:", motion[0].reason, file=sys.stderr)
