@@ -1,3 +1,5 @@
+//! The table of channels: every type once, no two alike.
+
 use std::collections::BTreeMap;
 
 use super::*;

@@ -1,3 +1,5 @@
+//! The answering side against frames typed from docs/facts/boards.md.
+
 use super::*;
 use crate::testing::{text, words};
 use std::string::String;

@@ -1,3 +1,5 @@
+//! The codec by itself: limits, and what each kind of wrong bytes is told.
+
 use super::*;
 
 /// What lcm-gen would write for `struct t { string name; int8_t n; double x[n][2]; }`.
