@@ -115,7 +115,9 @@ fn can_port(place: &Place, can: &CanBus) -> Result<PortConfig, ConfigError> {
         CanInterface::Socket(interface) => Ok(PortConfig::CanSocket { interface: interface.clone() }),
         CanInterface::Udp { group, port } => {
             let (url, _) = lcm::Url::parse(&place.lcm_url).map_err(|error| ConfigError(vec![error.to_string()]))?;
-            let port = port.unwrap_or_else(|| can_port_beside(url.port));
+            // Whatever else carries the messages has no UDP port to stand beside.
+            let beside = if let lcm::Url::Udpm(udpm) = url { udpm.port } else { lcm::url::PORT };
+            let port = port.unwrap_or_else(|| can_port_beside(beside));
             Ok(PortConfig::CanUdp { bus: SocketAddrV4::new(*group, port) })
         }
     }

@@ -1,23 +1,22 @@
-//! LCM on UDP sockets: one context per process, no threads; receiving happens in the caller's.
+//! LCM on this machine: one context per process, no threads; receiving happens in the caller's.
 //!
 //! The context is a descriptor for an event loop ([`AsFd`]): when it is readable, call [`Lcm::recv`] until `None`.
-//! Simple clients use [`Lcm::wait`]. Sockets and interfaces: `live/socket.rs`.
+//! Simple clients use [`Lcm::wait`]. A file per provider of [`Url`](crate::Url); sockets and interfaces of UDP
+//! multicast: `live/socket.rs`.
 
 mod socket;
+mod udpm;
 
-use crate::receiver::{Receiver, Rejections, Stats};
-use crate::subscription::{PatternError, SubscriptionId};
-use crate::udpm::{DATAGRAM_MAX, EncodeError, ShortHeader};
+use crate::receiver::{Rejections, Stats};
+use crate::subscription::{PatternError, Queue, SubscriptionId};
+use crate::udpm::EncodeError;
 use crate::url::Url;
 use nix::errno::Errno;
-use socket::{Arrival, ReceiveSocket, SendSocket};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 use std::{fmt, io};
-
-/// How many datagrams in a row one [`Lcm::recv`] drops before it returns to its caller, so that a flood of messages
-/// that nobody wants cannot hold a process that has other work to do.
-const UNWANTED_MAX: usize = 64;
+pub use udpm::Udpm;
 
 /// A moment on the wall clock: nanoseconds since 1970-01-01 00:00 UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -79,70 +78,65 @@ impl std::error::Error for SubscribeError {}
 
 /// A process's place on the bus: publishes, subscribes, receives. Hears its own messages where it subscribes to them.
 #[derive(Debug)]
-pub struct Lcm {
-    receiver: Receiver,
-    receive: ReceiveSocket,
-    send: SendSocket,
-    sequence: u32,
-    datagram: Box<[u8]>,
-    channel: String,
+pub struct Lcm(Provider);
+
+/// Each has the methods of [`Lcm`].
+#[derive(Debug)]
+enum Provider {
+    Udpm(Udpm),
+}
+
+/// Hands a call to the provider.
+macro_rules! provider {
+    ($lcm:expr, $it:ident => $call:expr) => {
+        match $lcm {
+            Provider::Udpm($it) => $call,
+        }
+    };
 }
 
 impl Lcm {
-    /// Opens the sockets. The bus is joined at the first subscription; until then nothing is received.
+    /// Opens what the URL names. A UDP multicast group is joined at the first subscription; until then nothing is
+    /// received.
     ///
     /// # Errors
-    /// The machine refuses a socket, or has not even a loopback interface; the text says what was tried.
+    /// The machine refuses a socket or a file, or has not even a loopback interface; the text says what was tried.
     pub fn new(url: &Url) -> io::Result<Self> {
-        Ok(Self {
-            receiver: Receiver::default(),
-            receive: ReceiveSocket::open(url)?,
-            send: SendSocket::open(url)?,
-            sequence: 0,
-            datagram: vec![0; DATAGRAM_MAX].into(),
-            channel: String::new(),
-        })
+        let provider = match url {
+            Url::Udpm(url) => Provider::Udpm(Udpm::new(url)?),
+            _ => return Err(io::Error::new(io::ErrorKind::Unsupported, format!("{url}: not supported yet"))),
+        };
+        Ok(Self(provider))
     }
 
-    /// Sends a message of at most [`crate::udpm::SHORT_MAX`] bytes, the channel's name and a NUL included.
-    /// Never blocks.
+    /// Sends a message of at most [`crate::udpm::MESSAGE_MAX`] bytes. Never blocks.
     ///
     /// # Errors
-    /// A wrong name or size: nothing was sent. Otherwise the message is lost, and its sequence number shows that to
-    /// receivers.
+    /// A wrong name or size: nothing was sent. Otherwise the message is lost.
     pub fn publish(&mut self, channel: &str, payload: &[u8]) -> Result<(), PublishError> {
-        let header = ShortHeader::new(self.sequence, channel, payload.len()).map_err(PublishError::Encode)?;
-        self.sequence = self.sequence.wrapping_add(1);
-        match self.send.send(header.as_bytes(), payload) {
-            Ok(()) => {
-                self.receiver.stats.sent += 1;
-                Ok(())
-            }
-            Err(Errno::EAGAIN | Errno::ENOBUFS) => {
-                self.receiver.stats.send_refused += 1;
-                Err(PublishError::Busy)
-            }
-            Err(error) => Err(PublishError::Io(error.into())),
-        }
+        provider!(&mut self.0, it => it.publish(channel, payload))
     }
 
     /// Receives the channels that `pattern` matches as a whole; see [`crate::subscription::Pattern`]. A message that
-    /// several subscriptions match is received once.
+    /// several subscriptions match is received once. What waits to be received is limited by the receive buffer.
     ///
     /// # Errors
     /// A wrong pattern; at the first subscription also a bus that cannot be joined. Nothing is subscribed then.
     pub fn subscribe(&mut self, pattern: &str) -> Result<SubscriptionId, SubscribeError> {
-        let id = self.receiver.subscribe(pattern).map_err(SubscribeError::Pattern)?;
-        if let Err(error) = self.receive.join() {
-            self.receiver.unsubscribe(id);
-            return Err(SubscribeError::Io(error));
-        }
-        Ok(id)
+        self.subscribe_with(pattern, Queue::default())
+    }
+
+    /// Like [`Lcm::subscribe`], with a limit on the messages that wait to be received.
+    ///
+    /// # Errors
+    /// As [`Lcm::subscribe`].
+    pub fn subscribe_with(&mut self, pattern: &str, queue: Queue) -> Result<SubscriptionId, SubscribeError> {
+        provider!(&mut self.0, it => it.subscribe(pattern, queue))
     }
 
     /// Ends a subscription; false when there is none such.
     pub fn unsubscribe(&mut self, id: SubscriptionId) -> bool {
-        self.receiver.unsubscribe(id)
+        provider!(&mut self.0, it => it.unsubscribe(id))
     }
 
     /// The next message of a subscribed channel; never blocks. `None`: nothing more now, or a good many unwanted
@@ -151,20 +145,7 @@ impl Lcm {
     /// # Errors
     /// The socket failed. What is wrong with a datagram is no error; see [`Lcm::stats`].
     pub fn recv(&mut self) -> io::Result<Option<Received<'_>>> {
-        for _ in 0..UNWANTED_MAX {
-            let Some(Arrival { from, len, at }) = self.receive.receive(&mut self.datagram)? else {
-                return Ok(None);
-            };
-            self.receiver.stats.kernel_dropped = self.receive.dropped();
-            let Some(short) = self.receiver.handle_rx(from, &self.datagram[..len]) else {
-                continue;
-            };
-            self.channel.clear();
-            self.channel.push_str(short.channel);
-            let start = len - short.payload.len();
-            return Ok(Some(Received { channel: &self.channel, payload: &self.datagram[start..len], at }));
-        }
-        Ok(None)
+        provider!(&mut self.0, it => it.recv())
     }
 
     /// Waits until something can be received, at most `timeout`; false when nothing came, or a signal did.
@@ -172,35 +153,36 @@ impl Lcm {
     /// # Errors
     /// The system call failed.
     pub fn wait(&self, timeout: Duration) -> io::Result<bool> {
-        self.receive.wait(timeout)
+        // Rounded up: a wait of half a millisecond is not a busy loop.
+        let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
+        let timeout = PollTimeout::try_from(millis).map_err(io::Error::other)?;
+        match poll(&mut [PollFd::new(self.as_fd(), PollFlags::POLLIN)], timeout) {
+            Ok(ready) => Ok(ready > 0),
+            Err(Errno::EINTR) => Ok(false),
+            Err(errno) => Err(context("cannot wait for messages")(errno)),
+        }
     }
 
     /// What became of all messages so far.
     #[must_use]
     pub fn stats(&self) -> &Stats {
-        &self.receiver.stats
+        provider!(&self.0, it => it.stats())
     }
 
     /// What was rejected so far, by kind: at most one of each.
     #[must_use]
     pub fn rejections(&self) -> &[Rejections] {
-        self.receiver.rejections()
+        match &self.0 {
+            Provider::Udpm(udpm) => udpm.rejections(),
+        }
     }
 
-    /// The size of the receive buffer in bytes that the kernel granted; less than the URL asks for where
-    /// `net.core.rmem_max` is less and the process may not exceed it.
-    ///
-    /// # Errors
-    /// The system call failed.
-    pub fn granted_recv_buf_size(&self) -> io::Result<usize> {
-        self.receive.granted_size()
-    }
-
-    /// Whether messages go out on the loopback interface: there was no route to the group at the start, or there is
-    /// none any more.
+    /// The UDP multicast behind it, if it is that.
     #[must_use]
-    pub fn on_loopback(&self) -> bool {
-        self.send.on_loopback()
+    pub fn udpm(&self) -> Option<&Udpm> {
+        match &self.0 {
+            Provider::Udpm(udpm) => Some(udpm),
+        }
     }
 }
 
@@ -208,6 +190,14 @@ impl AsFd for Lcm {
     /// Readable when [`Lcm::recv`] has something to do. It is the same descriptor before and after the first
     /// subscription.
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.receive.as_fd()
+        provider!(&self.0, it => it.as_fd())
+    }
+}
+
+/// Says what was tried when a system call failed.
+fn context(what: impl fmt::Display) -> impl FnOnce(Errno) -> io::Error {
+    move |errno| {
+        let error = io::Error::from(errno);
+        io::Error::new(error.kind(), format!("{what}: {error}"))
     }
 }

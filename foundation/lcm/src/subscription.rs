@@ -64,6 +64,20 @@ impl Pattern {
     }
 }
 
+/// What becomes of a subscription's messages while nobody takes them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Queue {
+    /// They wait in the transport's own buffer, as many as it holds; the newest are lost when it is full.
+    #[default]
+    Transport,
+    /// So many wait, and what comes then is lost: `liblcm`'s way.
+    Oldest(usize),
+    /// So many wait, and for what comes then the oldest is lost.
+    Newest(usize),
+    /// The last one of each channel waits.
+    Last,
+}
+
 /// Names one subscription of a receiver; never given twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SubscriptionId(u32);

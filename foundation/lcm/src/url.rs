@@ -1,29 +1,56 @@
-//! `udpm://GROUP:PORT?key=value&key=value`: where the bus is. Defaults are LCM's:
+//! `PROVIDER://NETWORK?key=value&key=value`: where the bus is. Nothing at all is LCM's default,
 //! `udpm://239.255.76.67:7667?ttl=0`.
 //!
-//! | option | default | meaning |
+//! | provider | network | is |
 //! |---|---|---|
-//! | `ttl` | 0 | multicast time to live, 0..=255; 0 stays on this host, 1 on its subnet |
-//! | `recv_buf_size` | 0 | receive buffer in bytes; 0: [`RECV_BUF_SIZE`] |
-//! | `shm` | `off` | the local shared-memory bus, not built yet: `off` and `auto` (use it where it is) are the same |
+//! | `udpm` | multicast group and port | UDP multicast, no server; [`Udpm`] |
+//! | `tcpq` | address and port of a hub, `127.0.0.1:7700` | a TCP connection to a hub |
+//! | `memq` | nothing | within one context, for tests |
+//! | `file` | the path of an event log | playback and recording; [`File`] |
+//!
+//! | option | of | default | meaning |
+//! |---|---|---|---|
+//! | `ttl` | `udpm` | 0 | multicast time to live, 0..=255; 0 stays on this host, 1 on its subnet |
+//! | `recv_buf_size` | `udpm` | 0 | receive buffer in bytes; 0: [`RECV_BUF_SIZE`] |
+//! | `interface` | `udpm` | | name or IPv4 address of the network interface to use instead of what the routing table says |
+//! | `shm` | `udpm` | `off` | `auto`: messages between programs of this host and user go through shared memory where both can |
+//! | `mode` | `file` | `r` | `r` plays, `w` records anew, `a` records at the end |
+//! | `speed` | `file` | 1 | of playback, against the recorded pace; 0: as fast as possible |
+//! | `start_timestamp` | `file` | | where playback starts, µs since 1970 |
 //!
 //! Any other option is a warning, as in `liblcm`; a later one wins. Unlike there a group without a port gets 7667
 //! (`liblcm`: port 0, which cannot publish), the group must be a multicast address, and numbers must be numbers.
 
 use core::fmt;
-use core::net::{AddrParseError, Ipv4Addr, SocketAddrV4};
+use core::net::{Ipv4Addr, SocketAddrV4};
+use core::str::FromStr;
 
 /// LCM's default group.
 pub const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 76, 67);
 /// LCM's default port.
 pub const PORT: u16 = 7667;
+/// The default port of a TCPQ hub.
+pub const TCPQ_PORT: u16 = 7700;
 /// The receive buffer asked for when the URL names none, in bytes. The kernel's default of 208 KiB overflows while a
 /// process waits for its turn on a busy processor.
 pub const RECV_BUF_SIZE: usize = 2 << 20;
 
 /// Where the bus is and how to join it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Url {
+#[derive(Clone, Debug, PartialEq)]
+pub enum Url {
+    /// UDP multicast.
+    Udpm(Udpm),
+    /// A hub that is reached by TCP.
+    Tcpq(SocketAddrV4),
+    /// This context alone.
+    Memq,
+    /// An event log.
+    File(File),
+}
+
+/// UDP multicast.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Udpm {
     /// An IPv4 multicast address.
     pub group: Ipv4Addr,
     /// UDP port, not 0.
@@ -32,19 +59,84 @@ pub struct Url {
     pub ttl: u8,
     /// Bytes to ask the kernel for as receive buffer.
     pub recv_buf_size: usize,
+    /// The network interface to use; `None`: what the routing table says, and `lo`.
+    pub interface: Option<Interface>,
+    /// The shared-memory bus beside it.
+    pub shm: Shm,
+}
+
+/// A network interface.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Interface {
+    /// By its name, `eth0`.
+    Name(String),
+    /// By its address.
+    Address(Ipv4Addr),
+}
+
+/// Whether programs of one host and user exchange messages through shared memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shm {
+    /// Never.
+    #[default]
+    Off,
+    /// With those that do, too; datagrams go out where others may listen.
+    Auto,
+}
+
+/// An event log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct File {
+    /// Its path; not empty.
+    pub path: String,
+    /// What is done with it.
+    pub mode: Mode,
+}
+
+/// What is done with an event log.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Mode {
+    /// Its events are received.
+    Play {
+        /// Against the recorded pace; 0 is as fast as possible. Finite, not negative.
+        speed: f64,
+        /// Events before this one are skipped, µs since 1970.
+        start: Option<i64>,
+    },
+    /// What is published is written to it; what it was is lost.
+    Write,
+    /// What is published is written to its end.
+    Append,
 }
 
 impl Default for Url {
     fn default() -> Self {
-        Self { group: GROUP, port: PORT, ttl: 0, recv_buf_size: RECV_BUF_SIZE }
+        Self::Udpm(Udpm::default())
+    }
+}
+
+impl From<Udpm> for Url {
+    fn from(udpm: Udpm) -> Self {
+        Self::Udpm(udpm)
+    }
+}
+
+impl Default for Udpm {
+    fn default() -> Self {
+        Self { group: GROUP, port: PORT, ttl: 0, recv_buf_size: RECV_BUF_SIZE, interface: None, shm: Shm::Off }
     }
 }
 
 /// An option that changes nothing. One line for people by `Display`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Warning {
-    /// Nobody knows this option.
-    Unknown(String),
+    /// This provider does not know this option.
+    Unknown {
+        /// The option, with its value.
+        option: String,
+        /// Those that it knows.
+        known: &'static str,
+    },
     /// LCM once had this option.
     Obsolete(String),
 }
@@ -52,12 +144,13 @@ pub enum Warning {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unknown(option) => {
-                write!(f, "LCM URL: unknown option `{option}` ignored; known are ttl, recv_buf_size, shm")
+            Self::Unknown { option, known: "" } => {
+                write!(f, "LCM URL: unknown option `{option}` ignored; this provider has none")
             }
-            Self::Obsolete(option) => {
-                write!(f, "LCM URL: option `{option}` is obsolete and ignored")
+            Self::Unknown { option, known } => {
+                write!(f, "LCM URL: unknown option `{option}` ignored; known are {known}")
             }
+            Self::Obsolete(option) => write!(f, "LCM URL: option `{option}` is obsolete and ignored"),
         }
     }
 }
@@ -65,12 +158,21 @@ impl fmt::Display for Warning {
 /// Why a URL was refused. One line for people by `Display`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum UrlError {
-    /// It does not start with `udpm://`.
+    /// It does not start with a provider.
     Provider(String),
     /// The group is not an IPv4 multicast address. Host names are not resolved.
     Group(String),
+    /// The hub is not an IPv4 address. Host names are not resolved.
+    Address(String),
     /// The port is not 1..=65535.
     Port(String),
+    /// There is something where nothing may stand, or nothing where something must.
+    Network {
+        /// What stands there.
+        network: String,
+        /// What must.
+        allowed: &'static str,
+    },
     /// The value of an option is not in its range.
     Value {
         /// The option.
@@ -85,11 +187,15 @@ pub enum UrlError {
 impl fmt::Display for UrlError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Provider(url) => write!(f, "LCM URL `{url}`: only udpm://GROUP:PORT?ttl=N is supported"),
+            Self::Provider(url) => {
+                write!(f, "LCM URL `{url}`: starts with none of udpm://, tcpq://, memq://, file://")
+            }
             Self::Group(group) => {
                 write!(f, "LCM URL: `{group}` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)")
             }
+            Self::Address(address) => write!(f, "LCM URL: `{address}` is not an IPv4 address; names are not resolved"),
             Self::Port(port) => write!(f, "LCM URL: port `{port}` is not within 1 to 65535"),
+            Self::Network { network, allowed } => write!(f, "LCM URL: `{network}` where {allowed} must stand"),
             Self::Value { key, value, allowed } => write!(f, "LCM URL: {key}=`{value}`; allowed is {allowed}"),
         }
     }
@@ -101,22 +207,53 @@ impl Url {
     /// Reads a URL; the empty text is the default.
     ///
     /// # Errors
-    /// It is not a `udpm` URL, or group, port or the value of an option are out of range.
+    /// The provider is unknown, or network or the value of an option are out of range.
     pub fn parse(text: &str) -> Result<(Self, Vec<Warning>), UrlError> {
-        let mut url = Self::default();
-        let mut warnings = Vec::new();
         if text.is_empty() {
-            return Ok((url, warnings));
+            return Ok((Self::default(), Vec::new()));
         }
-        let rest = text.strip_prefix("udpm://").ok_or_else(|| UrlError::Provider(text.into()))?;
+        let (provider, rest) = text.split_once("://").ok_or_else(|| UrlError::Provider(text.into()))?;
         let (network, options) = rest.split_once('?').unwrap_or((rest, ""));
-        url.set_network(network)?;
+        let mut warnings = Vec::new();
         // Split at further `?` too, as liblcm does.
-        for option in options.split(['&', '?']).filter(|option| !option.is_empty()) {
-            warnings.extend(url.set_option(option)?);
-        }
+        let options = options.split(['&', '?']).filter(|option| !option.is_empty());
+        let options = options.map(|option| Opt { text: option, pair: option.split_once('=').unwrap_or((option, "")) });
+        let url = match provider {
+            "udpm" => Self::Udpm(Udpm::parse(network, options, &mut warnings)?),
+            "tcpq" => {
+                warnings.extend(options.map(|option| option.unknown("")));
+                Self::Tcpq(hub(network)?)
+            }
+            "memq" if network.is_empty() => {
+                warnings.extend(options.map(|option| option.unknown("")));
+                Self::Memq
+            }
+            "memq" => return Err(UrlError::Network { network: network.into(), allowed: "nothing" }),
+            "file" => Self::File(File::parse(network, options, &mut warnings)?),
+            _ => return Err(UrlError::Provider(text.into())),
+        };
         Ok((url, warnings))
     }
+}
+
+/// One `key=value`.
+struct Opt<'a> {
+    text: &'a str,
+    pair: (&'a str, &'a str),
+}
+
+impl Opt<'_> {
+    fn unknown(&self, known: &'static str) -> Warning {
+        Warning::Unknown { option: self.text.into(), known }
+    }
+
+    fn wrong(&self, key: &'static str, allowed: &'static str) -> UrlError {
+        UrlError::Value { key, value: self.pair.1.into(), allowed }
+    }
+}
+
+impl Udpm {
+    const OPTIONS: &'static str = "ttl, recv_buf_size, interface, shm";
 
     /// Group and port together.
     #[must_use]
@@ -124,54 +261,155 @@ impl Url {
         SocketAddrV4::new(self.group, self.port)
     }
 
-    fn set_network(&mut self, network: &str) -> Result<(), UrlError> {
-        let (group, port) = network.split_once(':').map_or((network, None), |(group, port)| (group, Some(port)));
-        if !group.is_empty() {
-            let wrong = |_: AddrParseError| UrlError::Group(group.into());
-            self.group = group.parse().map_err(wrong)?;
+    fn parse<'a>(
+        network: &str,
+        options: impl Iterator<Item = Opt<'a>>,
+        warnings: &mut Vec<Warning>,
+    ) -> Result<Self, UrlError> {
+        let mut url = Self::default();
+        (url.group, url.port) = address(network, (GROUP, PORT), UrlError::Group)?;
+        if !url.group.is_multicast() {
+            return Err(UrlError::Group(url.group.to_string()));
         }
-        if !self.group.is_multicast() {
-            return Err(UrlError::Group(group.into()));
+        for option in options {
+            warnings.extend(url.set(&option)?);
         }
-        if let Some(port) = port {
-            let in_range = number(port).and_then(|n| u16::try_from(n).ok()).filter(|&n| n > 0);
-            self.port = in_range.ok_or_else(|| UrlError::Port(port.into()))?;
-        }
-        Ok(())
+        Ok(url)
     }
 
-    fn set_option(&mut self, option: &str) -> Result<Option<Warning>, UrlError> {
-        let (key, value) = option.split_once('=').unwrap_or((option, ""));
-        let wrong = |key, allowed| UrlError::Value { key, value: value.into(), allowed };
+    fn set(&mut self, option: &Opt<'_>) -> Result<Option<Warning>, UrlError> {
+        let (key, value) = option.pair;
         match key {
             "ttl" => {
                 let ttl = number(value).and_then(|n| u8::try_from(n).ok());
-                self.ttl = ttl.ok_or_else(|| wrong("ttl", "0 to 255"))?;
+                self.ttl = ttl.ok_or_else(|| option.wrong("ttl", "0 to 255"))?;
             }
             "recv_buf_size" => {
                 // The kernel takes an int and doubles it.
                 let size = number(value).filter(|&n| n <= i32::MAX as u32 / 2);
-                self.recv_buf_size = match size.ok_or_else(|| wrong("recv_buf_size", "0 to 1073741823"))? {
+                self.recv_buf_size = match size.ok_or_else(|| option.wrong("recv_buf_size", "0 to 1073741823"))? {
                     0 => RECV_BUF_SIZE,
                     size => size as usize,
                 };
             }
-            "shm" if matches!(value, "off" | "auto") => {}
-            "shm" => return Err(wrong("shm", "off or auto")),
+            "interface" => {
+                let name = |name: &str| (1..16).contains(&name.len()) && !name.contains(['/', ' ']);
+                self.interface = Some(match value.parse() {
+                    Ok(address) => Interface::Address(address),
+                    Err(_) if name(value) => Interface::Name(value.into()),
+                    Err(_) => {
+                        return Err(option.wrong("interface", "the name of a network interface or its IPv4 address"));
+                    }
+                });
+            }
+            "shm" => {
+                self.shm = match value {
+                    "off" => Shm::Off,
+                    "auto" => Shm::Auto,
+                    _ => return Err(option.wrong("shm", "off or auto")),
+                };
+            }
             "transmit_only" => return Ok(Some(Warning::Obsolete(key.into()))),
-            _ => return Ok(Some(Warning::Unknown(option.into()))),
+            _ => return Ok(Some(option.unknown(Self::OPTIONS))),
         }
         Ok(None)
     }
 }
 
+impl File {
+    fn parse<'a>(
+        network: &str,
+        options: impl Iterator<Item = Opt<'a>>,
+        warnings: &mut Vec<Warning>,
+    ) -> Result<Self, UrlError> {
+        if network.is_empty() {
+            return Err(UrlError::Network { network: String::new(), allowed: "the path of an event log" });
+        }
+        let (mut speed, mut start, mut mode) = (1.0, None, "r");
+        for option in options {
+            match option.pair {
+                ("mode", value @ ("r" | "w" | "a")) => mode = value,
+                ("mode", _) => return Err(option.wrong("mode", "r, w or a")),
+                ("speed", value) => {
+                    let in_range = f64::from_str(value).ok().filter(|speed| speed.is_finite());
+                    // liblcm: 0 or less is as fast as possible.
+                    speed = in_range.ok_or_else(|| option.wrong("speed", "a number"))?.max(0.0);
+                }
+                ("start_timestamp", value) => {
+                    let utime = i64::from_str(value).map_err(|_| option.wrong("start_timestamp", "µs since 1970"))?;
+                    start = Some(utime);
+                }
+                _ => warnings.push(option.unknown("mode, speed, start_timestamp")),
+            }
+        }
+        let mode = match mode {
+            "w" => Mode::Write,
+            "a" => Mode::Append,
+            _ => Mode::Play { speed, start },
+        };
+        Ok(Self { path: network.into(), mode })
+    }
+}
+
+fn hub(network: &str) -> Result<SocketAddrV4, UrlError> {
+    let (address, port) = address(network, (Ipv4Addr::LOCALHOST, TCPQ_PORT), UrlError::Address)?;
+    Ok(SocketAddrV4::new(address, port))
+}
+
+/// `ADDRESS:PORT`, either of which may be left out.
+fn address(
+    network: &str,
+    default: (Ipv4Addr, u16),
+    wrong: impl FnOnce(String) -> UrlError,
+) -> Result<(Ipv4Addr, u16), UrlError> {
+    let (address, port) = network.split_once(':').map_or((network, None), |(address, port)| (address, Some(port)));
+    let address = match address {
+        "" => default.0,
+        _ => address.parse().map_err(|_| wrong(address.into()))?,
+    };
+    let port = match port {
+        None => default.1,
+        Some(port) => {
+            let in_range = number(port).and_then(|n| u16::try_from(n).ok()).filter(|&n| n > 0);
+            in_range.ok_or_else(|| UrlError::Port(port.into()))?
+        }
+    };
+    Ok((address, port))
+}
+
 impl fmt::Display for Url {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Udpm(url) => url.fmt(f),
+            Self::Tcpq(hub) => write!(f, "tcpq://{hub}"),
+            Self::Memq => write!(f, "memq://"),
+            Self::File(File { path, mode }) => match mode {
+                Mode::Write => write!(f, "file://{path}?mode=w"),
+                Mode::Append => write!(f, "file://{path}?mode=a"),
+                Mode::Play { speed, start } => {
+                    write!(f, "file://{path}?speed={speed}")?;
+                    start.map_or(Ok(()), |start| write!(f, "&start_timestamp={start}"))
+                }
+            },
+        }
+    }
+}
+
+impl fmt::Display for Udpm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "udpm://{}:{}?ttl={}", self.group, self.port, self.ttl)?;
         if self.recv_buf_size != RECV_BUF_SIZE {
             write!(f, "&recv_buf_size={}", self.recv_buf_size)?;
         }
-        Ok(())
+        match &self.interface {
+            Some(Interface::Name(name)) => write!(f, "&interface={name}")?,
+            Some(Interface::Address(address)) => write!(f, "&interface={address}")?,
+            None => {}
+        }
+        match self.shm {
+            Shm::Off => Ok(()),
+            Shm::Auto => write!(f, "&shm=auto"),
+        }
     }
 }
 
@@ -198,48 +436,77 @@ mod tests {
         url
     }
 
+    fn udpm(text: &str) -> Udpm {
+        match parsed(text) {
+            Url::Udpm(url) => url,
+            other => panic!("{other}"),
+        }
+    }
+
     #[test]
     fn what_is_left_out_has_lcms_default() {
-        let default = parsed("udpm://239.255.76.67:7667?ttl=0");
+        let default = udpm("udpm://239.255.76.67:7667?ttl=0");
         for text in ["", "udpm://", "udpm://?", "udpm://239.255.76.67", "udpm://:7667", "udpm://?recv_buf_size=0"] {
-            assert_eq!(parsed(text), default, "{text}");
+            assert_eq!(udpm(text), default, "{text}");
         }
-        assert_eq!(default, Url::default());
-        assert_eq!(parsed("udpm://224.1.2.3"), Url { group: Ipv4Addr::new(224, 1, 2, 3), ..default });
+        assert_eq!(default, Udpm::default());
+        assert_eq!(udpm("udpm://224.1.2.3"), Udpm { group: Ipv4Addr::new(224, 1, 2, 3), ..default });
+        assert_eq!(parsed("tcpq://"), Url::Tcpq(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 7700)));
+        let play = Mode::Play { speed: 1.0, start: None };
+        assert_eq!(parsed("file://a.lcmlog"), Url::File(File { path: "a.lcmlog".into(), mode: play }));
     }
 
     #[test]
     fn options_are_read_and_a_later_one_wins() {
-        let url = parsed("udpm://239.1.2.3:1?ttl=1&recv_buf_size=0x10000&shm=auto?ttl=255&");
-        let wanted = Url { group: Ipv4Addr::new(239, 1, 2, 3), port: 1, ttl: 255, recv_buf_size: 65536 };
+        let url = udpm("udpm://239.1.2.3:1?ttl=1&recv_buf_size=0x10000&shm=auto?ttl=255&");
+        let group = Ipv4Addr::new(239, 1, 2, 3);
+        let wanted = Udpm { group, port: 1, ttl: 255, recv_buf_size: 65536, interface: None, shm: Shm::Auto };
         assert_eq!(url, wanted);
-        assert_eq!(url.to_string(), "udpm://239.1.2.3:1?ttl=255&recv_buf_size=65536");
-        assert_eq!(parsed(&url.to_string()), url);
-        assert_eq!(Url::default().to_string(), "udpm://239.255.76.67:7667?ttl=0");
+        assert_eq!(udpm("udpm://?interface=eth0").interface, Some(Interface::Name("eth0".into())));
+        let address = Some(Interface::Address(Ipv4Addr::LOCALHOST));
+        assert_eq!(udpm("udpm://?interface=127.0.0.1").interface, address);
+        let play = Mode::Play { speed: 0.5, start: Some(-3) };
+        let wanted = Url::File(File { path: "/tmp/a".into(), mode: play });
+        assert_eq!(parsed("file:///tmp/a?mode=r&speed=0.5&start_timestamp=-3"), wanted);
+    }
+
+    #[test]
+    fn what_is_written_reads_the_same() {
+        for text in [
+            "udpm://239.255.76.67:7667?ttl=0",
+            "udpm://239.1.2.3:1?ttl=255&recv_buf_size=65536&interface=eth0&shm=auto",
+            "tcpq://10.0.0.1:7701",
+            "memq://",
+            "file:///tmp/a?speed=0.5&start_timestamp=7",
+            "file://a?mode=w",
+            "file://a?mode=a",
+        ] {
+            assert_eq!(parsed(text).to_string(), text);
+        }
     }
 
     #[test]
     fn an_unknown_option_is_a_warning() {
         let (url, warnings) = Url::parse("udpm://?TTL=1&transmit_only=true&flag").unwrap();
         assert_eq!(url, Url::default());
-        let wanted = [
-            Warning::Unknown("TTL=1".into()),
-            Warning::Obsolete("transmit_only".into()),
-            Warning::Unknown("flag".into()),
-        ];
-        assert_eq!(warnings, wanted);
+        let unknown = |option: &str, known| Warning::Unknown { option: option.into(), known };
+        let known = "ttl, recv_buf_size, interface, shm";
+        assert_eq!(
+            warnings,
+            [unknown("TTL=1", known), Warning::Obsolete("transmit_only".into()), unknown("flag", known)]
+        );
+        let (_, warnings) = Url::parse("memq://?ttl=0").unwrap();
+        assert_eq!(warnings[0].to_string(), "LCM URL: unknown option `ttl=0` ignored; this provider has none");
     }
 
     #[test]
     fn a_wrong_url_is_one_clear_line() {
+        let group = |name| format!("LCM URL: `{name}` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)");
         for (text, line) in [
-            ("tcpq://127.0.0.1", "LCM URL `tcpq://127.0.0.1`: only udpm://GROUP:PORT?ttl=N is supported"),
-            ("udpm:/", "LCM URL `udpm:/`: only udpm://GROUP:PORT?ttl=N is supported"),
-            (
-                "udpm://10.0.0.1:7667",
-                "LCM URL: `10.0.0.1` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)",
-            ),
-            ("udpm://robot", "LCM URL: `robot` is not an IPv4 multicast address (224.0.0.0 to 239.255.255.255)"),
+            ("udpm:/", "LCM URL `udpm:/`: starts with none of udpm://, tcpq://, memq://, file://"),
+            ("mpudpm://", "LCM URL `mpudpm://`: starts with none of udpm://, tcpq://, memq://, file://"),
+            ("udpm://10.0.0.1:7667", &group("10.0.0.1")),
+            ("udpm://robot", &group("robot")),
             ("udpm://239.1.1.1:0", "LCM URL: port `0` is not within 1 to 65535"),
             ("udpm://239.1.1.1:", "LCM URL: port `` is not within 1 to 65535"),
             ("udpm://239.1.1.1:65536", "LCM URL: port `65536` is not within 1 to 65535"),
@@ -249,8 +516,17 @@ mod tests {
             ("udpm://?ttl=010", "LCM URL: ttl=`010`; allowed is 0 to 255"),
             ("udpm://?recv_buf_size=-1", "LCM URL: recv_buf_size=`-1`; allowed is 0 to 1073741823"),
             ("udpm://?shm=on", "LCM URL: shm=`on`; allowed is off or auto"),
+            (
+                "udpm://?interface=",
+                "LCM URL: interface=``; allowed is the name of a network interface or its IPv4 address",
+            ),
+            ("tcpq://robot", "LCM URL: `robot` is not an IPv4 address; names are not resolved"),
+            ("memq://x", "LCM URL: `x` where nothing must stand"),
+            ("file://", "LCM URL: `` where the path of an event log must stand"),
+            ("file://a?mode=x", "LCM URL: mode=`x`; allowed is r, w or a"),
+            ("file://a?speed=NaN", "LCM URL: speed=`NaN`; allowed is a number"),
         ] {
-            assert_eq!(Url::parse(text).unwrap_err().to_string(), line);
+            assert_eq!(Url::parse(text).unwrap_err().to_string(), line, "{text}");
         }
     }
 }

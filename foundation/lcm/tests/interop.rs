@@ -62,7 +62,7 @@ fn the_official_subscriber_receives_exactly_what_we_publish() {
     let mut ready = String::new();
     out.read_line(&mut ready).unwrap();
     assert_eq!(ready, "ready\n");
-    let mut lcm = Lcm::new(&url).unwrap();
+    let mut lcm = Lcm::new(&url.clone().into()).unwrap();
     for n in 0..COUNT {
         let (channel, payload) = message(n);
         lcm.publish("OTHER", b"not for the peer").unwrap();
@@ -82,7 +82,7 @@ fn the_official_subscriber_receives_exactly_what_we_publish() {
 fn we_receive_exactly_what_the_official_publisher_sends() {
     let Some(python) = python() else { return };
     let url = common::url();
-    let mut lcm = Lcm::new(&url).unwrap();
+    let mut lcm = Lcm::new(&url.clone().into()).unwrap();
     lcm.subscribe("PEER_.*").unwrap();
     let mut peer = Peer::start(&python, "publisher.py", &[&url.to_string()]);
     let mut go = peer.0.stdin.take().unwrap();

@@ -5,10 +5,10 @@
 
 mod common;
 
-use lcm::Url;
 use lcm::live::{Lcm, PublishError, RealtimeNanos, SubscribeError};
 use lcm::receiver::Rejection;
 use lcm::udpm::{DecodeError, EncodeError};
+use lcm::url::Udpm;
 use std::net::UdpSocket;
 use std::os::fd::{AsFd, AsRawFd};
 use std::process::Command;
@@ -19,8 +19,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// How long to listen for what must not come.
 const SILENCE: Duration = Duration::from_millis(100);
 
-fn subscribed(url: &Url, pattern: &str) -> Lcm {
-    let mut lcm = Lcm::new(url).unwrap();
+fn subscribed(url: &Udpm, pattern: &str) -> Lcm {
+    let mut lcm = Lcm::new(&url.clone().into()).unwrap();
     lcm.subscribe(pattern).unwrap();
     lcm
 }
@@ -48,7 +48,7 @@ fn now() -> i64 {
 }
 
 /// A plain socket that sends to the group whatever it is told.
-fn stranger(url: &Url) -> UdpSocket {
+fn stranger(url: &Udpm) -> UdpSocket {
     let socket = UdpSocket::bind("0.0.0.0:0").unwrap();
     socket.set_multicast_ttl_v4(0).unwrap();
     socket.connect(url.address()).unwrap();
@@ -73,7 +73,7 @@ fn a_message_goes_there_and_back() {
 #[test]
 fn a_datagram_is_received_once_on_whatever_interfaces_we_joined() {
     for ttl in [0, 1] {
-        let url = Url { ttl, ..common::url() };
+        let url = Udpm { ttl, ..common::url() };
         let mut lcm = subscribed(&url, "A");
         lcm.subscribe(".*").unwrap();
         for number in 0..10 {
@@ -92,7 +92,7 @@ fn a_datagram_is_received_once_on_whatever_interfaces_we_joined() {
 #[test]
 fn a_process_hears_its_own_messages_once_it_subscribes() {
     let url = common::url();
-    let mut lcm = Lcm::new(&url).unwrap();
+    let mut lcm = Lcm::new(&url.clone().into()).unwrap();
     let watched = lcm.as_fd().as_raw_fd();
     lcm.publish("A", b"before").unwrap();
     assert!(!lcm.wait(SILENCE).unwrap(), "nothing joined the group yet");
@@ -109,7 +109,7 @@ fn a_process_hears_its_own_messages_once_it_subscribes() {
 fn a_pattern_subscribes_to_all_channels_it_matches_as_a_whole() {
     let url = common::url();
     let mut listener = subscribed(&url, "LL_DATA_.*|CM_CMD_STATE");
-    let mut publisher = Lcm::new(&url).unwrap();
+    let mut publisher = Lcm::new(&url.clone().into()).unwrap();
     for channel in ["LL_DATA_ODO", "XLL_DATA_ODO", "CM_CMD_STATE", "CM_CMD_STATE2", "LL_DATA_"] {
         publisher.publish(channel, channel.as_bytes()).unwrap();
     }
@@ -176,10 +176,10 @@ fn every_message_has_the_time_the_kernel_received_it() {
 
 #[test]
 fn an_overflow_of_the_receive_buffer_is_counted() {
-    let url = Url { recv_buf_size: 4096, ..common::url() };
+    let url = Udpm { recv_buf_size: 4096, ..common::url() };
     let mut lcm = subscribed(&url, "A");
-    assert_eq!(lcm.granted_recv_buf_size().unwrap(), 4096);
-    let mut publisher = Lcm::new(&url).unwrap();
+    assert_eq!(lcm.udpm().unwrap().granted_recv_buf_size().unwrap(), 4096);
+    let mut publisher = Lcm::new(&url.clone().into()).unwrap();
     let rounds = [200_u8, 1];
     for messages in rounds {
         for number in 0..messages {
@@ -236,8 +236,8 @@ fn in_name_space(test: &str, prepare: &str, body: impl FnOnce()) {
 fn without_a_route_the_bus_is_on_loopback() {
     in_name_space("without_a_route_the_bus_is_on_loopback", "ip link set lo up", || {
         let url = common::url();
-        let (mut a, mut b) = (Lcm::new(&url).unwrap(), subscribed(&url, "A"));
-        assert!(a.on_loopback());
+        let (mut a, mut b) = (Lcm::new(&url.clone().into()).unwrap(), subscribed(&url, "A"));
+        assert!(a.udpm().unwrap().on_loopback());
         a.publish("A", b"x").unwrap();
         expect(&mut b, "A", b"x");
         a_datagram_is_received_once_on_whatever_interfaces_we_joined();
@@ -247,7 +247,7 @@ fn without_a_route_the_bus_is_on_loopback() {
 #[test]
 fn without_any_interface_the_error_says_so() {
     in_name_space("without_any_interface_the_error_says_so", "true", || {
-        let error = Lcm::new(&common::url()).unwrap_err().to_string();
+        let error = Lcm::new(&common::url().into()).unwrap_err().to_string();
         assert!(error.starts_with("cannot "), "{error}");
     });
 }
@@ -270,8 +270,8 @@ fn when_an_interface_comes_later_old_and_new_hear_each_other() {
             ip(command);
         }
         // First a pure publisher: no receive socket has joined on its interface.
-        let mut publisher = Lcm::new(&url).unwrap();
-        assert!(old.on_loopback() && !publisher.on_loopback());
+        let mut publisher = Lcm::new(&url.clone().into()).unwrap();
+        assert!(old.udpm().unwrap().on_loopback() && !publisher.udpm().unwrap().on_loopback());
         publisher.publish("A", b"new").unwrap();
         expect(&mut old, "A", b"new");
         let mut new = subscribed(&url, "A");
@@ -286,13 +286,13 @@ fn when_the_interface_goes_the_bus_goes_on() {
                    && ip link set eth7 up && ip link set eth8 up && ip route add default via 10.1.2.1";
     in_name_space("when_the_interface_goes_the_bus_goes_on", prepare, || {
         let url = common::url();
-        let (mut a, mut b) = (Lcm::new(&url).unwrap(), subscribed(&url, "A"));
+        let (mut a, mut b) = (Lcm::new(&url.clone().into()).unwrap(), subscribed(&url, "A"));
         a.publish("A", b"routed").unwrap();
         expect(&mut b, "A", b"routed");
         ip("route del default");
         a.publish("A", b"route lost").unwrap();
         expect(&mut b, "A", b"route lost");
-        assert!(!a.on_loopback());
+        assert!(!a.udpm().unwrap().on_loopback());
         // Who starts now sends on lo and is heard by all, and hears all.
         let mut late = subscribed(&url, "A");
         late.publish("A", b"late").unwrap();
@@ -307,7 +307,7 @@ fn when_the_interface_goes_the_bus_goes_on() {
         ip("link del eth7");
         a.publish("A", b"interface lost").unwrap();
         expect(&mut b, "A", b"interface lost");
-        assert!(a.on_loopback());
+        assert!(a.udpm().unwrap().on_loopback());
         assert_eq!(next(&mut b, SILENCE), None);
         assert_eq!(b.stats().lost, 0);
     });

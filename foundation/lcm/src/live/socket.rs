@@ -14,11 +14,10 @@
 //! others on this host joined on a third interface is heard as well (`IP_MULTICAST_ALL`, the kernel's default, needs
 //! the receive socket bound to the group: it is): that is how `liblcm` peers hear what goes over `lo`.
 
-use super::RealtimeNanos;
-use crate::url::Url;
+use super::{RealtimeNanos, context};
+use crate::url::Udpm;
 use nix::cmsg_space;
 use nix::errno::Errno;
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{
     AddressFamily, ControlMessageOwned, IpMembershipRequest, MsgFlags, SockFlag, SockType, SockaddrIn, bind, connect,
     getsockname, getsockopt, recvmsg, sendmsg, setsockopt, socket, sockopt,
@@ -27,18 +26,9 @@ use nix::sys::time::{TimeSpec, TimeValLike};
 use std::io::{self, IoSlice, IoSliceMut};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
-use std::time::Duration;
 
 /// The send socket receives nothing that anybody wants; the kernel makes this its minimum.
 const SEND_SOCKET_RECV_BUF: usize = 0;
-
-/// Says what was tried when a system call failed.
-fn context(what: impl std::fmt::Display) -> impl FnOnce(Errno) -> io::Error {
-    move |errno| {
-        let error = io::Error::from(errno);
-        io::Error::new(error.kind(), format!("{what}: {error}"))
-    }
-}
 
 fn open_socket() -> io::Result<OwnedFd> {
     let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
@@ -75,7 +65,7 @@ pub struct ReceiveSocket {
 impl ReceiveSocket {
     /// A socket that receives nothing until [`ReceiveSocket::join`]. It exists from the start so that an event loop
     /// can watch it before the first subscription.
-    pub fn open(url: &Url) -> io::Result<Self> {
+    pub fn open(url: &Udpm) -> io::Result<Self> {
         let fd = open_socket()?;
         setsockopt(&fd, sockopt::ReuseAddr, &true).map_err(context("cannot set SO_REUSEADDR"))?;
         setsockopt(&fd, sockopt::ReceiveTimestampns, &true).map_err(context("cannot set SO_TIMESTAMPNS"))?;
@@ -136,17 +126,6 @@ impl ReceiveSocket {
         Ok(Some(Arrival { from, len, at }))
     }
 
-    pub fn wait(&self, timeout: Duration) -> io::Result<bool> {
-        // Rounded up: a wait of half a millisecond is not a busy loop.
-        let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
-        let timeout = PollTimeout::try_from(millis).map_err(io::Error::other)?;
-        match poll(&mut [PollFd::new(self.fd.as_fd(), PollFlags::POLLIN)], timeout) {
-            Ok(ready) => Ok(ready > 0),
-            Err(Errno::EINTR) => Ok(false),
-            Err(errno) => Err(context("cannot wait for messages")(errno)),
-        }
-    }
-
     /// Datagrams that found the receive buffer full.
     pub fn dropped(&self) -> u64 {
         self.dropped
@@ -172,7 +151,7 @@ pub struct SendSocket {
 }
 
 impl SendSocket {
-    pub fn open(url: &Url) -> io::Result<Self> {
+    pub fn open(url: &Udpm) -> io::Result<Self> {
         let source = route_to(url.address())?.unwrap_or(Ipv4Addr::LOCALHOST);
         let fd = open_sender(*url.address().ip(), url.ttl, source)?;
         Ok(Self { fd, group: url.address().into(), ttl: url.ttl, source })
