@@ -1,7 +1,7 @@
-//! `advee lcm …`: looks at the bus.
+//! `advee lcm echo`: prints messages as they come.
 
-use super::bus::{interrupt, wait};
-use super::{Common, Outcome, print, seconds};
+use crate::cli::bus::{interrupt, wait};
+use crate::cli::{Common, Outcome, print, seconds};
 use crate::live::bus::{Bus, Raw};
 use crate::live::clock;
 use base::{Duration, Instant};
@@ -12,12 +12,6 @@ use std::fmt::Display;
 use std::io::{self, Write};
 use std::os::fd::AsFd;
 use std::process::ExitCode;
-
-#[derive(clap::Subcommand)]
-pub enum Lcm {
-    /// Print messages as they come, a line each
-    Echo(Echo),
-}
 
 #[derive(clap::Args)]
 pub struct Echo {
@@ -31,13 +25,7 @@ pub struct Echo {
     time: Option<Duration>,
 }
 
-pub fn lcm(common: &Common, command: &Lcm) -> Outcome {
-    match command {
-        Lcm::Echo(command) => echo(common, command),
-    }
-}
-
-fn echo(common: &Common, command: &Echo) -> Outcome {
+pub fn echo(common: &Common, command: &Echo) -> Outcome {
     let interrupt = interrupt()?;
     let mut bus = Bus::open(&common.lcm_url(), &[&command.channel])?;
     let until = command.time.map_or(Instant::NEVER, |time| clock::now() + time);
