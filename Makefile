@@ -13,8 +13,9 @@ build:
 	cargo build --release --locked
 
 test: lint
-	@tools/require cc python3-venv glib
+	@tools/require cc c++ python3-venv glib
 	@tools/venv
+	@tools/lcm-1.3.1
 	cargo test --workspace --locked
 
 lint:
@@ -28,4 +29,4 @@ bench:
 
 clean:
 	cargo clean
-	rm -rf .venv run
+	rm -rf .venv .peers run
