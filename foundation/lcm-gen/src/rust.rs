@@ -227,7 +227,7 @@ fn emit_type(out: &mut String, schema: &Schema, scope: &Scope, definition: &Defi
     let allow = if has_upper_case(definition.members()) { "#[allow(non_snake_case)]\n" } else { "" };
     let min_size = schema.min_size(&lcm_name).unwrap_or_default();
     let result = scope.std_name("Result", "::std::result::Result");
-    let Body { writer, reader, encode, decode } = body;
+    let Body { writer, reader, size, encode, decode } = body;
     let _ = write!(
         out,
         "
@@ -235,6 +235,9 @@ fn emit_type(out: &mut String, schema: &Schema, scope: &Scope, definition: &Defi
     const FINGERPRINT: u64 = 0x{fingerprint:016x};
     const NAME: &'static str = \"{lcm_name}\";
     const MIN_SIZE: usize = {min_size};
+
+    fn body_size(&self) -> usize {{
+{size}    }}
 
     fn encode_body(&self, {writer}: &mut codec::Writer<'_>) -> {result}<(), codec::EncodeError> {{
 {encode}        Ok(())

@@ -3,21 +3,30 @@
 //! A message is its type's fingerprint (8 bytes, big-endian) and a body: the members in order of declaration, without
 //! padding, tags or lengths of arrays. `lcm-gen` writes an [`impl Type`](Type) for every type: straight-line code that
 //! puts each member into a [`Writer`] or takes it from a [`Reader`]. Whatever always takes the same number of bytes is
-//! [`Fixed`] and is stored and loaded whole.
+//! [`Fixed`] and is stored and loaded whole. A [`View`] reads the same bytes and leaves strings and variable arrays
+//! where they stand.
+//!
+//! Needs `core` and `alloc` only; memory is allocated for `String`s and `Vec`s that are decoded, and for nothing else.
 //!
 //! Stricter than liblcm when decoding, since the bytes come from a network: counts are held against the bytes that are
 //! left before anything is allocated, recursion is bounded, strings must be strings, nothing may be left over. The
 //! memory that a message may cost stays within a constant factor of its size.
 
+mod elements;
 mod error;
 mod fixed;
 mod reader;
 mod writer;
 
+pub use elements::Elements;
 pub use error::{DecodeError, EncodeError};
 pub use fixed::Fixed;
 pub use reader::Reader;
 pub use writer::Writer;
+
+/// What generated code calls them, so that it needs no `extern crate alloc`.
+#[doc(no_inline)]
+pub use alloc::{string::String, vec::Vec};
 
 /// How deep values of a recursive type may nest, in both directions. Types that are not recursive are as deep as
 /// their definition, which no message can change.
@@ -41,7 +50,10 @@ pub trait Type: Sized {
     /// Fewest bytes that a body takes.
     const MIN_SIZE: usize;
 
-    /// Writes the members, without a fingerprint, as in a nested value.
+    /// How many bytes the members take, without a fingerprint.
+    fn body_size(&self) -> usize;
+
+    /// Writes the members, without a fingerprint, as in a nested value: `body_size` bytes, unless it fails.
     ///
     /// # Errors
     /// When the value cannot be expressed; see [`EncodeError`].
@@ -53,32 +65,74 @@ pub trait Type: Sized {
     /// When the bytes are not such a value; see [`DecodeError`].
     fn decode_body(r: &mut Reader<'_>) -> Result<Self, DecodeError>;
 
+    /// How many bytes the message takes, with its fingerprint.
+    fn encoded_size(&self) -> usize {
+        8 + self.body_size()
+    }
+
+    /// Writes the message, fingerprint and body, to the start of `out` and returns its length. Allocates nothing.
+    ///
+    /// # Errors
+    /// When `out` is too short, or the value cannot be expressed: arrays that share a length differ in theirs, a string
+    /// holds a NUL, a count does not fit. What `out` holds then has no meaning.
+    #[inline]
+    fn encode_into(&self, out: &mut [u8]) -> Result<usize, EncodeError> {
+        let (needed, room) = (self.encoded_size(), out.len());
+        let out = out.get_mut(..needed).ok_or(EncodeError::NoRoom { needed, room })?;
+        let mut w = Writer::new(out);
+        w.put_u64(Self::FINGERPRINT);
+        self.encode_body(&mut w)?;
+        Ok(needed - w.left())
+    }
+
     /// Appends the message, fingerprint and body, to `out`.
     ///
     /// # Errors
-    /// When the value cannot be expressed: arrays that share a length differ in theirs, a string holds a NUL, a count
-    /// does not fit. `out` is as before then.
+    /// As [`encode_into`](Self::encode_into); `out` is as before then, and never too short.
     fn encode(&self, out: &mut Vec<u8>) -> Result<(), EncodeError> {
         let start = out.len();
-        let mut w = Writer::new(out, 8 + Self::MIN_SIZE);
-        w.put_u64(Self::FINGERPRINT);
-        let result = self.encode_body(&mut w);
-        let end = if result.is_ok() { w.position() } else { start };
-        out.truncate(end);
-        result
+        out.resize(start + self.encoded_size(), 0);
+        let result = self.encode_into(&mut out[start..]);
+        out.truncate(start + *result.as_ref().unwrap_or(&0));
+        result.map(|_| ())
     }
 
     /// Reads a whole message, fingerprint and body.
     ///
     /// # Errors
     /// When `bytes` are anything but one message of this type.
+    #[inline]
     fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
-        let mut r = Reader::new(bytes);
-        let found = r.get_u64()?;
-        if found != Self::FINGERPRINT {
-            return Err(DecodeError::Fingerprint { expected: Self::FINGERPRINT, found });
-        }
+        let mut r = Reader::of(bytes, Self::FINGERPRINT)?;
         let value = Self::decode_body(&mut r); // returned as it is: large values are not moved about
+        match r.remaining() {
+            extra @ 1.. if value.is_ok() => Err(DecodeError::LeftOver { extra }),
+            _ => value,
+        }
+    }
+}
+
+/// A value whose strings and variable arrays stay in the bytes of the message: as strict as [`Type::decode`] and as
+/// complete, but it allocates only lists of what itself varies in size. Generated on request beside the [`Type`], named
+/// like it with `Ref` behind.
+pub trait View<'a>: Sized {
+    /// The type that it is a view of.
+    type Of: Type;
+
+    /// Reads the members, without a fingerprint, as in a nested value.
+    ///
+    /// # Errors
+    /// When the bytes are not such a value; see [`DecodeError`].
+    fn decode_body(r: &mut Reader<'a>) -> Result<Self, DecodeError>;
+
+    /// Reads a whole message, fingerprint and body.
+    ///
+    /// # Errors
+    /// When `bytes` are anything but one message of the type.
+    #[inline]
+    fn decode(bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let mut r = Reader::of(bytes, Self::Of::FINGERPRINT)?;
+        let value = Self::decode_body(&mut r);
         match r.remaining() {
             extra @ 1.. if value.is_ok() => Err(DecodeError::LeftOver { extra }),
             _ => value,

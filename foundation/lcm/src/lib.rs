@@ -4,16 +4,24 @@
 //!   [`receiver`]: the three together, with the counters. Pure: no socket, no clock.
 //! - [`codec`]: what stands in a payload.
 //! - [`live`] (feature `live`, on by default): the UDP sockets.
+#![cfg_attr(not(feature = "std"), no_std)]
 #![forbid(unsafe_code)]
+
+extern crate alloc;
 
 pub mod codec;
 #[cfg(feature = "live")]
 pub mod live;
+#[cfg(feature = "std")]
 pub mod receiver;
+#[cfg(feature = "std")]
 pub mod subscription;
+#[cfg(feature = "std")]
 pub mod udpm;
+#[cfg(feature = "std")]
 pub mod url;
 
+#[cfg(feature = "std")]
 pub use url::Url;
 
 /// Compiles the README's example.

@@ -191,6 +191,10 @@ impl Type for Raw {
     const NAME: &'static str = lowlevel::DataRaw::NAME;
     const MIN_SIZE: usize = lowlevel::DataRaw::MIN_SIZE;
 
+    fn body_size(&self) -> usize {
+        self.frame.body_size()
+    }
+
     fn encode_body(&self, w: &mut Writer<'_>) -> Result<(), EncodeError> {
         self.frame.encode_body(w)
     }

@@ -10,6 +10,7 @@ use crate::{Definition, Dim, Member, MemberType, Primitive, Schema, Size};
 pub struct Body {
     pub writer: String,
     pub reader: String,
+    pub size: String,
     pub encode: String,
     pub decode: String,
 }
@@ -20,6 +21,7 @@ impl Body {
         Self {
             writer: "w".to_owned(),
             reader: "r".to_owned(),
+            size: "        Self::MIN_SIZE\n".to_owned(),
             encode: "        w.put(self);\n".to_owned(),
             decode: "        r.get()\n".to_owned(),
         }
@@ -35,8 +37,8 @@ impl Body {
             reader: free(&["r", "reader"], members),
             item: free(&["item", "element"], members),
         };
-        let (encode, decode) = (emitter.encode(), emitter.decode());
-        Self { writer: emitter.writer, reader: emitter.reader, encode, decode }
+        let (size, encode, decode) = (emitter.size(), emitter.encode(), emitter.decode());
+        Self { writer: emitter.writer, reader: emitter.reader, size, encode, decode }
     }
 }
 
@@ -89,6 +91,53 @@ impl Emitter<'_> {
         if explicit { free(&[&format!("{name}_len"), &format!("{name}_length")], self.members) } else { field(name) }
     }
 
+    /// The sum of what always takes as many bytes, and a summand for each member that varies.
+    fn size(&self) -> String {
+        let (mut fixed, mut terms) = (0, Vec::new());
+        for member in self.members {
+            let place = format!("self.{}", field(&member.name));
+            match &member.ty {
+                _ if is_implicit(member, self.members) || self.is_fixed_row(member, &member.dims) => {
+                    fixed += min_size(self.schema, member);
+                }
+                MemberType::Primitive(_) if member.dims.is_empty() => {
+                    fixed += min_size(self.schema, member);
+                    terms.push(format!("{place}.len()"));
+                }
+                _ => terms.extend(self.size_of(member, &place)),
+            }
+        }
+        if fixed > 0 || terms.is_empty() {
+            terms.insert(0, fixed.to_string());
+        }
+        let separator =
+            if terms.iter().map(|term| term.len() + 3).sum::<usize>() > 100 { "\n            + " } else { " + " };
+        format!("        {}\n", terms.join(separator))
+    }
+
+    /// The bytes of an array, or of a struct, that varies in size; none if they are never any.
+    fn size_of(&self, member: &Member, place: &str) -> Option<String> {
+        let dims = &member.dims;
+        let depth = (0..dims.len()).find(|&depth| self.is_fixed_row(member, &dims[depth + 1..])).unwrap_or(dims.len());
+        let (row, item) = (Member { dims: dims[depth..].to_vec(), ..member.clone() }, &self.item);
+        let each = match (&member.ty, min_size(self.schema, &row)) {
+            _ if depth == 0 && dims.is_empty() => return Some(format!("{place}.body_size()")),
+            (MemberType::Named(_), _) if depth == dims.len() => "codec::Type::body_size".to_owned(),
+            (_, _) if depth == dims.len() => format!("|{item}| 5 + {item}.len()"),
+            (_, 0) => return None,
+            (_, 1) if depth == 0 => return Some(format!("{place}.len()")),
+            (_, size) if depth == 0 => return Some(format!("{size} * {place}.len()")),
+            (_, 1) => "codec::Vec::len".to_owned(),
+            (_, size) => format!("|{item}| {size} * {item}.len()"),
+        };
+        Some(format!("{place}.iter(){}.map({each}).sum::<usize>()", ".flatten()".repeat(depth.saturating_sub(1))))
+    }
+
+    /// Whether values of the member's type in arrays of these dimensions always take the same number of bytes.
+    fn is_fixed_row(&self, member: &Member, dims: &[Dim]) -> bool {
+        self.is_fixed(member) && dims.iter().all(|dim| dim.size != Size::Variable)
+    }
+
     fn encode(&self) -> String {
         let (mut lengths, mut out, w) = (String::new(), String::new(), &self.writer);
         for member in self.members {
@@ -130,12 +179,11 @@ impl Emitter<'_> {
             let length = self.length(&dim.text);
             let _ = writeln!(out, "{indent}{w}.check(\"{name}\", {length}, {place}.len())?;");
         }
-        let fixed = self.is_fixed(member);
         match dims {
-            _ if fixed && dims.iter().all(|dim| dim.size != Size::Variable) => {
+            _ if self.is_fixed_row(member, dims) => {
                 let _ = writeln!(out, "{indent}{w}.put({reference});");
             }
-            [_, inner @ ..] if fixed && inner.iter().all(|dim| dim.size != Size::Variable) => {
+            [_, inner @ ..] if self.is_fixed_row(member, inner) => {
                 let _ = writeln!(out, "{indent}{w}.put_all({reference});");
             }
             [_, inner @ ..] => {
@@ -206,11 +254,10 @@ impl Emitter<'_> {
     }
 
     fn decode_array(&self, member: &Member, dims: &[Dim]) -> Function {
-        let fixed = self.is_fixed(member);
         let r = &self.reader;
         match dims {
-            _ if fixed && dims.iter().all(|dim| dim.size != Size::Variable) => Function::Method("get()".to_owned()),
-            [Dim { text, .. }, inner @ ..] if fixed && inner.iter().all(|dim| dim.size != Size::Variable) => {
+            _ if self.is_fixed_row(member, dims) => Function::Method("get()".to_owned()),
+            [Dim { text, .. }, inner @ ..] if self.is_fixed_row(member, inner) => {
                 Function::Method(format!("get_vec({})", self.length(text)))
             }
             [dim, inner @ ..] => {

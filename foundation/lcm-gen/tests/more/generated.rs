@@ -78,6 +78,12 @@ pub mod more {
         const NAME: &'static str = "more.large_t";
         const MIN_SIZE: usize = 910;
 
+        fn body_size(&self) -> usize {
+            570
+                + self.names.iter().flatten().map(|item| 5 + item.len()).sum::<usize>()
+                + self.rows.iter().map(|item| 4 * item.len()).sum::<usize>()
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             let n_len = w.length("n", self.n)?;
             w.put(&self.image);
@@ -127,6 +133,10 @@ pub mod more {
         const FINGERPRINT: u64 = 0x000000002468acf0;
         const NAME: &'static str = "more.empty_t";
         const MIN_SIZE: usize = 0;
+
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
@@ -190,6 +200,10 @@ pub mod more {
         const NAME: &'static str = "more.large_fixed_t";
         const MIN_SIZE: usize = 4489;
 
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
             Ok(())
@@ -223,6 +237,14 @@ pub mod more {
         const FINGERPRINT: u64 = 0xffd6493e32299404;
         const NAME: &'static str = "more.lengths_t";
         const MIN_SIZE: usize = 15;
+
+        fn body_size(&self) -> usize {
+            15
+                + self.fixed_first.iter().map(|item| 8 * item.len()).sum::<usize>()
+                + self.rows.iter().map(|item| 8 * item.len()).sum::<usize>()
+                + self.words.iter().map(|item| 5 + item.len()).sum::<usize>()
+                + self.items.iter().flatten().flatten().map(codec::Type::body_size).sum::<usize>()
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             let inner_len = w.length("inner", self.inner)?;
@@ -286,6 +308,10 @@ pub mod more {
         const NAME: &'static str = "more.item_t";
         const MIN_SIZE: usize = 6;
 
+        fn body_size(&self) -> usize {
+            6 + self.name.len()
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.string("name", &self.name)?;
             w.put(&self.b);
@@ -319,6 +345,10 @@ pub mod more {
         const FINGERPRINT: u64 = 0x000000002468acf0;
         const NAME: &'static str = "more.nothing_t";
         const MIN_SIZE: usize = 0;
+
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
@@ -378,6 +408,14 @@ pub mod more {
                 const NAME: &'static str = "more.mod.type.self_t";
                 const MIN_SIZE: usize = 297;
 
+                fn body_size(&self) -> usize {
+                    287
+                        + self.r#type.len()
+                        + self.CamelCase.len()
+                        + self.x.iter().flatten().map(codec::Type::body_size).sum::<usize>()
+                        + self.text.body_size()
+                }
+
                 fn encode_body(&self, writer: &mut codec::Writer<'_>) -> ::std::result::Result<(), codec::EncodeError> {
                     let r = self.x.len();
                     let w_len = writer.length("w", self.w)?;
@@ -427,6 +465,10 @@ pub mod more {
                 const NAME: &'static str = "more.mod.type.vec_t";
                 const MIN_SIZE: usize = 5;
 
+                fn body_size(&self) -> usize {
+                    5 + self.vec.len()
+                }
+
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::std::result::Result<(), codec::EncodeError> {
                     w.string("vec", &self.vec)?;
                     Ok(())
@@ -465,6 +507,10 @@ pub mod more {
                 const NAME: &'static str = "more.mod.type.result_t";
                 const MIN_SIZE: usize = 1;
 
+                fn body_size(&self) -> usize {
+                    Self::MIN_SIZE
+                }
+
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::std::result::Result<(), codec::EncodeError> {
                     w.put(self);
                     Ok(())
@@ -486,6 +532,10 @@ pub mod more {
                 const FINGERPRINT: u64 = 0x49d3432c31e62ec6;
                 const NAME: &'static str = "more.mod.type.string_t";
                 const MIN_SIZE: usize = 10;
+
+                fn body_size(&self) -> usize {
+                    self.s.iter().map(|item| 5 + item.len()).sum::<usize>()
+                }
 
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::std::result::Result<(), codec::EncodeError> {
                     for item in &self.s {
@@ -545,6 +595,10 @@ pub mod more {
                 const NAME: &'static str = "more.mod.type.option_t";
                 const MIN_SIZE: usize = 272;
 
+                fn body_size(&self) -> usize {
+                    Self::MIN_SIZE
+                }
+
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::std::result::Result<(), codec::EncodeError> {
                     w.put(self);
                     Ok(())
@@ -585,6 +639,10 @@ pub mod more {
                 const FINGERPRINT: u64 = 0x656790aaf2b6723c;
                 const NAME: &'static str = "more.mod.type.default_t";
                 const MIN_SIZE: usize = 4;
+
+                fn body_size(&self) -> usize {
+                    Self::MIN_SIZE
+                }
 
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::std::result::Result<(), codec::EncodeError> {
                     w.put(self);

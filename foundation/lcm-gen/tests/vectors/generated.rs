@@ -17,6 +17,10 @@ impl codec::Type for Nopkg {
     const NAME: &'static str = "nopkg_t";
     const MIN_SIZE: usize = 17;
 
+    fn body_size(&self) -> usize {
+        17 + self.s.len()
+    }
+
     fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
         w.string("s", &self.s)?;
         w.put(&self._private);
@@ -71,6 +75,10 @@ pub mod advee {
         const NAME: &'static str = "advee.range_t";
         const MIN_SIZE: usize = 17;
 
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
             Ok(())
@@ -96,6 +104,10 @@ pub mod advee {
         const FINGERPRINT: u64 = 0xe54c414503ba8bd1;
         const NAME: &'static str = "advee.range_scan_t";
         const MIN_SIZE: usize = 285;
+
+        fn body_size(&self) -> usize {
+            285 + self.sensor.len()
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(&self.utime);
@@ -158,6 +170,20 @@ pub mod vec {
         const FINGERPRINT: u64 = 0x87fc3402e014057e;
         const NAME: &'static str = "vec.arrays_t";
         const MIN_SIZE: usize = 53;
+
+        fn body_size(&self) -> usize {
+            53
+                + 2 * self.var1.len()
+                + self.var2.iter().map(|item| 8 * item.len()).sum::<usize>()
+                + 8 * self.mixed_vf.len()
+                + self.mixed_fv.iter().map(|item| 4 * item.len()).sum::<usize>()
+                + self.cube.iter().flatten().map(codec::Vec::len).sum::<usize>()
+                + self.blob.len()
+                + 4 * self.blobs.len()
+                + self.flags.len()
+                + self.names.iter().map(|item| 5 + item.len()).sum::<usize>()
+                + self.table.iter().flatten().map(|item| 5 + item.len()).sum::<usize>()
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             let n = self.var1.len();
@@ -265,6 +291,10 @@ pub mod vec {
         const NAME: &'static str = "vec.constants_dec_t";
         const MIN_SIZE: usize = 56;
 
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
             Ok(())
@@ -327,6 +357,10 @@ pub mod vec {
         const NAME: &'static str = "vec.constants_t";
         const MIN_SIZE: usize = 56;
 
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
             Ok(())
@@ -356,6 +390,10 @@ pub mod vec {
         const FINGERPRINT: u64 = 0x000000002468acf0;
         const NAME: &'static str = "vec.empty_t";
         const MIN_SIZE: usize = 0;
+
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
@@ -398,6 +436,10 @@ pub mod vec {
         const FINGERPRINT: u64 = 0x07636f6d82a7e5b6;
         const NAME: &'static str = "vec.color_t";
         const MIN_SIZE: usize = 4;
+
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
@@ -443,6 +485,10 @@ pub mod vec {
         const NAME: &'static str = "vec.enum_user_t";
         const MIN_SIZE: usize = 12;
 
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
             Ok(())
@@ -472,6 +518,10 @@ pub mod vec {
         const FINGERPRINT: u64 = 0xac13c5fd6b83c440;
         const NAME: &'static str = "vec.nested_t";
         const MIN_SIZE: usize = 218;
+
+        fn body_size(&self) -> usize {
+            82 + 24 * self.path.len() + self.prim.body_size()
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             let npath = self.path.len();
@@ -509,6 +559,10 @@ pub mod vec {
         const NAME: &'static str = "vec.ping_t";
         const MIN_SIZE: usize = 5;
 
+        fn body_size(&self) -> usize {
+            5 + self.pongs.iter().map(codec::Type::body_size).sum::<usize>()
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             let npongs = self.pongs.len();
             w.put(&self.id);
@@ -540,6 +594,10 @@ pub mod vec {
         const FINGERPRINT: u64 = 0xb508c677d766a222;
         const NAME: &'static str = "vec.pong_t";
         const MIN_SIZE: usize = 9;
+
+        fn body_size(&self) -> usize {
+            9 + self.pings.iter().map(codec::Type::body_size).sum::<usize>()
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             let npings = self.pings.len();
@@ -604,6 +662,10 @@ pub mod vec {
         const FINGERPRINT: u64 = 0x7aaadbc766a17a4b;
         const NAME: &'static str = "vec.primitives_t";
         const MIN_SIZE: usize = 136;
+
+        fn body_size(&self) -> usize {
+            121 + self.str.len() + self.a_str.iter().map(|item| 5 + item.len()).sum::<usize>()
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(&self.i8);
@@ -679,6 +741,10 @@ pub mod vec {
         const NAME: &'static str = "vec.several_a_t";
         const MIN_SIZE: usize = 4;
 
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
             Ok(())
@@ -719,6 +785,10 @@ pub mod vec {
         const NAME: &'static str = "vec.several_b_t";
         const MIN_SIZE: usize = 12;
 
+        fn body_size(&self) -> usize {
+            Self::MIN_SIZE
+        }
+
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             w.put(self);
             Ok(())
@@ -742,6 +812,10 @@ pub mod vec {
         const FINGERPRINT: u64 = 0x4726531c436624a8;
         const NAME: &'static str = "vec.tree_t";
         const MIN_SIZE: usize = 9;
+
+        fn body_size(&self) -> usize {
+            9 + self.name.len() + self.children.iter().map(codec::Type::body_size).sum::<usize>()
+        }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
             let num_children = self.children.len();
@@ -780,6 +854,10 @@ pub mod vec {
                 const FINGERPRINT: u64 = 0x4b34878c8d320f00;
                 const NAME: &'static str = "vec.deep.er.wrapper_t";
                 const MIN_SIZE: usize = 18;
+
+                fn body_size(&self) -> usize {
+                    self.left.body_size() + self.right.body_size()
+                }
 
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
                     w.nested(|w| self.left.encode_body(w))?;
@@ -835,6 +913,10 @@ pub mod vec {
             const NAME: &'static str = "vec.geom.point_t";
             const MIN_SIZE: usize = 24;
 
+            fn body_size(&self) -> usize {
+                Self::MIN_SIZE
+            }
+
             fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
                 w.put(self);
                 Ok(())
@@ -880,6 +962,10 @@ pub mod vec {
             const NAME: &'static str = "vec.other.several_c_t";
             const MIN_SIZE: usize = 13;
 
+            fn body_size(&self) -> usize {
+                Self::MIN_SIZE
+            }
+
             fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
                 w.put(self);
                 Ok(())
@@ -915,6 +1001,10 @@ pub mod vec {
             const FINGERPRINT: u64 = 0x02ec08c53bba23e0;
             const NAME: &'static str = "vec.other.several_d_t";
             const MIN_SIZE: usize = 1;
+
+            fn body_size(&self) -> usize {
+                Self::MIN_SIZE
+            }
 
             fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
                 w.put(self);

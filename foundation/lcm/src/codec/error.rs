@@ -1,10 +1,17 @@
 //! Why a message could not be written or read.
 
-use std::fmt;
+use core::fmt;
 
-/// Why a value cannot be encoded. Nothing was written.
+/// Why a value cannot be encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EncodeError {
+    /// The caller's slice is too short.
+    NoRoom {
+        /// How many bytes the message takes.
+        needed: usize,
+        /// How many there are.
+        room: usize,
+    },
     /// A string holds a NUL, which LCM ends strings with.
     Nul {
         /// The string's member.
@@ -45,6 +52,7 @@ pub enum EncodeError {
 impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::NoRoom { needed, room } => write!(f, "{needed} bytes needed, room for {room}"),
             Self::Nul { member } => write!(f, "`{member}` holds a NUL character, which LCM ends strings with"),
             Self::TooLong { member, len, max } => {
                 write!(f, "`{member}`: length {len} is above {max}")
@@ -58,7 +66,7 @@ impl fmt::Display for EncodeError {
     }
 }
 
-impl std::error::Error for EncodeError {}
+impl core::error::Error for EncodeError {}
 
 /// Why bytes are not a message of the expected type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,4 +146,4 @@ impl fmt::Display for DecodeError {
     }
 }
 
-impl std::error::Error for DecodeError {}
+impl core::error::Error for DecodeError {}

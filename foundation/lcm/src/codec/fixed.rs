@@ -1,6 +1,6 @@
 //! Values that always take the same number of bytes.
 
-use std::array;
+use core::array;
 
 /// A value that always takes [`SIZE`](Self::SIZE) bytes: numbers, booleans, arrays of fixed length of such, and structs
 /// of nothing else. Any such bytes are a value, so loading cannot fail.

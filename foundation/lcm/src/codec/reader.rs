@@ -1,6 +1,10 @@
 //! Takes members from the bytes of a message.
 
-use super::{DecodeError, Fixed, MAX_DEPTH, MAX_EMPTY, has_nul};
+use alloc::borrow::ToOwned;
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use super::{DecodeError, Elements, Fixed, MAX_DEPTH, MAX_EMPTY, has_nul};
 
 /// The rest of a message's bytes. Whatever they are, no method panics or allocates more than they can fill.
 #[derive(Debug)]
@@ -17,6 +21,16 @@ impl<'a> Reader<'a> {
         Self { bytes, depth: 0, empties: MAX_EMPTY }
     }
 
+    /// Reads what follows the fingerprint at the start of `message`.
+    #[inline]
+    pub(super) fn of(message: &'a [u8], expected: u64) -> Result<Self, DecodeError> {
+        let mut r = Self::new(message);
+        match r.get_u64()? {
+            found if found == expected => Ok(r),
+            found => Err(DecodeError::Fingerprint { expected, found }),
+        }
+    }
+
     /// How many bytes are left.
     #[must_use]
     pub fn remaining(&self) -> usize {
@@ -31,6 +45,7 @@ impl<'a> Reader<'a> {
         Ok(head)
     }
 
+    #[inline]
     pub(super) fn get_u64(&mut self) -> Result<u64, DecodeError> {
         let mut bytes = [0; 8];
         bytes.copy_from_slice(self.take(8)?);
@@ -46,6 +61,35 @@ impl<'a> Reader<'a> {
         self.take(T::SIZE).map(T::load)
     }
 
+    /// `N` bytes, where they stand.
+    ///
+    /// # Errors
+    /// [`DecodeError::Truncated`].
+    pub fn block<const N: usize>(&mut self) -> Result<&'a [u8; N], DecodeError> {
+        let truncated = DecodeError::Truncated { needed: N, left: self.bytes.len() };
+        let (head, rest) = self.bytes.split_first_chunk().ok_or(truncated)?;
+        self.bytes = rest;
+        Ok(head)
+    }
+
+    /// `count` bytes, where they stand.
+    ///
+    /// # Errors
+    /// [`DecodeError::Count`] when there are not so many.
+    pub fn bytes(&mut self, count: usize) -> Result<&'a [u8], DecodeError> {
+        self.claim(count, 1)?;
+        self.take(count)
+    }
+
+    /// `count` values of fixed size, where they stand.
+    ///
+    /// # Errors
+    /// [`DecodeError::Count`] when there are not bytes enough.
+    pub fn elements<T: Fixed>(&mut self, count: usize) -> Result<Elements<'a, T>, DecodeError> {
+        self.claim(count, T::SIZE)?;
+        Ok(Elements::new(self.take(count * T::SIZE)?, count))
+    }
+
     /// `count` values of fixed size.
     ///
     /// # Errors
@@ -59,11 +103,11 @@ impl<'a> Reader<'a> {
         Ok(bytes.chunks_exact(T::SIZE).map(T::load).collect())
     }
 
-    /// A string: its length with the NUL, UTF-8, NUL.
+    /// A string, where it stands: its length with the NUL, UTF-8, NUL.
     ///
     /// # Errors
     /// When the length, the NUL or the text is not as it must be.
-    pub fn string(&mut self) -> Result<String, DecodeError> {
+    pub fn str(&mut self) -> Result<&'a str, DecodeError> {
         let len: i32 = self.get()?;
         let bad_length = DecodeError::StringLength { len, left: self.bytes.len() };
         let size = usize::try_from(len).ok().filter(|&size| 0 < size && size <= self.bytes.len());
@@ -74,10 +118,15 @@ impl<'a> Reader<'a> {
         if has_nul(text) {
             return Err(DecodeError::InnerNul);
         }
-        match std::str::from_utf8(text) {
-            Ok(text) => Ok(text.to_owned()),
-            Err(error) => Err(DecodeError::NotUtf8 { valid_up_to: error.valid_up_to() }),
-        }
+        core::str::from_utf8(text).map_err(|error| DecodeError::NotUtf8 { valid_up_to: error.valid_up_to() })
+    }
+
+    /// A string.
+    ///
+    /// # Errors
+    /// As [`str`](Self::str).
+    pub fn string(&mut self) -> Result<String, DecodeError> {
+        self.str().map(ToOwned::to_owned)
     }
 
     /// A length member of type `T` that is nothing but the length of arrays.
@@ -136,11 +185,11 @@ impl<'a> Reader<'a> {
         &mut self,
         mut element: impl FnMut(&mut Self) -> Result<T, DecodeError>,
     ) -> Result<[T; N], DecodeError> {
-        let mut elements = Vec::with_capacity(N);
-        for _ in 0..N {
-            elements.push(element(self)?);
+        let mut elements = [const { None }; N];
+        for place in &mut elements {
+            *place = Some(element(self)?);
         }
-        Ok(elements.try_into().unwrap_or_else(|_| unreachable!("N elements were pushed")))
+        Ok(elements.map(|element| element.unwrap_or_else(|| unreachable!("every place was filled"))))
     }
 
     /// A value of a recursive type, one level further down.

@@ -14,6 +14,10 @@ impl Type for Sample {
     const NAME: &'static str = "t";
     const MIN_SIZE: usize = 6;
 
+    fn body_size(&self) -> usize {
+        6 + self.name.len() + 16 * self.x.len()
+    }
+
     fn encode_body(&self, w: &mut Writer<'_>) -> Result<(), EncodeError> {
         w.string("name", &self.name)?;
         w.count::<i8>("n", self.x.len())?;

@@ -2,62 +2,56 @@
 
 use super::{EncodeError, Fixed, MAX_DEPTH, fixed, has_nul};
 
-/// How much more the buffer is grown than is needed at once: room for some strings, so that most messages grow it once.
-const SLACK: usize = 64;
-
-/// The end of a buffer, to which members are appended. The buffer is grown in steps ahead of the position, so that
-/// storing a number is one comparison and one store.
+/// The rest of the room for a message. It is measured before ([`Type::body_size`](super::Type::body_size)), so whatever
+/// is put in has its place.
+///
+/// # Panics
+/// Every method that puts something in, when a hand-written `body_size` was too small.
 #[derive(Debug)]
 pub struct Writer<'a> {
-    out: &'a mut Vec<u8>,
-    position: usize,
+    room: &'a mut [u8],
     depth: usize,
 }
 
 impl<'a> Writer<'a> {
-    /// Writes to the end of `out`, where at least `size` bytes are expected.
-    pub(super) fn new(out: &'a mut Vec<u8>, size: usize) -> Self {
-        let position = out.len();
-        out.resize(position + size + SLACK, 0);
-        Self { out, position, depth: 0 }
+    pub(super) fn new(room: &'a mut [u8]) -> Self {
+        Self { room, depth: 0 }
     }
 
-    /// How far the buffer has been written; what lies behind is room.
-    pub(super) fn position(&self) -> usize {
-        self.position
+    /// How many bytes are left.
+    pub(super) fn left(&self) -> usize {
+        self.room.len()
     }
 
     #[inline]
-    fn room(&mut self, size: usize) -> &mut [u8] {
-        let end = self.position + size;
-        if end > self.out.len() {
-            self.out.resize(end + SLACK, 0);
-        }
-        let room = &mut self.out[self.position..end];
-        self.position = end;
-        room
+    fn take(&mut self, size: usize) -> &'a mut [u8] {
+        let (taken, rest) = core::mem::take(&mut self.room).split_at_mut(size);
+        self.room = rest;
+        taken
     }
 
+    #[inline]
     pub(super) fn put_u64(&mut self, value: u64) {
-        self.room(8).copy_from_slice(&value.to_be_bytes());
+        self.take(8).copy_from_slice(&value.to_be_bytes());
     }
 
     /// A value of fixed size.
     #[inline]
     pub fn put<T: Fixed>(&mut self, value: &T) {
-        value.store(self.room(T::SIZE));
+        value.store(self.take(T::SIZE));
     }
 
     /// The elements of an array, each of fixed size.
     #[inline]
     pub fn put_all<T: Fixed>(&mut self, values: &[T]) {
-        fixed::store_all(values, self.room(values.len() * T::SIZE));
+        fixed::store_all(values, self.take(values.len() * T::SIZE));
     }
 
     /// A string: its length with the NUL, UTF-8, NUL.
     ///
     /// # Errors
     /// [`EncodeError::Nul`]; [`EncodeError::TooLong`] from 2 GiB on.
+    #[inline]
     pub fn string(&mut self, member: &'static str, text: &str) -> Result<(), EncodeError> {
         let max = i32::MAX as usize - 1;
         let too_long = EncodeError::TooLong { member, len: text.len(), max };
@@ -65,10 +59,9 @@ impl<'a> Writer<'a> {
         if has_nul(text.as_bytes()) {
             return Err(EncodeError::Nul { member });
         }
-        let room = self.room(text.len() + 5);
-        room[..4].copy_from_slice(&len.to_be_bytes());
-        room[4..4 + text.len()].copy_from_slice(text.as_bytes());
-        room[4 + text.len()] = 0;
+        self.put(&len);
+        self.take(text.len()).copy_from_slice(text.as_bytes());
+        self.put(&0_u8);
         Ok(())
     }
 
