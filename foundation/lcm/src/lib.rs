@@ -10,12 +10,16 @@
 extern crate alloc;
 
 pub mod codec;
+#[cfg(feature = "std")]
+pub mod eventlog;
 #[cfg(feature = "live")]
 pub mod live;
 #[cfg(feature = "std")]
 pub mod receiver;
 #[cfg(feature = "std")]
 pub mod subscription;
+#[cfg(feature = "std")]
+pub mod tcpq;
 #[cfg(feature = "std")]
 pub mod udpm;
 #[cfg(feature = "std")]

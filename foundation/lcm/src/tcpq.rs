@@ -1,0 +1,416 @@
+//! TCPQ: LCM over TCP, through a [`hub`] that relays. Here the wire: what stands in a connection's two streams.
+//!
+//! All words are 32 bits, unsigned and big-endian. Source: LCM 1.5.3, `lcm/lcm_tcpq.c` (the client) and
+//! `lcm-java/lcm/lcm/TCPService.java` (the hub); there is no other description.
+//!
+//! | who | at once | then any number of |
+//! |---|---|---|
+//! | client | [`CLIENT_MAGIC`], [`VERSION`] | publish, subscribe, unsubscribe |
+//! | hub | [`HUB_MAGIC`], [`VERSION`] | publish |
+//!
+//! | message | words and bytes |
+//! |---|---|
+//! | publish | 1, length and bytes of the channel (no NUL), length and bytes of the payload |
+//! | subscribe | 2, length and bytes of a regular expression |
+//! | unsubscribe | 3, the same expression |
+//!
+//! A stream has no place at which one could start anew, so what is no message ends the connection; the official hub
+//! skips it a word at a time. Like that hub, this one takes clients that do not say hello, and any version. Lengths
+//! are limited, which they are not there.
+
+pub mod hub;
+mod outbox;
+
+use crate::udpm::CHANNEL_MAX;
+use core::fmt;
+pub use outbox::Outbox;
+
+/// A client's first word.
+pub const CLIENT_MAGIC: u32 = 0x2876_17fb;
+/// A hub's first word.
+pub const HUB_MAGIC: u32 = 0x2876_17fa;
+/// The second word of both; nobody looks at it.
+pub const VERSION: u32 = 0x0100;
+/// Longest channel or expression in bytes that a stream goes on after.
+pub const TEXT_MAX: usize = 1024;
+
+const PUBLISH: u32 = 1;
+const SUBSCRIBE: u32 = 2;
+const UNSUBSCRIBE: u32 = 3;
+/// A buffer that one large message has made larger is given back.
+const BUFFER_KEPT: usize = 256 << 10;
+
+/// An end of a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Peer {
+    /// Publishes and subscribes.
+    Client,
+    /// Relays.
+    Hub,
+}
+
+/// One message of a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Message<'a> {
+    /// The first one.
+    Hello {
+        /// Of the sender, usually [`VERSION`].
+        version: u32,
+    },
+    /// A message for whom it may concern.
+    Publish {
+        /// At most [`CHANNEL_MAX`] bytes; may be empty.
+        channel: &'a str,
+        /// May be empty.
+        payload: &'a [u8],
+        /// The message as it stands in the stream.
+        wire: &'a [u8],
+    },
+    /// From now on the channels that match this.
+    Subscribe(&'a str),
+    /// No longer.
+    Unsubscribe(&'a str),
+    /// A message that nobody can use; the stream goes on after it.
+    Unusable(Unusable),
+}
+
+/// What is wrong with a message that can be skipped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unusable {
+    /// A channel of `len` bytes, more than [`CHANNEL_MAX`].
+    ChannelTooLong {
+        /// Its length in bytes.
+        len: usize,
+    },
+    /// A channel or an expression that is not UTF-8.
+    NotUtf8,
+}
+
+/// Why a stream is not TCPQ's, or no longer. The connection cannot go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DecodeError {
+    /// It does not begin as a hub's.
+    Magic(u32),
+    /// The next message is of no known type.
+    Type(u32),
+    /// A channel or an expression longer than [`TEXT_MAX`].
+    TextTooLong {
+        /// Its length in bytes.
+        len: u32,
+    },
+    /// A payload above the limit.
+    MessageTooLong {
+        /// Its length in bytes.
+        len: u32,
+        /// The limit.
+        max: usize,
+    },
+}
+
+impl fmt::Display for DecodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Magic(word) => write!(f, "it begins with {word:#010x}, not as an LCM hub"),
+            Self::Type(word) => write!(f, "{word:#010x} where a message must begin"),
+            Self::TextTooLong { len } => write!(f, "a channel or pattern of {len} bytes; at most {TEXT_MAX}"),
+            Self::MessageTooLong { len, max } => write!(f, "a message of {len} bytes; at most {max}"),
+        }
+    }
+}
+
+impl core::error::Error for DecodeError {}
+
+/// The messages of one stream, of which bytes come in pieces of any size.
+///
+/// It holds what has come of one message and what was pushed with it; a length that was announced costs nothing.
+#[derive(Debug)]
+pub struct Decoder {
+    from: Peer,
+    message_max: usize,
+    begun: bool,
+    buffer: Vec<u8>,
+    /// Where the message is that was handed out last, and where the next one begins.
+    current: usize,
+    next: usize,
+}
+
+impl Decoder {
+    /// For the stream that comes from a client, or from a hub, with payloads of at most `message_max` bytes.
+    #[must_use]
+    pub fn new(from: Peer, message_max: usize) -> Self {
+        Self { from, message_max, begun: false, buffer: Vec::new(), current: 0, next: 0 }
+    }
+
+    /// Takes in what has come. Messages handed out before are gone.
+    pub fn push(&mut self, bytes: &[u8]) {
+        self.buffer.drain(..self.next);
+        (self.current, self.next) = (0, 0);
+        if self.buffer.is_empty() && self.buffer.capacity() > BUFFER_KEPT {
+            self.buffer = Vec::new();
+        }
+        self.buffer.extend_from_slice(bytes);
+    }
+
+    /// The next message; `None` until more has come.
+    ///
+    /// # Errors
+    /// The stream makes no sense; and so again at the next call.
+    pub fn next_message(&mut self) -> Result<Option<Message<'_>>, DecodeError> {
+        match parse(&self.buffer[self.next..], self.from, self.begun, self.message_max) {
+            Ok((message, len)) => {
+                self.begun = true;
+                (self.current, self.next) = (self.next, self.next + len);
+                Ok(Some(message))
+            }
+            Err(Stop::More) => Ok(None),
+            Err(Stop::Wrong(error)) => Err(error),
+        }
+    }
+
+    /// Once more the channel and the payload that [`Decoder::next_message`] gave last, if it was a published message.
+    #[must_use]
+    pub fn published(&self) -> Option<(&str, &[u8])> {
+        match parse(&self.buffer[self.current..self.next], self.from, true, self.message_max) {
+            Ok((Message::Publish { channel, payload, .. }, _)) => Some((channel, payload)),
+            _ => None,
+        }
+    }
+
+    /// Whether [`Decoder::next_message`] has something to say.
+    #[must_use]
+    pub fn is_ready(&self) -> bool {
+        !matches!(parse(&self.buffer[self.next..], self.from, self.begun, self.message_max), Err(Stop::More))
+    }
+
+    /// How many bytes it holds that were not handed out.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.buffer.len() - self.next
+    }
+}
+
+/// Why there is no message.
+enum Stop {
+    More,
+    Wrong(DecodeError),
+}
+
+/// The message that `input` begins with, and its length.
+fn parse(input: &[u8], from: Peer, begun: bool, message_max: usize) -> Result<(Message<'_>, usize), Stop> {
+    let mut rest = Rest(input);
+    let message = match (rest.word()?, from) {
+        (HUB_MAGIC, Peer::Hub) | (CLIENT_MAGIC, Peer::Client) if !begun => Message::Hello { version: rest.word()? },
+        (word, Peer::Hub) if !begun => return Err(Stop::Wrong(DecodeError::Magic(word))),
+        (PUBLISH, _) => {
+            let channel = rest.text()?;
+            let len = rest.word()?;
+            if len as usize > message_max {
+                return Err(Stop::Wrong(DecodeError::MessageTooLong { len, max: message_max }));
+            }
+            let payload = rest.bytes(len as usize)?;
+            let wire = &input[..input.len() - rest.0.len()];
+            match str::from_utf8(channel) {
+                _ if channel.len() > CHANNEL_MAX => Message::Unusable(Unusable::ChannelTooLong { len: channel.len() }),
+                Ok(channel) => Message::Publish { channel, payload, wire },
+                Err(_) => Message::Unusable(Unusable::NotUtf8),
+            }
+        }
+        (SUBSCRIBE, Peer::Client) => str::from_utf8(rest.text()?).map_or(NOT_UTF8, Message::Subscribe),
+        (UNSUBSCRIBE, Peer::Client) => str::from_utf8(rest.text()?).map_or(NOT_UTF8, Message::Unsubscribe),
+        (word, _) => return Err(Stop::Wrong(DecodeError::Type(word))),
+    };
+    Ok((message, input.len() - rest.0.len()))
+}
+
+const NOT_UTF8: Message<'_> = Message::Unusable(Unusable::NotUtf8);
+
+/// What is left to read.
+struct Rest<'a>(&'a [u8]);
+
+impl<'a> Rest<'a> {
+    fn bytes(&mut self, len: usize) -> Result<&'a [u8], Stop> {
+        let (taken, rest) = self.0.split_at_checked(len).ok_or(Stop::More)?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    fn word(&mut self) -> Result<u32, Stop> {
+        let (word, rest) = self.0.split_first_chunk().ok_or(Stop::More)?;
+        self.0 = rest;
+        Ok(u32::from_be_bytes(*word))
+    }
+
+    fn text(&mut self) -> Result<&'a [u8], Stop> {
+        match self.word()? {
+            len if len as usize > TEXT_MAX => Err(Stop::Wrong(DecodeError::TextTooLong { len })),
+            len => self.bytes(len as usize),
+        }
+    }
+}
+
+/// What each end sends first.
+#[must_use]
+pub fn hello(from: Peer) -> [u8; 8] {
+    let magic = match from {
+        Peer::Client => CLIENT_MAGIC,
+        Peer::Hub => HUB_MAGIC,
+    };
+    let mut bytes = [0; 8];
+    bytes[..4].copy_from_slice(&magic.to_be_bytes());
+    bytes[4..].copy_from_slice(&VERSION.to_be_bytes());
+    bytes
+}
+
+/// What stands in front of the payload of a published message; `channel` is at most [`CHANNEL_MAX`] bytes, the payload
+/// less than 4 GiB.
+#[must_use]
+pub fn publish_header(channel: &str, payload_len: usize) -> Vec<u8> {
+    let mut out = text(PUBLISH, channel);
+    out.extend_from_slice(&(payload_len as u32).to_be_bytes());
+    out
+}
+
+/// Asks for the channels of an expression of at most [`TEXT_MAX`] bytes.
+#[must_use]
+pub fn subscribe(pattern: &str) -> Vec<u8> {
+    text(SUBSCRIBE, pattern)
+}
+
+/// Takes that back.
+#[must_use]
+pub fn unsubscribe(pattern: &str) -> Vec<u8> {
+    text(UNSUBSCRIBE, pattern)
+}
+
+fn text(kind: u32, text: &str) -> Vec<u8> {
+    let mut out = Vec::with_capacity(12 + text.len());
+    out.extend_from_slice(&kind.to_be_bytes());
+    out.extend_from_slice(&(text.len() as u32).to_be_bytes());
+    out.extend_from_slice(text.as_bytes());
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unhex(text: &str) -> Vec<u8> {
+        let digits = text.as_bytes().chunks(2).map(|pair| str::from_utf8(pair).unwrap());
+        digits.map(|pair| u8::from_str_radix(pair, 16).unwrap()).collect()
+    }
+
+    /// What a stream says that comes in pieces of `size` bytes, with payloads of at most 100.
+    fn said(from: Peer, stream: &[u8], size: usize) -> Vec<String> {
+        let mut decoder = Decoder::new(from, 100);
+        let mut said = Vec::new();
+        for piece in stream.chunks(size) {
+            decoder.push(piece);
+            loop {
+                let ready = decoder.is_ready();
+                let message = decoder.next_message();
+                assert_eq!(ready, message != Ok(None));
+                match message {
+                    Ok(Some(Message::Publish { channel, payload, .. })) => said.push(format!("{channel} {payload:x?}")),
+                    Ok(Some(message)) => said.push(format!("{message:?}")),
+                    Ok(None) => break,
+                    Err(error) => {
+                        assert_eq!(decoder.next_message(), Err(error), "said again");
+                        said.push(error.to_string());
+                        return said;
+                    }
+                }
+            }
+        }
+        said
+    }
+
+    // Captured: tests/tcpq_vectors.txt; the same bytes, so that this file stands alone.
+    const CLIENT: &str = "287617fb000001000000000200000006504f53452e2a0000000100000006504f53455f4100000004deadbeef\
+                          0000000300000006504f53452e2a";
+    const DELIVERY: &str = "287617fa000001000000000100000006504f53455f410000000401020304";
+
+    #[test]
+    fn a_stream_says_the_same_whatever_pieces_it_comes_in() {
+        let stream = unhex(CLIENT);
+        for size in 1..=stream.len() {
+            assert_eq!(
+                said(Peer::Client, &stream, size),
+                [
+                    "Hello { version: 256 }",
+                    "Subscribe(\"POSE.*\")",
+                    "POSE_A [de, ad, be, ef]",
+                    "Unsubscribe(\"POSE.*\")"
+                ]
+            );
+        }
+        let stream = unhex(DELIVERY);
+        for size in 1..=stream.len() {
+            assert_eq!(said(Peer::Hub, &stream, size), ["Hello { version: 256 }", "POSE_A [1, 2, 3, 4]"]);
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_what_the_official_client_writes() {
+        let publish = [publish_header("POSE_A", 4), unhex("deadbeef")].concat();
+        let written = [hello(Peer::Client).to_vec(), subscribe("POSE.*"), publish, unsubscribe("POSE.*")].concat();
+        assert_eq!(written, unhex(CLIENT));
+        assert_eq!(hello(Peer::Hub), *unhex("287617fa00000100"));
+    }
+
+    #[test]
+    fn a_client_need_not_say_hello_but_a_hub_must() {
+        assert_eq!(said(Peer::Client, &subscribe("A"), 5), ["Subscribe(\"A\")"]);
+        let stream = [publish_header("A", 0), hello(Peer::Client).to_vec()].concat();
+        assert_eq!(said(Peer::Client, &stream, 5), ["A []", "0x287617fb where a message must begin"]);
+        assert_eq!(said(Peer::Hub, &publish_header("A", 0), 5), ["it begins with 0x00000001, not as an LCM hub"]);
+        assert_eq!(said(Peer::Hub, b"HTTP/1.1 400", 5), ["it begins with 0x48545450, not as an LCM hub"]);
+        let stream = [hello(Peer::Hub).to_vec(), subscribe("A")].concat();
+        assert_eq!(said(Peer::Hub, &stream, 5)[1], "0x00000002 where a message must begin");
+    }
+
+    #[test]
+    fn a_name_that_nobody_can_use_is_skipped() {
+        let long = "x".repeat(CHANNEL_MAX + 1);
+        let stream = [
+            publish_header(&long, 0),
+            unhex("0000000100000001ff00000000"),
+            unhex("0000000200000001ff"),
+            publish_header(&long[1..], 0),
+        ];
+        assert_eq!(
+            said(Peer::Client, &stream.concat(), 7),
+            [
+                "Unusable(ChannelTooLong { len: 64 })",
+                "Unusable(NotUtf8)",
+                "Unusable(NotUtf8)",
+                &format!("{} []", &long[1..])
+            ]
+        );
+    }
+
+    #[test]
+    fn an_impossible_length_ends_the_stream_before_anything_is_kept_for_it() {
+        assert_eq!(
+            said(Peer::Client, &unhex("00000001ffffffff"), 1),
+            ["a channel or pattern of 4294967295 bytes; at most 1024"]
+        );
+        assert_eq!(
+            said(Peer::Client, &unhex("000000010000000141ffffffff"), 1),
+            ["a message of 4294967295 bytes; at most 100"]
+        );
+        let mut decoder = Decoder::new(Peer::Client, 1 << 28);
+        decoder.push(&publish_header("A", 1 << 28));
+        assert_eq!(decoder.next_message(), Ok(None));
+        assert!(decoder.buffer.capacity() < 1000);
+    }
+
+    #[test]
+    fn what_was_published_last_can_be_had_again() {
+        let mut decoder = Decoder::new(Peer::Hub, 100);
+        decoder.push(&unhex(DELIVERY));
+        assert_eq!(decoder.published(), None);
+        while let Ok(Some(_)) = decoder.next_message() {}
+        assert_eq!(decoder.published(), Some(("POSE_A", &[1, 2, 3, 4][..])));
+        assert_eq!(decoder.waiting(), 0);
+    }
+}

@@ -1,0 +1,282 @@
+//! The hub of TCPQ as an engine: bytes of clients in, bytes for clients out. Knows no socket and no clock.
+//!
+//! Each published message goes once to each client of which at least one expression matches its channel as a whole
+//! ([`Pattern`]), also to the publisher. It is stored once, however many wait for it.
+//!
+//! No client can stall another: what is to be written to one waits in an outbox of its own, and when that is full the
+//! oldest whole messages in it are dropped and counted. The official hub writes to each in turn and waits.
+//!
+//! The host, after any input: [`Hub::poll_pending`] until `None`, and for each client write what [`Hub::poll_tx`] has
+//! and tell by [`Hub::handle_tx`] how much of it was taken; what was not, again when the connection takes more.
+
+use super::{DecodeError, Decoder, Message, Outbox, Peer, hello};
+use crate::subscription::Pattern;
+use regex_lite::RegexBuilder;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+/// Channels of which it is remembered who wants them; when there are more, that is found out anew.
+const ROUTES_MAX: usize = 1024;
+/// Bytes of one compiled expression, which bounds memory and the time that matching a name takes.
+const EXPRESSION_MAX: usize = 32 << 10;
+
+/// What one hub puts up with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Clients at a time.
+    pub clients: usize,
+    /// Subscriptions of a client.
+    pub subscriptions: usize,
+    /// Payload bytes of a message.
+    pub message: usize,
+    /// Bytes that wait for one client, with 64 bytes for each message; one message waits whatever its size.
+    pub queue: usize,
+}
+
+impl Default for Limits {
+    /// 64 clients, 256 subscriptions each, messages of 16 MiB, 16 MiB waiting for each client.
+    fn default() -> Self {
+        Self { clients: 64, subscriptions: 256, message: 16 << 20, queue: 16 << 20 }
+    }
+}
+
+/// One connection; never given twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ClientId(pub u64);
+
+/// What became of everything. Everything only grows, but `clients`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Clients that are connected now.
+    pub clients: usize,
+    /// Clients that there have been.
+    pub accepted: u64,
+    /// Connections that were one too many.
+    pub refused: u64,
+    /// Clients whose stream made no sense.
+    pub malformed: u64,
+    /// Messages that clients have published.
+    pub published: u64,
+    /// Messages written to clients; one that two clients wanted is two.
+    pub delivered: u64,
+    /// Messages dropped because too many waited for a client.
+    pub dropped: u64,
+    /// Messages skipped for their channel (too long, not UTF-8) and subscriptions refused (no expression, a huge one,
+    /// one too many).
+    pub unusable: u64,
+}
+
+/// What became of one client's messages. Everything only grows, but the last two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClientStats {
+    /// It has published.
+    pub published: u64,
+    /// Were written to it.
+    pub delivered: u64,
+    /// Were dropped because too many waited for it.
+    pub dropped: u64,
+    /// Wait for it now.
+    pub waiting: usize,
+    /// Expressions that it subscribes to now.
+    pub subscriptions: usize,
+}
+
+/// The hub.
+#[derive(Debug, Default)]
+pub struct Hub {
+    /// Apart from the rest, as a message that is relayed still lies in one of them.
+    streams: BTreeMap<ClientId, Decoder>,
+    relay: Relay,
+    next: u64,
+}
+
+#[derive(Debug, Default)]
+struct Relay {
+    limits: Limits,
+    clients: BTreeMap<ClientId, Client>,
+    /// Who wants a channel, as far as that was asked since the last change.
+    routes: BTreeMap<Box<str>, Vec<ClientId>>,
+    pending: VecDeque<ClientId>,
+    stats: Stats,
+}
+
+#[derive(Debug, Default)]
+struct Client {
+    subscriptions: Vec<(Box<str>, Pattern)>,
+    outbox: Outbox,
+    /// Stands in `Relay::pending`.
+    pending: bool,
+    stats: ClientStats,
+}
+
+impl Hub {
+    /// A hub without clients.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self { relay: Relay { limits, ..Relay::default() }, ..Self::default() }
+    }
+
+    /// A client has connected; it is greeted. `None`: there are too many, close it.
+    pub fn connect(&mut self) -> Option<ClientId> {
+        if self.relay.clients.len() >= self.relay.limits.clients {
+            self.relay.stats.refused += 1;
+            return None;
+        }
+        let id = ClientId(self.next);
+        self.next += 1;
+        self.relay.stats.accepted += 1;
+        self.streams.insert(id, Decoder::new(Peer::Client, self.relay.limits.message));
+        let client = self.relay.clients.entry(id).or_default();
+        client.outbox.push_control(&hello(Peer::Hub));
+        client.notify(id, &mut self.relay.pending);
+        Some(id)
+    }
+
+    /// A connection has ended; what waited for it is gone.
+    pub fn disconnect(&mut self, id: ClientId) {
+        self.streams.remove(&id);
+        if self.relay.clients.remove(&id).is_some_and(|client| !client.subscriptions.is_empty()) {
+            self.relay.routes.clear();
+        }
+    }
+
+    /// A client has sent `bytes`.
+    ///
+    /// # Errors
+    /// They make no sense: close the connection. The hub has forgotten the client already.
+    pub fn handle_rx(&mut self, id: ClientId, bytes: &[u8]) -> Result<(), DecodeError> {
+        let Some(stream) = self.streams.get_mut(&id) else {
+            return Ok(());
+        };
+        stream.push(bytes);
+        loop {
+            match stream.next_message() {
+                Ok(Some(message)) => self.relay.on_message(id, message),
+                Ok(None) => return Ok(()),
+                Err(error) => {
+                    self.relay.stats.malformed += 1;
+                    self.disconnect(id);
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    /// The next client for which something has come since it was last named here.
+    pub fn poll_pending(&mut self) -> Option<ClientId> {
+        while let Some(id) = self.relay.pending.pop_front() {
+            if let Some(client) = self.relay.clients.get_mut(&id) {
+                client.pending = false;
+                return Some(id);
+            }
+        }
+        None
+    }
+
+    /// What is to be written to a client, in order, in as many pieces as messages.
+    pub fn poll_tx(&self, id: ClientId) -> impl Iterator<Item = &[u8]> {
+        self.relay.clients.get(&id).into_iter().flat_map(|client| client.outbox.slices())
+    }
+
+    /// So many bytes of it were taken.
+    pub fn handle_tx(&mut self, id: ClientId, bytes: usize) {
+        if let Some(client) = self.relay.clients.get_mut(&id) {
+            let ended = client.outbox.written(bytes);
+            client.stats.delivered += ended;
+            self.relay.stats.delivered += ended;
+        }
+    }
+
+    /// What became of everything so far.
+    #[must_use]
+    pub fn stats(&self) -> Stats {
+        Stats { clients: self.relay.clients.len(), ..self.relay.stats }
+    }
+
+    /// What became of a client's messages so far; `None`: it has gone.
+    #[must_use]
+    pub fn client(&self, id: ClientId) -> Option<ClientStats> {
+        let client = self.relay.clients.get(&id)?;
+        let (waiting, subscriptions) = (client.outbox.messages(), client.subscriptions.len());
+        Some(ClientStats { waiting, subscriptions, ..client.stats })
+    }
+}
+
+impl Relay {
+    fn on_message(&mut self, from: ClientId, message: Message<'_>) {
+        match message {
+            Message::Hello { .. } => {}
+            Message::Publish { channel, wire, .. } => self.publish(from, channel, wire),
+            Message::Subscribe(pattern) => self.subscribe(from, pattern),
+            Message::Unsubscribe(pattern) => self.unsubscribe(from, pattern),
+            Message::Unusable(_) => self.stats.unusable += 1,
+        }
+    }
+
+    fn publish(&mut self, from: ClientId, channel: &str, wire: &[u8]) {
+        self.stats.published += 1;
+        if let Some(client) = self.clients.get_mut(&from) {
+            client.stats.published += 1;
+        }
+        if !self.routes.contains_key(channel) {
+            if self.routes.len() >= ROUTES_MAX {
+                self.routes.clear();
+            }
+            let wanting = self.clients.iter().filter(|(_, client)| client.wants(channel)).map(|(&id, _)| id);
+            self.routes.insert(channel.into(), wanting.collect());
+        }
+        let wanting = self.routes.get(channel).map(Vec::as_slice).unwrap_or_default();
+        if wanting.is_empty() {
+            return;
+        }
+        let message: Arc<[u8]> = wire.into();
+        for &id in wanting {
+            let Some(client) = self.clients.get_mut(&id) else { continue };
+            let dropped = client.outbox.make_room(message.len(), self.limits.queue);
+            client.stats.dropped += dropped;
+            self.stats.dropped += dropped;
+            client.outbox.push(message.clone(), 0);
+            client.notify(id, &mut self.pending);
+        }
+    }
+
+    fn subscribe(&mut self, from: ClientId, pattern: &str) {
+        let Some(client) = self.clients.get_mut(&from) else { return };
+        let room = client.subscriptions.len() < self.limits.subscriptions;
+        match expression(pattern).filter(|_| room) {
+            Some(expression) => {
+                client.subscriptions.push((pattern.into(), expression));
+                self.routes.clear();
+            }
+            None => self.stats.unusable += 1,
+        }
+    }
+
+    fn unsubscribe(&mut self, from: ClientId, pattern: &str) {
+        let Some(client) = self.clients.get_mut(&from) else { return };
+        // One of several that are equal, as each of the client's has its own end.
+        if let Some(index) = client.subscriptions.iter().position(|(text, _)| **text == *pattern) {
+            client.subscriptions.remove(index);
+            self.routes.clear();
+        }
+    }
+}
+
+impl Client {
+    fn wants(&self, channel: &str) -> bool {
+        self.subscriptions.iter().any(|(_, pattern)| pattern.matches(channel))
+    }
+
+    fn notify(&mut self, id: ClientId, pending: &mut VecDeque<ClientId>) {
+        if !self.pending {
+            self.pending = true;
+            pending.push_back(id);
+        }
+    }
+}
+
+/// The expression, if it is one and of a bearable size: `a{999}` is five characters.
+fn expression(pattern: &str) -> Option<Pattern> {
+    RegexBuilder::new(pattern).size_limit(EXPRESSION_MAX).build().ok()?;
+    Pattern::new(pattern).ok()
+}
