@@ -17,6 +17,7 @@
 
 mod ast;
 pub mod build;
+pub mod dynamic;
 mod error;
 mod fingerprint;
 mod parse;
