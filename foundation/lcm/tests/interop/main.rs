@@ -1,0 +1,67 @@
+//! Both ways with what others wrote: the official C library 1.5.3 and 1.3.1 from C and C++, the Python package,
+//! `lcm-gen`, `lcm-logger` and `lcm-logplayer`. What is found is the table in `docs/lcm.md`: the test holds the two
+//! together, and `LCM_INTEROP_BLESS=1` writes the table anew.
+//!
+//! `make test` gets the peers: 1.5.3 into `.venv`, 1.3.1 into `.peers`; the variable `ADVEE_PYTHON` names another
+//! Python. A peer that is not there is `skipped:`, and its columns are not checked.
+#![cfg(feature = "live")]
+#![allow(clippy::disallowed_methods, reason = "real sockets, files and processes")]
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod messages;
+mod official;
+mod peer;
+mod table;
+mod types;
+#[path = "../../../lcm-gen/tests/vectors/generated.rs"]
+#[rustfmt::skip]
+#[allow(dead_code, reason = "a peer needs no constants")]
+mod vectors;
+
+use official::{Language, Official};
+use std::thread;
+use table::{Cells, Column, Mark};
+use types::Built;
+
+#[test]
+fn the_table_in_the_documentation_is_what_this_run_finds() {
+    let found = official::VERSIONS.map(Official::find);
+    let mut columns = Vec::new();
+    // The compilers run side by side; what goes over sockets goes one peer after the other.
+    thread::scope(|scope| {
+        let mut built = Vec::new();
+        for (version, official) in official::VERSIONS.into_iter().zip(&found) {
+            for &language in Language::of(version) {
+                let name = format!("{language} {version}");
+                built.push((name, official.as_ref().map(|it| scope.spawn(move || types::build(it, language)))));
+            }
+        }
+        for (name, built) in built {
+            let built = built.map(|thread| thread.join().unwrap());
+            let there = built.is_some();
+            columns.push(Column { cells: built.map(|built| bus(&name, &built)).unwrap_or_default(), name, there });
+        }
+    });
+    table::check(&columns);
+}
+
+/// What is found with one peer.
+fn bus(name: &str, built: &Built) -> Cells {
+    let mut both = peer::Both::start(name, built);
+    let mut cells = Cells::new();
+    for case in messages::cases() {
+        both.raw(&case);
+        cells.push((case.name, Mark::Both));
+    }
+    for (name, defect) in &built.types {
+        if defect.is_none() {
+            both.typed(name);
+        }
+        cells.push((format!("type `{name}`"), defect.map_or(Mark::Both, Mark::Defect)));
+    }
+    cells.push(("`messages/*.lcm` by the official `lcm-gen`".into(), Mark::Good));
+    both.end();
+    cells
+}

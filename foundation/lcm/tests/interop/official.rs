@@ -1,0 +1,165 @@
+//! Where the official LCM of each version is, and how programs are built on it.
+
+use std::ffi::OsStr;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The wheel of the Python package, and Debian 12's packages.
+pub const VERSIONS: [&str; 2] = ["1.5.3", "1.3.1"];
+
+/// The official LCM of one version.
+pub struct Official {
+    /// One of [`VERSIONS`].
+    pub version: &'static str,
+    /// Where bin, include and lib are.
+    prefix: PathBuf,
+    /// The Python that has the package; none for 1.3.1.
+    python: Option<PathBuf>,
+    /// For what is built; goes with this.
+    scratch: PathBuf,
+}
+
+/// A language that a peer is written in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Language {
+    C,
+    Cpp,
+    Python,
+}
+
+impl Language {
+    /// Those that a version is had for; Debian packages no Python module.
+    pub fn of(version: &str) -> &'static [Self] {
+        match version {
+            "1.3.1" => &[Self::C, Self::Cpp],
+            _ => &[Self::C, Self::Cpp, Self::Python],
+        }
+    }
+}
+
+impl fmt::Display for Language {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::C => "C",
+            Self::Cpp => "C++",
+            Self::Python => "Python",
+        })
+    }
+}
+
+/// The checkout.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
+}
+
+/// A Python with the official LCM, and what it is installed under.
+fn python() -> Option<(PathBuf, PathBuf)> {
+    let named = std::env::var_os("ADVEE_PYTHON");
+    let python = named.as_ref().map_or_else(|| root().join(".venv/bin/python"), PathBuf::from);
+    let found = Command::new(&python).args(["-c", "import lcm; print(lcm.__file__)"]).output();
+    let found = found.ok().filter(|output| output.status.success());
+    assert!(found.is_some() || named.is_none(), "ADVEE_PYTHON has no official lcm");
+    let module = PathBuf::from(String::from_utf8(found?.stdout).unwrap().trim());
+    Some((module.ancestors().nth(2)?.into(), python))
+}
+
+impl Official {
+    /// Finds it, or says what is skipped.
+    pub fn find(version: &'static str) -> Option<Self> {
+        let (prefix, python) = match version {
+            "1.3.1" => (Some(root().join(".peers/lcm-1.3.1")).filter(|prefix| prefix.join("version").exists()), None),
+            _ => python().unzip(),
+        };
+        let Some(prefix) = prefix else {
+            println!("skipped: no official LCM {version} (make test gets it); its columns are not checked");
+            return None;
+        };
+        let scratch = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("interop-{version}-{}", std::process::id()));
+        Some(Self { version, prefix, python, scratch })
+    }
+
+    /// A folder for what is built, `what` of it.
+    pub fn folder(&self, language: Language, what: &str) -> PathBuf {
+        let folder = self.scratch.join(language.to_string()).join(what);
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    /// One of the official programs.
+    pub fn tool(&self, name: &str) -> Command {
+        let mut command = Command::new(self.prefix.join("bin").join(name));
+        command.env("LD_LIBRARY_PATH", self.prefix.join("lib"));
+        command
+    }
+
+    /// Runs `lcm-gen` on one file (it carries the package of one over to the next); says why when it refuses.
+    pub fn generate(&self, language: Language, file: &Path, out: &Path) -> Result<(), String> {
+        let mut lcm_gen = self.tool("lcm-gen");
+        match language {
+            Language::C => lcm_gen.arg("-c").arg("--c-cpath").arg(out).arg("--c-hpath").arg(out),
+            // The default is C++98, where a constant of type double does not compile; 1.3.1 has no such option.
+            Language::Cpp if self.version != "1.3.1" => {
+                lcm_gen.args(["-x", "--cpp-std", "c++11"]).arg("--cpp-hpath").arg(out)
+            }
+            Language::Cpp => lcm_gen.arg("-x").arg("--cpp-hpath").arg(out),
+            Language::Python => lcm_gen.arg("-p").arg("--ppath").arg(out),
+        };
+        run(lcm_gen.arg(file))
+    }
+
+    /// `cc` or `c++` in `folder`, with its headers and the official ones; says what is wrong when it refuses.
+    pub fn compile<S: AsRef<OsStr>>(&self, language: Language, folder: &Path, arguments: &[S]) -> Result<(), String> {
+        let (compiler, standard) = match language {
+            Language::C => ("cc", "-std=gnu11"),
+            _ => ("c++", "-std=c++11"),
+        };
+        let mut compiler = Command::new(compiler);
+        compiler.args([standard, "-I."]).arg("-I").arg(self.prefix.join("include"));
+        run(compiler.args(arguments).current_dir(folder))
+    }
+
+    /// What a program of ours is linked with.
+    pub fn libraries(&self) -> [String; 3] {
+        let library = self.prefix.join("lib").display().to_string();
+        [format!("-L{library}"), "-l:liblcm.so.1".into(), format!("-Wl,-rpath,{library}")]
+    }
+
+    /// A script, run by the Python that has the package and finds modules in `folder`.
+    pub fn script(&self, script: PathBuf, folder: &Path) -> Program {
+        let python = self.python.clone().expect("1.5.3 has one");
+        Program { path: python, script: Some(script), folder: folder.into() }
+    }
+}
+
+/// A program or script of ours on the official LCM.
+pub struct Program {
+    /// What is executed.
+    pub path: PathBuf,
+    /// Its first argument, where it is an interpreter.
+    pub script: Option<PathBuf>,
+    /// Where what `lcm-gen` made for it is.
+    pub folder: PathBuf,
+}
+
+impl Program {
+    /// It, to be given its arguments.
+    pub fn command(&self) -> Command {
+        let mut command = Command::new(&self.path);
+        command.args(&self.script).env("PYTHONPATH", &self.folder).env("PYTHONDONTWRITEBYTECODE", "1");
+        command
+    }
+}
+
+impl Drop for Official {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.scratch);
+    }
+}
+
+/// Runs it to its end; what it said when that was none.
+pub fn run(command: &mut Command) -> Result<(), String> {
+    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let said = || format!("{command:?}: {}", String::from_utf8_lossy(&[output.stderr, output.stdout].concat()));
+    if output.status.success() { Ok(()) } else { Err(said()) }
+}
