@@ -4,10 +4,12 @@
 use std::{env, path::Path};
 
 use lcm_gen::build;
+use lcm_gen::rust::{Options, Serde};
 
 fn main() -> Result<(), String> {
     let out = env::var("OUT_DIR").map_err(|error| format!("OUT_DIR: {error}"))?;
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../messages");
-    build::generate(&folder, &Path::new(&out).join("types.rs"))?;
+    let options = Options { serde: Serde::Serialize, ..Options::default() };
+    build::generate(&folder, &Path::new(&out).join("types.rs"), &options)?;
     build::list(&folder, &Path::new(&out).join("files.rs"))
 }

@@ -5,14 +5,15 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-use crate::{Schema, rust};
+use crate::Schema;
+use crate::rust::{self, Options};
 
 /// Reads every `.lcm` file in and below `folder`, in order of their paths, and writes the Rust code of all of them to
 /// `out`. Tells Cargo to come back when one changes.
 ///
 /// # Errors
 /// One line: what could not be read or written, or what is wrong in which file.
-pub fn generate(folder: &Path, out: &Path) -> Result<(), String> {
+pub fn generate(folder: &Path, out: &Path, options: &Options) -> Result<(), String> {
     println!("cargo::rerun-if-changed={}", folder.display());
     let mut files = Vec::new();
     for path in lcm_files(folder)? {
@@ -20,7 +21,7 @@ pub fn generate(folder: &Path, out: &Path) -> Result<(), String> {
         files.push((path.display().to_string(), text));
     }
     let schema = Schema::new(&files).map_err(|error| error.to_string())?;
-    let code = rust::generate(&schema).map_err(|error| error.to_string())?;
+    let code = rust::generate(&schema, options).map_err(|error| error.to_string())?;
     write(out, &code)
 }
 

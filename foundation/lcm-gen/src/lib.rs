@@ -6,7 +6,8 @@
 //! let files = [("point.lcm", "package demo; struct point_t { double x, y, z; }")];
 //! let schema = lcm_gen::Schema::new(&files).unwrap();
 //! assert_eq!(schema.fingerprint("demo.point_t"), Some(0xae7e5fba5eeca11e));
-//! assert!(lcm_gen::rust::generate(&schema).unwrap().contains("pub struct Point"));
+//! let code = lcm_gen::rust::generate(&schema, &lcm_gen::rust::Options::default()).unwrap();
+//! assert!(code.contains("pub struct Point"));
 //! ```
 //!
 //! Differs from the official `lcm-gen` where that is merely quirky: braces need no white space around them, the package

@@ -7,7 +7,7 @@ use crate::{At, Constant, Definition, Dim, Error, Kind, Literal, Member, MemberT
 /// What a file says.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct File {
-    /// The comment before each `package`, with the package's name.
+    /// The comment before each `package`, with the package's name; that of a file with a single type is the type's.
     pub packages: Vec<(String, Vec<String>)>,
     /// Structs and enums, in order.
     pub definitions: Vec<Definition>,
@@ -26,7 +26,7 @@ pub fn parse(name: &str, text: &str) -> Result<File, Error> {
     loop {
         let doc = parser.peek().before.clone();
         match parser.peek().token {
-            Token::End => return Ok(file),
+            Token::End => break,
             Token::Word("package") => {
                 parser.package()?;
                 file.packages.push((parser.package.clone(), doc));
@@ -36,6 +36,12 @@ pub fn parse(name: &str, text: &str) -> Result<File, Error> {
             _ => return Err(parser.unexpected("`package`, `struct` or `enum`")),
         }
     }
+    if let ([(_, about)], [only]) = (&mut file.packages[..], &mut file.definitions[..]) {
+        let parted = !about.is_empty() && !only.doc.is_empty();
+        let doc = std::mem::take(&mut only.doc);
+        only.doc.extend(about.drain(..).chain(parted.then(String::new)).chain(doc));
+    }
+    Ok(file)
 }
 
 struct Parser<'a> {

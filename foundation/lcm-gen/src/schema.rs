@@ -40,7 +40,7 @@ impl Schema {
         &self.definitions
     }
 
-    /// The comments before `package` lines, with the packages' names, in order.
+    /// The comments before `package` lines of files with several types, with the packages' names, in order.
     #[must_use]
     pub fn packages(&self) -> &[(String, Vec<String>)] {
         &self.packages
@@ -73,13 +73,19 @@ impl Schema {
     /// Whether all values take the same number of bytes: no strings, no variable arrays, anywhere inside.
     #[must_use]
     pub fn is_fixed(&self, name: &str) -> bool {
-        let Some(&i) = self.index.get(name) else {
-            return false;
-        };
-        let parts = self.reach[i].iter().chain([&i]);
-        parts
-            .flat_map(|&part| self.definitions[part].members())
-            .all(|member| !member.is_variable() && member.ty != MemberType::Primitive(Primitive::String))
+        let mut members = self.parts(name).flat_map(Definition::members);
+        let known = self.index.contains_key(name);
+        known && members.all(|member| !member.is_variable() && member.ty != MemberType::Primitive(Primitive::String))
+    }
+
+    /// The type of that name, if there is one, and all that its members lead to.
+    pub(crate) fn parts(&self, name: &str) -> impl Iterator<Item = &Definition> {
+        let parts = self
+            .index
+            .get(name)
+            .into_iter()
+            .flat_map(|i| self.reach[*i].iter().filter(move |part| *part != i).chain([i]));
+        parts.map(|&part| &self.definitions[part])
     }
 
     /// Whether values of the type can hold, at any depth, values of the same type.

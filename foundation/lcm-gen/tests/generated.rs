@@ -1,5 +1,5 @@
 //! Generated code against the official tools: fingerprints, bytes, and what hostile bytes do.
-#![allow(clippy::unwrap_used, reason = "the test fails")]
+#![allow(clippy::unwrap_used, clippy::disallowed_methods, reason = "the test fails; it reads its own files")]
 
 #[path = "vectors/generated.rs"]
 #[rustfmt::skip]
@@ -12,11 +12,13 @@ mod own;
 mod dynamic;
 mod support;
 
+use std::fs;
+
 use lcm::codec::{DecodeError, EncodeError, Type};
 use lcm_gen::Schema;
 use own::more::{Lengths, r#mod};
 use serde_json::Value;
-use support::files::files;
+use support::files::{self, files};
 use support::{Random, Vectors, for_all_types, hex};
 use vectors::vec;
 
@@ -60,13 +62,57 @@ struct Ours {
 impl support::Visitor for Both<'_> {
     type Output = Result<Ours, DecodeError>;
 
-    fn visit<T: Type + serde::Serialize>(self) -> Self::Output {
+    fn visit<T: Type + serde::Serialize + serde::de::DeserializeOwned>(self) -> Self::Output {
         let value = T::decode(self.0)?;
         let mut bytes = vec![0xA5]; // what stands before stays
         value.encode(&mut bytes).unwrap();
         assert_eq!(bytes.remove(0), 0xA5);
-        Ok(Ours { json: serde_json::to_value(&value).unwrap(), bytes })
+        into_a_slice(&value, &bytes);
+        let json = serde_json::to_value(&value).unwrap();
+        // JSON has no infinities: they become null, which is no number.
+        if let Ok(again) = T::deserialize(&json) {
+            assert_eq!(serde_json::to_value(&again).unwrap(), json);
+        } else {
+            assert!(json.to_string().contains("null"), "{json}");
+        }
+        Ok(Ours { json, bytes })
     }
+}
+
+/// Encodes into slices of all lengths, with bytes in them that must not matter.
+fn into_a_slice<T: Type>(value: &T, bytes: &[u8]) {
+    let needed = value.encoded_size();
+    assert_eq!(needed, bytes.len());
+    let mut out = vec![0xA5; needed + 3];
+    assert_eq!(value.encode_into(&mut out), Ok(needed));
+    assert_eq!((&out[..needed], &out[needed..]), (bytes, &[0xA5; 3][..]));
+    for room in [0, 7, 8, needed - 1] {
+        assert_eq!(value.encode_into(&mut out[..room.min(needed - 1)]).unwrap_err().to_string(), {
+            let room = room.min(needed - 1);
+            format!("{needed} bytes needed, room for {room}")
+        });
+    }
+}
+
+/// Both kinds of decoding read the same, also when they refuse.
+fn views_agree(name: &str, bytes: &[u8]) {
+    if let Some((owned, view)) = support::readings(name, bytes) {
+        assert_eq!(owned, view, "{name}");
+    }
+}
+
+#[test]
+fn every_type_that_can_borrow_has_a_view_and_no_other() {
+    let of = |folder: &str| fs::read_to_string(files::folder(folder).join("generated.rs")).unwrap();
+    let code = of("vectors") + &of("more");
+    let views = code.lines().filter(|line| line.contains("codec::View<'a> for")).count();
+    let mut known = 0;
+    for folder in ["vectors/types", "more"] {
+        for definition in Schema::new(&files(folder)).unwrap().definitions() {
+            known += usize::from(support::readings(&definition.name(), &[]).is_some());
+        }
+    }
+    assert_eq!((views, known), (13, 13));
 }
 
 #[test]
@@ -78,6 +124,7 @@ fn whatever_the_language_can_say_comes_back_as_it_was() {
             let name = definition.name();
             for _ in 0..200 {
                 let bytes = dynamic::message(&schema, &name, &mut random);
+                views_agree(&name, &bytes);
                 let ours = for_all_types(&name, Both(&bytes));
                 assert_eq!(ours.unwrap_or_else(|error| panic!("{name}: {error}")).bytes, bytes, "{name}");
             }
@@ -91,8 +138,10 @@ fn a_message_cut_anywhere_is_refused() {
         let (name, bytes) = (known["type"].as_str().unwrap(), hex(known["hex"].as_str().unwrap()));
         for end in 0..bytes.len() {
             assert!(for_all_types(name, Both(&bytes[..end])).is_err(), "{name} cut after {end} bytes");
+            views_agree(name, &bytes[..end]);
         }
         let longer = [&bytes[..], &[0]].concat();
+        views_agree(name, &longer);
         assert_eq!(for_all_types(name, Both(&longer)).err(), Some(DecodeError::LeftOver { extra: 1 }), "{name}");
     }
 }
@@ -116,6 +165,7 @@ fn no_bytes_make_the_decoder_panic() {
                     }
                 }
                 bytes.truncate(bytes.len() - random.below(bytes.len()) * usize::from(random.below(4) == 0));
+                views_agree(&name, &bytes);
                 if let Ok(first) = for_all_types(&name, Both(&bytes)) {
                     accepted += 1;
                     assert_eq!(first.bytes.len(), bytes.len(), "{name}");

@@ -1,5 +1,6 @@
 //! What the parser takes, what it refuses, and where it says the fault is.
 
+use lcm_gen::rust::Options;
 use lcm_gen::{Kind, Schema, Size};
 
 /// The one line that the text is refused with.
@@ -153,7 +154,7 @@ fn comments_document_what_follows_or_stands_before_them_on_their_line() {
 
 #[test]
 fn two_types_that_rust_could_not_tell_apart_are_refused() {
-    let generate = |text| lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap());
+    let generate = |text| lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap(), &Options::default());
     let error = generate("struct data_x_t { }\nstruct DataX { }").unwrap_err().to_string();
     assert_eq!(error, "a.lcm:2:8: `data_x_t` and `DataX` get the same name in Rust");
     let error = generate("package codec; struct x_t { }").unwrap_err().to_string();

@@ -6,12 +6,15 @@ mod files;
 
 use std::{env, fs};
 
+use lcm_gen::rust::{Options, Serde};
+
 /// To take over a change of the generator: `LCM_GEN_BLESS=1 cargo test -p lcm-gen --test sample`.
 #[test]
 fn the_code_at_hand_is_what_the_generator_writes() {
     for (types, name) in [("vectors/types", "vectors"), ("more", "more")] {
         let schema = lcm_gen::Schema::new(&files::files(types)).unwrap();
-        let code = lcm_gen::rust::generate(&schema).unwrap();
+        let options = Options { serde: Serde::Both, views: true };
+        let code = lcm_gen::rust::generate(&schema, &options).unwrap();
         let path = files::folder(name).join("generated.rs");
         if env::var_os("LCM_GEN_BLESS").is_some() {
             fs::write(&path, &code).unwrap();

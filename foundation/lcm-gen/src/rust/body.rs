@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::is_implicit;
-use super::names::{field, free, primitive};
+use super::names::{borrows, field, free, is_fixed_row, primitive};
 use crate::{Definition, Dim, Member, MemberType, Primitive, Schema, Size};
 
 /// Both bodies, and the names of their parameters.
@@ -36,6 +36,7 @@ impl Body {
             writer: free(&["w", "writer"], members),
             reader: free(&["r", "reader"], members),
             item: free(&["item", "element"], members),
+            view: false,
         };
         let (size, encode, decode) = (emitter.size(), emitter.encode(), emitter.decode());
         Self { writer: emitter.writer, reader: emitter.reader, size, encode, decode }
@@ -58,23 +59,26 @@ fn element_min(schema: &Schema, member: &Member) -> usize {
     }
 }
 
+/// The body of a view's `decode_body`, and the name of its parameter.
+pub fn view(schema: &Schema, definition: &Definition) -> (String, String) {
+    let members = definition.members();
+    let reader = free(&["r", "reader"], members);
+    let emitter =
+        Emitter { schema, members, writer: String::new(), reader: reader.clone(), item: String::new(), view: true };
+    (reader, emitter.decode())
+}
+
 struct Emitter<'a> {
     schema: &'a Schema,
     members: &'a [Member],
     writer: String,
     reader: String,
     item: String,
+    /// Whether what is decoded stays in the message as far as it can.
+    view: bool,
 }
 
 impl Emitter<'_> {
-    /// Whether the element type is `Fixed`.
-    fn is_fixed(&self, member: &Member) -> bool {
-        match &member.ty {
-            MemberType::Primitive(ty) => *ty != Primitive::String,
-            MemberType::Named(name) => self.schema.is_fixed(name),
-        }
-    }
-
     fn is_recursive(&self, member: &Member) -> bool {
         matches!(&member.ty, MemberType::Named(name) if self.schema.is_recursive(name))
     }
@@ -97,7 +101,7 @@ impl Emitter<'_> {
         for member in self.members {
             let place = format!("self.{}", field(&member.name));
             match &member.ty {
-                _ if is_implicit(member, self.members) || self.is_fixed_row(member, &member.dims) => {
+                _ if is_implicit(member, self.members) || is_fixed_row(self.schema, member, &member.dims) => {
                     fixed += min_size(self.schema, member);
                 }
                 MemberType::Primitive(_) if member.dims.is_empty() => {
@@ -118,7 +122,8 @@ impl Emitter<'_> {
     /// The bytes of an array, or of a struct, that varies in size; none if they are never any.
     fn size_of(&self, member: &Member, place: &str) -> Option<String> {
         let dims = &member.dims;
-        let depth = (0..dims.len()).find(|&depth| self.is_fixed_row(member, &dims[depth + 1..])).unwrap_or(dims.len());
+        let depth =
+            (0..dims.len()).find(|&depth| is_fixed_row(self.schema, member, &dims[depth + 1..])).unwrap_or(dims.len());
         let (row, item) = (Member { dims: dims[depth..].to_vec(), ..member.clone() }, &self.item);
         let each = match (&member.ty, min_size(self.schema, &row)) {
             _ if depth == 0 && dims.is_empty() => return Some(format!("{place}.body_size()")),
@@ -131,11 +136,6 @@ impl Emitter<'_> {
             (_, size) => format!("|{item}| {size} * {item}.len()"),
         };
         Some(format!("{place}.iter(){}.map({each}).sum::<usize>()", ".flatten()".repeat(depth.saturating_sub(1))))
-    }
-
-    /// Whether values of the member's type in arrays of these dimensions always take the same number of bytes.
-    fn is_fixed_row(&self, member: &Member, dims: &[Dim]) -> bool {
-        self.is_fixed(member) && dims.iter().all(|dim| dim.size != Size::Variable)
     }
 
     fn encode(&self) -> String {
@@ -180,10 +180,10 @@ impl Emitter<'_> {
             let _ = writeln!(out, "{indent}{w}.check(\"{name}\", {length}, {place}.len())?;");
         }
         match dims {
-            _ if self.is_fixed_row(member, dims) => {
+            _ if is_fixed_row(self.schema, member, dims) => {
                 let _ = writeln!(out, "{indent}{w}.put({reference});");
             }
-            [_, inner @ ..] if self.is_fixed_row(member, inner) => {
+            [_, inner @ ..] if is_fixed_row(self.schema, member, inner) => {
                 let _ = writeln!(out, "{indent}{w}.put_all({reference});");
             }
             [_, inner @ ..] => {
@@ -255,16 +255,25 @@ impl Emitter<'_> {
 
     fn decode_array(&self, member: &Member, dims: &[Dim]) -> Function {
         let r = &self.reader;
-        match dims {
-            _ if self.is_fixed_row(member, dims) => Function::Method("get()".to_owned()),
-            [Dim { text, .. }, inner @ ..] if self.is_fixed_row(member, inner) => {
-                Function::Method(format!("get_vec({})", self.length(text)))
+        let bytes = self.view && member.ty == MemberType::Primitive(Primitive::Byte);
+        match (dims, &member.ty) {
+            ([Dim { size: Size::Fixed(_), .. }], _) if bytes => Function::Method("block()".to_owned()),
+            (dims, _) if is_fixed_row(self.schema, member, dims) => Function::Method("get()".to_owned()),
+            ([Dim { text, .. }, inner @ ..], _) if is_fixed_row(self.schema, member, inner) => {
+                let method = match self.view {
+                    true if bytes && inner.is_empty() => "bytes",
+                    true => "elements",
+                    false => "get_vec",
+                };
+                Function::Method(format!("{method}({})", self.length(text)))
             }
-            [dim, inner @ ..] => {
+            ([dim, inner @ ..], _) => {
                 let element = match self.decode_array(member, inner) {
                     Function::Path(path) => path,
-                    Function::Method(call) if call == "string()" => "codec::Reader::string".to_owned(),
-                    Function::Method(call) => format!("|{r}| {r}.{call}"),
+                    Function::Method(call) => match call.strip_suffix("()") {
+                        Some(method @ ("str" | "string")) => format!("codec::Reader::{method}"),
+                        _ => format!("|{r}| {r}.{call}"),
+                    },
                 };
                 Function::Method(match dim.size {
                     Size::Fixed(_) => format!("array({element})"),
@@ -273,9 +282,16 @@ impl Emitter<'_> {
                     }
                 })
             }
-            [] if matches!(member.ty, MemberType::Primitive(_)) => Function::Method("string()".to_owned()),
-            [] if self.is_recursive(member) => Function::Method("nested(codec::Type::decode_body)".to_owned()),
-            [] => Function::Path("codec::Type::decode_body".to_owned()),
+            ([], MemberType::Primitive(_)) => Function::Method(if self.view { "str()" } else { "string()" }.to_owned()),
+            ([], MemberType::Named(name)) => {
+                let kind = if self.view && borrows(self.schema, name) { "View" } else { "Type" };
+                let path = format!("codec::{kind}::decode_body");
+                if self.is_recursive(member) {
+                    Function::Method(format!("nested({path})"))
+                } else {
+                    Function::Path(path)
+                }
+            }
         }
     }
 

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::{Definition, Member, MemberType, Primitive, Size};
+use super::Options;
+use crate::{Definition, Dim, Member, MemberType, Primitive, Schema, Size};
 
 const KEYWORDS: &[&str] = &[
     "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "do", "dyn", "else", "enum",
@@ -31,6 +32,15 @@ pub fn module(segment: &str) -> String {
 
 /// `data_state_t` becomes `DataState`.
 pub fn camel_case(short: &str) -> String {
+    safe(&words(short))
+}
+
+/// What borrows from a message: `data_state_t` becomes `DataStateRef`.
+pub fn view_name(short: &str) -> String {
+    words(short) + "Ref"
+}
+
+fn words(short: &str) -> String {
     let stem = short.strip_suffix("_t").unwrap_or(short);
     let mut name = String::new();
     for word in stem.split('_') {
@@ -41,7 +51,7 @@ pub fn camel_case(short: &str) -> String {
     match name.chars().next() {
         None => format!("T{}", short.len()),
         Some(first) if first.is_ascii_digit() => format!("T{name}"),
-        Some(_) => safe(&name),
+        Some(_) => name,
     }
 }
 
@@ -70,45 +80,105 @@ pub fn free(words: &[&str], members: &[Member]) -> String {
 }
 
 /// A module of the generated code: what names mean in it.
-pub struct Scope {
+pub struct Scope<'a> {
+    schema: &'a Schema,
+    pub options: &'a Options,
     types: BTreeSet<String>,
     depth: usize,
     package: String,
 }
 
-impl Scope {
-    pub fn new(definitions: &[&Definition], depth: usize) -> Self {
+impl<'a> Scope<'a> {
+    pub fn new(schema: &'a Schema, options: &'a Options, definitions: &[&Definition], depth: usize) -> Self {
         let types = definitions.iter().map(|definition| camel_case(&definition.short)).collect();
         let package = definitions.first().map_or_else(String::new, |definition| definition.package.clone());
-        Self { types, depth, package }
+        Self { schema, options, types, depth, package }
     }
 
-    /// A name from the standard library's prelude; in full where a type of the module has the same.
-    pub fn std_name<'a>(&self, name: &'a str, full: &'a str) -> &'a str {
+    /// A name that is known everywhere; in full where a type of the module has the same.
+    pub fn known<'b>(&self, name: &'b str, full: &'b str) -> &'b str {
         if self.types.contains(name) { full } else { name }
+    }
+
+    /// The line that names what the definitions need.
+    pub fn import(&self, definitions: &[&Definition]) -> String {
+        let members = || definitions.iter().flat_map(|definition| definition.members());
+        let string = members().any(|member| member.ty == MemberType::Primitive(Primitive::String));
+        let needed = [("String", string), ("Vec", members().any(Member::is_variable))];
+        let names: String = needed
+            .iter()
+            .filter(|(name, needed)| *needed && !self.types.contains(*name))
+            .map(|(name, _)| format!(", {name}"))
+            .collect();
+        if names.is_empty() {
+            "use ::lcm::codec;\n".to_owned()
+        } else {
+            format!("use ::lcm::codec::{{self{names}}};\n")
+        }
     }
 
     pub fn member_type(&self, member: &Member) -> String {
         let element = match &member.ty {
-            MemberType::Primitive(Primitive::String) => self.std_name("String", "::std::string::String").to_owned(),
+            MemberType::Primitive(Primitive::String) => self.known("String", "codec::String").to_owned(),
             MemberType::Primitive(ty) => primitive(*ty).to_owned(),
-            MemberType::Named(name) => self.path(name),
+            MemberType::Named(name) => self.path(name, camel_case),
         };
-        let vec = self.std_name("Vec", "::std::vec::Vec");
-        member.dims.iter().rev().fold(element, |element, dim| match dim.size {
+        member.dims.iter().rev().fold(element, |element, dim| self.array(&element, dim))
+    }
+
+    fn array(&self, element: &str, dim: &Dim) -> String {
+        match dim.size {
             Size::Fixed(n) => format!("[{element}; {n}]"),
-            Size::Variable => format!("{vec}<{element}>"),
-        })
+            Size::Variable => format!("{}<{element}>", self.known("Vec", "codec::Vec")),
+        }
+    }
+
+    /// The type of a member that leaves what it can in the message.
+    pub fn view_type(&self, member: &Member) -> String {
+        let byte = member.ty == MemberType::Primitive(Primitive::Byte);
+        let row = |dims: &[Dim]| Member { dims: dims.to_vec(), ..member.clone() };
+        match (&member.dims[..], &member.ty) {
+            ([Dim { size: Size::Fixed(n), .. }], _) if byte => format!("&'a [u8; {n}]"),
+            ([Dim { size: Size::Variable, .. }], _) if byte => "&'a [u8]".to_owned(),
+            (dims, _) if is_fixed_row(self.schema, member, dims) => self.member_type(member),
+            ([Dim { size: Size::Variable, .. }, inner @ ..], _) if is_fixed_row(self.schema, member, inner) => {
+                format!("codec::Elements<'a, {}>", self.member_type(&row(inner)))
+            }
+            ([dim, inner @ ..], _) => self.array(&self.view_type(&row(inner)), dim),
+            ([], MemberType::Named(name)) if borrows(self.schema, name) => self.path(name, view_name) + "<'a>",
+            ([], MemberType::Named(_)) => self.member_type(member),
+            ([], MemberType::Primitive(_)) => "&'a str".to_owned(),
+        }
     }
 
     /// The path of a type from here.
-    fn path(&self, name: &str) -> String {
+    fn path(&self, name: &str, rust: fn(&str) -> String) -> String {
         let (package, short) = name.rsplit_once('.').unwrap_or(("", name));
         if package == self.package {
-            return camel_case(short);
+            return rust(short);
         }
         let up = "super::".repeat(self.depth);
         let down = package.split('.').filter(|segment| !segment.is_empty()).map(|segment| module(segment) + "::");
-        format!("{up}{}{}", down.collect::<String>(), camel_case(short))
+        format!("{up}{}{}", down.collect::<String>(), rust(short))
     }
+}
+
+/// Whether values of the member's type, in arrays of these dimensions, always take the same number of bytes.
+pub fn is_fixed_row(schema: &Schema, member: &Member, dims: &[Dim]) -> bool {
+    let element = match &member.ty {
+        MemberType::Primitive(ty) => *ty != Primitive::String,
+        MemberType::Named(name) => schema.is_fixed(name),
+    };
+    element && dims.iter().all(|dim| dim.size != Size::Variable)
+}
+
+/// Whether a value of the type can leave some of itself in the message: a string, a variable array of what has a fixed
+/// size, or an array of bytes, at any depth outside of what has a fixed size itself.
+pub fn borrows(schema: &Schema, name: &str) -> bool {
+    let stays = |member: &Member| match member.ty {
+        MemberType::Primitive(Primitive::String) => true,
+        MemberType::Primitive(Primitive::Byte) if member.dims.len() == 1 => true,
+        _ => member.is_variable() && is_fixed_row(schema, member, &[]),
+    };
+    schema.parts(name).any(|part| !schema.is_fixed(&part.name()) && part.members().iter().any(stays))
 }

@@ -9,7 +9,7 @@ use crate::{Constant, Definition, Literal, Primitive, Schema, Value};
 
 pub fn emit_enum(out: &mut String, schema: &Schema, scope: &Scope, definition: &Definition, values: &[Value]) {
     let name = camel_case(&definition.short);
-    out.push_str("#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ::serde::Serialize)]\n");
+    let _ = writeln!(out, "#[derive(Clone, Copy, Debug, Default, PartialEq, Eq{})]", scope.options.serde.derives());
     let _ = writeln!(out, "pub struct {name}(pub i32);");
     if !values.is_empty() {
         let odd = values.iter().any(|value| value.name.contains(|c: char| c.is_ascii_lowercase()));
@@ -26,10 +26,12 @@ pub fn emit_enum(out: &mut String, schema: &Schema, scope: &Scope, definition: &
 impl codec::Fixed for {name} {{
     const SIZE: usize = 4;
 
+    #[inline]
     fn store(&self, out: &mut [u8]) {{
         self.0.store(out);
     }}
 
+    #[inline]
     fn load(bytes: &[u8]) -> Self {{
         Self(codec::Fixed::load(bytes))
     }}

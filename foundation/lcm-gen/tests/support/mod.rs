@@ -3,14 +3,15 @@
 
 pub mod files;
 
+use std::fmt::Debug;
 use std::fs;
 
 use files::folder;
-use lcm::codec::Type;
+use lcm::codec::{DecodeError, Type, View};
 use serde_json::Value;
 
 use crate::own::more;
-use crate::vectors::{Nopkg, advee, vec};
+use crate::vectors::{Nopkg, NopkgRef, advee, vec};
 
 /// What `vectors.json` holds.
 pub struct Vectors {
@@ -34,7 +35,7 @@ pub fn hex(text: &str) -> Vec<u8> {
 /// Something to do with a type that is known by name only.
 pub trait Visitor {
     type Output;
-    fn visit<T: Type + serde::Serialize>(self) -> Self::Output;
+    fn visit<T: Type + serde::Serialize + serde::de::DeserializeOwned>(self) -> Self::Output;
 }
 
 macro_rules! types {
@@ -82,6 +83,43 @@ types![
     more::r#mod::r#type::Self_,
     more::r#mod::r#type::String,
     more::r#mod::r#type::Vec,
+];
+
+/// A message as its type reads it, and as the type's view does, for comparison.
+pub type Readings = (Result<String, DecodeError>, Result<String, DecodeError>);
+
+fn both<'a, V: View<'a, Of: Debug> + Debug>(bytes: &'a [u8]) -> Readings {
+    let owned = V::Of::decode(bytes).map(|value| format!("{value:?}").replace("Self_ {", "Self {"));
+    let view = V::decode(bytes).map(|value| format!("{value:?}").replace("Ref {", " {"));
+    (owned, view)
+}
+
+macro_rules! views {
+    ($($type:ty),* $(,)?) => {
+        /// What both kinds of decoding make of a message of the type of that name; `None` when it has no view.
+        pub fn readings(name: &str, bytes: &[u8]) -> Option<Readings> {
+            $(if name == <<$type as View>::Of as Type>::NAME {
+                return Some(both::<$type>(bytes));
+            })*
+            None
+        }
+    };
+}
+
+views![
+    advee::RangeScanRef<'_>,
+    NopkgRef<'_>,
+    vec::ArraysRef<'_>,
+    vec::deep::er::WrapperRef<'_>,
+    vec::NestedRef<'_>,
+    vec::PrimitivesRef<'_>,
+    vec::TreeRef<'_>,
+    more::ItemRef<'_>,
+    more::LargeRef<'_>,
+    more::LengthsRef<'_>,
+    more::r#mod::r#type::SelfRef<'_>,
+    more::r#mod::r#type::StringRef<'_>,
+    more::r#mod::r#type::VecRef<'_>,
 ];
 
 /// Our value as JSON against that of the vectors, in which lengths are members, bytes are hexadecimal, and floats that
