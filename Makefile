@@ -24,8 +24,10 @@ lint:
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 
 bench:
-	@tools/require cc
+	@tools/require cc python3-venv glib ip
+	@tools/venv
 	cargo bench -p advee --locked --bench start --bench wheel
+	cargo bench -p lcm --all-features --locked --bench lcm
 
 clean:
 	cargo clean
