@@ -1,6 +1,7 @@
 //! The command line: one file per command. Exit 0 only on success; an error is one clear line on stderr.
 
 mod bus;
+mod doctor;
 mod drive;
 mod fault;
 mod home;
@@ -65,6 +66,8 @@ enum Command {
     Home(home::Home),
     /// Inject a fault into the simulation
     Fault(fault::Fault),
+    /// Check machine and configuration: what is wrong, why it matters, what helps
+    Doctor(doctor::Doctor),
     /// See the LCM bus
     #[command(subcommand)]
     Lcm(lcm::Lcm),
@@ -92,6 +95,7 @@ pub fn main() -> ExitCode {
         Command::Drive(command) => drive::drive(&common, &command),
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
+        Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),
     };
     result.unwrap_or_else(|Failed { code, why }| {

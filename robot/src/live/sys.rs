@@ -55,6 +55,25 @@ pub fn open_can(interface: &str, errors: u32) -> io::Result<OwnedFd> {
     Ok(socket)
 }
 
+/// The kernel's clock as NTP disciplines it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClockState {
+    /// Whether someone keeps it right.
+    pub synchronized: bool,
+    /// How wrong it may be at most, µs.
+    pub error_us: i64,
+}
+
+/// Reads the clock's state; changes nothing.
+pub fn clock_state() -> io::Result<ClockState> {
+    // SAFETY: all zeros is a valid timex, and asks for no change.
+    let mut timex: libc::timex = unsafe { mem::zeroed() };
+    // SAFETY: the kernel fills a live timex.
+    let state = unsafe { libc::adjtimex(&raw mut timex) };
+    check(state)?;
+    Ok(ClockState { synchronized: state != libc::TIME_ERROR, error_us: timex.maxerror as i64 })
+}
+
 fn set_option<T>(socket: &OwnedFd, level: libc::c_int, name: libc::c_int, value: &T) -> io::Result<()> {
     let length = mem::size_of::<T>() as libc::socklen_t;
     // SAFETY: `value` is live and of the length given; the kernel only reads it.

@@ -1,0 +1,95 @@
+//! `advee doctor`: checks machine and configuration. Every check is a small function over facts that are handed to
+//! it; who gathers them stands beside it, or in [`network`] (which only reads) and [`probe`] (which sends and hears).
+
+mod bus;
+mod devices;
+mod finding;
+mod lcm_bus;
+mod machine;
+mod network;
+mod probe;
+mod report;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use super::{Common, Outcome, print};
+use crate::config::{CanInterface, Config, ConfigError};
+use finding::{Finding, Level};
+use report::Style;
+use std::fs;
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Doctor {
+    /// The simulated robot, which needs no devices
+    #[arg(long)]
+    sim: bool,
+    /// One JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// A heading and what stands under it.
+type Group = (&'static str, Vec<Finding>);
+
+/// Exit status 0 when nothing fails.
+pub fn doctor(common: &Common, command: &Doctor) -> Outcome {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let capable = |capability| tables::capable(&status, capability);
+    let user = user();
+    let loaded = common.load(command.sim);
+    let groups: [Group; 3] = [
+        ("bus", lcm_bus::check(&common.lcm_url())),
+        ("configuration", configuration_group(common, &loaded, &user)),
+        ("machine", machine_group(common, loaded.as_ref().ok(), capable, &user)),
+    ];
+    let all = || groups.iter().flat_map(|(_, findings)| findings);
+    let count = |level| all().filter(|finding| finding.level == level).count();
+    let failed = count(Level::Fail) > 0;
+    if command.json {
+        let groups: serde_json::Map<_, _> =
+            groups.iter().map(|(name, findings)| ((*name).into(), serde_json::json!(findings))).collect();
+        print(serde_json::json!({ "ok": !failed, "lcm_url": common.lcm_url(), "checks": groups }))?;
+    } else {
+        let style = Style::of_stdout();
+        let counts = [Level::Fail, Level::Warning, Level::Ok].map(|level| (level, count(level)));
+        print(style.text(&groups, &counts).trim_end())?;
+    }
+    Ok(ExitCode::from(u8::from(failed)))
+}
+
+/// The user's name.
+fn user() -> String {
+    let uid = nix::unistd::geteuid();
+    let user = nix::unistd::User::from_uid(uid).ok().flatten();
+    user.map_or_else(|| uid.to_string(), |user| user.name)
+}
+
+fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, user: &str) -> Vec<Finding> {
+    let mut findings = devices::configuration(loaded, &common.config_dir());
+    let Ok(config) = loaded else { return findings };
+    findings.extend(config.robot.can.iter().filter_map(|bus| match &bus.interface {
+        CanInterface::Socket(name) => devices::can(bus, &devices::Can::gather(name)),
+        CanInterface::Udp { .. } => None,
+    }));
+    findings.extend(
+        config.robot.rs485.iter().filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.port), user)),
+    );
+    findings.extend(devices::commands(&config.modules, devices::executable));
+    findings
+}
+
+fn machine_group(common: &Common, config: Option<&Config>, capable: impl Fn(u32) -> bool, user: &str) -> Vec<Finding> {
+    let wanted = config.and_then(|config| config.modules.iter().filter_map(|module| module.rt_priority).max());
+    let days =
+        std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_secs() / 86_400);
+    // Good enough to tell 1970 from today.
+    let year = 1970 + (days as f64 / 365.2425) as i64;
+    vec![
+        machine::real_time(&machine::RealTime::gather(wanted, capable), user),
+        machine::clock(&machine::gather_clock(), year),
+        machine::governors(&machine::gather_governors()),
+        machine::run_folder(&machine::Folder::gather(&common.run_dir()), user),
+    ]
+}
