@@ -7,8 +7,10 @@
 use base::can::Frame;
 use base::serial::Word;
 use base::{Duration, Instant};
+use lcm::reassembly::Buffer;
 use lcm::receiver::Receiver;
-use lcm::udpm::ShortHeader;
+use lcm::subscription::Queue;
+use lcm::udpm::{self, DATAGRAM_MAX};
 use messages::{Channel, Message};
 use module::bench::Bench;
 use module::{Action, Event, ExitStatus, Input, Line, PortId, ProcessEvent, State};
@@ -32,7 +34,7 @@ libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
     let (shell, _) = topology::module(&place, name, State::Run).expect("the shipped robot");
     let lines: Vec<Line> = shell.module().ports().iter().map(|port| port.line).collect();
     let mut receiver = Receiver::default();
-    receiver.subscribe(".*").expect("a good pattern");
+    receiver.subscribe(".*", Queue::Transport).expect("a good pattern");
     let mut bench = Bench::new(shell);
     bench.start();
     let from = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 1);
@@ -43,9 +45,10 @@ libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
             1 | 2 => {
                 let channel = Channel::ALL[usize::from(number) % Channel::ALL.len()];
                 let payload = [&channel.fingerprint().to_be_bytes()[..], &bytes].concat();
-                let header = ShortHeader::new(n as u32, channel.name(), payload.len());
-                if let Ok(header) = header {
-                    receive(&mut bench, &mut receiver, from, &[header.as_bytes(), &payload].concat());
+                let message = udpm::Message::new(n as u32, channel.name(), &payload, DATAGRAM_MAX).expect("it can be sent");
+                for number in 0..message.count() {
+                    let (header, rest) = message.datagram(number);
+                    receive(&mut bench, &mut receiver, from, &[&header[..], rest].concat());
                 }
             }
             3 | 4 if !lines.is_empty() => {
@@ -92,12 +95,16 @@ libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
 });
 
 fn receive(bench: &mut Bench, receiver: &mut Receiver, from: SocketAddrV4, datagram: &[u8]) {
-    if let Some(short) = receiver.handle_rx(from, datagram)
-        && let Some(Ok(message)) = Message::receive(short.channel, short.payload)
-    {
-        bench.message(message);
+    let mut buffer = Buffer::default();
+    let datagram = &datagram[..datagram.len().min(DATAGRAM_MAX)];
+    buffer.room()[..datagram.len()].copy_from_slice(datagram);
+    if let Some(place) = receiver.handle_rx(0, from, &mut buffer, datagram.len()) {
+        let (channel, payload) = receiver.message(place, &buffer);
+        if let Some(Ok(message)) = Message::receive(channel, payload) {
+            bench.message(message);
+        }
     }
-    assert!(receiver.rejections().len() <= 9);
+    assert!(receiver.rejections().len() <= 8);
 }
 
 fn check(bench: &mut Bench) {

@@ -5,17 +5,25 @@
 //! - [`codec`]: what stands in a payload.
 //! - [`live`] (feature `live`, on by default): the UDP sockets.
 #![cfg_attr(not(feature = "std"), no_std)]
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 extern crate alloc;
 
 pub mod codec;
 #[cfg(feature = "std")]
 pub mod eventlog;
+#[cfg(feature = "std")]
+pub mod filter;
 #[cfg(feature = "live")]
 pub mod live;
 #[cfg(feature = "std")]
+pub mod queue;
+#[cfg(feature = "std")]
+pub mod reassembly;
+#[cfg(feature = "std")]
 pub mod receiver;
+#[cfg(feature = "std")]
+pub mod sources;
 #[cfg(feature = "std")]
 pub mod subscription;
 #[cfg(feature = "std")]

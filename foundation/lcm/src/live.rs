@@ -4,7 +4,13 @@
 //! Simple clients use [`Lcm::wait`]. A file per provider of [`Url`](crate::Url); sockets and interfaces of UDP
 //! multicast: `live/socket.rs`.
 
+mod clock;
+mod file;
+mod hub;
+mod memq;
 mod socket;
+mod sys;
+mod tcpq;
 mod udpm;
 
 use crate::receiver::{Rejections, Stats};
@@ -16,7 +22,9 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 use std::{fmt, io};
-pub use udpm::Udpm;
+pub use hub::{Event, Hub, What};
+pub use tcpq::Tcpq;
+pub use udpm::{SelfTest, Udpm};
 
 /// A moment on the wall clock: nanoseconds since 1970-01-01 00:00 UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -84,6 +92,9 @@ pub struct Lcm(Provider);
 #[derive(Debug)]
 enum Provider {
     Udpm(Udpm),
+    Tcpq(Tcpq),
+    Memq(memq::Memq),
+    File(file::File),
 }
 
 /// Hands a call to the provider.
@@ -91,6 +102,9 @@ macro_rules! provider {
     ($lcm:expr, $it:ident => $call:expr) => {
         match $lcm {
             Provider::Udpm($it) => $call,
+            Provider::Tcpq($it) => $call,
+            Provider::Memq($it) => $call,
+            Provider::File($it) => $call,
         }
     };
 }
@@ -104,7 +118,9 @@ impl Lcm {
     pub fn new(url: &Url) -> io::Result<Self> {
         let provider = match url {
             Url::Udpm(url) => Provider::Udpm(Udpm::new(url)?),
-            _ => return Err(io::Error::new(io::ErrorKind::Unsupported, format!("{url}: not supported yet"))),
+            Url::Tcpq(hub) => Provider::Tcpq(Tcpq::new(*hub)?),
+            Url::Memq => Provider::Memq(memq::Memq::new()?),
+            Url::File(url) => Provider::File(file::File::new(url)?),
         };
         Ok(Self(provider))
     }
@@ -148,19 +164,38 @@ impl Lcm {
         provider!(&mut self.0, it => it.recv())
     }
 
+    /// Like [`Lcm::recv`], and waits at most `timeout` where there is nothing. `None` may come early: after a signal,
+    /// or when what came was not a whole message. The fastest way for a process that waits for nothing else.
+    ///
+    /// # Errors
+    /// As [`Lcm::recv`].
+    pub fn recv_timeout(&mut self, timeout: Duration) -> io::Result<Option<Received<'_>>> {
+        match self.0 {
+            Provider::Udpm(ref mut udpm) => udpm.recv_timeout(timeout),
+            Provider::Tcpq(_) | Provider::Memq(_) | Provider::File(_) => {
+                self.wait(timeout)?;
+                self.recv()
+            }
+        }
+    }
+
     /// Waits until something can be received, at most `timeout`; false when nothing came, or a signal did.
     ///
     /// # Errors
     /// The system call failed.
     pub fn wait(&self, timeout: Duration) -> io::Result<bool> {
-        // Rounded up: a wait of half a millisecond is not a busy loop.
-        let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
-        let timeout = PollTimeout::try_from(millis).map_err(io::Error::other)?;
-        match poll(&mut [PollFd::new(self.as_fd(), PollFlags::POLLIN)], timeout) {
-            Ok(ready) => Ok(ready > 0),
-            Err(Errno::EINTR) => Ok(false),
-            Err(errno) => Err(context("cannot wait for messages")(errno)),
-        }
+        let ready = match &self.0 {
+            Provider::Udpm(udpm) => udpm.ready(),
+            Provider::Tcpq(tcpq) => tcpq.ready(),
+            Provider::Memq(_) | Provider::File(_) => false,
+        };
+        if ready { Ok(true) } else { wait(self.as_fd(), timeout) }
+    }
+
+    /// How many messages the limit of a subscription has cost; `None` when there is none such.
+    #[must_use]
+    pub fn dropped(&self, id: SubscriptionId) -> Option<u64> {
+        provider!(&self.0, it => it.dropped(id))
     }
 
     /// What became of all messages so far.
@@ -174,6 +209,7 @@ impl Lcm {
     pub fn rejections(&self) -> &[Rejections] {
         match &self.0 {
             Provider::Udpm(udpm) => udpm.rejections(),
+            Provider::Tcpq(_) | Provider::Memq(_) | Provider::File(_) => &[],
         }
     }
 
@@ -182,15 +218,43 @@ impl Lcm {
     pub fn udpm(&self) -> Option<&Udpm> {
         match &self.0 {
             Provider::Udpm(udpm) => Some(udpm),
+            Provider::Tcpq(_) | Provider::Memq(_) | Provider::File(_) => None,
+        }
+    }
+
+    /// The connection to a hub behind it, if it is that.
+    #[must_use]
+    pub fn tcpq(&self) -> Option<&Tcpq> {
+        match &self.0 {
+            Provider::Tcpq(tcpq) => Some(tcpq),
+            Provider::Udpm(_) | Provider::Memq(_) | Provider::File(_) => None,
         }
     }
 }
 
 impl AsFd for Lcm {
-    /// Readable when [`Lcm::recv`] has something to do. It is the same descriptor before and after the first
-    /// subscription.
+    /// Readable when [`Lcm::recv`] has something to do; then call that until `None`, since messages may wait that the
+    /// descriptor does not tell of again. It is the same descriptor before and after the first subscription.
     fn as_fd(&self) -> BorrowedFd<'_> {
         provider!(&self.0, it => it.as_fd())
+    }
+}
+
+/// Whether a message can be sent at all.
+fn check(channel: &str, payload: &[u8]) -> Result<(), PublishError> {
+    let message = crate::udpm::Message::new(0, channel, payload, crate::udpm::DATAGRAM_MAX);
+    message.map(drop).map_err(PublishError::Encode)
+}
+
+/// Waits until a descriptor is readable, at most `timeout`; false when it is not, or a signal came.
+fn wait(fd: BorrowedFd<'_>, timeout: Duration) -> io::Result<bool> {
+    // Rounded up: a wait of half a millisecond is not a busy loop.
+    let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
+    let timeout = PollTimeout::try_from(millis).map_err(io::Error::other)?;
+    match poll(&mut [PollFd::new(fd, PollFlags::POLLIN)], timeout) {
+        Ok(ready) => Ok(ready > 0),
+        Err(Errno::EINTR) => Ok(false),
+        Err(errno) => Err(context("cannot wait")(errno)),
     }
 }
 

@@ -14,6 +14,8 @@ pub struct Pattern(Kind);
 enum Kind {
     All,
     Literal(Box<str>),
+    /// What is before a final `.*`: the common pattern, and a tenth of an expression's time.
+    Prefix(Box<str>),
     Regex(Regex),
 }
 
@@ -43,8 +45,13 @@ impl Pattern {
         if pattern == ".*" {
             return Ok(Self(Kind::All));
         }
-        if !pattern.contains(['\\', '.', '+', '*', '?', '(', ')', '|', '[', ']', '{', '}', '^', '$']) {
+        let plain =
+            |text: &str| !text.contains(['\\', '.', '+', '*', '?', '(', ')', '|', '[', ']', '{', '}', '^', '$']);
+        if plain(pattern) {
             return Ok(Self(Kind::Literal(pattern.into())));
+        }
+        if let Some(prefix) = pattern.strip_suffix(".*").filter(|prefix| plain(prefix)) {
+            return Ok(Self(Kind::Prefix(prefix.into())));
         }
         let wrong = |error: regex_lite::Error| PatternError { pattern: pattern.into(), why: error.to_string() };
         // Alone first: `A)|(B` is wrong, and right only between our parentheses.
@@ -53,12 +60,22 @@ impl Pattern {
         Ok(Self(Kind::Regex(whole)))
     }
 
+    /// The one channel that it names, if it is a plain name.
+    #[must_use]
+    pub fn name(&self) -> Option<&str> {
+        match &self.0 {
+            Kind::Literal(name) => Some(name),
+            Kind::All | Kind::Prefix(_) | Kind::Regex(_) => None,
+        }
+    }
+
     /// Whether `channel` is one of the set.
     #[must_use]
     pub fn matches(&self, channel: &str) -> bool {
         match &self.0 {
             Kind::All => true,
             Kind::Literal(name) => **name == *channel,
+            Kind::Prefix(prefix) => channel.starts_with(&**prefix),
             Kind::Regex(regex) => regex.is_match(channel),
         }
     }
@@ -82,33 +99,96 @@ pub enum Queue {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SubscriptionId(u32);
 
+/// One subscription.
+#[derive(Clone, Debug)]
+pub struct Subscription {
+    id: SubscriptionId,
+    pattern: Pattern,
+    /// What becomes of its messages while nobody takes them.
+    pub(crate) queue: Queue,
+    /// How many messages wait for it.
+    pub(crate) waiting: usize,
+    /// How many its limit has cost.
+    pub(crate) dropped: u64,
+}
+
+impl Subscription {
+    /// Its name.
+    #[must_use]
+    pub fn id(&self) -> SubscriptionId {
+        self.id
+    }
+}
+
 /// The subscriptions of a receiver.
 #[derive(Clone, Debug, Default)]
 pub struct Subscriptions {
-    entries: Vec<(SubscriptionId, Pattern)>,
+    entries: Vec<Subscription>,
     next: u32,
 }
 
 impl Subscriptions {
     /// Adds one.
-    pub fn add(&mut self, pattern: Pattern) -> SubscriptionId {
+    pub fn add(&mut self, pattern: Pattern, queue: Queue) -> SubscriptionId {
         let id = SubscriptionId(self.next);
         self.next += 1;
-        self.entries.push((id, pattern));
+        self.entries.push(Subscription { id, pattern, queue, waiting: 0, dropped: 0 });
         id
     }
 
     /// Takes one away; false when it is not there.
     pub fn remove(&mut self, id: SubscriptionId) -> bool {
         let before = self.entries.len();
-        self.entries.retain(|(entry, _)| *entry != id);
+        self.entries.retain(|entry| entry.id != id);
         self.entries.len() < before
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
     }
 
     /// Whether any of them wants `channel`.
     #[must_use]
     pub fn wants(&self, channel: &str) -> bool {
-        self.entries.iter().any(|(_, pattern)| pattern.matches(channel))
+        self.entries.iter().any(|entry| entry.pattern.matches(channel))
+    }
+
+    /// Whether all messages wait in the transport's buffer alone.
+    #[must_use]
+    pub fn unlimited(&self) -> bool {
+        self.entries.iter().all(|entry| entry.queue == Queue::Transport)
+    }
+
+    /// How many messages the limit of a subscription has cost; `None`: there is none such.
+    #[must_use]
+    pub fn dropped(&self, id: SubscriptionId) -> Option<u64> {
+        self.entries.iter().find(|entry| entry.id == id).map(|entry| entry.dropped)
+    }
+
+    /// The channels that are wanted, if they are all plain names.
+    #[must_use]
+    pub fn names(&self) -> Option<Vec<&str>> {
+        self.entries.iter().map(|entry| entry.pattern.name()).collect()
+    }
+
+    /// Whether one of them has `channel` as its plain name.
+    #[must_use]
+    pub fn names_it(&self, channel: &str) -> bool {
+        self.entries.iter().any(|entry| entry.pattern.name() == Some(channel))
+    }
+
+    /// Those that want `channel`.
+    pub(crate) fn matching(&mut self, channel: &str) -> impl Iterator<Item = &mut Subscription> {
+        self.entries.iter_mut().filter(move |entry| entry.pattern.matches(channel))
+    }
+
+    /// A message that `id` held has left the line.
+    pub(crate) fn taken(&mut self, id: SubscriptionId) {
+        if let Some(entry) = self.entries.iter_mut().find(|entry| entry.id == id) {
+            entry.waiting -= 1;
+        }
     }
 }
 
@@ -149,8 +229,10 @@ mod tests {
     #[test]
     fn a_channel_is_wanted_until_its_last_subscription_goes() {
         let mut subscriptions = Subscriptions::default();
-        let name = subscriptions.add(Pattern::new("A").unwrap());
-        let all = subscriptions.add(Pattern::new(".*").unwrap());
+        let name = subscriptions.add(Pattern::new("A").unwrap(), Queue::Transport);
+        assert_eq!(subscriptions.names(), Some(vec!["A"]));
+        let all = subscriptions.add(Pattern::new(".*").unwrap(), Queue::Transport);
+        assert_eq!(subscriptions.names(), None);
         assert!(subscriptions.remove(all) && !subscriptions.remove(all));
         assert!(subscriptions.wants("A") && !subscriptions.wants("B"));
         assert!(subscriptions.remove(name) && !subscriptions.wants("A"));

@@ -5,8 +5,9 @@
 
 mod common;
 
+use lcm::live::SelfTest;
 use lcm::live::{Lcm, PublishError, RealtimeNanos, SubscribeError};
-use lcm::receiver::Rejection;
+use lcm::subscription::Queue;
 use lcm::udpm::{DecodeError, EncodeError};
 use lcm::url::Udpm;
 use std::net::UdpSocket;
@@ -67,7 +68,8 @@ fn a_message_goes_there_and_back() {
         expect(&mut a, "PONG", &payload);
     }
     assert_eq!((a.stats().sent, a.stats().received, a.stats().lost), (4, 4, 0));
-    assert_eq!(a.stats().unwanted, 4, "its own messages, which it did not subscribe to");
+    assert!(a.udpm().unwrap().filtered());
+    assert_eq!(a.stats().unwanted, 0, "its own messages, which it did not subscribe to, stay in the kernel");
 }
 
 #[test]
@@ -130,24 +132,136 @@ fn garbage_is_counted_and_survived() {
     {
         stranger.send(garbage).unwrap();
     }
-    stranger.send(b"LC03\0\0\0\0\0\x01\0\0\0\0\0\0\0\0\0\x02BIG\0abc").unwrap();
     lcm.publish("A", b"still here").unwrap();
     expect(&mut lcm, "A", b"still here");
     let stats = lcm.stats();
-    assert_eq!((stats.malformed, stats.fragments, stats.received), (6, 1, 1));
+    assert_eq!((stats.malformed, stats.received), (6, 1));
     let rejected = stats.last_rejected.unwrap();
-    assert_eq!(rejected.why, Rejection::Fragmented { total: 65_536 });
+    assert_eq!(rejected.why, DecodeError::Magic(0));
     assert_eq!(rejected.from.port(), stranger.local_addr().unwrap().port());
     stranger.send(b"LC02\0\0\0\0").unwrap();
     assert_eq!(next(&mut lcm, SILENCE), None);
-    let why = Rejection::Malformed(DecodeError::ChannelUnterminated);
-    assert_eq!(lcm.stats().last_rejected.unwrap().why, why);
+    assert_eq!(lcm.stats().last_rejected.unwrap().why, DecodeError::ChannelUnterminated);
+}
+
+#[test]
+fn what_is_not_lcms_is_counted_behind_the_kernels_filter_too() {
+    let url = common::url();
+    let mut lcm = subscribed(&url, "A");
+    assert!(lcm.udpm().unwrap().filtered());
+    let stranger = stranger(&url);
+    for garbage in [&b""[..], b"LC02", b"LC09\0\0\0\0A\0", b"LC02\0\0\0\0", &[0; 65_507]] {
+        stranger.send(garbage).unwrap();
+    }
+    lcm.publish("A", b"still here").unwrap();
+    expect(&mut lcm, "A", b"still here");
+    assert_eq!((lcm.stats().malformed, lcm.stats().received), (5, 1));
+}
+
+#[test]
+fn the_kernel_keeps_unwanted_channels_away() {
+    let url = common::url();
+    let (mut lcm, mut publisher) = (subscribed(&url, "WANTED"), Lcm::new(&url.clone().into()).unwrap());
+    lcm.subscribe("WANTED_TOO").unwrap();
+    for channel in ["UNWANTED", "WANTED", "WANTED_", "WANTE", "WANTED_TOO", "WANTED_TOO2"] {
+        for size in [0, 1, 1000] {
+            publisher.publish(channel, &vec![7; size]).unwrap();
+        }
+    }
+    for channel in ["WANTED", "WANTED_TOO"] {
+        for size in [0, 1, 1000] {
+            expect(&mut lcm, channel, &vec![7; size]);
+        }
+    }
+    assert_eq!(next(&mut lcm, SILENCE), None);
+    // Those that the filter dropped are in the kernel's counter, and are not lost.
+    assert_eq!((lcm.stats().unwanted, lcm.stats().lost, lcm.stats().kernel_dropped), (0, 0, 0));
+    let all = lcm.subscribe(".*").unwrap();
+    assert!(!lcm.udpm().unwrap().filtered());
+    publisher.publish("UNWANTED", b"now").unwrap();
+    expect(&mut lcm, "UNWANTED", b"now");
+    assert!(lcm.unsubscribe(all) && lcm.udpm().unwrap().filtered());
+    publisher.publish("UNWANTED", b"no more").unwrap();
+    assert_eq!(next(&mut lcm, SILENCE), None);
+}
+
+#[test]
+fn large_messages_come_whole() {
+    let url = Udpm { recv_buf_size: 32 << 20, ..common::url() };
+    let (mut a, mut b) = (subscribed(&url, "PONG"), subscribed(&url, ".*"));
+    for size in [65_494, 65_495, 65_536, 100_000, 1_000_000, 10_000_000] {
+        let payload: Vec<u8> = (0..size).map(|i| (7 * i + (i >> 8)) as u8).collect();
+        a.publish("PING", &payload).unwrap();
+        expect(&mut b, "PING", &payload);
+        b.publish("PONG", &payload).unwrap();
+        expect(&mut a, "PONG", &payload);
+        expect(&mut b, "PONG", &payload);
+    }
+    for lcm in [&a, &b] {
+        assert_eq!((lcm.stats().lost, lcm.stats().incomplete), (0, 0));
+    }
+    // Our own large messages are not even received where they are not wanted.
+    assert_eq!((a.stats().received, a.stats().unwanted), (6, 0));
+    a.subscribe("PING").unwrap();
+    let payload = vec![1; 200_000];
+    a.publish("PING", &payload).unwrap();
+    expect(&mut a, "PING", &payload);
+}
+
+#[test]
+fn a_subscriptions_limit_is_kept_and_what_it_cost_is_counted() {
+    let url = common::url();
+    let mut publisher = Lcm::new(&url.clone().into()).unwrap();
+    let mut lcm = Lcm::new(&url.clone().into()).unwrap();
+    let last = lcm.subscribe_with("STATE", Queue::Last).unwrap();
+    let first = lcm.subscribe_with("EVENT.*", Queue::Oldest(2)).unwrap();
+    let newest = lcm.subscribe_with("DATA", Queue::Newest(2)).unwrap();
+    for number in 0..5 {
+        for channel in ["STATE", "EVENT_A", "DATA", "OTHER"] {
+            publisher.publish(channel, &[number]).unwrap();
+        }
+    }
+    let mut got = Vec::new();
+    while let Some((channel, payload, _)) = next(&mut lcm, SILENCE) {
+        got.push(format!("{channel} {}", payload[0]));
+    }
+    assert_eq!(got, ["EVENT_A 0", "EVENT_A 1", "DATA 3", "STATE 4", "DATA 4"]);
+    assert_eq!([last, first, newest].map(|id| lcm.dropped(id)), [Some(4), Some(3), Some(3)]);
+    assert_eq!(lcm.stats().queue_dropped, 10);
+    publisher.publish("EVENT_A", b"x").unwrap();
+    assert_eq!(lcm.recv_timeout(PATIENCE).unwrap().map(|message| message.channel.to_owned()), Some("EVENT_A".into()));
+}
+
+#[test]
+fn waiting_for_a_message_ends_when_it_comes_or_the_time_is_over() {
+    let url = common::url();
+    let (mut lcm, mut publisher) = (subscribed(&url, "A|B"), Lcm::new(&url.clone().into()).unwrap());
+    assert_eq!(lcm.recv_timeout(SILENCE).unwrap(), None);
+    publisher.publish("UNWANTED", b"").unwrap();
+    publisher.publish("B", b"x").unwrap();
+    assert_eq!(lcm.recv_timeout(PATIENCE).unwrap().unwrap().payload, b"x");
+    publisher.publish("UNWANTED", b"").unwrap();
+    assert_eq!(lcm.recv_timeout(SILENCE).unwrap(), None);
+    assert_eq!(lcm.recv_timeout(Duration::ZERO).unwrap(), None);
+}
+
+#[test]
+fn a_subscriber_hears_itself_once_and_nobody_else_is_bothered() {
+    let url = common::url();
+    let mut listener = subscribed(&url, ".*");
+    let mut official = Lcm::new(&url.clone().into()).unwrap();
+    official.subscribe("LCM_SELF_TEST").unwrap();
+    assert_eq!(listener.udpm().unwrap().self_test(), SelfTest::Waiting);
+    expect(&mut official, "LCM_SELF_TEST", b"lcm self test");
+    assert_eq!(next(&mut listener, SILENCE), None, "`.*` is every channel of the users");
+    assert_eq!(listener.udpm().unwrap().self_test(), SelfTest::Passed);
+    assert_eq!((listener.stats().sent, listener.stats().lost), (0, 0));
 }
 
 #[test]
 fn a_flood_that_nobody_wants_does_not_hold_the_caller() {
     let url = common::url();
-    let mut lcm = subscribed(&url, "WANTED");
+    let mut lcm = subscribed(&url, "WANTED|ALSO"); // an expression, which the kernel cannot filter
     for _ in 0..100 {
         lcm.publish("UNWANTED", b"").unwrap();
     }
@@ -174,10 +288,10 @@ fn every_message_has_the_time_the_kernel_received_it() {
     assert!(times[0] >= before - 1_000_000 && times[99] <= after + 1_000_000, "{before} {times:?} {after}");
 }
 
-#[test]
-fn an_overflow_of_the_receive_buffer_is_counted() {
+fn overflow(pattern: &str, filtered: bool) {
     let url = Udpm { recv_buf_size: 4096, ..common::url() };
-    let mut lcm = subscribed(&url, "A");
+    let mut lcm = subscribed(&url, pattern);
+    assert_eq!(lcm.udpm().unwrap().filtered(), filtered);
     assert_eq!(lcm.udpm().unwrap().granted_recv_buf_size().unwrap(), 4096);
     let mut publisher = Lcm::new(&url.clone().into()).unwrap();
     let rounds = [200_u8, 1];
@@ -191,7 +305,17 @@ fn an_overflow_of_the_receive_buffer_is_counted() {
     let stats = *lcm.stats();
     assert!(stats.kernel_dropped > 0 && stats.received > 0, "{stats:?}");
     assert_eq!(stats.kernel_dropped + stats.received, 201);
-    assert_eq!(stats.lost, stats.kernel_dropped);
+    assert!(filtered || stats.lost == stats.kernel_dropped);
+}
+
+#[test]
+fn an_overflow_of_the_receive_buffer_is_counted() {
+    overflow("A|B", false);
+}
+
+#[test]
+fn an_overflow_is_told_from_what_the_kernels_filter_drops() {
+    overflow("A", true);
 }
 
 #[test]
@@ -199,8 +323,8 @@ fn what_cannot_be_sent_is_refused_and_takes_no_number() {
     let url = common::url();
     let mut lcm = subscribed(&url, ".*");
     lcm.publish("A", b"1").unwrap();
-    let too_long = lcm.publish("A", &[0; 65_498]).unwrap_err();
-    assert!(matches!(too_long, PublishError::Encode(EncodeError::MessageTooLong { len: 65_500 })));
+    let too_long = lcm.publish("A", &vec![0; (1 << 28) + 1]).unwrap_err();
+    assert!(matches!(too_long, PublishError::Encode(EncodeError::MessageTooLong { len: 268_435_457, .. })));
     assert_eq!(
         lcm.publish(&"C".repeat(64), b"").unwrap_err().to_string(),
         "LCM publish: a channel name of 64 bytes; at most 63"

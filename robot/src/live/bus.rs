@@ -4,7 +4,7 @@ use super::clock;
 use base::Instant;
 use lcm::Url;
 use lcm::live::Lcm;
-use lcm::receiver::{Rejected, Rejection};
+use lcm::receiver::Rejected;
 use messages::{DecodeError, Message};
 use std::os::fd::{AsFd, BorrowedFd};
 
@@ -73,9 +73,9 @@ impl Bus {
         self.lcm.stats().kernel_dropped
     }
 
-    /// Tells of datagrams that were refused since the last call: cause, one line, how many. Those that are not LCM's at
-    /// all reach every process: `all` asks for them, too.
-    pub fn rejected(&mut self, all: bool, mut tell: impl FnMut(String, String, u64)) {
+    /// Tells of datagrams that were refused since the last call, not being LCM's: cause, one line, how many. They reach
+    /// every process on the bus.
+    pub fn rejected(&mut self, mut tell: impl FnMut(String, String, u64)) {
         for rejections in self.lcm.rejections() {
             let Rejected { why, .. } = rejections.last;
             let told = match self.told.iter_mut().find(|(kind, _)| *kind == why.kind()) {
@@ -85,7 +85,7 @@ impl Bus {
                     0
                 }
             };
-            if rejections.count > told && (all || matches!(why, Rejection::Fragmented { .. })) {
+            if rejections.count > told {
                 tell(format!("lcm {}", why.kind()), rejections.last.to_string(), rejections.count - told);
             }
         }

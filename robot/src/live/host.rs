@@ -314,9 +314,11 @@ impl Host {
     /// Tells of datagrams that are no messages. They are for nobody in particular, so one process tells for the whole
     /// robot: the one that starts the others.
     fn watch_datagrams(&mut self, now: Instant) {
-        let all = self.processes.is_some();
+        if self.processes.is_none() {
+            return;
+        }
         let mut rejected = Vec::new();
-        self.bus.rejected(all, |cause, why, count| rejected.push((cause, why, count)));
+        self.bus.rejected(|cause, why, count| rejected.push((cause, why, count)));
         for (cause, why, count) in rejected {
             self.drop_bad(now, Fault::MessageMalformed, cause, why, count);
         }

@@ -10,29 +10,37 @@
 //! - without a route, at the start or later, the send socket is bound to 127.0.0.1 instead, which pins it to `lo`
 //!   (Linux `ip_route_output_key_hash_rcu`: a multicast goes out where its source address lives).
 //!
+//! With `interface` in the URL both sockets use that interface and no other.
+//!
 //! A datagram is sent on one interface and received on that one, so joining on two delivers nothing twice. What
 //! others on this host joined on a third interface is heard as well (`IP_MULTICAST_ALL`, the kernel's default, needs
 //! the receive socket bound to the group: it is): that is how `liblcm` peers hear what goes over `lo`.
 
-use super::{RealtimeNanos, context};
-use crate::url::Udpm;
+use super::{RealtimeNanos, context, sys};
+use crate::filter::Instruction;
+use crate::udpm::DATAGRAM_MAX;
+use crate::url::{Interface, Udpm};
 use nix::cmsg_space;
 use nix::errno::Errno;
+use nix::ifaddrs::getifaddrs;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{
     AddressFamily, ControlMessageOwned, IpMembershipRequest, MsgFlags, SockFlag, SockType, SockaddrIn, bind, connect,
     getsockname, getsockopt, recvmsg, sendmsg, setsockopt, socket, sockopt,
 };
-use nix::sys::time::{TimeSpec, TimeValLike};
+use nix::sys::time::{TimeSpec, TimeVal, TimeValLike};
 use std::io::{self, IoSlice, IoSliceMut};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::time::{Duration, Instant};
 
 /// The send socket receives nothing that anybody wants; the kernel makes this its minimum.
 const SEND_SOCKET_RECV_BUF: usize = 0;
 
+/// A blocking one: each call says whether it may wait.
 fn open_socket() -> io::Result<OwnedFd> {
-    let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
-    socket(AddressFamily::Inet, SockType::Datagram, flags, None).map_err(context("cannot open a UDP socket"))
+    socket(AddressFamily::Inet, SockType::Datagram, SockFlag::SOCK_CLOEXEC, None)
+        .map_err(context("cannot open a UDP socket"))
 }
 
 /// Joins `group` on the interface that has `address`, or with 0.0.0.0 on the one in the routing table.
@@ -55,7 +63,13 @@ pub struct Arrival {
 pub struct ReceiveSocket {
     fd: OwnedFd,
     address: SocketAddrV4,
+    /// The address of the one interface to join on, if the URL names one.
+    interface: Option<Ipv4Addr>,
     joined: bool,
+    filtered: bool,
+    /// How long a call waits, as last told to the kernel.
+    patience: Duration,
+    fullness: Fullness,
     control: Vec<u8>,
     /// The kernel's counter as last seen, which wraps, and the same one widened.
     overflows: u32,
@@ -75,7 +89,19 @@ impl ReceiveSocket {
             .or_else(|_| setsockopt(&fd, sockopt::RcvBuf, &url.recv_buf_size))
             .map_err(context("cannot set SO_RCVBUF"))?;
         let control = cmsg_space!(TimeSpec, u32);
-        Ok(Self { fd, address: url.address(), joined: false, control, overflows: 0, dropped: 0 })
+        let size = getsockopt(&fd, sockopt::RcvBuf).map_err(context("cannot read SO_RCVBUF"))?;
+        Ok(Self {
+            fd,
+            address: url.address(),
+            interface: address_of(url.interface.as_ref())?,
+            joined: false,
+            filtered: false,
+            patience: Duration::ZERO,
+            fullness: Fullness::new(size),
+            control,
+            overflows: 0,
+            dropped: 0,
+        })
     }
 
     /// Joins the group and begins to receive; does nothing when that is done. Can be tried again after an error.
@@ -84,12 +110,16 @@ impl ReceiveSocket {
             return Ok(());
         }
         let group = *self.address.ip();
-        let routed = join(&self.fd, group, Ipv4Addr::UNSPECIFIED);
-        let loopback = join(&self.fd, group, Ipv4Addr::LOCALHOST);
-        // No route: loopback alone. No loopback (a container without one): the route alone.
-        routed
-            .or(loopback)
-            .map_err(context(format_args!("cannot join the multicast group {group} on any interface")))?;
+        let joined = match self.interface {
+            Some(address) => join(&self.fd, group, address),
+            None => {
+                let routed = join(&self.fd, group, Ipv4Addr::UNSPECIFIED);
+                let loopback = join(&self.fd, group, Ipv4Addr::LOCALHOST);
+                // No route: loopback alone. No loopback (a container without one): the route alone.
+                routed.or(loopback)
+            }
+        };
+        joined.map_err(context(format_args!("cannot join the multicast group {group} on any interface")))?;
         // To the group, not to any address: unicast to the port is none of the bus's.
         bind(self.fd.as_raw_fd(), &SockaddrIn::from(self.address))
             .map_err(context(format_args!("cannot bind to {}", self.address)))?;
@@ -97,14 +127,42 @@ impl ReceiveSocket {
         Ok(())
     }
 
-    /// The next datagram, if one waits.
-    pub fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<Arrival>> {
+    /// Has the kernel pass what `program` passes; all without one, or where the kernel does not take it. Whether it
+    /// filters now.
+    pub fn filter(&mut self, program: Option<&[Instruction]>) -> bool {
+        let attached = program.is_some_and(|program| sys::attach_filter(self.fd.as_fd(), program).is_ok());
+        if self.filtered && !attached {
+            // Cannot fail: there is one.
+            let _ = sys::detach_filter(self.fd.as_fd());
+        }
+        self.filtered = attached;
+        attached
+    }
+
+    pub fn filtered(&self) -> bool {
+        self.filtered
+    }
+
+    /// The next datagram, if one waits, or comes within the time that is given.
+    pub fn receive(&mut self, buffer: &mut [u8], wait: Option<Duration>) -> io::Result<Option<Arrival>> {
+        let flags = match wait {
+            Some(patience) if !patience.is_zero() => {
+                self.set_patience(patience)?;
+                MsgFlags::empty()
+            }
+            _ => MsgFlags::MSG_DONTWAIT,
+        };
         let mut parts = [IoSliceMut::new(buffer)];
         let received = loop {
             let control = Some(&mut self.control[..]);
-            match recvmsg::<SockaddrIn>(self.fd.as_raw_fd(), &mut parts, control, MsgFlags::MSG_DONTWAIT) {
+            match recvmsg::<SockaddrIn>(self.fd.as_raw_fd(), &mut parts, control, flags) {
+                // A signal ends the wait.
+                Err(Errno::EINTR) if flags.is_empty() => return Ok(None),
                 Err(Errno::EINTR) => {}
-                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EAGAIN) => {
+                    self.fullness.empty();
+                    return Ok(None);
+                }
                 result => break result.map_err(context("cannot receive"))?,
             }
         };
@@ -121,12 +179,27 @@ impl ReceiveSocket {
         let from = received.address.map_or(SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0), SocketAddrV4::from);
         let at = at.ok_or_else(|| io::Error::other("the kernel gave no receive time"))?;
         let len = received.bytes;
-        self.dropped += u64::from(overflows.wrapping_sub(self.overflows));
+        // The kernel's counter has what the filter dropped in it, too.
+        let was_full = self.fullness.was_full(len, || sys::receive_memory(self.fd.as_fd()));
+        if !self.filtered || was_full {
+            self.dropped += u64::from(overflows.wrapping_sub(self.overflows));
+        }
         self.overflows = overflows;
         Ok(Some(Arrival { from, len, at }))
     }
 
-    /// Datagrams that found the receive buffer full.
+    fn set_patience(&mut self, patience: Duration) -> io::Result<()> {
+        if patience != self.patience {
+            // Zero would be for ever.
+            let micros = i64::try_from(patience.as_micros()).unwrap_or(i64::MAX).clamp(1, 1 << 50);
+            setsockopt(&self.fd, sockopt::ReceiveTimeout, &TimeVal::microseconds(micros))
+                .map_err(context("cannot set SO_RCVTIMEO"))?;
+            self.patience = patience;
+        }
+        Ok(())
+    }
+
+    /// Datagrams that found the receive buffer full; while the kernel filters, also unwanted ones of the same moment.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -142,19 +215,74 @@ impl ReceiveSocket {
     }
 }
 
+/// Tells when the receive buffer was full, without a system call per datagram: it cannot have been without being
+/// three quarters full after a quarter of it has been read.
+#[derive(Debug)]
+struct Fullness {
+    /// Bytes to read between two looks.
+    quarter: usize,
+    read: usize,
+    full: bool,
+    /// It has been read empty since.
+    emptied: bool,
+}
+
+impl Fullness {
+    /// What a datagram takes of the buffer beside its bytes, at most and roughly.
+    const OVERHEAD: usize = 1280;
+
+    fn new(size: usize) -> Self {
+        Self { quarter: size / 4, read: 0, full: false, emptied: false }
+    }
+
+    fn empty(&mut self) {
+        self.emptied = true;
+    }
+
+    /// Whether it was full before this datagram of `len` bytes came; `memory` tells the bytes taken and all.
+    fn was_full(&mut self, len: usize, memory: impl FnOnce() -> nix::Result<(u32, u32)>) -> bool {
+        self.read += len + Self::OVERHEAD;
+        if self.read > self.quarter {
+            self.read = 0;
+            let (taken, size) = memory().unwrap_or_default();
+            if u64::from(taken) * 3 >= u64::from(size) * 2 {
+                (self.full, self.emptied) = (true, false);
+            }
+        }
+        // The first datagram that found room again tells of those that did not.
+        let was_full = self.full;
+        if self.emptied {
+            (self.full, self.emptied) = (false, false);
+        }
+        was_full
+    }
+}
+
 #[derive(Debug)]
 pub struct SendSocket {
     fd: OwnedFd,
     group: SockaddrIn,
     ttl: u8,
-    source: Ipv4Addr,
+    source: SocketAddrV4,
+    /// The URL names the interface: there is no other way.
+    pinned: bool,
+    datagram_max: usize,
 }
 
 impl SendSocket {
     pub fn open(url: &Udpm) -> io::Result<Self> {
-        let source = route_to(url.address())?.unwrap_or(Ipv4Addr::LOCALHOST);
-        let fd = open_sender(*url.address().ip(), url.ttl, source)?;
-        Ok(Self { fd, group: url.address().into(), ttl: url.ttl, source })
+        let (interface, to) = (address_of(url.interface.as_ref())?, url.address());
+        let source = match interface {
+            Some(address) => address,
+            None => route_to(to)?.unwrap_or(Ipv4Addr::LOCALHOST),
+        };
+        let (fd, source) = open_sender(url.group, url.ttl, source)?;
+        // A datagram that leaves this host in pieces is lost with any of them. What stays here is never in pieces.
+        let datagram_max = match url.ttl {
+            0 => DATAGRAM_MAX,
+            _ => path_mtu(*source.ip(), to).saturating_sub(IP_AND_UDP_HEADER).min(DATAGRAM_MAX),
+        };
+        Ok(Self { fd, group: to.into(), ttl: url.ttl, source, pinned: interface.is_some(), datagram_max })
     }
 
     /// Sends one datagram; when its interface has gone, from now on over `lo`, where all of ours listen.
@@ -164,9 +292,9 @@ impl SendSocket {
             // The interface is down, or has lost its address.
             Err(
                 error @ (Errno::ENETUNREACH | Errno::EHOSTUNREACH | Errno::ENETDOWN | Errno::ENODEV | Errno::EINVAL),
-            ) if !self.on_loopback() => {
-                let fd = open_sender(self.group.ip(), self.ttl, Ipv4Addr::LOCALHOST).map_err(|_| error)?;
-                (self.fd, self.source) = (fd, Ipv4Addr::LOCALHOST);
+            ) if !self.pinned && !self.on_loopback() => {
+                let (fd, source) = open_sender(self.group.ip(), self.ttl, Ipv4Addr::LOCALHOST).map_err(|_| error)?;
+                (self.fd, self.source, self.datagram_max) = (fd, source, DATAGRAM_MAX);
                 self.send_once(&parts)
             }
             result => result,
@@ -182,9 +310,62 @@ impl SendSocket {
         }
     }
 
-    pub fn on_loopback(&self) -> bool {
-        self.source.is_loopback()
+    /// Waits until the kernel has room, at most so long; how much of that is left.
+    #[allow(clippy::disallowed_methods, reason = "how long was waited")]
+    pub fn wait(&self, patience: Duration) -> Duration {
+        let begin = Instant::now();
+        let millis = u16::try_from(patience.as_nanos().div_ceil(1_000_000)).unwrap_or(u16::MAX);
+        // Whatever it returns: sending tells.
+        let _ = poll(&mut [PollFd::new(self.fd.as_fd(), PollFlags::POLLOUT)], PollTimeout::from(millis));
+        patience.saturating_sub(begin.elapsed())
     }
+
+    /// Where our datagrams come from.
+    pub fn source(&self) -> SocketAddrV4 {
+        self.source
+    }
+
+    /// The largest datagram that travels in one piece.
+    pub fn datagram_max(&self) -> usize {
+        self.datagram_max
+    }
+
+    pub fn on_loopback(&self) -> bool {
+        self.source.ip().is_loopback()
+    }
+}
+
+/// Without options.
+const IP_AND_UDP_HEADER: usize = 28;
+/// The largest packet that every network carries whole, more or less: Ethernet's.
+const USUAL_MTU: usize = 1500;
+
+/// The largest packet on the way from `source` to `to`.
+fn path_mtu(source: Ipv4Addr, to: SocketAddrV4) -> usize {
+    let probe = || {
+        let probe = open_socket()?;
+        bind(probe.as_raw_fd(), &SockaddrIn::from(SocketAddrV4::new(source, 0)))?;
+        connect(probe.as_raw_fd(), &SockaddrIn::from(to))?;
+        io::Result::Ok(sys::path_mtu(probe.as_fd())?)
+    };
+    probe().unwrap_or(USUAL_MTU)
+}
+
+/// The IPv4 address of an interface.
+fn address_of(interface: Option<&Interface>) -> io::Result<Option<Ipv4Addr>> {
+    let name = match interface {
+        None => return Ok(None),
+        Some(Interface::Address(address)) => return Ok(Some(*address)),
+        Some(Interface::Name(name)) => name,
+    };
+    let all = getifaddrs().map_err(context("cannot list the network interfaces"))?;
+    let mut addresses = all.filter(|entry| entry.interface_name == *name);
+    let address = addresses.find_map(|entry| Some(entry.address?.as_sockaddr_in()?.ip()));
+    let missing = || {
+        let text = format!("there is no network interface {name} with an IPv4 address");
+        io::Error::new(io::ErrorKind::NotFound, text)
+    };
+    address.map(Some).ok_or_else(missing)
 }
 
 /// The address that a datagram to `to` would leave with; `None` where there is no route. Sends nothing.
@@ -198,7 +379,7 @@ fn route_to(to: SocketAddrV4) -> io::Result<Option<Ipv4Addr>> {
     Ok(Some(address.ip()))
 }
 
-fn open_sender(group: Ipv4Addr, ttl: u8, source: Ipv4Addr) -> io::Result<OwnedFd> {
+fn open_sender(group: Ipv4Addr, ttl: u8, source: Ipv4Addr) -> io::Result<(OwnedFd, SocketAddrV4)> {
     let fd = open_socket()?;
     setsockopt(&fd, sockopt::IpMulticastTtl, &ttl).map_err(context("cannot set IP_MULTICAST_TTL"))?;
     setsockopt(&fd, sockopt::IpMulticastLoop, &true).map_err(context("cannot set IP_MULTICAST_LOOP"))?;
@@ -206,5 +387,6 @@ fn open_sender(group: Ipv4Addr, ttl: u8, source: Ipv4Addr) -> io::Result<OwnedFd
     bind(fd.as_raw_fd(), &SockaddrIn::from(SocketAddrV4::new(source, 0)))
         .map_err(context(format_args!("cannot bind to {source}")))?;
     join(&fd, group, source).map_err(context(format_args!("cannot join the multicast group {group} on {source}")))?;
-    Ok(fd)
+    let bound: SockaddrIn = getsockname(fd.as_raw_fd()).map_err(context("cannot read a socket's address"))?;
+    Ok((fd, bound.into()))
 }

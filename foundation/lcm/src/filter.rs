@@ -1,0 +1,236 @@
+//! Which datagrams the kernel hands to a process: a classic BPF program over channel names.
+//!
+//! Without it each process on the bus is woken for each message, wanted or not. With it what is not wanted costs its
+//! reader nothing. The program sees the datagram from its UDP header on; a load beyond the end drops the datagram, so
+//! the names are compared in order of their length. It passes
+//!
+//! - short messages and first fragments on the wanted channels, and LCM's self test;
+//! - later fragments, which name no channel, unless they are our own and nobody here wants those;
+//! - what is not LCM's, to be counted.
+//!
+//! Source: Linux `Documentation/networking/filter.rst`.
+
+use crate::udpm::{FRAGMENT_MAGIC, SHORT_MAGIC};
+use core::net::SocketAddrV4;
+
+/// On this channel a subscriber of `liblcm` hears itself, once, to see that the bus works.
+pub const SELF_TEST: &str = "LCM_SELF_TEST";
+
+/// One instruction, as in `linux/filter.h`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Instruction {
+    /// Operation.
+    pub code: u16,
+    /// How many to skip if true.
+    pub jt: u8,
+    /// How many to skip if false.
+    pub jf: u8,
+    /// Operand.
+    pub k: u32,
+}
+
+/// The longest program that the kernel takes (`BPF_MAXINSNS`).
+pub const LENGTH_MAX: usize = 4096;
+
+const LD_LEN: u16 = 0x80; // A = length of the datagram
+const LD_W: u16 = 0x20; // A = 32 bits at k
+const LD_H: u16 = 0x28; // 16 bits
+const LDX: u16 = 0x01; // X = k
+const LD_W_X: u16 = 0x40; // A = 32 bits at X + k
+const LD_H_X: u16 = 0x48;
+const LD_B_X: u16 = 0x50;
+const JEQ: u16 = 0x15;
+const JGE: u16 = 0x35;
+const RET: u16 = 0x06;
+
+const ALL: u32 = u32::MAX;
+/// Where the IP header begins (`SKF_NET_OFF`), and the source address in it.
+const IP_SOURCE: u32 = 0xfff0_0000 + 12;
+const SOURCE_PORT: u32 = 0;
+/// Behind the 8 bytes of UDP.
+const MAGIC: u32 = 8;
+const FRAGMENT_NUMBER: u32 = 8 + 16;
+const CHANNEL: u32 = 8 + 8;
+/// How much later the channel comes in a first fragment.
+const FRAGMENT_MORE: u32 = 12;
+/// UDP's header, LCM's, and the NUL of an empty name.
+const SHORT_MIN: u32 = 8 + 8 + 1;
+const FRAGMENT_MIN: u32 = 8 + 20;
+
+const fn op(code: u16, k: u32) -> Instruction {
+    Instruction { code, jt: 0, jf: 0, k }
+}
+
+const fn jump(code: u16, k: u32, jt: u8, jf: u8) -> Instruction {
+    Instruction { code, jt, jf, k }
+}
+
+/// The program that passes messages on the channels `names`. `own` is where our own messages come from; their later
+/// fragments pass if `own_fragments`. `None`: it would be too long for the kernel.
+#[must_use]
+pub fn program(names: &[&str], own: SocketAddrV4, own_fragments: bool) -> Option<Vec<Instruction>> {
+    let mut names: Vec<&str> = names.iter().copied().chain([SELF_TEST]).collect();
+    names.sort_unstable_by_key(|name| (name.len(), *name));
+    names.dedup();
+    let mut program = vec![
+        op(LD_LEN, 0),
+        jump(JGE, SHORT_MIN, 1, 0),
+        op(RET, ALL),
+        op(LD_W, MAGIC),
+        op(LDX, 0),
+        jump(JEQ, SHORT_MAGIC, 15, 0), // to the names
+        jump(JEQ, FRAGMENT_MAGIC, 1, 0),
+        op(RET, ALL),
+        op(LD_LEN, 0),
+        jump(JGE, FRAGMENT_MIN, 1, 0),
+        op(RET, ALL),
+        op(LD_H, FRAGMENT_NUMBER),
+        jump(JEQ, 0, 7, 0), // to the names, which stand later here
+        op(LD_H, SOURCE_PORT),
+        jump(JEQ, own.port().into(), 1, 0),
+        op(RET, ALL),
+        op(LD_W, IP_SOURCE),
+        jump(JEQ, (*own.ip()).into(), 1, 0),
+        op(RET, ALL),
+        op(RET, if own_fragments { ALL } else { 0 }),
+        op(LDX, FRAGMENT_MORE),
+    ];
+    for name in names {
+        compare(&mut program, name);
+    }
+    program.push(op(RET, 0));
+    (program.len() <= LENGTH_MAX).then_some(program)
+}
+
+/// Passes the datagram if the name and its NUL stand at [`CHANNEL`] + X; else goes on.
+fn compare(program: &mut Vec<Instruction>, name: &str) {
+    let bytes: Vec<u8> = name.bytes().chain([0]).collect();
+    let mut loads: Vec<(u16, usize, u32)> = Vec::new();
+    let number = |bytes: &[u8]| bytes.iter().fold(0, |number, &byte| number << 8 | u32::from(byte));
+    for (index, word) in bytes.chunks(4).enumerate() {
+        match (word.len(), bytes.len()) {
+            (4, _) => loads.push((LD_W_X, 4 * index, number(word))),
+            // The last four bytes, some of them once more.
+            (_, len @ 4..) => loads.push((LD_W_X, len - 4, number(&bytes[len - 4..]))),
+            (3, _) => loads.extend([(LD_H_X, 0, number(&word[..2])), (LD_B_X, 2, number(&word[2..]))]),
+            (2, _) => loads.push((LD_H_X, 0, number(word))),
+            _ => loads.push((LD_B_X, 0, number(word))),
+        }
+    }
+    let count = loads.len();
+    for (index, (code, at, value)) in loads.into_iter().enumerate() {
+        program.push(op(code, CHANNEL + at as u32));
+        // To behind this name's RET: two instructions for each load that is left, and that one.
+        program.push(jump(JEQ, value, 0, (2 * (count - index - 1) + 1) as u8));
+    }
+    program.push(op(RET, ALL));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::udpm::{DATAGRAM_MAX, Message};
+    use core::net::Ipv4Addr;
+
+    const OWN: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 40_000);
+    const OTHER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 40_001);
+
+    /// What the kernel would do: whether the program passes this payload of a UDP datagram.
+    fn passes(program: &[Instruction], from: SocketAddrV4, payload: &[u8]) -> bool {
+        let mut udp = Vec::from(from.port().to_be_bytes());
+        udp.extend([0; 6]);
+        udp.extend(payload);
+        let load = |at: usize, size: usize| {
+            if at == IP_SOURCE as usize {
+                return Some(u32::from(*from.ip()));
+            }
+            let bytes = udp.get(at..at + size)?;
+            Some(bytes.iter().fold(0, |number, &byte| number << 8 | u32::from(byte)))
+        };
+        let (mut a, mut x, mut at) = (0, 0, 0);
+        loop {
+            let Instruction { code, jt, jf, k } = program[at];
+            at += 1;
+            let size = match code {
+                LD_W | LD_W_X => 4,
+                LD_H | LD_H_X => 2,
+                _ => 1,
+            };
+            match code {
+                LD_LEN => a = udp.len() as u32,
+                LDX => x = k,
+                LD_W | LD_H | LD_W_X | LD_H_X | LD_B_X => {
+                    let index = if matches!(code, LD_W | LD_H) { 0 } else { x as usize };
+                    let Some(value) = load(index + k as usize, size) else { return false };
+                    a = value;
+                }
+                JEQ => at += usize::from(if a == k { jt } else { jf }),
+                JGE => at += usize::from(if a >= k { jt } else { jf }),
+                RET => return k != 0,
+                _ => panic!("instruction {code:#x}"),
+            }
+        }
+    }
+
+    fn datagrams(channel: &str, len: usize) -> Vec<Vec<u8>> {
+        let payload = vec![b'x'; len];
+        let message = Message::new(0, channel, &payload, DATAGRAM_MAX).unwrap();
+        let datagram = |number| {
+            let (header, rest) = message.datagram(number);
+            [&header[..], rest].concat()
+        };
+        (0..message.count()).map(datagram).collect()
+    }
+
+    const NAMES: [&str; 9] =
+        ["A", "AB", "ABC", "ABCD", "ABCDE", "ABCDEF", "LL_DATA_ODO", "LL_DATA_SRFS", "CM_CMD_STATE"];
+
+    #[test]
+    fn wanted_names_pass_and_others_do_not() {
+        let longest = "N".repeat(63);
+        let names: Vec<&str> = NAMES.into_iter().chain([longest.as_str()]).collect();
+        let program = program(&names, OWN, false).unwrap();
+        for len in [0, 1, 3, 70_000] {
+            for name in &names {
+                assert!(passes(&program, OTHER, &datagrams(name, len)[0]), "{name} {len}");
+                let longer = format!("{}X", &name[..name.len().min(62)]);
+                assert!(!passes(&program, OTHER, &datagrams(&longer, len)[0]), "{longer} {len}");
+                let shorter = &name[..name.len() - 1];
+                if !shorter.is_empty() && !names.contains(&shorter) {
+                    assert!(!passes(&program, OTHER, &datagrams(shorter, len)[0]), "{shorter} {len}");
+                }
+                let other = format!("x{}", &name[1..]);
+                assert!(!passes(&program, OTHER, &datagrams(&other, len)[0]), "{other} {len}");
+            }
+            assert!(passes(&program, OTHER, &datagrams(SELF_TEST, len)[0]));
+        }
+    }
+
+    #[test]
+    fn later_fragments_pass_unless_they_are_our_own() {
+        let later = &datagrams("UNWANTED", 70_000)[1];
+        let elsewhere = SocketAddrV4::new(Ipv4Addr::new(10, 0, 0, 1), OWN.port());
+        for own_fragments in [false, true] {
+            let program = program(&NAMES, OWN, own_fragments).unwrap();
+            assert!(passes(&program, OTHER, later) && passes(&program, elsewhere, later));
+            assert_eq!(passes(&program, OWN, later), own_fragments);
+        }
+    }
+
+    #[test]
+    fn what_is_not_lcms_passes_to_be_counted() {
+        let program = program(&[], OWN, false).unwrap();
+        for datagram in [&b""[..], b"hello", b"LC02\0\0\0\0", b"hello you there", b"LC03\0\0\0\0\0\0\0\0\0"] {
+            assert!(passes(&program, OTHER, datagram), "{datagram:?}");
+        }
+        assert!(!passes(&program, OTHER, &datagrams("A", 0)[0]));
+    }
+
+    #[test]
+    fn a_program_too_long_for_the_kernel_is_none() {
+        let names: Vec<String> = (0..200).map(|n| format!("{n:063}")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        assert!(program(&names[..100], OWN, false).is_some());
+        assert_eq!(program(&names, OWN, false), None);
+    }
+}
