@@ -1,0 +1,301 @@
+//! The hub of TCPQ on real sockets. What it relays to whom: [`crate::tcpq::hub`].
+//!
+//! ```no_run
+//! # use std::time::Duration;
+//! let mut hub = lcm::live::Hub::bind("127.0.0.1:7700".parse().unwrap())?;
+//! loop {
+//!     hub.wait(Duration::from_secs(1))?;
+//!     hub.serve_once()?;
+//!     while let Some(event) = hub.poll_event() {
+//!         eprintln!("{event}");
+//!     }
+//! }
+//! # #[allow(unreachable_code)]
+//! # Ok::<(), std::io::Error>(())
+//! ```
+
+use super::tcpq::write;
+use super::{context, wait};
+use crate::tcpq::DecodeError;
+use crate::tcpq::hub::{ClientId, ClientStats, Limits, Stats};
+use nix::errno::Errno;
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
+use nix::sys::socket::{MsgFlags, recv, setsockopt, sockopt};
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
+use std::io::{self, IoSlice};
+use std::net::{SocketAddr, SocketAddrV4, TcpListener, TcpStream};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::time::Duration;
+
+/// The listening socket among the clients' numbers, which count from 0.
+const LISTENER: u64 = u64::MAX;
+/// How many sockets one [`Hub::serve_once`] serves, how much it reads of each and how many it accepts.
+const SERVED_MAX: usize = 64;
+const CHUNK: usize = 64 << 10;
+const ACCEPTED_MAX: usize = 16;
+/// How many messages go into one system call.
+const PIECES_MAX: usize = 256;
+/// How many events wait to be taken; then the oldest are lost.
+const EVENTS_MAX: usize = 1024;
+
+/// A client has come or gone. One line for people by `Display`.
+#[derive(Debug)]
+pub struct Event {
+    /// The client.
+    pub client: ClientId,
+    /// Where it is.
+    pub address: SocketAddr,
+    /// What happened to it.
+    pub what: What,
+}
+
+/// What happened to a client.
+#[derive(Debug)]
+pub enum What {
+    /// It is connected.
+    Come,
+    /// It has closed the connection; what became of its messages.
+    Gone(ClientStats),
+    /// What it sent made no sense.
+    Malformed(DecodeError),
+    /// The connection broke.
+    Broken(io::Error),
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "client {} ({}): ", self.client.0, self.address)?;
+        match &self.what {
+            What::Come => write!(f, "connected"),
+            What::Gone(ClientStats { published, delivered, dropped, .. }) => {
+                write!(f, "gone; {published} messages from it, {delivered} to it, {dropped} dropped")
+            }
+            What::Malformed(error) => write!(f, "closed: {error}"),
+            What::Broken(error) => write!(f, "lost: {error}"),
+        }
+    }
+}
+
+/// A hub that listens. It does nothing by itself: watch its descriptor and call [`Hub::serve_once`].
+#[derive(Debug)]
+pub struct Hub {
+    hub: crate::tcpq::hub::Hub,
+    listener: TcpListener,
+    epoll: Epoll,
+    connections: BTreeMap<ClientId, Connection>,
+    events: VecDeque<Event>,
+    chunk: Box<[u8]>,
+    /// Given up for a moment to accept and close a connection when there are no descriptors left: unaccepted it would
+    /// keep the listener readable.
+    reserve: Option<OwnedFd>,
+}
+
+#[derive(Debug)]
+struct Connection {
+    stream: TcpStream,
+    address: SocketAddr,
+    /// The kernel takes no more now; the epoll looks for room to write.
+    full: bool,
+}
+
+impl Hub {
+    /// Listens, with the default [`Limits`].
+    ///
+    /// # Errors
+    /// The address is not this machine's, or taken.
+    pub fn bind(address: SocketAddrV4) -> io::Result<Self> {
+        Self::with_limits(address, Limits::default())
+    }
+
+    /// Listens.
+    ///
+    /// # Errors
+    /// As [`Hub::bind`].
+    pub fn with_limits(address: SocketAddrV4, limits: Limits) -> io::Result<Self> {
+        let listener = TcpListener::bind(address)
+            .map_err(|error| io::Error::new(error.kind(), format!("cannot listen at {address}: {error}")))?;
+        listener.set_nonblocking(true)?;
+        let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(context("cannot make an epoll"))?;
+        epoll.add(&listener, EpollEvent::new(EpollFlags::EPOLLIN, LISTENER)).map_err(context("cannot watch"))?;
+        let reserve = epoll.0.try_clone().ok();
+        Ok(Self {
+            hub: crate::tcpq::hub::Hub::new(limits),
+            listener,
+            epoll,
+            connections: BTreeMap::new(),
+            events: VecDeque::new(),
+            chunk: vec![0; CHUNK].into(),
+            reserve,
+        })
+    }
+
+    /// Where it listens; the port is the real one if 0 was asked for.
+    ///
+    /// # Errors
+    /// The system call failed.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// Does all that can be done now, within limits, and returns: accepts, reads, relays, writes. Never blocks.
+    ///
+    /// # Errors
+    /// The listening socket or the epoll failed. What is wrong with a client is its end, and an [`Event`].
+    pub fn serve_once(&mut self) -> io::Result<()> {
+        let mut ready = [EpollEvent::empty(); SERVED_MAX];
+        let count = match self.epoll.wait(&mut ready, EpollTimeout::ZERO) {
+            Err(Errno::EINTR) => 0,
+            result => result.map_err(context("cannot wait for clients"))?,
+        };
+        for event in &ready[..count] {
+            match event.data() {
+                LISTENER => self.accept()?,
+                id => self.serve(ClientId(id), event.events()),
+            }
+        }
+        while let Some(id) = self.hub.poll_pending() {
+            if self.connections.get(&id).is_some_and(|connection| !connection.full) {
+                self.write(id);
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until [`Hub::serve_once`] has something to do, at most `timeout`; false when it has not, or a signal came.
+    ///
+    /// # Errors
+    /// The system call failed.
+    pub fn wait(&self, timeout: Duration) -> io::Result<bool> {
+        wait(self.as_fd(), timeout)
+    }
+
+    /// Who has come or gone; the oldest first, at most 1024 of them.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// What became of everything so far.
+    #[must_use]
+    pub fn stats(&self) -> Stats {
+        self.hub.stats()
+    }
+
+    /// Those who are connected, and what became of their messages.
+    pub fn clients(&self) -> impl Iterator<Item = (ClientId, SocketAddr, ClientStats)> {
+        let stats = |id| self.hub.client(id).unwrap_or_default();
+        self.connections.iter().map(move |(&id, connection)| (id, connection.address, stats(id)))
+    }
+
+    fn accept(&mut self) -> io::Result<()> {
+        for _ in 0..ACCEPTED_MAX {
+            let (stream, address) = match self.listener.accept() {
+                Ok(accepted) => accepted,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) => match error.raw_os_error().map(Errno::from_raw) {
+                    Some(Errno::EMFILE | Errno::ENFILE) => {
+                        self.reserve = None;
+                        drop(self.listener.accept());
+                        self.reserve = self.epoll.0.try_clone().ok();
+                        continue;
+                    }
+                    // Of the connection that is gone again, or of memory that is short for the moment.
+                    _ => continue,
+                },
+            };
+            // One too many, or not to be used, is closed by being dropped.
+            if stream.set_nonblocking(true).is_err() {
+                continue;
+            }
+            let Some(id) = self.hub.connect() else { continue };
+            // Better without them than not at all: a client that is switched off is noticed by keep-alive.
+            let _ = setsockopt(&stream, sockopt::TcpNoDelay, &true);
+            let _ = setsockopt(&stream, sockopt::KeepAlive, &true);
+            if self.epoll.add(&stream, EpollEvent::new(EpollFlags::EPOLLIN, id.0)).is_err() {
+                self.hub.disconnect(id);
+                continue;
+            }
+            self.connections.insert(id, Connection { stream, address, full: false });
+            self.tell(id, address, What::Come);
+        }
+        Ok(())
+    }
+
+    fn serve(&mut self, id: ClientId, events: EpollFlags) {
+        if events.contains(EpollFlags::EPOLLOUT) {
+            self.write(id);
+        }
+        let Some(connection) = self.connections.get(&id) else { return };
+        if !events.intersects(EpollFlags::EPOLLIN | EpollFlags::EPOLLHUP | EpollFlags::EPOLLERR) {
+            return;
+        }
+        match recv(connection.stream.as_raw_fd(), &mut self.chunk, MsgFlags::MSG_DONTWAIT) {
+            Ok(0) => {
+                let stats = self.hub.client(id).unwrap_or_default();
+                self.close(id, What::Gone(stats));
+            }
+            Ok(len) => {
+                if let Err(error) = self.hub.handle_rx(id, &self.chunk[..len]) {
+                    self.close(id, What::Malformed(error));
+                }
+            }
+            Err(Errno::EAGAIN | Errno::EINTR) => {}
+            Err(errno) => self.close(id, What::Broken(errno.into())),
+        }
+    }
+
+    /// Writes what waits for a client, as far as the kernel takes it.
+    fn write(&mut self, id: ClientId) {
+        let Some(connection) = self.connections.get_mut(&id) else { return };
+        let full = loop {
+            let mut pieces = [IoSlice::new(&[]); PIECES_MAX];
+            let mut count = 0;
+            for (piece, bytes) in pieces.iter_mut().zip(self.hub.poll_tx(id)) {
+                *piece = IoSlice::new(bytes);
+                count += 1;
+            }
+            if count == 0 {
+                break false;
+            }
+            let wanted: usize = pieces[..count].iter().map(|piece| piece.len()).sum();
+            match write(&connection.stream, &pieces[..count]) {
+                Ok(written) => {
+                    self.hub.handle_tx(id, written);
+                    if written < wanted {
+                        break true;
+                    }
+                }
+                Err(errno) => return self.close(id, What::Broken(errno.into())),
+            }
+        };
+        if full != connection.full {
+            connection.full = full;
+            let events = if full { EpollFlags::EPOLLIN | EpollFlags::EPOLLOUT } else { EpollFlags::EPOLLIN };
+            if let Err(errno) = self.epoll.modify(&connection.stream, &mut EpollEvent::new(events, id.0)) {
+                self.close(id, What::Broken(errno.into()));
+            }
+        }
+    }
+
+    fn close(&mut self, id: ClientId, what: What) {
+        self.hub.disconnect(id);
+        // Closing takes it out of the epoll.
+        if let Some(connection) = self.connections.remove(&id) {
+            self.tell(id, connection.address, what);
+        }
+    }
+
+    fn tell(&mut self, client: ClientId, address: SocketAddr, what: What) {
+        if self.events.len() >= EVENTS_MAX {
+            self.events.pop_front();
+        }
+        self.events.push_back(Event { client, address, what });
+    }
+}
+
+impl AsFd for Hub {
+    /// Readable when [`Hub::serve_once`] has something to do.
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.epoll.0.as_fd()
+    }
+}
