@@ -90,6 +90,7 @@ pub struct Lcm(Provider);
 
 /// Each has the methods of [`Lcm`].
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "a process has one or two, nobody keeps a list of them")]
 enum Provider {
     Udpm(Udpm),
     Tcpq(Tcpq),
