@@ -17,15 +17,17 @@ use std::sync::Arc;
 
 /// Channels of which it is remembered who wants them; when there are more, that is found out anew.
 const ROUTES_MAX: usize = 1024;
-/// Bytes of one compiled expression, which bounds memory and the time that matching a name takes.
-const EXPRESSION_MAX: usize = 32 << 10;
+/// Bytes of a compiled expression, by which memory and the time that matching a name takes are bounded: what one costs
+/// at least and at most (1024 plain characters take as much), and all of a client.
+const EXPRESSION: (usize, usize) = (1 << 10, 32 << 10);
+const EXPRESSIONS_MAX: usize = 256 << 10;
 
 /// What one hub puts up with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Clients at a time.
     pub clients: usize,
-    /// Subscriptions of a client.
+    /// Subscriptions of a client; their compiled expressions are limited to 256 KiB together.
     pub subscriptions: usize,
     /// Payload bytes of a message.
     pub message: usize,
@@ -102,11 +104,18 @@ struct Relay {
 
 #[derive(Debug, Default)]
 struct Client {
-    subscriptions: Vec<(Box<str>, Pattern)>,
+    subscriptions: Vec<Subscription>,
     outbox: Outbox,
     /// Stands in `Relay::pending`.
     pending: bool,
     stats: ClientStats,
+}
+
+#[derive(Debug)]
+struct Subscription {
+    text: Box<str>,
+    pattern: Pattern,
+    cost: usize,
 }
 
 impl Hub {
@@ -243,9 +252,10 @@ impl Relay {
     fn subscribe(&mut self, from: ClientId, pattern: &str) {
         let Some(client) = self.clients.get_mut(&from) else { return };
         let room = client.subscriptions.len() < self.limits.subscriptions;
-        match expression(pattern).filter(|_| room) {
-            Some(expression) => {
-                client.subscriptions.push((pattern.into(), expression));
+        let cost: usize = client.subscriptions.iter().map(|subscription| subscription.cost).sum();
+        match Subscription::new(pattern).filter(|new| room && cost + new.cost <= EXPRESSIONS_MAX) {
+            Some(subscription) => {
+                client.subscriptions.push(subscription);
                 self.routes.clear();
             }
             None => self.stats.unusable += 1,
@@ -255,7 +265,7 @@ impl Relay {
     fn unsubscribe(&mut self, from: ClientId, pattern: &str) {
         let Some(client) = self.clients.get_mut(&from) else { return };
         // One of several that are equal, as each of the client's has its own end.
-        if let Some(index) = client.subscriptions.iter().position(|(text, _)| **text == *pattern) {
+        if let Some(index) = client.subscriptions.iter().position(|subscription| *subscription.text == *pattern) {
             client.subscriptions.remove(index);
             self.routes.clear();
         }
@@ -264,7 +274,7 @@ impl Relay {
 
 impl Client {
     fn wants(&self, channel: &str) -> bool {
-        self.subscriptions.iter().any(|(_, pattern)| pattern.matches(channel))
+        self.subscriptions.iter().any(|subscription| subscription.pattern.matches(channel))
     }
 
     fn notify(&mut self, id: ClientId, pending: &mut VecDeque<ClientId>) {
@@ -275,8 +285,16 @@ impl Client {
     }
 }
 
-/// The expression, if it is one and of a bearable size: `a{999}` is five characters.
-fn expression(pattern: &str) -> Option<Pattern> {
-    RegexBuilder::new(pattern).size_limit(EXPRESSION_MAX).build().ok()?;
-    Pattern::new(pattern).ok()
+impl Subscription {
+    /// `None`: it is no expression, or one of an unbearable size; `(a?b?){999}` is eleven characters.
+    fn new(pattern: &str) -> Option<Self> {
+        let fits = |&size: &usize| RegexBuilder::new(pattern).size_limit(size).build().is_ok();
+        let cost = std::iter::successors(Some(EXPRESSION.0), |size| Some(size * 2))
+            .take_while(|&size| size <= EXPRESSION.1)
+            .find(fits)?;
+        Some(Self { text: pattern.into(), pattern: Pattern::new(pattern).ok()?, cost })
+    }
 }
+
+#[cfg(test)]
+mod tests;
