@@ -8,9 +8,10 @@
 #![allow(clippy::disallowed_methods, reason = "real sockets, files and processes")]
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
+mod cases;
 #[path = "../common/mod.rs"]
 mod common;
-mod messages;
+mod modules;
 mod official;
 mod peer;
 mod table;
@@ -27,7 +28,7 @@ use types::Built;
 
 #[test]
 fn the_table_in_the_documentation_is_what_this_run_finds() {
-    let found = official::VERSIONS.map(Official::find);
+    let found = official::VERSIONS.map(|version| Official::find(version, "table"));
     let mut columns = Vec::new();
     // The compilers run side by side; what goes over sockets goes one peer after the other.
     thread::scope(|scope| {
@@ -51,7 +52,7 @@ fn the_table_in_the_documentation_is_what_this_run_finds() {
 fn bus(name: &str, built: &Built) -> Cells {
     let mut both = peer::Both::start(name, built);
     let mut cells = Cells::new();
-    for case in messages::cases() {
+    for case in cases::cases() {
         both.raw(&case);
         cells.push((case.name, Mark::Both));
     }

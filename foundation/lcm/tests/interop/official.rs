@@ -1,9 +1,8 @@
 //! Where the official LCM of each version is, and how programs are built on it.
 
-use std::ffi::OsStr;
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::{fmt, fs};
 
 /// The wheel of the Python package, and Debian 12's packages.
 pub const VERSIONS: [&str; 2] = ["1.5.3", "1.3.1"];
@@ -48,6 +47,17 @@ impl fmt::Display for Language {
     }
 }
 
+impl Language {
+    /// Of its sources' names.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::C => "c",
+            Self::Cpp => "cpp",
+            Self::Python => "py",
+        }
+    }
+}
+
 /// The checkout.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
@@ -65,8 +75,8 @@ fn python() -> Option<(PathBuf, PathBuf)> {
 }
 
 impl Official {
-    /// Finds it, or says what is skipped.
-    pub fn find(version: &'static str) -> Option<Self> {
+    /// Finds it, or says what is skipped. `purpose` names the test's folder.
+    pub fn find(version: &'static str, purpose: &str) -> Option<Self> {
         let (prefix, python) = match version {
             "1.3.1" => (Some(root().join(".peers/lcm-1.3.1")).filter(|prefix| prefix.join("version").exists()), None),
             _ => python().unzip(),
@@ -75,14 +85,15 @@ impl Official {
             println!("skipped: no official LCM {version} (make test gets it); its columns are not checked");
             return None;
         };
-        let scratch = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("interop-{version}-{}", std::process::id()));
+        let scratch = format!("interop-{purpose}-{version}-{}", std::process::id());
+        let scratch = Path::new(env!("CARGO_TARGET_TMPDIR")).join(scratch);
         Some(Self { version, prefix, python, scratch })
     }
 
     /// A folder for what is built, `what` of it.
     pub fn folder(&self, language: Language, what: &str) -> PathBuf {
         let folder = self.scratch.join(language.to_string()).join(what);
-        std::fs::create_dir_all(&folder).unwrap();
+        fs::create_dir_all(&folder).unwrap();
         folder
     }
 
@@ -108,27 +119,22 @@ impl Official {
         run(lcm_gen.arg(file))
     }
 
-    /// `cc` or `c++` in `folder`, with its headers and the official ones; says what is wrong when it refuses.
-    pub fn compile<S: AsRef<OsStr>>(&self, language: Language, folder: &Path, arguments: &[S]) -> Result<(), String> {
-        let (compiler, standard) = match language {
-            Language::C => ("cc", "-std=gnu11"),
-            _ => ("c++", "-std=c++11"),
-        };
+    /// A program of ours: `source` compiled with all generated C beside it in `folder` and linked, or a script.
+    pub fn program(&self, language: Language, folder: &Path, source: PathBuf) -> Result<Program, String> {
+        if language == Language::Python {
+            let path = self.python.clone().expect("1.5.3 has one");
+            return Ok(Program { path, script: Some(source), folder: folder.into() });
+        }
+        let (compiler, standard) = if language == Language::C { ("cc", "-std=gnu11") } else { ("c++", "-std=c++11") };
+        let generated = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        let generated = generated.filter(|path| path.extension().is_some_and(|extension| extension == "c"));
+        let library = self.prefix.join("lib");
         let mut compiler = Command::new(compiler);
-        compiler.args([standard, "-I."]).arg("-I").arg(self.prefix.join("include"));
-        run(compiler.args(arguments).current_dir(folder))
-    }
-
-    /// What a program of ours is linked with.
-    pub fn libraries(&self) -> [String; 3] {
-        let library = self.prefix.join("lib").display().to_string();
-        [format!("-L{library}"), "-l:liblcm.so.1".into(), format!("-Wl,-rpath,{library}")]
-    }
-
-    /// A script, run by the Python that has the package and finds modules in `folder`.
-    pub fn script(&self, script: PathBuf, folder: &Path) -> Program {
-        let python = self.python.clone().expect("1.5.3 has one");
-        Program { path: python, script: Some(script), folder: folder.into() }
+        compiler.args([standard, "-w", "-I."]).arg("-I").arg(self.prefix.join("include")).arg(source).args(generated);
+        compiler.args(["-o", "program", "-l:liblcm.so.1"]).arg("-L").arg(&library);
+        compiler.arg("-Wl,-rpath").arg(format!("-Wl,{}", library.display()));
+        run(compiler.current_dir(folder))?;
+        Ok(Program { path: folder.join("program"), script: None, folder: folder.into() })
     }
 }
 
@@ -153,7 +159,7 @@ impl Program {
 
 impl Drop for Official {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.scratch);
+        let _ = fs::remove_dir_all(&self.scratch);
     }
 }
 

@@ -1,7 +1,7 @@
 //! A peer's process and our context on one bus, and what must go both ways between them.
 
+use crate::cases::Case;
 use crate::common;
-use crate::messages::Case;
 use crate::types::{self, Built};
 use lcm::live::Lcm;
 use lcm::url::Udpm;

@@ -4,7 +4,6 @@ use crate::official::{Language, Official, Program, VERSIONS, root, run};
 use crate::vectors::{Nopkg, advee, vec};
 use lcm::codec::Type;
 use serde_json::Value;
-use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -93,22 +92,17 @@ fn peer(
     for file in files {
         official.generate(language, file, folder)?;
     }
-    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers");
-    let (source, header) = match language {
-        Language::C => (sources.join("peer.c"), "types.h"),
-        Language::Cpp => (sources.join("peer.cpp"), "types.hpp"),
-        Language::Python => {
-            let program = official.script(sources.join("peer.py"), folder);
-            return run(program.command().arg("types").args(types)).map(|()| program);
-        }
-    };
-    fs::write(folder.join(header), list(language, types)).unwrap();
-    let mut arguments: Vec<OsString> = vec!["-w".into(), "-o".into(), "peer".into(), source.into()];
-    let generated = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    arguments.extend(generated.filter(|path| path.extension().is_some_and(|it| it == "c")).map(OsString::from));
-    arguments.extend(official.libraries().map(OsString::from));
-    official.compile(language, folder, &arguments)?;
-    Ok(Program { path: folder.join("peer"), script: None, folder: folder.into() })
+    let source = root().join("foundation/lcm/tests/peers").join(format!("peer.{}", language.extension()));
+    match language {
+        Language::C => fs::write(folder.join("types.h"), list(language, types)).unwrap(),
+        Language::Cpp => fs::write(folder.join("types.hpp"), list(language, types)).unwrap(),
+        Language::Python => {}
+    }
+    let program = official.program(language, folder, source)?;
+    if language == Language::Python {
+        run(program.command().arg("types").args(types))?;
+    }
+    Ok(program)
 }
 
 /// The header that the peers in C and C++ know their types by.
@@ -145,7 +139,7 @@ fn lcm_files(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// The robot's definitions.
-fn robot_files() -> Vec<PathBuf> {
+pub fn robot_files() -> Vec<PathBuf> {
     let packages = fs::read_dir(root().join("messages")).unwrap().map(|entry| entry.unwrap().path());
     packages.filter(|path| path.is_dir()).flat_map(|folder| lcm_files(&folder)).collect()
 }
