@@ -27,6 +27,7 @@ bench:
 	@tools/require cc python3-venv glib ip
 	@tools/venv
 	cargo bench -p advee --locked --bench start --bench wheel
+	cargo bench -p lcm-gen --locked --bench codec
 	cargo bench -p lcm --all-features --locked --bench lcm
 
 clean:

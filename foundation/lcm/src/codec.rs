@@ -104,11 +104,9 @@ pub trait Type: Sized {
     #[inline]
     fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
         let mut r = Reader::of(bytes, Self::FINGERPRINT)?;
-        let value = Self::decode_body(&mut r); // returned as it is: large values are not moved about
-        match r.remaining() {
-            extra @ 1.. if value.is_ok() => Err(DecodeError::LeftOver { extra }),
-            _ => value,
-        }
+        let value = Self::decode_body(&mut r)?;
+        r.end()?;
+        Ok(value)
     }
 }
 
@@ -132,11 +130,9 @@ pub trait View<'a>: Sized {
     #[inline]
     fn decode(bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let mut r = Reader::of(bytes, Self::Of::FINGERPRINT)?;
-        let value = Self::decode_body(&mut r);
-        match r.remaining() {
-            extra @ 1.. if value.is_ok() => Err(DecodeError::LeftOver { extra }),
-            _ => value,
-        }
+        let value = Self::decode_body(&mut r)?;
+        r.end()?;
+        Ok(value)
     }
 }
 
@@ -147,15 +143,18 @@ pub fn fingerprint(message: &[u8]) -> Option<u64> {
 }
 
 /// Whether a NUL is among the bytes; eight at a time, since most strings are too short for `memchr` to pay.
+#[inline]
 fn has_nul(bytes: &[u8]) -> bool {
     const LOW: u64 = 0x0101_0101_0101_0101;
     const HIGH: u64 = 0x8080_8080_8080_8080;
-    let (words, rest) = bytes.as_chunks();
     let in_word = |word: &[u8; 8]| {
         let word = u64::from_le_bytes(*word);
         word.wrapping_sub(LOW) & !word & HIGH != 0
     };
-    words.iter().any(in_word) || rest.contains(&0)
+    match bytes.last_chunk() {
+        Some(last) => bytes.as_chunks().0.iter().any(in_word) || in_word(last), // which may overlap
+        None => bytes.contains(&0),
+    }
 }
 
 #[cfg(test)]

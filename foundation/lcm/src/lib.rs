@@ -4,7 +4,7 @@
 //!   [`receiver`]: the three together, with the counters. Pure: no socket, no clock.
 //! - [`codec`]: what stands in a payload.
 //! - [`live`] (feature `live`, on by default): the UDP sockets.
-#![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(not(any(feature = "std", test)), no_std)]
 #![deny(unsafe_code)]
 
 extern crate alloc;

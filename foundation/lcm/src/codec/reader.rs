@@ -31,6 +31,15 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// Nothing may be left.
+    #[inline]
+    pub(super) fn end(&self) -> Result<(), DecodeError> {
+        match self.bytes.len() {
+            0 => Ok(()),
+            extra => Err(DecodeError::LeftOver { extra }),
+        }
+    }
+
     /// How many bytes are left.
     #[must_use]
     pub fn remaining(&self) -> usize {
