@@ -2,7 +2,7 @@
 //!
 //! Nothing is counted twice, what is delivered was sent whole, incomplete messages stay within their memory.
 #![no_main]
-use arbitrary::Arbitrary;
+use libfuzzer_sys::arbitrary::{self, Arbitrary};
 use lcm::reassembly::{Buffer, Limits};
 use lcm::receiver::Receiver;
 use lcm::subscription::Queue;
