@@ -262,7 +262,10 @@ impl Tcpq {
             match self.stream.next_message() {
                 Ok(Some(_)) => return self.greeted(),
                 Ok(None) => {}
-                Err(error) => return self.lose(&error),
+                Err(error) => {
+                    self.stats.malformed += 1;
+                    return self.lose(&error);
+                }
             }
         }
         Ok(())
