@@ -1,16 +1,11 @@
 //! `advee lcm echo`: prints messages as they come.
 
-use crate::cli::bus::{interrupt, wait};
-use crate::cli::{Common, Outcome, print, seconds};
-use crate::live::bus::{Bus, Raw};
-use crate::live::clock;
+use super::ear::{Ear, Heard, Raw, silence};
+use super::show::{compact, pretty};
+use super::types::{Dictionary, Found, TypesArg};
+use crate::cli::{Common, Failed, Outcome, print, seconds};
 use base::{Duration, Instant};
-use messages::{Channel, Message};
-use serde::Serialize;
-use serde_json::ser::{Formatter, Serializer};
 use std::fmt::Display;
-use std::io::{self, Write};
-use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -20,71 +15,83 @@ pub struct Echo {
     /// JSON lines: {"channel", "utime", "type", "message"}
     #[arg(long)]
     json: bool,
+    /// A member a line
+    #[arg(long, conflicts_with = "json")]
+    pretty: bool,
+    /// So many messages
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
     /// How long, s; until Ctrl-C without it
     #[arg(long = "for", value_name = "S", value_parser = seconds)]
     time: Option<Duration>,
+    #[command(flatten)]
+    types: TypesArg,
 }
 
 pub fn echo(common: &Common, command: &Echo) -> Outcome {
-    let interrupt = interrupt()?;
-    let mut bus = Bus::open(&common.lcm_url(), &[&command.channel])?;
-    let until = command.time.map_or(Instant::NEVER, |time| clock::now() + time);
-    loop {
-        let now = clock::now();
-        if now >= until || matches!(interrupt.read_signal(), Ok(Some(_))) {
-            return Ok(ExitCode::SUCCESS);
+    let types = Dictionary::load(&command.types)?;
+    let mut ear = Ear::open(common, &command.channel, command.time)?;
+    let mut heard = 0;
+    while command.count.is_none_or(|count| heard < count) {
+        match ear.hear(Instant::NEVER)? {
+            Heard::Message(raw) => {
+                heard += 1;
+                match (command.json, command.pretty) {
+                    (true, _) => print(json(&types, &raw)),
+                    (_, true) => print(lines(&types, &raw)),
+                    _ => print(line(&types, &raw)),
+                }?;
+            }
+            Heard::Nothing => {}
+            Heard::Interrupt => break,
+            Heard::End => return ended(common, command, heard),
         }
-        match bus.receive_raw()? {
-            Some(raw) if command.json => print(json(&raw))?,
-            Some(raw) => print(text(&raw))?,
-            None => wait(&[bus.as_fd(), interrupt.as_fd()], until.since(now))?,
-        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The time is over: good if there was anything, and all that was asked for.
+fn ended(common: &Common, command: &Echo, heard: u64) -> Outcome {
+    let time = command.time.unwrap_or_default();
+    match command.count {
+        _ if heard == 0 => Err(silence(common, &command.channel, time)),
+        Some(count) => Err(Failed::from(format!("{heard} of {count} messages came within {} s", time.as_secs_f64()))),
+        None => Ok(ExitCode::SUCCESS),
     }
 }
 
-/// What came on a channel: a message, or why it is none.
-fn decode(raw: &Raw<'_>) -> Result<Message, String> {
-    let size = raw.data.len();
-    match Message::receive(raw.channel, raw.data) {
-        Some(Ok(message)) => Ok(message),
-        Some(Err(error)) => Err(format!("malformed, {size} bytes: {error}")),
-        None => {
-            let by_type = |fingerprint| Channel::ALL.iter().find(|channel| channel.fingerprint() == fingerprint);
-            Err(match ::lcm::codec::fingerprint(raw.data) {
-                Some(fingerprint) => match by_type(fingerprint) {
-                    Some(channel) => {
-                        format!("unknown channel, {size} bytes of {}", channel.type_name())
-                    }
-                    None => format!("unknown channel and type {fingerprint:#018x}, {size} bytes"),
-                },
-                None => format!("unknown channel, {size} bytes, too short for a message"),
-            })
-        }
-    }
-}
-
-fn text(raw: &Raw<'_>) -> String {
-    let mut line = raw.channel.escape_debug().to_string();
-    match decode(raw) {
-        Ok(message) => {
+fn line(types: &Dictionary, raw: &Raw<'_>) -> String {
+    let mut line = super::table::shown(raw.channel);
+    match types.find(raw.channel, raw.data) {
+        Found::Message(message) => {
             line.push(' ');
             line.push_str(&compact(&message));
         }
-        Err(why) => {
+        other => {
             line.push_str(": ");
-            line.push_str(&why);
+            line.push_str(&why(raw, &other));
         }
     }
     line
 }
 
-fn json(raw: &Raw<'_>) -> impl Display + use<> {
+fn lines(types: &Dictionary, raw: &Raw<'_>) -> String {
+    let name = super::table::shown(raw.channel);
+    match types.find(raw.channel, raw.data) {
+        Found::Message(message) => {
+            format!("{name} {} {}\n{}", message.ty().name(), time_of_day(raw.received_ns), pretty(&message.value()))
+        }
+        other => format!("{name}: {}", why(raw, &other)),
+    }
+}
+
+fn json(types: &Dictionary, raw: &Raw<'_>) -> impl Display + use<> {
     let channel = serde_json::Value::from(raw.channel);
     let utime = raw.received_ns / 1000;
-    let (kind, message) = match decode(raw) {
-        Ok(message) => (format!("{:?}", message.channel().type_name()), serde_json::to_string(&message)),
-        Err(why) => {
-            let error = serde_json::json!({ "error": why });
+    let (kind, message) = match types.find(raw.channel, raw.data) {
+        Found::Message(message) => (format!("{:?}", message.ty().name()), serde_json::to_string(&message)),
+        other => {
+            let error = serde_json::json!({ "error": why(raw, &other) });
             ("null".into(), Ok(error.to_string()))
         }
     };
@@ -93,68 +100,39 @@ fn json(raw: &Raw<'_>) -> impl Display + use<> {
     format!(r#"{{"channel":{channel},"utime":{utime},"type":{kind},"message":{message}}}"#)
 }
 
-/// `key=value key=value`, members in the order of the type; arrays in brackets, nested structs in braces.
-fn compact(message: &impl Serialize) -> String {
-    let mut out = Vec::new();
-    let style = Compact { depth: 0, key: false };
-    // Writing to a Vec cannot fail, and a message has nothing that JSON cannot say.
-    let _ = message.serialize(&mut Serializer::with_formatter(&mut out, style));
-    String::from_utf8(out).unwrap_or_default()
+/// What is wrong with what is no message.
+fn why(raw: &Raw<'_>, found: &Found<'_>) -> String {
+    format!("{} bytes, {found}", raw.data.len())
 }
 
-/// JSON with other punctuation.
-struct Compact {
-    depth: u32,
-    key: bool,
-}
-
-impl Formatter for Compact {
-    fn begin_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.depth += 1;
-        if self.depth > 1 { writer.write_all(b"{") } else { Ok(()) }
-    }
-
-    fn end_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.depth -= 1;
-        if self.depth > 0 { writer.write_all(b"}") } else { Ok(()) }
-    }
-
-    fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
-        self.key = true;
-        if first { Ok(()) } else { writer.write_all(b" ") }
-    }
-
-    fn end_object_key<W: ?Sized + Write>(&mut self, _writer: &mut W) -> io::Result<()> {
-        self.key = false;
-        Ok(())
-    }
-
-    fn begin_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        writer.write_all(b"=")
-    }
-
-    fn begin_array_value<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
-        if first { Ok(()) } else { writer.write_all(b" ") }
-    }
-
-    fn begin_string<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        if self.key { Ok(()) } else { writer.write_all(b"\"") }
-    }
-
-    fn end_string<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        if self.key { Ok(()) } else { writer.write_all(b"\"") }
-    }
+/// UTC, to the microsecond.
+fn time_of_day(ns: u64) -> String {
+    let (s, us) = (ns / 1_000_000_000, ns / 1000 % 1_000_000);
+    format!("{:02}:{:02}:{:02}.{us:06}", s / 3600 % 24, s / 60 % 60, s % 60)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{common, lowlevel};
+    use lcm_gen::dynamic::{Missing, Value};
+    use messages::{Channel, Message, common, lowlevel};
 
     fn encoded(message: impl Into<Message>) -> Vec<u8> {
         let mut data = Vec::new();
         message.into().encode(&mut data).unwrap();
         data
+    }
+
+    fn types() -> Dictionary {
+        Dictionary::load(&TypesArg::default()).unwrap()
+    }
+
+    fn text(raw: &Raw<'_>) -> String {
+        line(&types(), raw)
+    }
+
+    fn json(raw: &Raw<'_>) -> String {
+        super::json(&types(), raw).to_string()
     }
 
     fn raw<'a>(channel: &'a str, data: &'a [u8]) -> Raw<'a> {
@@ -167,7 +145,7 @@ mod tests {
         let data = encoded(state);
         assert_eq!(text(&raw("CM_DATA_STATE", &data)), r#"CM_DATA_STATE timestamp=7 module="driver \"x\"" state=3"#);
         assert_eq!(
-            json(&raw("CM_DATA_STATE", &data)).to_string(),
+            json(&raw("CM_DATA_STATE", &data)),
             r#"{"channel":"CM_DATA_STATE","utime":1700000000123456,"type":"common.data_state_t","message":{"timestamp":7,"module":"driver \"x\"","state":3}}"#
         );
     }
@@ -183,14 +161,35 @@ mod tests {
     #[test]
     fn what_is_unknown_or_malformed_is_said_with_its_size() {
         let data = encoded(common::DataState { timestamp: 7, module: "m".into(), state: 3 });
+        // A channel of anybody's, as long as its type is known.
+        assert_eq!(text(&raw("OTHER", &data)), r#"OTHER timestamp=7 module="m" state=3"#);
         assert_eq!(
-            text(&raw("OTHER", &data)),
-            format!("OTHER: unknown channel, {} bytes of common.data_state_t", data.len())
+            text(&raw("LL_DATA_ODO", &data)),
+            format!("LL_DATA_ODO: {} bytes, a common.data_state_t where lowlevel.data_odo_t belongs", data.len())
         );
-        assert_eq!(text(&raw("OTHER", &[1; 9])), "OTHER: unknown channel and type 0x0101010101010101, 9 bytes");
-        assert_eq!(text(&raw("O\n", &[])), "O\\n: unknown channel, 0 bytes, too short for a message");
-        assert!(text(&raw("CM_DATA_STATE", &data[..12])).starts_with("CM_DATA_STATE: malformed, 12 bytes: "));
-        let line = json(&raw("OTHER", &[])).to_string();
+        assert_eq!(
+            text(&raw("OTHER", &[1; 9])),
+            "OTHER: 9 bytes, unknown type 0x0101010101010101; --types says where it is"
+        );
+        assert_eq!(text(&raw("O\n", &[])), "O\\n: 0 bytes, too short for a message");
+        let cut = text(&raw("CM_DATA_STATE", &data[..12]));
+        assert_eq!(cut, "CM_DATA_STATE: 12 bytes, malformed common.data_state_t: truncated: 8 bytes needed, 4 left");
+        let line = json(&raw("OTHER", &[]));
         assert!(line.contains(r#""type":null,"message":{"error":"#), "{line}");
+    }
+
+    #[test]
+    fn every_channel_of_the_robots_reads_as_its_generated_type_does() {
+        let types = types();
+        for channel in Channel::ALL {
+            let mut data = Vec::new();
+            let ty = types.get(channel.type_name()).unwrap();
+            ty.encode(&Value::Struct(vec![]), Missing::Zero, &mut data).unwrap();
+            let generated = serde_json::to_string(&Message::decode(*channel, &data).unwrap()).unwrap();
+            // Of a family of channels, one.
+            let name = if *channel == Channel::LlDataRaw { "LL_DATA_RAW_MAIN" } else { channel.name() };
+            let line = super::json(&types, &raw(name, &data)).to_string();
+            assert!(line.contains(&format!(r#""type":"{}","message":{generated}"#, channel.type_name())), "{line}");
+        }
     }
 }

@@ -1,0 +1,109 @@
+//! Listening to the bus, undecoded, until the time is over or Ctrl-C.
+
+use crate::cli::bus::{interrupt, wait};
+use crate::cli::{Common, Failed};
+use crate::live::clock;
+use base::{Duration, Instant};
+use lcm::Url;
+use lcm::live::Lcm;
+use nix::sys::signalfd::SignalFd;
+use std::os::fd::AsFd;
+
+/// How many messages in a row are taken before Ctrl-C and the time are looked at again.
+const IN_A_ROW: u32 = 64;
+
+/// A listener.
+pub struct Ear {
+    lcm: Lcm,
+    interrupt: SignalFd,
+    until: Instant,
+    /// Messages taken since it was last waited.
+    taken: u32,
+    drained: bool,
+}
+
+/// What came.
+pub struct Raw<'a> {
+    pub channel: &'a str,
+    pub data: &'a [u8],
+    /// When the kernel received it, nanoseconds since the UNIX epoch.
+    pub received_ns: u64,
+}
+
+/// Why [`Ear::hear`] returned.
+pub enum Heard<'a> {
+    Message(Raw<'a>),
+    /// Nothing for now, or it is time to wake.
+    Nothing,
+    /// The time is over.
+    End,
+    /// Ctrl-C or SIGTERM.
+    Interrupt,
+}
+
+/// What was not received, of all channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Losses {
+    /// Messages missing in the publishers' sequence numbers.
+    pub lost: u64,
+    /// Of them, those that the kernel had no room for.
+    pub kernel_dropped: u64,
+    /// Datagrams that are not LCM's.
+    pub malformed: u64,
+}
+
+impl Ear {
+    /// Listens to the channels of a regular expression, which must match the whole name.
+    pub fn open(common: &Common, pattern: &str, time: Option<Duration>) -> Result<Self, Failed> {
+        let interrupt = interrupt()?;
+        let name = common.lcm_url();
+        let (url, _) = Url::parse(&name).map_err(|error| Failed::from(error.to_string()))?;
+        let mut lcm = Lcm::new(&url).map_err(|error| Failed::from(format!("LCM bus {name}: {error}")))?;
+        lcm.subscribe(pattern).map_err(|error| Failed::from(error.to_string()))?;
+        let until = time.map_or(Instant::NEVER, |time| clock::now() + time);
+        Ok(Self { lcm, interrupt, until, taken: 0, drained: false })
+    }
+
+    /// The next message, unless `wake` comes before.
+    pub fn hear(&mut self, wake: Instant) -> Result<Heard<'_>, Failed> {
+        if self.drained || self.taken >= IN_A_ROW {
+            if let Ok(Some(_)) = self.interrupt.read_signal() {
+                return Ok(Heard::Interrupt);
+            }
+            let now = clock::now();
+            if now >= self.until {
+                return Ok(Heard::End);
+            }
+            if now >= wake {
+                return Ok(Heard::Nothing);
+            }
+            if self.drained {
+                wait(&[self.lcm.as_fd(), self.interrupt.as_fd()], self.until.min(wake).since(now))?;
+            }
+            (self.drained, self.taken) = (false, 0);
+        }
+        match self.lcm.recv() {
+            Ok(Some(message)) => {
+                self.taken += 1;
+                let received_ns = u64::try_from(message.at.0).unwrap_or_default();
+                Ok(Heard::Message(Raw { channel: message.channel, data: message.payload, received_ns }))
+            }
+            Ok(None) => {
+                self.drained = true;
+                Ok(Heard::Nothing)
+            }
+            Err(error) => Err(format!("LCM bus: {error}").into()),
+        }
+    }
+
+    pub fn losses(&self) -> Losses {
+        let stats = self.lcm.stats();
+        Losses { lost: stats.lost, kernel_dropped: stats.kernel_dropped, malformed: stats.malformed }
+    }
+}
+
+/// Why a command that was to show something has nothing to show.
+pub fn silence(common: &Common, pattern: &str, time: Duration) -> Failed {
+    let what = if pattern == ".*" { "nothing".into() } else { format!("nothing on {}", pattern.escape_debug()) };
+    format!("{what} is heard on {} within {} s; is anyone publishing?", common.lcm_url(), time.as_secs_f64()).into()
+}
