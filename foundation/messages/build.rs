@@ -10,6 +10,6 @@ fn main() -> Result<(), String> {
     let out = env::var("OUT_DIR").map_err(|error| format!("OUT_DIR: {error}"))?;
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../messages");
     let options = Options { serde: Serde::Serialize, ..Options::default() };
-    build::generate(&folder, &Path::new(&out).join("types.rs"), &options)?;
-    build::list(&folder, &Path::new(&out).join("files.rs"))
+    build::generate(&folder, Path::new(&out).join("types.rs"), &options)?;
+    build::list(&folder, Path::new(&out).join("files.rs"))
 }

@@ -1,5 +1,22 @@
-//! For build scripts: reads a folder of `.lcm` files and writes Rust files.
-#![allow(clippy::disallowed_methods, reason = "build scripts run on the builder's machine, not on the robot")]
+//! For build scripts and command lines: reads `.lcm` files and writes Rust files.
+//!
+//! A crate that has its types in a folder `types` needs this `build.rs`, `lcm-gen` among its build dependencies and
+//! `lcm` (without features it is `no_std`) among its dependencies:
+//!
+//! ```no_run
+//! use std::{env, path::Path};
+//!
+//! use lcm_gen::{build, rust::Options};
+//!
+//! fn main() -> Result<(), String> {
+//!     let out = env::var("OUT_DIR").map_err(|error| error.to_string())?;
+//!     build::generate("types", Path::new(&out).join("types.rs"), &Options::default())
+//! }
+//! ```
+//!
+//! and where the types shall be, `include!(concat!(env!("OUT_DIR"), "/types.rs"));`. The crate in
+//! `foundation/lcm-gen/examples/sensor` is built so by the tests.
+#![allow(clippy::disallowed_methods, reason = "runs on the builder's machine, not on the robot")]
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,16 +30,35 @@ use crate::rust::{self, Options};
 ///
 /// # Errors
 /// One line: what could not be read or written, or what is wrong in which file.
-pub fn generate(folder: &Path, out: &Path, options: &Options) -> Result<(), String> {
-    println!("cargo::rerun-if-changed={}", folder.display());
+pub fn generate(folder: impl AsRef<Path>, out: impl AsRef<Path>, options: &Options) -> Result<(), String> {
+    println!("cargo::rerun-if-changed={}", folder.as_ref().display());
+    let schema = read(&[folder.as_ref()])?;
+    let code = rust::generate(&schema, options).map_err(|error| error.to_string())?;
+    write(out.as_ref(), &code)
+}
+
+/// Reads files, and of folders every `.lcm` file in and below them, in order of their paths.
+///
+/// # Errors
+/// One line: what could not be read, that a folder has none, or what is wrong in which file.
+pub fn read(places: &[impl AsRef<Path>]) -> Result<Schema, String> {
+    let mut paths = Vec::new();
+    for place in places {
+        let place = place.as_ref();
+        let found = if place.is_dir() { lcm_files(place)? } else { vec![place.to_owned()] };
+        if found.is_empty() {
+            return Err(format!("{}: no .lcm files", place.display()));
+        }
+        paths.extend(found);
+    }
+    paths.sort();
+    paths.dedup();
     let mut files = Vec::new();
-    for path in lcm_files(folder)? {
+    for path in paths {
         let text = fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
         files.push((path.display().to_string(), text));
     }
-    let schema = Schema::new(&files).map_err(|error| error.to_string())?;
-    let code = rust::generate(&schema, options).map_err(|error| error.to_string())?;
-    write(out, &code)
+    Schema::new(&files).map_err(|error| error.to_string())
 }
 
 /// Writes an expression of type `&[(&str, &str)]` to `out`: the paths below `folder` of the files that [`generate`]
@@ -30,7 +66,8 @@ pub fn generate(folder: &Path, out: &Path, options: &Options) -> Result<(), Stri
 ///
 /// # Errors
 /// One line: what could not be read or written.
-pub fn list(folder: &Path, out: &Path) -> Result<(), String> {
+pub fn list(folder: impl AsRef<Path>, out: impl AsRef<Path>) -> Result<(), String> {
+    let folder = folder.as_ref();
     let mut code = String::from("&[\n");
     for path in lcm_files(folder)? {
         let below = path.strip_prefix(folder).unwrap_or(&path);
@@ -39,7 +76,7 @@ pub fn list(folder: &Path, out: &Path) -> Result<(), String> {
         let _ = writeln!(code, "    ({:?}, include_str!({whole:?})),", name.join("/"));
     }
     code.push_str("]\n");
-    write(out, &code)
+    write(out.as_ref(), &code)
 }
 
 fn write(out: &Path, code: &str) -> Result<(), String> {

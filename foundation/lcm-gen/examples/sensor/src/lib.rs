@@ -1,0 +1,49 @@
+//! A sensor's side of the bus, without an operating system and without allocating memory.
+#![no_std]
+
+use lcm::codec::{DecodeError, EncodeError, Type, View};
+use sensor::{CommandRef, Range};
+
+include!(concat!(env!("OUT_DIR"), "/types.rs"));
+
+/// The fingerprint and what a range takes, which is always as much.
+pub const RANGE_SIZE: usize = 8 + Range::MIN_SIZE;
+
+/// The message for a distance in metres.
+///
+/// # Errors
+/// None: a range can always be expressed, and has its room.
+pub fn report(timestamp: i64, distance: f32) -> Result<[u8; RANGE_SIZE], EncodeError> {
+    let status = if distance.is_finite() { Range::OK } else { Range::NO_ECHO };
+    let mut message = [0; RANGE_SIZE];
+    Range { timestamp, distance, status }.encode_into(&mut message)?;
+    Ok(message)
+}
+
+/// The range to keep to and the new firmware, if the command is for `name`. Both stay in the message.
+///
+/// # Errors
+/// When the message is no command.
+pub fn obey<'a>(name: &str, message: &'a [u8]) -> Result<Option<(f32, &'a [u8])>, DecodeError> {
+    let command = CommandRef::decode(message)?;
+    Ok((command.name == name).then_some((command.range_max, command.firmware)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_is_a_message() {
+        assert_eq!(Range::decode(&report(7, 1.5).unwrap()), Ok(Range { timestamp: 7, distance: 1.5, status: 0 }));
+    }
+
+    #[test]
+    fn a_command_is_obeyed_by_whom_it_concerns() {
+        let command = sensor::Command { name: "front".into(), range_max: 4.0, firmware: [1, 2].into() };
+        let mut message = lcm::codec::Vec::new();
+        command.encode(&mut message).unwrap();
+        assert_eq!(obey("front", &message), Ok(Some((4.0, &[1, 2][..]))));
+        assert_eq!(obey("rear", &message), Ok(None));
+    }
+}
