@@ -10,16 +10,7 @@ fn a_program_on_the_official_lcm_drives_a_square() {
     let Some(python) = python() else { return };
     let robot = Robot::ready(&[]);
     let build = robot.run_dir.with_extension("types");
-    let mut files = Vec::new();
-    for folder in std::fs::read_dir(workspace().join("messages")).unwrap() {
-        let entries = std::fs::read_dir(folder.unwrap().path()).into_iter().flatten();
-        files.extend(
-            entries.map(|entry| entry.unwrap().path()).filter(|path| path.extension().is_some_and(|e| e == "lcm")),
-        );
-    }
-    let generator = python.with_file_name("lcm-gen");
-    let generated = Command::new(generator).arg("-p").arg("--ppath").arg(&build).args(&files).output().unwrap();
-    assert!(generated.status.success(), "{}", String::from_utf8_lossy(&generated.stderr));
+    support::python_types(&python, &build);
 
     let square = Command::new(&python)
         .arg(workspace().join("examples/square.py"))

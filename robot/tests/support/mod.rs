@@ -33,6 +33,20 @@ pub fn python() -> Option<PathBuf> {
     Some(python)
 }
 
+/// The message types as Python classes, made by the official `lcm-gen` that belongs to `python`, in the folder `build`.
+pub fn python_types(python: &Path, build: &Path) {
+    let mut files = Vec::new();
+    for folder in std::fs::read_dir(workspace().join("messages")).expect("messages") {
+        let entries = std::fs::read_dir(folder.expect("an entry").path()).into_iter().flatten();
+        let paths = entries.map(|entry| entry.expect("an entry").path());
+        files.extend(paths.filter(|path| path.extension().is_some_and(|extension| extension == "lcm")));
+    }
+    let generator = python.with_file_name("lcm-gen");
+    let generated = Command::new(generator).arg("-p").arg("--ppath").arg(build).args(&files).output();
+    let generated = generated.expect("lcm-gen runs");
+    assert!(generated.status.success(), "{}", String::from_utf8_lossy(&generated.stderr));
+}
+
 /// What was last heard on the bus.
 #[derive(Default)]
 pub struct View {
@@ -99,8 +113,13 @@ pub struct Robot {
 impl Robot {
     /// Starts a robot; `extra` are further arguments of `advee up --sim`.
     pub fn start(extra: &[&str]) -> Self {
+        Self::start_on(0, extra)
+    }
+
+    /// The same with a time to live of its messages.
+    pub fn start_on(ttl: u8, extra: &[&str]) -> Self {
         let port = unique_port();
-        let url = format!("udpm://239.255.76.67:{port}?ttl=0");
+        let url = format!("udpm://239.255.76.67:{port}?ttl={ttl}");
         let run_dir = std::env::temp_dir().join(format!("advee-test-{}-{port}", std::process::id()));
         let bus = listen(&url);
         let up = advee(&url, &run_dir)
@@ -114,7 +133,12 @@ impl Robot {
 
     /// The same, waited for until every module runs and the steering is homed.
     pub fn ready(extra: &[&str]) -> Self {
-        let mut robot = Self::start(extra);
+        Self::ready_on(0, extra)
+    }
+
+    /// The same with a time to live of its messages.
+    pub fn ready_on(ttl: u8, extra: &[&str]) -> Self {
+        let mut robot = Self::start_on(ttl, extra);
         robot.until("all modules RUN and the steering homed", 20.0, |view| view.all_run() && view.is_homed());
         robot
     }

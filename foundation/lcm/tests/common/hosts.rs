@@ -111,21 +111,29 @@ impl Host {
     pub fn seen(&self, interfaces: &[&str], tap: &Tap, group: Ipv4Addr) -> Vec<Seen> {
         let mut seen = Vec::new();
         for interface in interfaces {
-            static MARKS: AtomicU32 = AtomicU32::new(0);
-            let mark = MARKS.fetch_add(1, Ordering::Relaxed).to_be_bytes();
-            let deadline = Instant::now() + PATIENCE;
-            let mut marked = false;
-            while !marked {
-                assert!(Instant::now() < deadline, "no mark comes through {interface}");
-                // Again and again: a cable that was just plugged in carries nothing at first.
-                self.mark(interface, mark);
-                while let Some(datagram) = tap.next().filter(|_| !marked) {
-                    marked = datagram.to == *MARK.ip() && datagram.payload == mark;
-                    seen.extend(Some(datagram).filter(|datagram| datagram.to == group));
+            seen.extend(self.all_seen(interface, tap).into_iter().filter(|datagram| datagram.to == group));
+        }
+        seen
+    }
+
+    /// Everything but marks.
+    pub fn all_seen(&self, interface: &str, tap: &Tap) -> Vec<Seen> {
+        static MARKS: AtomicU32 = AtomicU32::new(0);
+        let mark = MARKS.fetch_add(1, Ordering::Relaxed).to_be_bytes();
+        let deadline = Instant::now() + PATIENCE;
+        let mut seen = Vec::new();
+        loop {
+            assert!(Instant::now() < deadline, "no mark comes through {interface}");
+            // Again and again: a cable that was just plugged in carries nothing at first.
+            self.mark(interface, mark);
+            while let Some(datagram) = tap.next() {
+                match datagram.to == *MARK.ip() {
+                    true if datagram.payload == mark => return seen,
+                    true => {}
+                    false => seen.push(datagram),
                 }
             }
         }
-        seen
     }
 
     /// Sends a datagram that shows how far a tap has come.
