@@ -1,6 +1,8 @@
-//! What each board says (`docs/facts/boards.md` 3, 4): one table of instructions a board, and a typed way from and to the
+//! What each board says (`docs/facts/boards.md` 3 to 6): one table of instructions a board, and a typed way from and to the
 //! data of its answers. Stateless, and shared by the driver and the emulated board.
 
+pub mod psc1;
+pub mod sbs1;
 pub mod sd1;
 pub mod so1;
 
@@ -104,12 +106,15 @@ mod tests {
 
     #[test]
     fn no_table_names_a_code_twice_and_all_have_version_and_reset() {
-        for table in [sd1::INSTRUCTIONS, so1::INSTRUCTIONS] {
+        for table in [sd1::INSTRUCTIONS, so1::INSTRUCTIONS, sbs1::INSTRUCTIONS, psc1::INSTRUCTIONS] {
             for (i, instruction) in table.iter().enumerate() {
                 assert!(table[..i].iter().all(|earlier| earlier.code != instruction.code), "{}", instruction.name);
             }
             assert!(table.contains(&GET_VERSION) && table.contains(&DO_RESET));
         }
+        // What comes unasked is told from an answer by its instruction alone.
+        let both = |unasked: &Instruction| psc1::INSTRUCTIONS.iter().any(|asked| asked.code == unasked.code);
+        assert!(!psc1::UNASKED.iter().any(both));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The words of the master's caller: its configuration, what is asked, what comes of it.
 
 use crate::Data;
+use crate::boards::Instruction;
 use crate::crc::Crc8;
 use crate::frame::Status;
 use base::Duration;
@@ -20,10 +21,14 @@ pub struct Config {
     /// How long the host may take to send, beyond the wire's own time; and how long a talker that never falls silent
     /// is waited for.
     pub patience: Duration,
+    /// Whether both ends may talk at once, as on the link to the PSC1: no silence is owed before a request then.
+    pub full_duplex: bool,
+    /// What nodes may send by themselves; `answer` is which lengths its data may have.
+    pub unasked: &'static [Instruction],
 }
 
 impl Default for Config {
-    /// 115200 Bd, the default CRC, 20 ms, 2 retries, 100 ms.
+    /// 115200 Bd, the default CRC, 20 ms, 2 retries, 100 ms; half-duplex, and nothing unasked.
     fn default() -> Self {
         Self {
             baud: 115_200,
@@ -31,6 +36,8 @@ impl Default for Config {
             timeout: Duration::from_millis(20),
             retries: 2,
             patience: Duration::from_millis(100),
+            full_duplex: false,
+            unasked: &[],
         }
     }
 }
