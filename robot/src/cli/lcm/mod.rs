@@ -2,6 +2,7 @@
 
 mod ear;
 mod echo;
+mod generate;
 mod publish;
 mod show;
 mod stats;
@@ -22,7 +23,10 @@ pub enum Lcm {
     /// Show how many bytes messages take
     Bw(table::Table),
     /// Publish a message
+    #[command(after_help = publish::HELP)]
     Pub(publish::Pub),
+    /// Generate Rust from .lcm files
+    Gen(generate::Gen),
 }
 
 pub fn lcm(common: &Common, command: &Lcm) -> Outcome {
@@ -32,5 +36,6 @@ pub fn lcm(common: &Common, command: &Lcm) -> Outcome {
         Lcm::Hz(command) => table::table(common, command, View::Hz),
         Lcm::Bw(command) => table::table(common, command, View::Bw),
         Lcm::Pub(command) => publish::publish(common, command),
+        Lcm::Gen(command) => generate::generate(command),
     }
 }
