@@ -22,6 +22,8 @@ pub mod queue;
 pub mod reassembly;
 #[cfg(feature = "std")]
 pub mod receiver;
+#[cfg(feature = "shm")]
+mod shm;
 #[cfg(feature = "std")]
 pub mod sources;
 #[cfg(feature = "std")]

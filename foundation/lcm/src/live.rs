@@ -7,6 +7,8 @@
 mod clock;
 mod file;
 mod hub;
+#[cfg_attr(not(feature = "shm"), path = "live/no_local.rs")]
+mod local;
 mod memq;
 mod socket;
 mod sys;
@@ -17,12 +19,12 @@ use crate::receiver::{Rejections, Stats};
 use crate::subscription::{PatternError, Queue, SubscriptionId};
 use crate::udpm::EncodeError;
 use crate::url::Url;
+pub use hub::{Event, Hub, What};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 use std::{fmt, io};
-pub use hub::{Event, Hub, What};
 pub use tcpq::Tcpq;
 pub use udpm::{SelfTest, Udpm};
 

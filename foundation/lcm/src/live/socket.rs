@@ -285,8 +285,9 @@ impl SendSocket {
         Ok(Self { fd, group: to.into(), ttl: url.ttl, source, pinned: interface.is_some(), datagram_max })
     }
 
-    /// Sends one datagram; when its interface has gone, from now on over `lo`, where all of ours listen.
-    pub fn send(&mut self, header: &[u8], payload: &[u8]) -> nix::Result<()> {
+    /// Sends one datagram; when its interface has gone, from now on over `lo`, where all of ours listen. `moved` is told
+    /// the new source before anything leaves from there.
+    pub fn send(&mut self, header: &[u8], payload: &[u8], moved: impl FnOnce(SocketAddrV4)) -> nix::Result<()> {
         let parts = [IoSlice::new(header), IoSlice::new(payload)];
         match self.send_once(&parts) {
             // The interface is down, or has lost its address.
@@ -295,6 +296,7 @@ impl SendSocket {
             ) if !self.pinned && !self.on_loopback() => {
                 let (fd, source) = open_sender(self.group.ip(), self.ttl, Ipv4Addr::LOCALHOST).map_err(|_| error)?;
                 (self.fd, self.source, self.datagram_max) = (fd, source, DATAGRAM_MAX);
+                moved(source);
                 self.send_once(&parts)
             }
             result => result,

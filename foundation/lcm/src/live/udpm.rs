@@ -1,5 +1,6 @@
 //! The UDP multicast provider: the two sockets and the receiver between them.
 
+use super::local::Local;
 use super::socket::{Arrival, ReceiveSocket, SendSocket};
 use super::{PublishError, RealtimeNanos, Received, SubscribeError};
 use crate::filter;
@@ -42,7 +43,8 @@ pub enum SelfTest {
 enum Taken {
     Nothing,
     Unwanted,
-    Message(Place, RealtimeNanos),
+    /// `None`: in shared memory.
+    Message(Option<Place>, RealtimeNanos),
 }
 
 /// A place on a UDP multicast bus.
@@ -57,20 +59,25 @@ pub struct Udpm {
     self_test: SelfTest,
     /// Large messages of our own are wanted here, too.
     own_fragments: bool,
+    /// The shared-memory bus beside it, if the URL wants it and it can be had.
+    local: Option<Local>,
 }
 
 impl Udpm {
     pub(super) fn new(url: &url::Udpm) -> io::Result<Self> {
         let receive = ReceiveSocket::open(url)?;
+        let send = SendSocket::open(url)?;
+        let local = Local::join(url, send.source(), receive.as_fd());
         Ok(Self {
             receiver: Receiver::default(),
             line: Line::new(receive.granted_size()?),
             receive,
-            send: SendSocket::open(url)?,
+            send,
             sequence: 0,
             buffer: Buffer::default(),
             self_test: SelfTest::NotStarted,
             own_fragments: false,
+            local,
         })
     }
 
@@ -85,11 +92,27 @@ impl Udpm {
     }
 
     fn send(&mut self, channel: &str, payload: &[u8]) -> Result<(), PublishError> {
+        let sequence = self.sequence;
+        let message = self.number(channel, payload)?;
+        if let Some(local) = &mut self.local
+            && !local.publish(sequence, channel, payload, now())
+        {
+            return Ok(());
+        }
+        self.transmit(channel, message)
+    }
+
+    /// The next message.
+    fn number<'a>(&mut self, channel: &'a str, payload: &'a [u8]) -> Result<Message<'a>, PublishError> {
         let message = Message::new(self.sequence, channel, payload, self.send.datagram_max());
-        let message = message.map_err(PublishError::Encode)?;
-        self.sequence = self.sequence.wrapping_add(1);
+        self.sequence = self.sequence.wrapping_add(u32::from(message.is_ok()));
+        message.map_err(PublishError::Encode)
+    }
+
+    fn transmit(&mut self, channel: &str, message: Message<'_>) -> Result<(), PublishError> {
         let count = message.count();
-        if count > 1 && !self.own_fragments && self.receiver.subscriptions().wants(channel) {
+        // In shared memory they are our own, too.
+        if count > 1 && self.local.is_none() && !self.own_fragments && self.receiver.subscriptions().wants(channel) {
             self.own_fragments = true;
             self.set_filter();
         }
@@ -97,7 +120,8 @@ impl Udpm {
         for number in 0..count {
             let (header, rest) = message.datagram(number);
             let sent = loop {
-                match self.send.send(&header, rest) {
+                let moved = |source| self.local.as_mut().into_iter().for_each(|local| local.moved(source));
+                match self.send.send(&header, rest, moved) {
                     // A message of several datagrams may fill the buffer by itself.
                     Err(Errno::EAGAIN | Errno::ENOBUFS) if count > 1 && !patience.is_zero() => {
                         patience = self.send.wait(patience);
@@ -125,8 +149,11 @@ impl Udpm {
         if first {
             self.self_test = SelfTest::Waiting;
             // That it cannot be sent is what the test is there to tell.
-            let _ = self.send(filter::SELF_TEST, SELF_TEST_PAYLOAD);
+            let _ = self
+                .number(filter::SELF_TEST, SELF_TEST_PAYLOAD)
+                .and_then(|test| self.transmit(filter::SELF_TEST, test));
         }
+        self.set_interest();
         Ok(id)
     }
 
@@ -135,8 +162,16 @@ impl Udpm {
         if was {
             self.line.forget(id);
             self.set_filter();
+            self.set_interest();
         }
         was
+    }
+
+    /// Tells those who write to shared memory what is subscribed.
+    fn set_interest(&mut self) {
+        if let Some(local) = &mut self.local {
+            local.set_interest(self.receiver.subscriptions().names().as_deref());
+        }
     }
 
     /// Lets the kernel pass what is subscribed, as far as that can be said in names.
@@ -203,25 +238,70 @@ impl Udpm {
         }
     }
 
-    /// Takes one datagram; waits for it if there is a time to.
-    fn take(&mut self, wait: Option<Duration>) -> io::Result<Taken> {
+    /// Takes one message or datagram; waits for it if there is a time to.
+    fn take(&mut self, mut wait: Option<Duration>) -> io::Result<Taken> {
+        if self.local.is_none() {
+            return self.take_datagram(wait);
+        }
+        loop {
+            let Some(local) = &mut self.local else { return Ok(Taken::Nothing) };
+            if local.recv(|channel| self.receiver.subscriptions().wants(channel)) {
+                self.receiver.stats.received += 1;
+                self.receiver.stats.lost += local.take_lost();
+                return Ok(Taken::Message(None, RealtimeNanos(local.message().2)));
+            }
+            if !local.passes_socket() {
+                match self.take_datagram(None)? {
+                    Taken::Nothing => {}
+                    taken => return Ok(taken),
+                }
+            }
+            let Some(local) = &mut self.local else { return Ok(Taken::Nothing) };
+            if !local.sleep() {
+                continue;
+            }
+            match wait.take() {
+                Some(patience) if !patience.is_zero() => local.wait(self.receive.as_fd(), patience)?,
+                _ => return Ok(Taken::Nothing),
+            }
+        }
+    }
+
+    fn take_datagram(&mut self, wait: Option<Duration>) -> io::Result<Taken> {
         let arrival = self.receive.receive(self.buffer.room(), wait)?;
         let Some(Arrival { from, len, at }) = arrival else { return Ok(Taken::Nothing) };
         self.receiver.stats.kernel_dropped = self.receive.dropped();
-        let place = self.receiver.handle_rx(at.0, from, &mut self.buffer, len);
         if self.self_test == SelfTest::Waiting && from == self.send.source() {
             self.self_test = SelfTest::Passed;
         }
-        Ok(place.map_or(Taken::Unwanted, |place| Taken::Message(place, at)))
+        if let Some(local) = &mut self.local
+            && local.takes(from, &self.buffer.room()[..len], at.0)
+        {
+            return Ok(Taken::Unwanted);
+        }
+        let place = self.receiver.handle_rx(at.0, from, &mut self.buffer, len);
+        Ok(place.map_or(Taken::Unwanted, |place| Taken::Message(Some(place), at)))
     }
 
-    fn received(&self, place: Place, at: RealtimeNanos) -> Received<'_> {
-        let (channel, payload) = self.receiver.message(place, &self.buffer);
+    fn received(&self, place: Option<Place>, at: RealtimeNanos) -> Received<'_> {
+        let (channel, payload) = match (place, &self.local) {
+            (Some(place), _) => self.receiver.message(place, &self.buffer),
+            (None, Some(local)) => (local.message().0, local.message().1),
+            (None, None) => ("", &[][..]),
+        };
         Received { channel, payload, at }
     }
 
-    fn put_in_line(&mut self, place: Place, at: RealtimeNanos) {
-        self.receiver.put_in_line(place, &self.buffer, at.0, &mut self.line);
+    fn put_in_line(&mut self, place: Option<Place>, at: RealtimeNanos) {
+        match (place, &self.local) {
+            (Some(place), _) => self.receiver.put_in_line(place, &self.buffer, at.0, &mut self.line),
+            (None, Some(local)) => {
+                let (channel, payload, at) = local.message();
+                self.line.push(self.receiver.subscriptions_mut(), channel, payload, at);
+                self.receiver.stats.queue_dropped = self.line.dropped();
+            }
+            (None, None) => {}
+        }
     }
 
     fn pop(&mut self) -> Option<Received<'_>> {
@@ -274,6 +354,12 @@ impl Udpm {
         self.receive.filtered()
     }
 
+    /// Whether messages go through shared memory where both ends can: the URL says `shm=auto` and this machine has it.
+    #[must_use]
+    pub fn shares_memory(&self) -> bool {
+        self.local.is_some()
+    }
+
     /// Who publishes on this bus, with their losses; empty while the kernel keeps unwanted channels away.
     #[must_use]
     pub fn sources(&self) -> &[Source] {
@@ -290,6 +376,6 @@ fn now() -> i64 {
 
 impl AsFd for Udpm {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.receive.as_fd()
+        self.local.as_ref().map_or_else(|| self.receive.as_fd(), AsFd::as_fd)
     }
 }

@@ -1,0 +1,127 @@
+//! The shared-memory bus beside the sockets of UDP multicast: whose turn it is, and what to wait for.
+
+use super::context;
+use crate::shm::Bus;
+use crate::udpm::{self, Datagram};
+use crate::{filter, url};
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
+use nix::sys::stat::fstat;
+use std::io;
+use std::net::SocketAddrV4;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::time::Duration;
+
+/// How many messages in a row come from shared memory before it is the socket's turn.
+const IN_A_ROW: u32 = 64;
+/// How often the socket is passed over when there is nothing left in shared memory, but was: whoever waits then is told
+/// by the descriptor whether the socket has something.
+const PASSES: u32 = 16;
+
+/// A context's place on the shared-memory bus.
+#[derive(Debug)]
+pub struct Local {
+    bus: Bus,
+    both: Epoll,
+    in_a_row: u32,
+    passes: u32,
+}
+
+impl Local {
+    /// Joins if the URL says so and there is shared memory. `receive` is not bound yet.
+    pub fn join(url: &url::Udpm, source: SocketAddrV4, receive: BorrowedFd<'_>) -> Option<Self> {
+        if url.shm == url::Shm::Off {
+            return None;
+        }
+        // Without it there are datagrams, and the others see that we need them.
+        let inode = fstat(receive).ok()?.st_ino;
+        let both = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).ok()?;
+        let bus = Bus::join(url, source, inode).ok()?;
+        both.add(receive, EpollEvent::new(EpollFlags::EPOLLIN, 0)).ok()?;
+        both.add(bus.doorbell(), EpollEvent::new(EpollFlags::EPOLLIN, 0)).ok()?;
+        Some(Self { bus, both, in_a_row: 0, passes: 0 })
+    }
+
+    /// See [`Bus::publish`].
+    pub fn publish(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> bool {
+        self.bus.publish(sequence, channel, payload, at)
+    }
+
+    /// See [`Bus::moved`].
+    pub fn moved(&mut self, source: SocketAddrV4) {
+        self.bus.moved(source);
+    }
+
+    /// See [`Bus::set_interest`].
+    pub fn set_interest(&mut self, channels: Option<&[&str]>) {
+        self.bus.set_interest(channels);
+    }
+
+    /// Takes the next message, for [`Local::message`]; false also when it is the socket's turn.
+    pub fn recv(&mut self, wants: impl FnMut(&str) -> bool) -> bool {
+        if self.in_a_row < IN_A_ROW && self.bus.recv(wants) {
+            self.in_a_row += 1;
+            return true;
+        }
+        false
+    }
+
+    /// After [`Local::recv`] gave nothing: whether there is no need to look at the socket.
+    pub fn passes_socket(&mut self) -> bool {
+        if self.in_a_row < IN_A_ROW && self.bus.received() && self.passes < PASSES {
+            self.passes += 1;
+            return true;
+        }
+        (self.in_a_row, self.passes) = (0, 0);
+        false
+    }
+
+    /// Channel, payload, and when it was published.
+    pub fn message(&self) -> (&str, &[u8], i64) {
+        self.bus.message()
+    }
+
+    /// How many messages were lost since the last call.
+    pub fn take_lost(&mut self) -> u64 {
+        self.bus.take_lost()
+    }
+
+    /// Whether a datagram, received at `at`, is dropped because shared memory has its message.
+    pub fn takes(&mut self, from: SocketAddrV4, datagram: &[u8], at: i64) -> bool {
+        match udpm::decode(datagram) {
+            Ok(Datagram::Short(short)) if short.channel == filter::SELF_TEST => {
+                self.bus.self_test(from);
+                false
+            }
+            Ok(datagram) => self.bus.takes(from, datagram.sequence(), at),
+            Err(_) => false,
+        }
+    }
+
+    /// Nothing is left; false if something has come meanwhile.
+    pub fn sleep(&mut self) -> bool {
+        self.bus.sleep()
+    }
+
+    /// Waits for the bell or the socket.
+    pub fn wait(&mut self, socket: BorrowedFd<'_>, timeout: Duration) -> io::Result<()> {
+        // Rounded up: a wait of half a millisecond is not a busy loop.
+        let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
+        let timeout = PollTimeout::try_from(millis).map_err(io::Error::other)?;
+        let mut both = [socket, self.bus.doorbell()].map(|fd| PollFd::new(fd, PollFlags::POLLIN));
+        match poll(&mut both, timeout) {
+            Ok(_) if both[0].any().unwrap_or(true) => self.passes = PASSES,
+            Ok(_) | Err(Errno::EINTR) => {}
+            Err(errno) => return Err(context("cannot wait")(errno)),
+        }
+        Ok(())
+    }
+}
+
+impl AsFd for Local {
+    /// Readable when the bell or the socket is.
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.both.0.as_fd()
+    }
+}

@@ -1,0 +1,42 @@
+//! The local shared-memory bus: contexts of one host and user exchange messages through memory, beside plain LCM.
+//!
+//! Every context has a station, a file in a folder of `/dev/shm` that belongs to the bus: a ring with what it has
+//! published, and whether it sleeps and what it wants. Publishing writes to the own ring and rings the bells of those
+//! that sleep and want the channel; receiving reads the rings of all. Datagrams go out only while somebody may listen
+//! who is not in the folder; a context takes a publisher that has a station from its ring and drops its datagrams.
+//!
+//! | file | knows |
+//! |---|---|
+//! | `ring` | records, the writer and the reader of a ring |
+//! | `bell` | the word that says who sleeps |
+//! | `station` | where what lies in shared memory |
+//! | `folder` | names, locks, who is dead |
+//! | `listeners` | who else listens |
+//! | `bus` | all of it together |
+//! | `memory` | the mapping |
+
+mod bell;
+mod bus;
+mod folder;
+mod listeners;
+mod memory;
+mod ring;
+mod station;
+
+pub(crate) use bus::Bus;
+
+/// The atomics of shared memory: words of 64 bits, of 32 where the machine has no larger ones. `loom` has its own.
+mod sync {
+    #[cfg(not(target_has_atomic = "64"))]
+    pub use core::sync::atomic::AtomicU32 as Word;
+    #[cfg(target_has_atomic = "64")]
+    pub use core::sync::atomic::AtomicU64 as Word;
+    pub use core::sync::atomic::{Ordering, fence};
+    #[cfg(not(target_has_atomic = "64"))]
+    pub type Value = u32;
+    #[cfg(target_has_atomic = "64")]
+    pub type Value = u64;
+}
+
+#[cfg(test)]
+mod tests;

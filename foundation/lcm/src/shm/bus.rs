@@ -1,0 +1,611 @@
+//! A context's place on the shared-memory bus.
+
+use super::bell::{self, Sleeper};
+use super::folder::Folder;
+use super::listeners::{Listeners, look};
+use super::ring::{BUCKETS, Copy, Kind, Message, Read, Reader, Writer, bucket};
+use super::station::{Board, Interest, Station};
+use super::sync::{Ordering, Value};
+use crate::udpm::MESSAGE_MAX;
+use crate::url::Udpm;
+use nix::errno::Errno;
+use nix::fcntl::Flock;
+use nix::time::{ClockId, clock_gettime};
+use nix::unistd::{read, write};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io;
+use std::mem;
+use std::net::SocketAddrV4;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::Path;
+
+/// Where shared memory lies.
+const ROOT: &str = "/dev/shm";
+/// How long a look at the listeners holds, in ms.
+const LOOK_MS: u64 = 1000;
+/// Records that one [`Bus::recv`] passes over before it returns to a caller that has other work to do.
+const PASSED_MAX: usize = 4096;
+/// Messages in a row from one ring.
+const TURN: u32 = 32;
+/// How long datagrams of a publisher that has left may still come, in ns.
+const LATE_NS: i64 = 2_000_000_000;
+/// How many publishers that have left are remembered.
+const LEFT_MAX: usize = 256;
+/// How many stations are followed; more are left to datagrams.
+const STATIONS_MAX: usize = 1024;
+/// Bytes and number of the payloads in files of their own that stay readable.
+const ASIDE: (usize, usize) = (64 << 20, 8);
+/// How long they stay, in ms.
+const ASIDE_MS: u64 = 5000;
+
+/// A context's place on the shared-memory bus: its own station, and those of the others.
+#[derive(Debug)]
+pub struct Bus {
+    folder: Folder,
+    board: Board,
+    name: String,
+    /// Locked until this context leaves.
+    file: Option<Flock<File>>,
+    station: Station,
+    bus: SocketAddrV4,
+    ttl: u8,
+    /// Everybody's stations, the own one too.
+    peers: Vec<Peer>,
+    /// The generation of `peers`.
+    generation: Value,
+    left: VecDeque<Left>,
+    writer: Writer,
+    /// Bytes of the own ring that have memory behind them.
+    reserved: usize,
+    asides: VecDeque<Aside>,
+    retired: bool,
+    bell: OwnedFd,
+    sleeper: Sleeper,
+    /// The bell holds something.
+    rung: bool,
+    /// Something was received since the latest sleep.
+    received: bool,
+    /// The latest [`Bus::recv`] did not come to the end.
+    busy: bool,
+    /// Somebody's ring was read to its end since the latest sleep.
+    buried: bool,
+    /// By bucket, what may be wanted.
+    buckets: Box<[bool; BUCKETS]>,
+    turn: usize,
+    in_turn: u32,
+    copy: Copy,
+    lost: u64,
+}
+
+#[derive(Debug)]
+struct Peer {
+    name: String,
+    station: Station,
+    source: SocketAddrV4,
+    /// While this context subscribes.
+    reader: Option<Reader>,
+    bell: Option<OwnedFd>,
+    /// It will publish nothing more.
+    ended: bool,
+}
+
+/// A publisher whose ring was read to its end.
+#[derive(Debug)]
+struct Left {
+    source: SocketAddrV4,
+    at: i64,
+}
+
+/// A payload in a file of its own.
+#[derive(Debug)]
+struct Aside {
+    sequence: u32,
+    len: usize,
+    at: u64,
+}
+
+impl Bus {
+    /// Joins the bus of a URL. `source` is where the datagrams of this context come from, `inode` that of its receive
+    /// socket, which must not be bound yet.
+    ///
+    /// # Errors
+    /// There is no usable shared memory; then datagrams are all there is.
+    pub fn join(url: &Udpm, source: SocketAddrV4, inode: u64) -> io::Result<Self> {
+        Self::join_in(Path::new(ROOT), url, source, inode)
+    }
+
+    pub(super) fn join_in(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u64) -> io::Result<Self> {
+        let folder = Folder::open(root, url)?;
+        let board = Board::open(&folder.board()?)?;
+        folder.clean()?;
+        let name = format!("{}-{:x}", std::process::id(), realtime());
+        let file = folder.create(&name)?;
+        let made = Station::create(&file, source, inode as u32).and_then(|station| {
+            let bell = folder.create_bell(&name)?;
+            folder.show(&name)?;
+            Ok((station, bell))
+        });
+        let (station, bell) = made.inspect_err(|_| folder.remove(&name))?;
+        board.changed();
+        let writer = Writer::new(station.ring());
+        let mut bus = Self {
+            folder,
+            board,
+            name,
+            file: Some(file),
+            station,
+            bus: url.address(),
+            ttl: url.ttl,
+            peers: Vec::new(),
+            generation: 0,
+            left: VecDeque::new(),
+            writer,
+            reserved: 0,
+            asides: VecDeque::new(),
+            retired: false,
+            bell,
+            sleeper: Sleeper::default(),
+            rung: false,
+            received: false,
+            busy: false,
+            buried: false,
+            buckets: Box::new([false; BUCKETS]),
+            turn: 0,
+            in_turn: 0,
+            copy: Copy::default(),
+            lost: 0,
+        };
+        bus.scan();
+        bus.census();
+        Ok(bus)
+    }
+
+    /// Datagrams of this context come from elsewhere from now on. Call it before the first one.
+    pub fn moved(&mut self, source: SocketAddrV4) {
+        self.station.set_source(source);
+        self.board.changed();
+    }
+
+    // Publishing
+
+    /// Writes a message to the ring and wakes who wants it. The result: a datagram is needed, too. Never waits.
+    pub fn publish(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> bool {
+        self.refresh();
+        if !self.retired && self.write(sequence, channel, payload, at).is_err() {
+            self.retire(sequence);
+        }
+        bell::written();
+        let interest = Interest::of(channel);
+        let mut deaf = false;
+        for peer in &mut self.peers {
+            if let Some(sleep) = bell::asleep(peer.station.sleep())
+                && peer.station.wants(interest)
+            {
+                // A datagram wakes it, too.
+                deaf |= !peer.ring(&self.folder, sleep);
+            }
+        }
+        self.mirror(sequence) || deaf
+    }
+
+    /// Fails where memory does.
+    fn write(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> io::Result<()> {
+        loop {
+            let ring = self.station.ring();
+            let (kind, place) = match self.writer.place(ring, channel, payload.len(), || drained(&self.peers)) {
+                Some(place) => (Kind::Message, place),
+                None => {
+                    self.put_aside(sequence, payload)?;
+                    let ring = self.station.ring();
+                    let place = self.writer.place(ring, channel, 0, || drained(&self.peers));
+                    (Kind::Aside, place.ok_or(io::ErrorKind::OutOfMemory)?)
+                }
+            };
+            if place.reach <= self.reserved {
+                let message = Message { sequence, at, channel, payload, kind };
+                self.writer.write(self.station.ring(), place, &message);
+                return Ok(());
+            }
+            let file = self.file.as_deref().ok_or(io::ErrorKind::NotFound)?;
+            match Station::reserve(file, self.reserved, place.reach) {
+                Ok(reserved) => self.reserved = reserved,
+                Err(error) if self.reserved == 0 => return Err(error),
+                Err(_) => self.writer.limit(self.reserved),
+            }
+        }
+    }
+
+    fn put_aside(&mut self, sequence: u32, payload: &[u8]) -> io::Result<()> {
+        if self.asides.back().is_some_and(|aside| aside.sequence == sequence) {
+            return Ok(());
+        }
+        self.folder.put_aside(&self.name, sequence, payload)?;
+        self.asides.push_back(Aside { sequence, len: payload.len(), at: now() });
+        while self.asides.len() > 1
+            && (self.asides.len() > ASIDE.1 || self.asides.iter().map(|aside| aside.len).sum::<usize>() > ASIDE.0)
+        {
+            self.drop_aside();
+        }
+        Ok(())
+    }
+
+    fn drop_aside(&mut self) {
+        if let Some(aside) = self.asides.pop_front() {
+            self.folder.drop_aside(&self.name, aside.sequence);
+        }
+    }
+
+    /// From this message on there are datagrams only. There is no way back.
+    fn retire(&mut self, sequence: u32) {
+        self.station.retire(sequence);
+        self.retired = true;
+    }
+
+    /// Whether somebody may listen who has no station.
+    fn mirror(&mut self, sequence: u32) -> bool {
+        // Readers hear at once of a new listener's self-test; where nobody reads there is nothing to save.
+        if self.ttl > 0 || self.retired || !self.peers.iter().any(|peer| peer.station.reads()) {
+            return true;
+        }
+        let now = now();
+        let looked_at = self.board.looked_at().load(Ordering::Relaxed);
+        let age = (now as Value).wrapping_sub(looked_at);
+        if u64::from(age) >= LOOK_MS && age < Value::MAX / 2 {
+            self.look(now, looked_at, u64::from(age), sequence);
+        }
+        self.retired || self.board.listeners().load(Ordering::Acquire) & 3 != Listeners::None as Value
+    }
+
+    /// Looks who listens, unless another does just now.
+    fn look(&mut self, now: u64, looked_at: Value, age: u64, sequence: u32) {
+        let mine =
+            self.board.looked_at().compare_exchange(looked_at, now as Value, Ordering::AcqRel, Ordering::Relaxed);
+        if mine.is_err() {
+            return;
+        }
+        let listeners = self.board.listeners();
+        if age >= 2 * LOOK_MS {
+            // Nobody has published for a while, so nobody has looked.
+            self.tell(Listeners::Unknown);
+        }
+        let before = listeners.load(Ordering::Acquire);
+        let found = look(self.bus, |inode| self.peers.iter().any(|peer| peer.station.owns(inode)));
+        // Not over what was told meanwhile.
+        let after = (before & !3).wrapping_add(4) | found as Value;
+        let _ = self.board.listeners().compare_exchange(before, after, Ordering::AcqRel, Ordering::Relaxed);
+        while self.asides.front().is_some_and(|aside| now.saturating_sub(aside.at) > ASIDE_MS) {
+            self.drop_aside();
+        }
+        // The folder can be taken away (logging out may do so); a ring that nobody finds is none.
+        if !self.retired && !self.folder.has(&self.name) {
+            self.retire(sequence.wrapping_add(1));
+        }
+        self.census();
+    }
+
+    /// The next message comes with a look at the listeners.
+    #[cfg(test)]
+    pub(super) fn look_again(&self) {
+        self.board.looked_at().fetch_sub(LOOK_MS as Value, Ordering::Relaxed);
+    }
+
+    fn tell(&self, news: Listeners) {
+        let tell = |before: Value| Some((before & !3).wrapping_add(4) | news as Value);
+        let _ = self.board.listeners().fetch_update(Ordering::AcqRel, Ordering::Relaxed, tell);
+    }
+
+    // Receiving
+
+    /// Wants these channels from now on, or (`None`) all. The first call starts receiving: what is published after it
+    /// is received.
+    pub fn set_interest(&mut self, channels: Option<&[&str]>) {
+        self.station.set_interest(channels);
+        let mut wanted = [channels.is_none(); BUCKETS];
+        channels.unwrap_or_default().iter().for_each(|channel| wanted[bucket(channel).0] = true);
+        for new in (0..BUCKETS).filter(|&bucket| wanted[bucket] && !self.buckets[bucket]) {
+            self.peers.iter_mut().filter_map(|peer| peer.reader.as_mut()).for_each(|reader| reader.forget(new));
+        }
+        *self.buckets = wanted;
+        if !self.station.reads() {
+            self.refresh();
+            for peer in &mut self.peers {
+                peer.reader = Some(Reader::from_now(peer.station.ring()));
+            }
+            self.station.set_drained(self.generation);
+            self.station.set_reads();
+            self.board.changed();
+        }
+        // What came before the new interest was known has rung no bell.
+        self.stay_readable();
+    }
+
+    /// Takes the next message that is wanted, for [`Bus::message`]. False: nothing more now, or so many others that the
+    /// caller should have a look at its other work; then the bell is readable.
+    pub fn recv(&mut self, mut wants: impl FnMut(&str) -> bool) -> bool {
+        self.refresh();
+        let (mut passed, mut empty) = (0, 0);
+        while empty < self.peers.len() {
+            self.turn %= self.peers.len();
+            let peer = &mut self.peers[self.turn];
+            let Some(reader) = &mut peer.reader else { return false };
+            match reader.read(peer.station.ring(), &mut self.copy, |bucket| self.buckets[bucket], &mut wants) {
+                Read::Empty if peer.ended => {
+                    self.bury();
+                    continue;
+                }
+                Read::Empty => {
+                    self.next_turn();
+                    empty += 1;
+                    continue;
+                }
+                Read::Message(Kind::Message) => {}
+                Read::Message(_) if fetch(&self.folder, &peer.name, &mut self.copy) => {}
+                Read::Message(_) => {
+                    self.lost += 1;
+                    continue;
+                }
+                Read::Passed => {
+                    (passed, empty) = (passed + 1, 0);
+                    if passed == PASSED_MAX {
+                        self.stay_readable();
+                        self.busy = true;
+                        return false;
+                    }
+                    continue;
+                }
+            }
+            self.lost += mem::take(&mut reader.lost);
+            self.in_turn += 1;
+            if self.in_turn >= TURN {
+                self.next_turn();
+            }
+            self.received = true;
+            self.stay_readable();
+            return true;
+        }
+        false
+    }
+
+    /// The message that [`Bus::recv`] took: channel, payload, and when it was published, ns since 1970.
+    pub fn message(&self) -> (&str, &[u8], i64) {
+        let header = self.copy.header;
+        (self.copy.channel(), &self.copy.payload[..header.len as usize], header.at)
+    }
+
+    /// Whether [`Bus::recv`] took anything since the latest sleep.
+    pub fn received(&self) -> bool {
+        self.received
+    }
+
+    fn next_turn(&mut self) {
+        (self.turn, self.in_turn) = (self.turn + 1, 0);
+    }
+
+    /// Forgets the publisher whose turn it is: it has left, and its ring is read to the end.
+    fn bury(&mut self) {
+        let peer = self.peers.swap_remove(self.turn);
+        self.buried = true;
+        if self.left.len() == LEFT_MAX {
+            self.left.pop_front();
+        }
+        self.left.push_back(Left { source: peer.source, at: realtime() });
+    }
+
+    /// Whether a datagram, received at `at`, is dropped because its publisher's ring has that message.
+    pub fn takes(&mut self, source: SocketAddrV4, sequence: u32, at: i64) -> bool {
+        // A station is shown before its first datagram is sent, so it is known now.
+        self.refresh();
+        if let Some(peer) = self.peers.iter().find(|peer| peer.source == source) {
+            return peer.reader.is_some() && !peer.station.retired(sequence);
+        }
+        self.left.iter().any(|left| left.source == source && at < left.at.saturating_add(LATE_NS))
+    }
+
+    /// A self-test came from here: somebody begins to listen, unless it has a station.
+    pub fn self_test(&mut self, source: SocketAddrV4) {
+        self.refresh();
+        if !self.peers.iter().any(|peer| peer.source == source) {
+            self.tell(Listeners::Some);
+        }
+    }
+
+    /// Messages of wanted channels, and of others that share their buckets, that were gone before they were read; since
+    /// the last call.
+    pub fn take_lost(&mut self) -> u64 {
+        mem::take(&mut self.lost)
+    }
+
+    /// Readable when [`Bus::recv`] has something to do after [`Bus::sleep`] said so.
+    pub fn doorbell(&self) -> BorrowedFd<'_> {
+        self.bell.as_fd()
+    }
+
+    /// The caller has nothing left to do and will wait for the bell. False: something has come, it must not wait.
+    pub fn sleep(&mut self) -> bool {
+        if mem::take(&mut self.busy) || !self.station.reads() {
+            return true;
+        }
+        if self.rung || !self.received || self.sleeper.rung(self.station.sleep()) {
+            self.rung = false;
+            // A byte each; what does not fit here is read next time.
+            let _ = read(&self.bell, &mut [0; 256]);
+        }
+        self.received = false;
+        if self.station.drained() != self.generation {
+            self.station.set_drained(self.generation);
+            if mem::take(&mut self.buried) {
+                self.census();
+            }
+        }
+        self.sleeper.sleep(self.station.sleep());
+        let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
+        self.board.generation() == self.generation && !self.peers.iter().any(pending)
+    }
+
+    /// Makes the bell readable, so that a caller that waits before it has received all does not wait.
+    fn stay_readable(&mut self) {
+        if !self.rung && !self.sleeper.rung(self.station.sleep()) {
+            self.sleeper.wake(self.station.sleep());
+            let _ = write(&self.bell, &[0]);
+        }
+        self.rung = true;
+    }
+
+    // The folder
+
+    fn refresh(&mut self) {
+        if self.board.generation() != self.generation {
+            self.scan();
+        }
+    }
+
+    /// Finds who has come and who has left.
+    fn scan(&mut self) {
+        let generation = self.board.generation();
+        let names = self.folder.stations().unwrap_or_else(|_| {
+            self.station.set_plain();
+            self.peers.iter().map(|peer| peer.name.clone()).collect()
+        });
+        for peer in &mut self.peers {
+            peer.ended |= peer.station.ended() != 0 || !names.contains(&peer.name);
+            peer.source = peer.station.source();
+        }
+        let reads = self.station.reads();
+        if !reads {
+            self.peers.retain(|peer| !peer.ended);
+        }
+        for name in names {
+            if self.peers.iter().any(|peer| peer.name == name) {
+                continue;
+            }
+            let opened = match self.peers.len() {
+                STATIONS_MAX => Err(io::ErrorKind::QuotaExceeded.into()),
+                _ => self.folder.station(&name).and_then(|file| Station::open(&file)),
+            };
+            match opened {
+                Ok(station) => {
+                    let (source, ended) = (station.source(), station.ended() != 0);
+                    let reader = reads.then(Reader::from_start);
+                    self.peers.push(Peer { name, station, source, reader, bell: None, ended });
+                }
+                // It has left meanwhile.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(_) => self.station.set_plain(),
+            }
+        }
+        if self.station.is_plain() {
+            self.tell(Listeners::Some);
+        }
+        self.generation = generation;
+    }
+
+    /// Finds who has died, and takes away what the dead left once everybody has read it.
+    fn census(&mut self) {
+        self.refresh();
+        let Ok(names) = self.folder.stations() else { return };
+        let mut dead = Vec::new();
+        for name in names.into_iter().filter(|name| *name != self.name) {
+            if let Some(lock) = self.folder.dead(&name) {
+                dead.push((name, lock));
+            }
+        }
+        let mut changed = false;
+        for (name, lock) in &dead {
+            let Ok(station) = Station::open(lock) else {
+                self.folder.remove(name);
+                continue;
+            };
+            let mut ended = station.ended();
+            if ended == 0 {
+                ended = self.board.changed();
+                station.set_ended(ended);
+                changed = true;
+            }
+            let live =
+                |peer: &&Peer| peer.station.reads() && !peer.ended && !dead.iter().any(|(dead, _)| *dead == peer.name);
+            if self.peers.iter().filter(live).all(|peer| reached(peer.station.drained(), ended)) {
+                self.folder.remove(name);
+                self.board.changed();
+            }
+        }
+        drop(dead);
+        if changed {
+            self.ring_all();
+        }
+        self.refresh();
+    }
+
+    /// Wakes all readers.
+    fn ring_all(&mut self) {
+        bell::written();
+        for peer in &mut self.peers {
+            if let Some(sleep) = bell::asleep(peer.station.sleep()) {
+                peer.ring(&self.folder, sleep);
+            }
+        }
+    }
+}
+
+impl Peer {
+    /// Wakes it; false if that is not possible.
+    fn ring(&mut self, folder: &Folder, sleep: Value) -> bool {
+        if self.bell.is_none() {
+            self.bell = folder.bell(&self.name).ok();
+        }
+        // EAGAIN: it is full of rings already.
+        let rang = self.bell.as_ref().is_some_and(|bell| matches!(write(bell, &[0]), Ok(_) | Err(Errno::EAGAIN)));
+        if rang {
+            bell::rang(self.station.sleep(), sleep);
+        }
+        rang
+    }
+}
+
+impl Drop for Bus {
+    fn drop(&mut self) {
+        let ended = self.board.changed();
+        self.station.set_ended(ended);
+        self.refresh();
+        // Whoever finds it from now on finds it dead.
+        self.file = None;
+        let behind = |peer: &Peer| {
+            peer.name != self.name && peer.station.reads() && !peer.ended && !reached(peer.station.drained(), ended)
+        };
+        if self.writer.used() && self.peers.iter().any(behind) {
+            self.ring_all();
+        } else {
+            self.folder.remove(&self.name);
+            self.board.changed();
+        }
+    }
+}
+
+/// Whether no reader has anything left to read: those that have sleep.
+fn drained(peers: &[Peer]) -> bool {
+    peers.iter().all(|peer| !peer.station.reads() || bell::asleep(peer.station.sleep()).is_some())
+}
+
+fn fetch(folder: &Folder, name: &str, copy: &mut Copy) -> bool {
+    let (sequence, len) = (copy.header.sequence, copy.header.len);
+    len <= MESSAGE_MAX && folder.fetch_aside(name, sequence, &mut copy.payload, len as usize).is_ok()
+}
+
+fn reached(generation: Value, wanted: Value) -> bool {
+    generation.wrapping_sub(wanted) < Value::MAX / 2
+}
+
+fn nanos(clock: ClockId) -> io::Result<i64> {
+    let time = clock_gettime(clock)?;
+    Ok(time.tv_sec() * 1_000_000_000 + time.tv_nsec())
+}
+
+/// ns since 1970.
+pub(super) fn realtime() -> i64 {
+    nanos(ClockId::CLOCK_REALTIME).unwrap_or_default()
+}
+
+/// ms of the monotonic clock.
+fn now() -> u64 {
+    nanos(ClockId::CLOCK_MONOTONIC_COARSE).map_or(0, |nanos| nanos as u64 / 1_000_000)
+}

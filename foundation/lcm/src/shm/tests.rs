@@ -1,0 +1,415 @@
+//! Several contexts of one process on a bus in a folder of its own.
+
+use super::Bus;
+use super::ring::{CONTROL, Copy, Kind, Message, Read, Reader, Ring, Writer};
+use super::station::{HEAD, RING};
+use super::sync::{Value, Word};
+use crate::url::Udpm;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use std::fs;
+use std::net::{Ipv4Addr, SocketAddrV4};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU16, Ordering};
+
+/// A bus of its own, taken away with its folder.
+struct Place {
+    root: PathBuf,
+    url: Udpm,
+}
+
+impl Place {
+    fn new() -> Self {
+        static COUNTER: AtomicU16 = AtomicU16::new(1);
+        let counter = COUNTER.fetch_add(1, Ordering::Relaxed);
+        let root = PathBuf::from(format!("/dev/shm/lcm-test-{}-{counter}", std::process::id()));
+        fs::create_dir(&root).unwrap();
+        let group = Ipv4Addr::new(239, 193, (std::process::id() >> 8) as u8, std::process::id() as u8);
+        Self { root, url: Udpm { group, port: 30_000 + counter, ..Udpm::default() } }
+    }
+
+    fn join(&self, number: u16) -> Bus {
+        Bus::join_in(&self.root, &self.url, source(number), u64::from(number)).unwrap()
+    }
+
+    fn reader(&self, number: u16, channels: Option<&[&str]>) -> Bus {
+        let mut bus = self.join(number);
+        bus.set_interest(channels);
+        assert!(all(&mut bus).is_empty());
+        bus
+    }
+
+    fn folder(&self) -> PathBuf {
+        fs::read_dir(&self.root).unwrap().next().unwrap().unwrap().path()
+    }
+
+    /// What lies in the folder but the board.
+    fn files(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.folder()).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name != "board").collect()
+    }
+
+    /// Files as a context leaves them that dies: a copy of those that are there, which nobody holds a lock on.
+    fn leave_dead(&self, name: &str) {
+        let stations = self.files().into_iter().filter(|name| name.ends_with(".station"));
+        let station = self.folder().join(stations.max().unwrap());
+        fs::copy(&station, self.folder().join(format!("{name}.station"))).unwrap();
+        fs::write(self.folder().join(format!("{name}.bell")), "").unwrap();
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.root);
+    }
+}
+
+fn source(number: u16) -> SocketAddrV4 {
+    SocketAddrV4::new(Ipv4Addr::LOCALHOST, number)
+}
+
+/// Everything until it sleeps.
+fn all(bus: &mut Bus) -> Vec<(String, Vec<u8>)> {
+    let mut got = Vec::new();
+    loop {
+        while bus.recv(|_| true) {
+            let (channel, payload, _) = bus.message();
+            got.push((channel.to_string(), payload.to_vec()));
+        }
+        if bus.sleep() {
+            return got;
+        }
+    }
+}
+
+fn names(bus: &mut Bus) -> Vec<String> {
+    all(bus).into_iter().map(|(channel, _)| channel).collect()
+}
+
+fn rung(bus: &Bus) -> bool {
+    poll(&mut [PollFd::new(bus.doorbell(), PollFlags::POLLIN)], PollTimeout::ZERO).unwrap() > 0
+}
+
+#[test]
+fn what_is_published_after_a_reader_came_is_received_once_and_in_order() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    publisher.publish(0, "EARLY", b"", 0);
+    let mut reader = place.reader(2, None);
+    for n in 1..100 {
+        publisher.publish(n, "A", &n.to_ne_bytes(), i64::from(n));
+    }
+    let got = all(&mut reader);
+    let expected: Vec<_> = (1_u32..100).map(|n| ("A".to_string(), n.to_ne_bytes().to_vec())).collect();
+    assert_eq!(got, expected);
+    assert_eq!(reader.take_lost(), 0);
+}
+
+#[test]
+fn a_publisher_that_comes_later_is_heard_from_its_first_message_even_when_it_has_left() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    publisher.publish(0, "FIRST", b"1", 0);
+    publisher.publish(1, "SECOND", &vec![7; 3 << 20], 0);
+    drop(publisher);
+    assert!(rung(&reader));
+    let got = all(&mut reader);
+    assert_eq!(got.len(), 2);
+    assert_eq!((got[0].0.as_str(), got[1].0.as_str(), got[1].1.len()), ("FIRST", "SECOND", 3 << 20));
+    assert_eq!(place.files().len(), 2, "only the reader's station and bell are left: {:?}", place.files());
+}
+
+#[test]
+fn a_context_hears_itself() {
+    let place = Place::new();
+    let mut bus = place.reader(1, Some(&["A"]));
+    bus.publish(0, "A", b"x", 5);
+    assert!(rung(&bus));
+    assert_eq!(names(&mut bus), ["A"]);
+    assert_eq!(bus.message(), ("A", &b"x"[..], 5));
+}
+
+#[test]
+fn messages_of_all_sizes_arrive_whole() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, None);
+    let sizes = [0, 1, 7, 8, 9, 1000, 1024, 65_536, 1 << 20, (1 << 20) + 1, 10 << 20, 3];
+    for (n, size) in (0_u32..).zip(sizes) {
+        let payload: Vec<u8> = (0..size).map(|i| (i * 7 + i / 251 + n as usize) as u8).collect();
+        publisher.publish(n, &"N".repeat(n as usize % 63 + 1), &payload, 0);
+        let got = all(&mut reader);
+        assert!(got.len() == 1 && got[0].1 == payload, "{size}");
+    }
+    assert_eq!(reader.take_lost(), 0);
+}
+
+#[test]
+fn only_who_sleeps_and_wants_the_channel_is_rung() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let [mut wants, mut other, mut every] =
+        [place.reader(2, Some(&["A"])), place.reader(3, Some(&["B"])), place.reader(4, None)];
+    assert!(!rung(&wants) && !rung(&other) && !rung(&every));
+    publisher.publish(0, "A", b"", 0);
+    assert!(rung(&wants) && !rung(&other) && rung(&every));
+    publisher.publish(1, "B", b"", 0);
+    assert!(rung(&other));
+    assert_eq!(names(&mut every), ["A", "B"]);
+    // The names that share a bucket are told apart by the caller.
+    assert!(wants.recv(|name| name == "A") && !wants.recv(|name| name == "A") && wants.sleep());
+    assert!(other.recv(|name| name == "B") && !other.recv(|name| name == "B") && other.sleep());
+    assert!(!rung(&wants) && !rung(&other) && !rung(&every));
+}
+
+#[test]
+fn the_bell_stays_readable_until_everything_was_received() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, None);
+    for n in 0..3 {
+        publisher.publish(n, "A", b"", 0);
+    }
+    for _ in 0..3 {
+        assert!(rung(&reader));
+        assert!(reader.recv(|_| true));
+    }
+    assert!(rung(&reader) && !reader.recv(|_| true) && reader.sleep() && !rung(&reader));
+    // Also when the reader finds a message before it is rung for it.
+    publisher.publish(3, "A", b"", 0);
+    publisher.publish(4, "A", b"", 0);
+    assert!(reader.recv(|_| true) && rung(&reader) && reader.recv(|_| true));
+    assert!(!reader.recv(|_| true) && reader.sleep() && !rung(&reader));
+}
+
+#[test]
+fn a_bell_that_rang_for_nothing_is_silenced() {
+    let place = Place::new();
+    let _publisher = place.join(1);
+    let mut reader = place.reader(2, None);
+    nix::unistd::write(reader.doorbell(), &[0; 3]).unwrap();
+    assert!(rung(&reader) && !reader.recv(|_| true) && reader.sleep() && !rung(&reader));
+}
+
+#[test]
+fn a_reader_that_falls_behind_loses_the_oldest_and_counts_them() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, Some(&["A"]));
+    let count = 100_000_u32;
+    let payload = [1; 100];
+    for n in 0..count {
+        publisher.publish(n, if n % 2 == 0 { "A" } else { "B" }, &payload, i64::from(n));
+    }
+    let mut got = Vec::new();
+    loop {
+        while reader.recv(|name| name == "A") {
+            got.push(reader.message().2);
+        }
+        if reader.sleep() {
+            break;
+        }
+    }
+    assert!(got.is_sorted_by(|a, b| a < b) && got.last() == Some(&i64::from(count - 2)));
+    assert!(got.len() > 5000, "{} of the newest are there", got.len());
+    assert_eq!(got.len() as u64 + reader.take_lost(), u64::from(count / 2), "those of other channels do not count");
+}
+
+#[test]
+fn what_was_not_wanted_is_no_loss_later() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, Some(&["A"]));
+    for n in 0..50 {
+        publisher.publish(n, "B", b"", 0);
+    }
+    reader.set_interest(Some(&["A", "B"]));
+    publisher.publish(50, "B", b"", 0);
+    while reader.recv(|_| true) {}
+    assert_eq!(reader.take_lost(), 0);
+}
+
+#[test]
+fn datagrams_go_out_until_it_is_known_that_nobody_else_listens() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    assert!(publisher.publish(0, "A", b"", 0), "nobody reads: nobody would hear a listener come");
+    let mut reader = place.reader(2, None);
+    assert!(!publisher.publish(1, "A", b"", 0), "a look at the sockets found none");
+    assert!(!publisher.publish(2, "A", b"", 0));
+    // A self-test: of one of us it is no news.
+    reader.self_test(source(1));
+    assert!(!publisher.publish(3, "A", b"", 0));
+    reader.self_test(source(99));
+    assert!(publisher.publish(4, "A", b"", 0));
+}
+
+#[test]
+fn a_plain_listener_is_found_by_its_socket() {
+    #[allow(clippy::disallowed_methods, reason = "a listener")]
+    let listen = |port| std::net::UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)).unwrap();
+    let place = Place::new();
+    let _listener = listen(place.url.port);
+    let mut publisher = place.join(1);
+    let _reader = place.reader(2, None);
+    assert!(publisher.publish(0, "A", b"", 0));
+}
+
+#[test]
+fn beyond_this_host_everything_goes_out() {
+    let mut place = Place::new();
+    place.url.ttl = 1;
+    let mut publisher = place.join(1);
+    let _reader = place.reader(2, None);
+    assert!(publisher.publish(0, "A", b"", 0) && publisher.publish(1, "A", b"", 0));
+}
+
+#[test]
+fn datagrams_of_those_with_a_ring_are_dropped_and_those_of_others_are_not() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    assert!(!reader.takes(source(2), 0, 0), "nobody of ours");
+    let mut publisher = place.join(2);
+    publisher.publish(0, "A", b"", 0);
+    assert!(reader.takes(source(2), 0, 0));
+    publisher.moved(source(3));
+    assert!(reader.takes(source(3), 1, 0) && !reader.takes(source(2), 0, 0));
+    drop(publisher);
+    assert!(reader.takes(source(3), 1, 0), "not read yet");
+    assert_eq!(names(&mut reader), ["A"]);
+    let now = super::bus::realtime();
+    assert!(reader.takes(source(3), 1, now), "one that was under way");
+    assert!(!reader.takes(source(3), 1, now + 10_000_000_000), "another process with that port");
+}
+
+#[test]
+fn what_the_dead_left_is_taken_away_whoever_has_their_process_id() {
+    let place = Place::new();
+    let first = place.join(1);
+    // Process id and all else are those of a living process: this one.
+    place.leave_dead("dead");
+    fs::write(place.folder().join("dead.17"), "a payload").unwrap();
+    fs::copy(place.folder().join("dead.station"), place.folder().join("half.new")).unwrap();
+    fs::write(place.folder().join("half.bell"), "").unwrap();
+    assert_eq!(place.files().len(), 7);
+    let second = place.join(2);
+    assert_eq!(place.files().len(), 4, "{:?}", place.files());
+    drop((first, second));
+    assert!(place.files().is_empty());
+}
+
+#[test]
+fn a_reader_takes_all_of_a_dead_publisher_before_it_is_taken_away() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    for n in 0..10 {
+        publisher.publish(n, "A", b"x", 0);
+    }
+    // Dead with all that it has published; the living one publishes on.
+    place.leave_dead("9999-dead");
+    let third = place.join(3);
+    assert!(place.files().contains(&"9999-dead.station".to_string()), "the reader has not read it");
+    assert_eq!(names(&mut reader).len(), 20);
+    assert!(!place.files().contains(&"9999-dead.station".to_string()));
+    drop(third);
+}
+
+#[test]
+fn what_is_no_station_or_of_another_layout_disturbs_nobody() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let folder = place.folder();
+    fs::write(folder.join("short.station"), "too short").unwrap();
+    fs::write(folder.join("other.station"), vec![0xa5; HEAD + RING]).unwrap();
+    fs::create_dir(folder.join("folder.station")).unwrap();
+    let mut publisher = place.join(2);
+    publisher.publish(0, "A", b"", 0);
+    assert_eq!(names(&mut reader), ["A"]);
+    assert!(!folder.join("short.station").exists() && !folder.join("other.station").exists());
+}
+
+#[test]
+fn a_reader_that_cannot_map_a_ring_asks_for_datagrams() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, None);
+    assert!(!publisher.publish(0, "A", b"", 0));
+    // Held by a living process, and of another layout.
+    let path = place.folder().join("other.station");
+    fs::write(&path, vec![0xa5; HEAD + RING]).unwrap();
+    let file = fs::OpenOptions::new().read(true).open(&path).unwrap();
+    let _lock = nix::fcntl::Flock::lock(file, nix::fcntl::FlockArg::LockExclusive).unwrap();
+    publisher.moved(source(1));
+    all(&mut reader);
+    assert!(publisher.publish(1, "A", b"", 0));
+}
+
+#[test]
+fn a_bus_whose_folder_is_taken_away_goes_on_by_datagrams() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, None);
+    assert!(!publisher.publish(0, "A", b"", 0));
+    fs::remove_dir_all(place.folder()).unwrap();
+    publisher.look_again();
+    assert!(publisher.publish(1, "A", b"", 0) && publisher.publish(2, "A", b"", 0));
+    assert_eq!(names(&mut reader), ["A", "A"]);
+    assert!(reader.takes(source(1), 1, 0) && !reader.takes(source(1), 2, 0), "the ring has what came before");
+}
+
+#[test]
+fn the_folder_of_another_user_is_refused() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = Place::new();
+    drop(place.join(1));
+    fs::set_permissions(place.folder(), fs::Permissions::from_mode(0o755)).unwrap();
+    let error = Bus::join_in(&place.root, &place.url, source(1), 1).unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::PermissionDenied);
+}
+
+/// Numbers that look random, the same ones every time.
+fn random(state: &mut u64) -> u64 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    *state
+}
+
+#[test]
+fn whatever_stands_in_a_ring_no_reader_panics_or_works_without_end() {
+    let words = |count| (0..count).map(|_| Word::new(0)).collect::<Vec<Word>>();
+    let (control, data) = (words(CONTROL), words(1024));
+    let ring = Ring { control: &control, data: &data };
+    let mut state = 0x9e37_79b9_7f4a_7c15;
+    let mut copy = Copy::default();
+    let mut messages = 0;
+    for _ in 0..300 {
+        control.iter().chain(&data).for_each(|word| word.store(0, Ordering::Relaxed));
+        let mut writer = Writer::new(ring);
+        let mut reader = Reader::from_start();
+        for step in 0..60 {
+            let len = (random(&mut state) % 1500) as usize;
+            let payload = vec![step as u8; len];
+            let message = Message { sequence: step, at: 0, channel: "NAME", payload: &payload, kind: Kind::Message };
+            if let Some(place) = writer.place(ring, "NAME", len, || step % 3 == 0) {
+                writer.write(ring, place, &message);
+            }
+            // Then something is damaged: a little of the data, or of the control words.
+            for _ in 0..random(&mut state) % 4 {
+                let value = random(&mut state) >> (random(&mut state) % 64);
+                let all: &[Word] = if random(&mut state) % 4 == 0 { &control } else { &data };
+                all[(random(&mut state) % all.len() as u64) as usize].store(value as Value, Ordering::Relaxed);
+            }
+            for _ in 0..5 {
+                match reader.read(ring, &mut copy, |_| true, |_| true) {
+                    Read::Empty => break,
+                    Read::Message(_) => messages += 1,
+                    Read::Passed => {}
+                }
+            }
+        }
+    }
+    assert!(messages > 1000, "{messages}");
+}
