@@ -9,7 +9,7 @@ mod hosts;
 
 use hosts::{Host, on_a_host};
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -139,5 +139,53 @@ fn with_nothing_but_loopback_the_robot_works_and_doctor_lets_the_official_lcm_in
         module.until("ready");
         module.until("moving");
         robot.until("the robot moves", 5.0, |view| view.speed() > 0.25);
+    });
+}
+
+/// A program on the official LCM that joins and publishes a line for each one that it reads.
+const OFFICIAL: &str = "
+import lcm, os, sys
+bus = lcm.LCM(os.environ['LCM_DEFAULT_URL'])
+bus.subscribe('A', lambda channel, data: None)
+for line in sys.stdin:
+    bus.publish('A', line.encode())
+    print('sent', flush=True)
+";
+
+#[test]
+fn doctor_tells_when_the_official_lcm_leaks_after_a_change_of_the_route() {
+    on_a_host("doctor_tells_when_the_official_lcm_leaks_after_a_change_of_the_route", |here| {
+        let Some(python) = python() else { return };
+        let there = cabled(&here);
+        here.cable(("eth9", "10.1.3.1"), &there, ("eth10", "10.1.3.2"));
+        here.all_seen("eth9", &there.tap());
+        let url = format!("udpm://{GROUP}:7667?ttl=0");
+        let level = || {
+            let doctor = support::advee(&url, Path::new("run")).args(["doctor", "--sim", "--json"]).output().unwrap();
+            let report: Value = serde_json::from_slice(&doctor.stdout).unwrap();
+            let found = report["checks"]["bus"].as_array().unwrap().iter().find(|it| it["check"] == "official LCM");
+            found.unwrap()["level"].as_str().unwrap().to_string()
+        };
+        let mut command = Command::new(python);
+        command.args(["-c", OFFICIAL]).env("LCM_DEFAULT_URL", &url).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let mut publish = |stdin: &mut std::process::ChildStdin| {
+            stdin.write_all(b"x\n").unwrap();
+            assert_eq!(lines.next().unwrap().unwrap(), "sent");
+        };
+        let mut stdin = child.stdin.take().unwrap();
+        let tap = there.tap();
+        let leaked = || here.seen(&["eth7", "eth9"], &tap, GROUP).len();
+
+        publish(&mut stdin);
+        assert_eq!(leaked(), 0);
+        assert_eq!(level(), "OK");
+        here.ip("route replace default dev eth9");
+        publish(&mut stdin);
+        assert_eq!(leaked(), 1, "the kernel looks at the TTL now: doctor need not warn");
+        assert_eq!(level(), "WARNING");
+        drop(stdin);
+        assert!(child.wait().unwrap().success());
     });
 }

@@ -30,7 +30,9 @@ pub fn on_a_host(test: &str, body: impl FnOnce(Host)) {
     let may = Command::new("unshare").args(["-rn", "ip", "link", "set", "lo", "up"]).output();
     if !may.as_ref().is_ok_and(|output| output.status.success()) {
         let why = may.map_or_else(|error| error.to_string(), |output| String::from_utf8_lossy(&output.stderr).into());
-        let _ = writeln!(std::io::stderr(), "skipped: {test}: no network name space with `ip`: {}", why.trim());
+        let line = format!("skipped: {test}: no network name space with `ip`: {}\n", why.trim());
+        // In one piece: other tests print at the same time.
+        let _ = std::io::stderr().write_all(line.as_bytes());
         return;
     }
     let this = std::env::current_exe().expect("a running program");
@@ -40,7 +42,7 @@ pub fn on_a_host(test: &str, body: impl FnOnce(Host)) {
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{out}{err}");
     assert!(out.contains("1 passed"), "{test} is not the test's name: {out}");
-    let _ = write!(std::io::stderr(), "{}", skipped(&err));
+    let _ = std::io::stderr().write_all(skipped(&err).as_bytes());
 }
 
 fn skipped(text: &str) -> String {

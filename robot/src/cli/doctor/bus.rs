@@ -3,9 +3,9 @@
 use super::finding::{Finding, bytes};
 use super::network::{Interface, Listener};
 use super::probe::{Outgoing, Trip};
-use lcm::url::{Interface as Choice, RECV_BUF_SIZE, Udpm};
+use lcm::url::{Interface as Choice, RECV_BUF_SIZE, Udpm, Url};
 use std::collections::{BTreeMap, BTreeSet};
-use std::net::Ipv4Addr;
+use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::Duration;
 
 /// Ten times the traffic of MIT's car Talos (facts/lcm.md): messages a second, and their mean size in bytes.
@@ -19,6 +19,23 @@ const PIECE: u64 = 65_487;
 pub const DATAGRAM: usize = 65_507;
 /// A message that must fit as a whole: its fragments come faster than a program is woken.
 const LARGE_MESSAGE: u64 = 10_000_000;
+
+/// A bus that is a hub.
+pub fn hub(hub: SocketAddrV4, connected: &Result<Duration, String>) -> Finding {
+    match connected {
+        Ok(after) => Finding::ok("hub", format!("{hub} answers after {:.2} ms", after.as_secs_f64() * 1e3)),
+        Err(error) => Finding::fail("hub", format!("{hub}: {error}"))
+            .why("No module starts without its bus.")
+            .cure(format!("ss -ltnp 'sport = :{}'", hub.port())),
+    }
+}
+
+/// A bus that ends at one process.
+pub fn alone(url: &Url) -> Finding {
+    Finding::fail("LCM URL", format!("{url} joins no processes"))
+        .why("A robot is many processes: its bus is udpm:// or tcpq://.")
+        .cure("unset LCM_DEFAULT_URL   # or --lcm-url")
+}
 
 /// Where 127.0.0.1 lives.
 pub fn loopback(lo: Option<&Interface>) -> Finding {
@@ -115,7 +132,19 @@ pub fn self_test(url: &Udpm, joined: &Result<(Duration, usize), String>, trips: 
 }
 
 /// Programs on the official LCM, which join and send where the routing table says, and ours hear each other.
-pub fn official(url: &Udpm, trips: &[Trip]) -> Finding {
+/// `astray`: the interface of the routing table, if programs run and none of them has joined there.
+pub fn official(url: &Udpm, trips: &[Trip], astray: Option<&Interface>) -> Finding {
+    if let Some(interface) = astray {
+        return Finding::warning(
+            "official LCM",
+            format!("{} leads to the group, no program joined there", interface.name),
+        )
+        .why(
+            "The route has changed since they started. What programs on the official LCM send goes out there now, \
+                 with a TTL of 0 too (Linux looks at it only where someone has joined). Start them anew.",
+        )
+        .cure(format!("sudo tcpdump -ni {} -Q out host {}", interface.name, url.group));
+    }
     match trips.iter().find_map(|trip| trip.heard.as_ref().err().map(|error| (&trip.way, error))) {
         None => Finding::ok("official LCM", "its programs and ours hear each other, over lo too (IP_MULTICAST_ALL)"),
         Some((way, error)) => Finding::warning("official LCM", format!("{way}: {error}"))

@@ -20,6 +20,8 @@ pub fn configuration(loaded: &Result<Config, ConfigError>, dir: &Path) -> Vec<Fi
             let wrong = |line: &String| {
                 Finding::fail(CHECK, line).why("Nothing starts with a wrong configuration.").cure(match place(line) {
                     Some((file, number)) => format!("${{EDITOR:-nano}} +{number} {file}"),
+                    // The command line is the place.
+                    None if line.starts_with("--set") => String::new(),
                     None => format!("ls -l {}", dir.display()),
                 })
             };

@@ -14,10 +14,8 @@ pub fn check(text: &str) -> Vec<Finding> {
             vec![Finding::fail("LCM URL", error.to_string()).why(why).cure("unset LCM_DEFAULT_URL   # or --lcm-url")]
         }
         Ok((Url::Udpm(url), _)) => multicast(&url),
-        Ok((other, _)) => match lcm::live::Lcm::new(&other) {
-            Ok(_) => vec![Finding::ok("LCM URL", format!("{other} can be opened"))],
-            Err(error) => vec![Finding::fail("LCM URL", error.to_string()).why("No module starts without its bus.")],
-        },
+        Ok((Url::Tcpq(hub), _)) => vec![bus::hub(hub, &probe::connect(hub))],
+        Ok((other, _)) => vec![bus::alone(&other)],
     }
 }
 
@@ -41,6 +39,7 @@ fn multicast(url: &Udpm) -> Vec<Finding> {
         }
     };
     let routed = probe::route(free, with, lo);
+    let astray = routed.filter(|by| !by.loopback && !listeners.is_empty() && !network::joined(by, url.group));
     let chosen = match url.interface.as_ref().map(|choice| bus::choice(choice, &interfaces)).transpose() {
         Ok(chosen) => chosen,
         Err(finding) => {
@@ -69,6 +68,7 @@ fn multicast(url: &Udpm) -> Vec<Finding> {
                 trip("from ours to the official LCM".into(), on, &[any]),
                 trip("over lo to the official LCM".into(), Ipv4Addr::LOCALHOST, &[any]),
             ],
+            astray,
         ));
     }
     let control = probe::outgoing(free, Ipv4Addr::LOCALHOST);

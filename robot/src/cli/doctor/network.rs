@@ -100,6 +100,11 @@ pub fn listeners(bus: SocketAddrV4) -> Vec<Listener> {
     sockets.iter().map(listener).collect()
 }
 
+/// Whether any program of this host has joined `group` on an interface.
+pub fn joined(interface: &Interface, group: Ipv4Addr) -> bool {
+    tables::joined(&fs::read_to_string("/proc/net/igmp").unwrap_or_default(), interface.index, group)
+}
+
 /// All UDP sockets of this network name space.
 pub fn udp_sockets() -> Vec<UdpSocket> {
     tables::udp_sockets(&fs::read_to_string("/proc/net/udp").unwrap_or_default())

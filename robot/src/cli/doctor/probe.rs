@@ -143,6 +143,13 @@ pub fn trip(way: String, bus: SocketAddrV4, from: Ipv4Addr, to: &[Ipv4Addr]) -> 
     Trip { way, heard }
 }
 
+/// How long a hub takes to let us in.
+pub fn connect(hub: SocketAddrV4) -> Result<Duration, String> {
+    let start = Instant::now();
+    let connected = std::net::TcpStream::connect_timeout(&hub.into(), 4 * PATIENCE);
+    connected.map(|_| start.elapsed()).map_err(|error| error.to_string())
+}
+
 /// The channel and payload of LCM's own self test, which every program that joins sends (facts/lcm.md A1).
 const SELF_TEST: (&str, &[u8]) = ("LCM_SELF_TEST", b"lcm self test");
 

@@ -35,6 +35,20 @@ fn udp_socket(line: &str) -> Option<UdpSocket> {
     })
 }
 
+/// Whether any socket has joined `group` on the interface with this index, from `/proc/net/igmp`: a line for each
+/// interface, under it one for each group.
+pub fn joined(text: &str, index: u32, group: Ipv4Addr) -> bool {
+    let wanted = format!("{:08X}", u32::from_ne_bytes(group.octets()));
+    let mut at = None;
+    text.lines().skip(1).any(|line| {
+        let first = line.split_whitespace().next().unwrap_or_default();
+        if !line.starts_with(char::is_whitespace) {
+            at = first.parse::<u32>().ok();
+        }
+        at == Some(index) && first == wanted
+    })
+}
+
 /// A counter of `/proc/net/snmp` or `/proc/net/netstat`: a line of names, then a line of values.
 pub fn counter(text: &str, table: &str, name: &str) -> Option<u64> {
     let mut lines = text.lines().filter(|line| line.split_once(':').is_some_and(|(head, _)| head == table));
@@ -65,6 +79,21 @@ mod tests {
         let local = SocketAddrV4::new(Ipv4Addr::new(239, 255, 76, 67), 7667);
         let row = UdpSocket { local, queued: 110_592, uid: 1000, inode: 67_254, drops: 17 };
         assert_eq!(udp_sockets(UDP), [row]);
+    }
+
+    #[test]
+    #[cfg(target_endian = "little")]
+    fn a_group_is_joined_on_the_interface_above_it() {
+        let text = "Idx\tDevice    : Count Querier\tGroup    Users Timer\tReporter
+1\tlo        :     2      V3
+\t\t\t\t434CFFEF     3 0:00000000\t\t0
+\t\t\t\t010000E0     1 0:00000000\t\t0
+2\teth0      :     1      V3
+\t\t\t\t010000E0     1 0:00000000\t\t0
+";
+        let group = Ipv4Addr::new(239, 255, 76, 67);
+        assert!(joined(text, 1, group) && !joined(text, 2, group) && !joined(text, 3, group));
+        assert!(joined(text, 2, Ipv4Addr::new(224, 0, 0, 1)) && !joined("", 1, group));
     }
 
     #[test]

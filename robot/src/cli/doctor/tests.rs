@@ -86,8 +86,23 @@ fn what_is_not_heard_is_a_failure_of_ours_and_a_warning_for_others() {
     says(&bus::self_test(&url, &joined, &ways, false), Level::Fail, "on eth0: not heard", "iptables -I INPUT");
     let refused = Err("cannot join".to_string());
     says(&bus::self_test(&url, &refused, &ways[..1], true), Level::Fail, "7667?ttl=0: cannot join", "nft");
-    says(&bus::official(&url, &ways[..1]), Level::Ok, "hear each other", "");
-    says(&bus::official(&url, &ways), Level::Warning, "not heard", "ip route get 239.255.76.67");
+    says(&bus::official(&url, &ways[..1], None), Level::Ok, "hear each other", "");
+    says(&bus::official(&url, &ways, None), Level::Warning, "not heard", "ip route get 239.255.76.67");
+    let eth1 = eth("eth1", 3);
+    says(
+        &bus::official(&url, &ways[..1], Some(&eth1)),
+        Level::Warning,
+        "eth1 leads to the group, no",
+        "tcpdump -ni eth1",
+    );
+}
+
+#[test]
+fn other_busses_than_multicast_must_join_processes() {
+    let hub = "127.0.0.1:7700".parse().unwrap();
+    says(&bus::hub(hub, &Ok(Duration::from_micros(50))), Level::Ok, "127.0.0.1:7700 answers after 0.05 ms", "");
+    says(&bus::hub(hub, &Err("refused".into())), Level::Fail, "127.0.0.1:7700: refused", "sport = :7700");
+    says(&bus::alone(&lcm::Url::Memq), Level::Fail, "memq:// joins no processes", "LCM_DEFAULT_URL");
 }
 
 #[test]
@@ -187,6 +202,8 @@ fn every_line_that_is_wrong_in_the_configuration_is_a_failure() {
     let found = devices::configuration(&Err(ConfigError(lines.into())), Path::new("conf"));
     says(&found[0], Level::Fail, "robot.toml:12", "+12 conf/robot.toml");
     says(&found[1], Level::Fail, "not found", "ls -l conf");
+    let set = ConfigError(vec!["--set: x: unknown key".into()]);
+    assert_eq!(devices::configuration(&Err(set), Path::new("conf"))[0].cure, "");
 }
 
 #[test]
