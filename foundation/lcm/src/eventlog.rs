@@ -209,9 +209,9 @@ impl<R: Read> Reader<R> {
     fn finish(&mut self) {
         let rest = &self.buffer[self.start..self.end];
         let end = self.offset + self.end as u64;
-        let sync = SYNC.to_be_bytes();
-        if !rest.is_empty() && rest.iter().zip(sync).all(|(&byte, sync)| byte == sync) {
-            self.cut.get_or_insert(self.offset + self.start as u64);
+        let begins = |tail: &[u8]| tail.iter().zip(SYNC.to_be_bytes()).all(|(&byte, sync)| byte == sync);
+        if let Some(at) = (0..rest.len()).find(|&at| begins(&rest[at..])) {
+            self.cut.get_or_insert(self.position() + at as u64);
         }
         let cut = self.cut.take().unwrap_or(end);
         self.stats.skipped += cut - self.event_end;

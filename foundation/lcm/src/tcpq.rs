@@ -324,14 +324,16 @@ mod tests {
         said
     }
 
-    // Captured: tests/tcpq_vectors.txt; the same bytes, so that this file stands alone.
-    const CLIENT: &str = "287617fb000001000000000200000006504f53452e2a0000000100000006504f53455f4100000004deadbeef\
-                          0000000300000006504f53452e2a";
-    const DELIVERY: &str = "287617fa000001000000000100000006504f53455f410000000401020304";
+    /// What the official client wrote (`client`), or what it took (`hub`, `delivery`).
+    fn captured(name: &str) -> Vec<u8> {
+        let lines = include_str!("../tests/tcpq_vectors.txt").lines();
+        let mut found = lines.filter_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+        unhex(found.next().unwrap())
+    }
 
     #[test]
     fn a_stream_says_the_same_whatever_pieces_it_comes_in() {
-        let stream = unhex(CLIENT);
+        let stream = captured("client");
         for size in 1..=stream.len() {
             assert_eq!(
                 said(Peer::Client, &stream, size),
@@ -343,7 +345,7 @@ mod tests {
                 ]
             );
         }
-        let stream = unhex(DELIVERY);
+        let stream = [captured("hub"), captured("delivery")].concat();
         for size in 1..=stream.len() {
             assert_eq!(said(Peer::Hub, &stream, size), ["Hello { version: 256 }", "POSE_A [1, 2, 3, 4]"]);
         }
@@ -353,8 +355,8 @@ mod tests {
     fn what_is_written_is_what_the_official_client_writes() {
         let publish = [publish_header("POSE_A", 4), unhex("deadbeef")].concat();
         let written = [hello(Peer::Client).to_vec(), subscribe("POSE.*"), publish, unsubscribe("POSE.*")].concat();
-        assert_eq!(written, unhex(CLIENT));
-        assert_eq!(hello(Peer::Hub), *unhex("287617fa00000100"));
+        assert_eq!(written, captured("client"));
+        assert_eq!(hello(Peer::Hub), *captured("hub"));
     }
 
     #[test]
@@ -407,7 +409,8 @@ mod tests {
     #[test]
     fn what_was_published_last_can_be_had_again() {
         let mut decoder = Decoder::new(Peer::Hub, 100);
-        decoder.push(&unhex(DELIVERY));
+        decoder.push(&captured("hub"));
+        decoder.push(&captured("delivery"));
         assert_eq!(decoder.published(), None);
         while let Ok(Some(_)) = decoder.next_message() {}
         assert_eq!(decoder.published(), Some(("POSE_A", &[1, 2, 3, 4][..])));

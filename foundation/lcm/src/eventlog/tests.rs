@@ -60,6 +60,15 @@ fn a_last_event_cut_short_is_the_end() {
 }
 
 #[test]
+fn what_is_cut_short_behind_garbage_is_told_from_it() {
+    let whole = log(THREE);
+    let damaged = [&whole[..], &whole[..5]].concat();
+    assert_eq!(read(&damaged).1, (3, 0, 0, 5));
+    let damaged = [b"garbage", &whole[..5]].concat();
+    assert_eq!(read(&damaged).1, (0, 7, 0, 5));
+}
+
+#[test]
 fn after_an_event_cut_short_in_the_middle_the_next_one_is_found() {
     let whole = log(THREE);
     for cut in 1..HEADER + 4 {
