@@ -302,9 +302,8 @@ pub fn listeners(listeners: &[Listener], overflows: u64) -> Finding {
     }
     let names: Vec<String> =
         names.into_iter().map(|(name, count)| if count == 1 { name } else { format!("{count} x {name}") }).collect();
-    // A socket's count holds also what its own filter refused, as ours do for channels that nobody wants; it tells of
-    // losses only where the host had any.
-    let lost = |listener: &&Listener| listener.drops.min(overflows) > 0;
+    // Ours count what their own filters refused, too: channels that nobody wants.
+    let lost = |listener: &&Listener| !listener.ours && listener.drops.min(overflows) > 0;
     if let Some(worst) = listeners.iter().filter(lost).max_by_key(|listener| listener.drops) {
         let pid = worst.program.as_ref().map_or(String::new(), |(_, pid)| format!(", process {pid}"));
         let most = worst.drops.min(overflows);
@@ -325,7 +324,8 @@ pub fn listeners(listeners: &[Listener], overflows: u64) -> Finding {
             .why("All of them can command the robot, and shared memory works between programs of one user only.")
             .cure("ps -o user,pid,args -C advee");
     }
-    Finding::ok(CHECK, format!("{}: {}; none lost a message", listeners.len(), names.join(", ")))
+    let lost = if overflows == 0 { "; none lost a message" } else { "" };
+    Finding::ok(CHECK, format!("{}: {}{lost}", listeners.len(), names.join(", ")))
 }
 
 /// Where shared memory lives.

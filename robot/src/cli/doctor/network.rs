@@ -79,6 +79,8 @@ pub struct Listener {
     pub uid: u32,
     /// Name and process id; none: another user's, which only root may see.
     pub program: Option<(String, u32)>,
+    /// It runs this executable, whose sockets filter: see [`UdpSocket::drops`].
+    pub ours: bool,
     pub drops: u64,
 }
 
@@ -92,10 +94,11 @@ pub fn listeners(bus: SocketAddrV4) -> Vec<Listener> {
         return Vec::new();
     }
     let programs = programs();
-    let listener = |socket: &UdpSocket| Listener {
-        uid: socket.uid,
-        program: programs.get(&socket.inode).cloned(),
-        drops: socket.drops,
+    let this = fs::read_link("/proc/self/exe").ok();
+    let listener = |socket: &UdpSocket| {
+        let program = programs.get(&socket.inode).cloned();
+        let exe = program.as_ref().and_then(|(_, pid)| fs::read_link(format!("/proc/{pid}/exe")).ok());
+        Listener { uid: socket.uid, ours: exe.is_some() && exe == this, program, drops: socket.drops }
     };
     sockets.iter().map(listener).collect()
 }

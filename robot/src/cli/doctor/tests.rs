@@ -168,15 +168,19 @@ fn strict_reverse_paths_matter_between_hosts_with_several_networks() {
 
 #[test]
 fn programs_on_the_bus_are_named_and_their_losses_told() {
-    let of = |name: &str, pid, drops| Listener { uid: 1000, program: Some((name.into(), pid)), drops };
+    let of = |name: &str, pid, drops| {
+        let ours = name.starts_with("advee");
+        Listener { uid: 1000, program: Some((name.into(), pid)), ours, drops }
+    };
     says(&bus::listeners(&[], 9), Level::Ok, "none is on the bus", "");
     let calm = [of("advee run watchdog", 7, 0), of("lcm-spy", 8, 0), of("lcm-spy", 9, 0)];
-    says(&bus::listeners(&calm, 9), Level::Ok, "3: advee run watchdog, 2 x lcm-spy; none lost", "");
-    let full = [of("advee run watchdog", 7, 2), of("lcm-logger", 8, 500)];
+    says(&bus::listeners(&calm, 0), Level::Ok, "3: advee run watchdog, 2 x lcm-spy; none lost", "");
+    let full = [of("advee run watchdog", 7, 900), of("lcm-logger", 8, 500)];
     says(&bus::listeners(&full, 300), Level::Warning, "lcm-logger, process 8 lost up to 300", "top -Hp 8");
-    // What a socket's own filter refuses is counted there, too: no loss where the host knows of none.
+    // What a socket's own filter refuses is counted there, too: no loss where the host knows of none, or of ours.
     says(&bus::listeners(&full, 0), Level::Ok, "none lost", "");
-    let hidden = [Listener { uid: 0, program: None, drops: 5 }];
+    assert_eq!(bus::listeners(&full[..1], 300), Finding::ok("programs", "1: advee run watchdog"));
+    let hidden = [Listener { uid: 0, program: None, ours: false, drops: 5 }];
     says(&bus::listeners(&hidden, 5), Level::Warning, "user 0's lost up to 5", "sudo advee doctor");
     let mixed = [of("advee", 7, 0), hidden[0].clone()];
     says(&bus::listeners(&mixed, 0), Level::Warning, "users 0, 1000", "ps ");
