@@ -11,6 +11,7 @@
 //!      +--------------------- answered, failed, not sent -------+--------------------+
 //! ```
 
+use crate::boards::Instruction;
 use crate::frame::{self, BROADCAST, Frame, MAX_DATA, NO_ACK, RESEND, Status, Words};
 use crate::node::{Change, ErrorCounter, Health, RoundTrips, Statistics};
 use crate::reader::{Counters, Reader, Received};
@@ -28,6 +29,9 @@ pub const NODES_MAX: usize = 32;
 
 /// Silence owed to the bus before anyone talks, in words (`docs/facts/boards.md` 1, turnaround).
 const GAP_WORDS: u32 = 2;
+
+/// Events that wait to be drained.
+const EVENTS: usize = 8;
 
 /// One attempt at a transaction.
 #[derive(Clone, Copy, Debug)]
@@ -89,7 +93,7 @@ pub struct Master {
     reader: Reader,
     tx: Words,
     nodes: Vec<Node, NODES_MAX>,
-    events: Queue<Event, 8>,
+    events: Queue<Event, EVENTS>,
     statistics: BusStatistics,
 }
 
@@ -205,13 +209,13 @@ impl Master {
 
     fn handle_word(&mut self, now: Instant, word: Word) {
         self.statistics.words += 1;
-        self.quiet = now + self.word * GAP_WORDS;
+        self.busy_until(now);
         let answer = match self.reader.push(now, word) {
             None => Answer::None,
-            Some(Received::BadCrc(_)) => Answer::Damaged(Why::Crc),
+            Some(Received::BadCrc(frame)) => Answer::of_damaged(self.state, frame, &self.config),
             Some(Received::Frame(frame)) => {
                 self.statistics.frames += 1;
-                Answer::of(self.state, frame)
+                Answer::of(self.state, frame, &self.config)
             }
         };
         self.state = match (self.state, answer) {
@@ -222,13 +226,41 @@ impl Master {
             (State::Waiting { attempt, .. }, Answer::Damaged(why)) => self.damaged(attempt, why),
             // The host may tell of what it sent after what it received; what is damaged then is judged at the deadline.
             (state @ State::Sending { .. }, Answer::Damaged(_)) => state,
-            (State::Gap { attempt, latest, .. }, _) => State::Gap { attempt, until: self.quiet.min(latest), latest },
-            (state, Answer::None) => state,
+            (state, Answer::Unasked { from, instruction, data }) => {
+                self.unasked(from, instruction, data);
+                self.put_off(state)
+            }
+            (state, Answer::None) => self.put_off(state),
             (state, Answer::Stray | Answer::Good(..) | Answer::Damaged(_)) => {
                 self.statistics.stray_frames += 1;
-                state
+                self.put_off(state)
             }
         };
+    }
+
+    /// Words were heard: a request that waits for silence waits on.
+    fn put_off(&self, state: State) -> State {
+        match state {
+            State::Gap { attempt, latest, .. } => State::Gap { attempt, until: self.quiet.min(latest), latest },
+            other => other,
+        }
+    }
+
+    /// The wire is in use until `at`. On a full-duplex link the master's own pair is its own.
+    fn busy_until(&mut self, at: Instant) {
+        if !self.config.full_duplex {
+            self.quiet = at + self.word * GAP_WORDS;
+        }
+    }
+
+    fn unasked(&mut self, from: u8, instruction: u8, data: Data) {
+        if let Some(node) = self.node(from) {
+            node.statistics.unasked += 1;
+        }
+        // Half of the queue is kept for what a transaction comes to, however many talk between two drains.
+        if self.events.len() < EVENTS / 2 {
+            self.events.push(Event::Unasked { from, instruction, data });
+        }
     }
 
     /// The last bit of what [`Master::poll_tx`] gave has left the wire.
@@ -237,7 +269,7 @@ impl Master {
             return;
         };
         let now = now.max(off);
-        self.quiet = now + self.word * GAP_WORDS;
+        self.busy_until(now);
         self.state = if attempt.answered {
             let timeout = self.timeout(attempt.to);
             State::Waiting { attempt, started, until: now + timeout }
@@ -278,7 +310,11 @@ impl Master {
         };
         let off = now + self.word * self.tx.len() as u32;
         self.state = State::Sending { attempt, started: now, off, until: off + self.config.patience };
-        self.reader.reset();
+        if self.config.full_duplex {
+            self.reader.tidy();
+        } else {
+            self.reader.reset();
+        }
         self.statistics.frames += 1;
         self.statistics.words += self.tx.len() as u64;
         if let Some(node) = self.node(attempt.to) {
@@ -345,7 +381,10 @@ impl Master {
             return State::Gap { attempt, until: self.quiet, latest: self.quiet + self.config.patience };
         }
         self.events.push(failure);
-        let change = self.node(attempt.to).and_then(|node| node.errors.failed());
+        let change = self.node(attempt.to).and_then(|node| {
+            node.statistics.failures += 1;
+            node.errors.failed()
+        });
         self.changed(attempt.to, change);
         State::Idle
     }
@@ -379,15 +418,20 @@ enum Answer {
     Stray,
     Good(Status, Data),
     Damaged(Why),
+    Unasked {
+        from: u8,
+        instruction: u8,
+        data: Data,
+    },
 }
 
 impl Answer {
-    fn of(state: State, frame: Frame<'_>) -> Self {
+    fn of(state: State, frame: Frame<'_>, config: &Config) -> Self {
         let (State::Sending { attempt, .. } | State::Waiting { attempt, .. }) = state else {
-            return Self::Stray;
+            return Self::unasked(frame, config);
         };
         if (frame.address, frame.instruction) != (attempt.to, attempt.instruction) || !attempt.answered {
-            return Self::Stray;
+            return Self::unasked(frame, config);
         }
         match Status::from_byte(frame.flags) {
             None => Self::Damaged(Why::Status { got: frame.flags }),
@@ -396,6 +440,30 @@ impl Answer {
                 Self::Damaged(Why::Length { got: frame.data.len() as u8 })
             }
             Some(status) => Self::Good(status, frame.data.iter().copied().collect()),
+        }
+    }
+
+    /// Nothing in a damaged frame can be trusted. But where nodes may talk unasked, one that does not look like the
+    /// answer is left to the deadline: the answer may follow.
+    fn of_damaged(state: State, frame: Frame<'_>, config: &Config) -> Self {
+        match state {
+            State::Waiting { attempt, .. }
+                if !config.unasked.is_empty()
+                    && (frame.address, frame.instruction) != (attempt.to, attempt.instruction) =>
+            {
+                Self::Stray
+            }
+            _ => Self::Damaged(Why::Crc),
+        }
+    }
+
+    fn unasked(frame: Frame<'_>, config: &Config) -> Self {
+        let Frame { address, instruction, flags, data } = frame;
+        let allows = |known: &Instruction| known.code == instruction && known.answer.allow(data.len());
+        if flags == Status::Ok as u8 && config.unasked.iter().any(allows) {
+            Self::Unasked { from: address, instruction, data: data.iter().copied().collect() }
+        } else {
+            Self::Stray
         }
     }
 }

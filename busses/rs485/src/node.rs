@@ -89,6 +89,10 @@ pub struct Statistics {
     pub timeouts: u64,
     /// Attempts whose answer was damaged, or answered that the request was.
     pub crc_errors: u64,
+    /// Transactions that failed, after all their retries.
+    pub failures: u64,
+    /// What the node said by itself, and may.
+    pub unasked: u64,
     /// Round trips since the start.
     pub round_trips: RoundTrips,
 }

@@ -105,6 +105,11 @@ impl Reader {
         self.complete = false;
     }
 
+    /// Forgets what was untidy until now, but not an unfinished frame: on a full-duplex link one may be under way.
+    pub fn tidy(&mut self) {
+        self.untidy = false;
+    }
+
     /// Whether anything but whole and right frames came since [`Reader::reset`] or the last right frame.
     #[must_use]
     pub fn is_untidy(&self) -> bool {

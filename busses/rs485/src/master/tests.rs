@@ -47,7 +47,19 @@ fn write_event(event: &Event) -> String {
         Event::Recovered { node } => format!("recovered {node:02x}"),
         Event::Lost { node } => format!("lost {node:02x}"),
         Event::Back { node } => format!("back {node:02x}"),
+        Event::Unasked { from, instruction, data } => {
+            let data: String = data.iter().map(|byte| format!(" {byte:02x}")).collect();
+            format!("unasked {from:02x} {instruction:02x}{data}")
+        }
+        Event::Babble { who } => format!("babble {}", who_text(*who)),
+        Event::BabbleOver { who } => format!("babble over {}", who_text(*who)),
+        Event::Clash { node, certain } => format!("clash {node:02x}{}", if *certain { "" } else { " perhaps" }),
+        Event::ClashOver { node } => format!("clash over {node:02x}"),
     }
+}
+
+fn who_text(who: Option<u8>) -> String {
+    who.map_or("?".into(), |who| format!("{who:02x}"))
 }
 
 struct Transcript {

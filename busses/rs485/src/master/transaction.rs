@@ -202,6 +202,38 @@ pub enum Event {
         /// Which node.
         node: u8,
     },
+    /// A node said by itself what [`Config::unasked`] lets it say; its length is allowed, its CRC right.
+    Unasked {
+        /// Who says so.
+        from: u8,
+        /// What.
+        instruction: u8,
+        /// The frame's data.
+        data: Data,
+    },
+    /// Somebody talks whom nobody asked. Said once until its [`Event::BabbleOver`].
+    Babble {
+        /// The address that stands in its frames; none when what it says is no frame.
+        who: Option<u8>,
+    },
+    /// For a second nobody talked unasked any more.
+    BabbleOver {
+        /// Who it was.
+        who: Option<u8>,
+    },
+    /// Two devices seem to have one address. Said once until [`Event::ClashOver`].
+    Clash {
+        /// The address.
+        node: u8,
+        /// Whether two were told apart. If not, only this node's answers are damaged again and again: two that talk at
+        /// once, or one whose transmitter is bad.
+        certain: bool,
+    },
+    /// One device answers at this address again, and well.
+    ClashOver {
+        /// The address.
+        node: u8,
+    },
 }
 
 /// What passed on the whole bus since the start.
@@ -217,4 +249,6 @@ pub struct BusStatistics {
     pub errors: u64,
     /// Requests that the host did not send in time.
     pub unsent: u64,
+    /// Words that nobody was asked for.
+    pub surplus_words: u64,
 }

@@ -36,7 +36,12 @@ impl Rs485a {
                 out.raise(Severity::Warning, Fault::PortOverrun, self.bus.as_str(), message);
                 self.on_failure(now, *to, *instruction, out);
             }
-            Event::Sent { .. } => {}
+            Event::Sent { .. }
+            | Event::Unasked { .. }
+            | Event::Babble { .. }
+            | Event::BabbleOver { .. }
+            | Event::Clash { .. }
+            | Event::ClashOver { .. } => {}
             Event::Degraded { node } => {
                 let (name, board) = self.name(*node);
                 let message = format!("{board} fails again and again: it {}; asked on", self.failure(*node));
