@@ -233,6 +233,9 @@ impl<'a> Parser<'a> {
         let word = self.word("an array dimension")?;
         let constant = constants.iter().find(|constant| constant.name == word);
         let text = constant.map_or(word, |constant| &constant.text);
+        if constant.is_some_and(|constant| matches!(constant.literal, Literal::Float(_))) {
+            return Err(self.error(at, format!("`{word}` is no integer constant and cannot be an array dimension")));
+        }
         if constant.is_some() || !is_name(word) {
             let size = integer(text).and_then(|size| usize::try_from(size).ok()).filter(|&size| size > 0);
             let wrong = || self.error(at, format!("an array dimension must be an integer above 0, not `{text}`"));

@@ -57,6 +57,20 @@ fn mistakes_are_told_with_file_line_and_column() {
         ("struct x_t { const float F = 1e39; }", "1:30: `1e39` is out of the range of float"),
         ("struct x_t { const double D = nan; }", "1:31: `nan` is no decimal number"),
         ("struct x_t { const int8_t N; }", "1:28: expected `=` after the name of a constant, found `;`"),
+        (
+            "struct x_t { const double N = 2; double a[N]; }",
+            "1:43: `N` is no integer constant and cannot be an array dimension",
+        ),
+        ("struct x_t { union u_t { } }", "1:14: types cannot be defined inside a struct"),
+        ("struct x_t { ; }", "1:14: expected a member, `const` or `}`, found `;`"),
+        (
+            "struct x_t { y..z a; }",
+            "1:14: expected the type of a member, found `y..z`: a name is letters, digits and `_`",
+        ),
+        ("struct { }", "1:8: expected the name of a type, found `{`"),
+        ("enum e_t { A = 2147483647, B }", "1:28: the value is above 32 bits"),
+        ("enum e_t { A = x }", "1:16: `x` is no 32-bit integer"),
+        ("enum e_t { A", "1:13: expected the name of an enum value, found the end of the file"),
         ("enum e_t { A, A }", "1:15: `A` is declared twice"),
         ("enum e_t { A = 2147483648 }", "1:16: `2147483648` is no 32-bit integer"),
         (
@@ -78,6 +92,14 @@ fn mistakes_are_told_with_file_line_and_column() {
     for (text, message) in cases {
         assert_eq!(refused(text), format!("a.lcm:{message}"), "{text}");
     }
+}
+
+#[test]
+fn a_mistake_between_files_is_told_with_the_file_that_makes_it() {
+    let files = [("a.lcm", "package p; struct x_t { }"), ("b.lcm", "package q;\n\nstruct y_t { int8_t n; x_t x[n]; }")];
+    assert_eq!(Schema::new(&files).unwrap_err().to_string(), "b.lcm:3:24: type `q.x_t` is defined nowhere");
+    let files = [("a.lcm", "package p; struct x_t { }"), ("b.lcm", "package p;\nstruct x_t { }")];
+    assert_eq!(Schema::new(&files).unwrap_err().to_string(), "b.lcm:2:8: `p.x_t` is already defined in a.lcm:1");
 }
 
 #[test]
@@ -153,10 +175,36 @@ fn comments_document_what_follows_or_stands_before_them_on_their_line() {
 }
 
 #[test]
+fn the_comment_of_a_file_with_one_type_is_the_types() {
+    let one = "// About the file.\npackage p;\n\n// About x_t.\nstruct x_t { }";
+    let schema = Schema::new(&[("a.lcm", one)]).unwrap();
+    assert_eq!(schema.get("p.x_t").unwrap().doc, ["About the file.", "", "About x_t."]);
+    let two = "// About both.\npackage p;\n\n// About x_t.\nstruct x_t { }\nstruct y_t { }";
+    let schema = Schema::new(&[("a.lcm", two)]).unwrap();
+    assert_eq!(schema.get("p.x_t").unwrap().doc, ["About x_t."]);
+    let twice = Schema::new(&[("a.lcm", two), ("b.lcm", &two.replace("_t", "_b_t"))]).unwrap();
+    let code = lcm_gen::rust::generate(&twice, &Options::default()).unwrap();
+    assert_eq!(code.matches("/// About both.\npub mod p {").count(), 1, "{code}");
+}
+
+#[test]
+fn a_comment_is_text_to_rustdoc() {
+    let text = "// See [n], <b>, `a[i]`.\n// ```\n// x[1]\n// ```\n// After [it].\nstruct x_t { }";
+    let code = lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap(), &Options::default()).unwrap();
+    let doc = "/// See \\[n\\], \\<b>, `a[i]`.\n/// ```text\n/// x[1]\n/// ```\n/// After \\[it\\].\n#[derive";
+    assert!(code.contains(doc), "{code}");
+}
+
+#[test]
 fn two_types_that_rust_could_not_tell_apart_are_refused() {
     let generate = |text| lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap(), &Options::default());
     let error = generate("struct data_x_t { }\nstruct DataX { }").unwrap_err().to_string();
     assert_eq!(error, "a.lcm:2:8: `data_x_t` and `DataX` get the same name in Rust");
+    let views = Options { views: true, ..Options::default() };
+    let both = Schema::new(&[("a.lcm", "struct data_t { string s; }\nstruct data_ref_t { }")]).unwrap();
+    let error = lcm_gen::rust::generate(&both, &views).unwrap_err().to_string();
+    assert_eq!(error, "a.lcm:2:8: `data_t` and `data_ref_t` get the same name in Rust");
+    assert!(lcm_gen::rust::generate(&both, &Options::default()).is_ok());
     let error = generate("package codec; struct x_t { }").unwrap_err().to_string();
     assert_eq!(error, "a.lcm:1:23: a package cannot be named `codec` in Rust: the generated code needs the word");
 }
