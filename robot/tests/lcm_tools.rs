@@ -173,7 +173,7 @@ fn hz_and_bw_measure_the_channels_asked_for() {
     let _publisher = bench.publish(some());
     let text = bench.run(&["hz", "CM_DATA_STATE", "--for", "1", "--window", "1"]).good();
     let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split_whitespace().collect()).collect();
-    assert_eq!(lines[0], ["CHANNEL", "HZ", "GAP", "ms", "MIN", "MAX", "STD", "COUNT"]);
+    assert_eq!(lines[0], ["CHANNEL", "HZ", "MEAN", "ms", "MIN", "ms", "MAX", "ms", "STD", "ms", "COUNT"]);
     let numbers: Vec<f64> = lines[1][1..].iter().map(|cell| cell.parse().unwrap()).collect();
     let [hz, mean, min, max, ..] = numbers[..] else { panic!("{text}") };
     assert!((hz * mean / 1000.0 - 1.0).abs() < 0.01 && min <= mean && mean <= max, "{text}");

@@ -23,6 +23,7 @@ pub enum Lcm {
     /// Show how many bytes messages take
     Bw(table::Table),
     /// Publish a message
+    #[command(after_help = publish::HELP)]
     Pub(publish::Pub),
     /// Generate Rust from .lcm files
     Gen(generate::Gen),

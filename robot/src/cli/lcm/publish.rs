@@ -18,8 +18,11 @@ use std::io;
 use std::os::fd::AsFd;
 use std::process::ExitCode;
 
-/// Numbers may be "nan", "inf", "-inf" or null (not a number), rows of bytes hexadecimal digits, an enum its value's
-/// name, an int64_t of the message itself "now": microseconds since 1970. Length members follow from the arrays.
+/// How to write what JSON has no form for.
+pub const HELP: &str = "\
+Numbers may be null (not a number), \"nan\", \"inf\" or \"-inf\", rows of bytes hexadecimal digits, an enum the name of a \
+value, an int64_t of the message itself \"now\": microseconds since 1970. Lengths of arrays follow from the arrays.";
+
 #[derive(clap::Args)]
 pub struct Pub {
     /// The channel

@@ -128,7 +128,7 @@ fn object(types: &Dictionary, name: &str, channel: &Channel, rates: &Rates) -> V
 fn lines(view: View, types: &Dictionary, stats: &Stats, losses: Losses, now_ns: u64) -> Vec<String> {
     let heading: &[&str] = match view {
         View::List => &["CHANNEL", "TYPE", "HZ", "kB/s", "BYTES", "GAP ms", "", "AGE s", "COUNT"],
-        View::Hz => &["CHANNEL", "HZ", "GAP ms", "MIN", "MAX", "STD", "COUNT"],
+        View::Hz => &["CHANNEL", "HZ", "MEAN ms", "MIN ms", "MAX ms", "STD ms", "COUNT"],
         View::Bw => &["CHANNEL", "kB/s", "HZ", "BYTES", "MIN", "MAX", "TOTAL kB"],
     };
     let mut cells: Vec<Vec<String>> = vec![heading.iter().map(ToString::to_string).collect()];
