@@ -26,6 +26,9 @@ pub fn cases() -> Vec<Case> {
         one("channel's name of 63 bytes", "", Payload(3)),
         Case { name: "50 sizes to 60 000 bytes, all byte values".into(), messages: series.collect() },
         one("65 499 bytes with name and NUL: one datagram", "EDGE", Whole(65_499)),
+        one("65 500 bytes: two fragments", "EDGE", Whole(65_500)),
+        one("1 MiB: 17 fragments", "MIB", Payload(1 << 20)),
+        one("10 MiB: 161 fragments", "TEN_MIB", Payload(10 << 20)),
     ]
 }
 

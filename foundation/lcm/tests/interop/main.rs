@@ -11,6 +11,7 @@
 mod cases;
 #[path = "../common/mod.rs"]
 mod common;
+mod logs;
 mod modules;
 mod official;
 mod peer;
@@ -21,7 +22,9 @@ mod types;
 #[allow(dead_code, reason = "a peer needs no constants")]
 mod vectors;
 
+use cases::cases;
 use official::{Language, Official};
+use peer::{Both, Serving};
 use std::thread;
 use table::{Cells, Column, Mark};
 use types::Built;
@@ -42,17 +45,25 @@ fn the_table_in_the_documentation_is_what_this_run_finds() {
         for (name, built) in built {
             let built = built.map(|thread| thread.join().unwrap());
             let there = built.is_some();
-            columns.push(Column { cells: built.map(|built| bus(&name, &built)).unwrap_or_default(), name, there });
+            columns.push(Column {
+                cells: built.map(|built| peer_cells(&name, &built)).unwrap_or_default(),
+                name,
+                there,
+            });
         }
     });
+    for (version, official) in official::VERSIONS.into_iter().zip(&found) {
+        let (name, there) = (format!("lcm-logger, lcm-logplayer {version}"), official.is_some());
+        columns.push(Column { name, there, cells: official.as_ref().map(logs::tools).unwrap_or_default() });
+    }
     table::check(&columns);
 }
 
 /// What is found with one peer.
-fn bus(name: &str, built: &Built) -> Cells {
-    let mut both = peer::Both::start(name, built);
+fn peer_cells(name: &str, built: &Built) -> Cells {
+    let mut both = Both::start(name, built, peer::urls().map(Into::into));
     let mut cells = Cells::new();
-    for case in cases::cases() {
+    for case in cases() {
         both.raw(&case);
         cells.push((case.name, Mark::Both));
     }
@@ -62,7 +73,16 @@ fn bus(name: &str, built: &Built) -> Cells {
         }
         cells.push((format!("type `{name}`"), defect.map_or(Mark::Both, Mark::Defect)));
     }
-    cells.push(("`messages/*.lcm` by the official `lcm-gen`".into(), Mark::Good));
     both.end();
+    cells.push(("`messages/*.lcm` by the official `lcm-gen`".into(), Mark::Good));
+
+    let hub = Serving::hub();
+    let mut both = Both::start(name, built, [hub.url.clone(), hub.url.clone()]);
+    cases().iter().for_each(|case| both.raw(case));
+    both.end();
+    cells.push(("all these messages over TCPQ and our hub".into(), Mark::Both));
+
+    logs::copied(&built.program);
+    cells.push((logs::ROW.into(), Mark::Both));
     cells
 }

@@ -91,7 +91,7 @@ impl Official {
     }
 
     /// A folder for what is built, `what` of it.
-    pub fn folder(&self, language: Language, what: &str) -> PathBuf {
+    pub fn folder(&self, language: impl fmt::Display, what: &str) -> PathBuf {
         let folder = self.scratch.join(language.to_string()).join(what);
         fs::create_dir_all(&folder).unwrap();
         folder

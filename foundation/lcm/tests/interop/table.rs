@@ -13,10 +13,6 @@ const MARKERS: [&str; 2] = ["<!-- interop: written by foundation/lcm/tests/inter
 pub enum Mark {
     /// From us to the peer and from the peer to us.
     Both,
-    /// From us to the peer.
-    To,
-    /// From the peer to us.
-    From,
     /// It works.
     Good,
     /// A defect of the peer, by its place in [`DEFECTS`].
@@ -41,8 +37,6 @@ impl Column {
         let mark = self.cells.iter().find(|(name, _)| name == row).map(|(_, mark)| mark);
         match mark {
             Some(Mark::Both) => "→ ←".into(),
-            Some(Mark::To) => "→".into(),
-            Some(Mark::From) => "←".into(),
             Some(Mark::Good) => "✓".into(),
             Some(Mark::Defect(number)) => format!("({})", number + 1),
             None => String::new(),

@@ -149,7 +149,7 @@ fn definitions(files: &[PathBuf]) -> Vec<String> {
     let texts: Vec<_> =
         files.iter().map(|file| (file.display().to_string(), fs::read_to_string(file).unwrap())).collect();
     let schema = lcm_gen::Schema::new(&texts).unwrap();
-    schema.definitions().iter().map(|definition| definition.name()).collect()
+    schema.definitions().iter().map(lcm_gen::Definition::name).collect()
 }
 
 /// Type and bytes of every vector, as the official tools encoded them; those of one type follow each other.

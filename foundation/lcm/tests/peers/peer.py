@@ -18,9 +18,10 @@ def find(name):
 
 
 def copy_log(source, target):
-    with lcm.EventLog(target, "w", overwrite=True) as log:
-        for event in lcm.EventLog(source, "r"):
-            log.write_event(event.timestamp, event.channel, event.data)
+    log = lcm.EventLog(target, "w", overwrite=True)
+    for event in lcm.EventLog(source, "r"):
+        log.write_event(event.timestamp, event.channel, event.data)
+    log.close()
 
 
 class Peer:
