@@ -1,5 +1,7 @@
 //! Where the official LCM of each version is, and how programs are built on it.
 
+use lcm::url;
+use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{fmt, fs};
@@ -81,10 +83,19 @@ impl Official {
             "1.3.1" => (Some(root().join(".peers/lcm-1.3.1")).filter(|prefix| prefix.join("version").exists()), None),
             _ => python().unzip(),
         };
-        let Some(prefix) = prefix else {
-            println!("skipped: no official LCM {version} (make test gets it); its columns are not checked");
-            return None;
+        let skipped = |why: &str| {
+            println!("skipped: official LCM {version}: {why}; its columns are not checked");
+            None
         };
+        let Some(prefix) = prefix else { return skipped("not here, make test gets it") };
+        if ["cc", "c++"].iter().any(|compiler| Command::new(compiler).arg("--version").output().is_err()) {
+            return skipped("no compilers for C and C++");
+        }
+        // Ours does without.
+        let probe = UdpSocket::bind("0.0.0.0:0").and_then(|socket| socket.connect((url::GROUP, url::PORT)));
+        if probe.is_err() {
+            return skipped("it needs a route to its group");
+        }
         let scratch = format!("interop-{purpose}-{version}-{}", std::process::id());
         let scratch = Path::new(env!("CARGO_TARGET_TMPDIR")).join(scratch);
         Some(Self { version, prefix, python, scratch })
