@@ -160,7 +160,10 @@ fn list_shows_every_channel_with_type_rate_and_size() {
     assert_eq!(state["type"], "common.data_state_t");
     assert_eq!(state["bytes"].as_u64().unwrap(), state["messages"].as_u64().unwrap() * self::state(3).len() as u64);
     assert!(state["gap_s"]["min"].as_f64().unwrap() <= state["gap_s"]["max"].as_f64().unwrap());
-    assert_eq!(total["total"]["channels"], 2);
+    assert_eq!((&total["total"]["channels"], &total["total"]["lost"]), (&json!(2), &json!(0)));
+    // Beside the listener itself, which tests itself.
+    let publishers = total["total"]["publishers"].as_array().unwrap();
+    assert_eq!(publishers.iter().filter(|publisher| publisher["datagrams"].as_u64().unwrap() > 10).count(), 1);
     let keys: Vec<&str> = state.as_object().unwrap().keys().map(String::as_str).collect();
     let expected =
         ["age_s", "bytes", "bytes_per_s", "channel", "fingerprint", "gap_s", "hz", "messages", "size", "type"];
@@ -195,7 +198,7 @@ fn silence_is_an_error_that_says_where() {
     }
     let _publisher = bench.publish(some());
     let error = bench.run(&["echo", "SHORT", "--count", "1000000", "--for", "0.3"]).bad_after_output();
-    assert!(error.ends_with("of 1000000 messages came within 0.3 s"), "{error}");
+    assert!(error.ends_with("of 1000000 messages came, then the time was over"), "{error}");
 }
 
 impl Told {
@@ -347,6 +350,54 @@ fn types_of_others_are_read_from_their_files() {
     ] {
         assert!(out.lines().any(|line| line == expected), "{expected}:\n{out}");
     }
+}
+
+#[test]
+fn losses_are_told_by_publisher() {
+    let bench = Bench::new();
+    let stop = Arc::new(AtomicBool::new(false));
+    let (stopped, url) = (stop.clone(), lcm::Url::parse(&bench.url).unwrap().0);
+    let lcm::Url::Udpm(url) = url else { panic!("{}", bench.url) };
+    // Every third sequence number is missing.
+    let thread = std::thread::spawn(move || {
+        let socket = std::net::UdpSocket::bind("0.0.0.0:0").unwrap();
+        socket.set_multicast_ttl_v4(0).unwrap();
+        for sequence in (0_u32..).filter(|sequence| sequence % 3 != 2) {
+            if stopped.load(Ordering::Relaxed) {
+                break;
+            }
+            let datagram = [&b"LC02"[..], &sequence.to_be_bytes(), b"A\0", &state(3)].concat();
+            let _ = socket.send_to(&datagram, (url.group, url.port));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        socket.local_addr().unwrap().port()
+    });
+    let text = bench.run(&["list", "--for", "1"]).good();
+    let lines = json_lines(&bench.run(&["list", "A", "--json", "--for", "1"]).good());
+    stop.store(true, Ordering::Relaxed);
+    let port = thread.join().unwrap();
+    let summary = text.lines().last().unwrap();
+    assert!(summary.contains(" LOST (") && summary.ends_with(&format!(":{port})")), "{text}");
+    let total = &lines[1]["total"];
+    let (lost, messages) = (total["lost"].as_u64().unwrap(), total["messages"].as_u64().unwrap());
+    assert!(lost > 0 && lost.abs_diff(messages / 2) <= 1, "{total}");
+    assert_eq!(total["publishers"][0]["lost"], lost);
+}
+
+#[test]
+fn a_log_is_listened_to_like_a_bus() {
+    let bench = Bench::new();
+    let path = bench.folder.join("some.log").display().to_string();
+    let write = lcm::Url::parse(&format!("file://{path}?mode=w")).unwrap().0;
+    let mut log = Lcm::new(&write).unwrap();
+    some().iter().for_each(|(channel, data)| log.publish(channel, data).unwrap());
+    drop(log);
+    let url = format!("file://{path}?speed=0");
+    let run = |args: &[&str]| Told::of(bench.command(args).args(["--lcm-url", &url]).output().unwrap());
+    let text = run(&["echo", "CM_.*"]).good();
+    assert_eq!(text, "CM_DATA_STATE timestamp=7 module=\"driver\" state=3\n");
+    assert!(run(&["list"]).good().contains("5 channels, "));
+    assert!(run(&["echo", "NOBODY"]).bad().ends_with("is anyone publishing?"));
 }
 
 /// Reads the first line that a running command prints.

@@ -35,21 +35,25 @@ pub enum Heard<'a> {
     Message(Raw<'a>),
     /// Nothing for now, or it is time to wake.
     Nothing,
-    /// The time is over.
+    /// The time, or the log, is over.
     End,
     /// Ctrl-C or SIGTERM.
     Interrupt,
 }
 
-/// What was not received, of all channels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What was not received, of all channels; whole only while all of them are listened to.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Losses {
     /// Messages missing in the publishers' sequence numbers.
     pub lost: u64,
     /// Of them, those that the kernel had no room for.
     pub kernel_dropped: u64,
+    /// Messages of which some fragments came and others did not.
+    pub incomplete: u64,
     /// Datagrams that are not LCM's.
     pub malformed: u64,
+    /// Who publishes: address, datagrams, lost messages; those that lost most first.
+    pub publishers: Vec<(String, u64, u64)>,
 }
 
 impl Ear {
@@ -92,18 +96,31 @@ impl Ear {
                 self.drained = true;
                 Ok(Heard::Nothing)
             }
+            // A log that is played.
+            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Ok(Heard::End),
             Err(error) => Err(format!("LCM bus: {error}").into()),
         }
     }
 
     pub fn losses(&self) -> Losses {
         let stats = self.lcm.stats();
-        Losses { lost: stats.lost, kernel_dropped: stats.kernel_dropped, malformed: stats.malformed }
+        let sources = self.lcm.udpm().map(lcm::live::Udpm::sources).unwrap_or_default();
+        let mut publishers: Vec<_> =
+            sources.iter().map(|source| (source.from.to_string(), source.datagrams, source.lost)).collect();
+        publishers.sort_by_key(|(_, _, lost)| std::cmp::Reverse(*lost));
+        Losses {
+            lost: stats.lost,
+            kernel_dropped: stats.kernel_dropped,
+            incomplete: stats.incomplete,
+            malformed: stats.malformed,
+            publishers,
+        }
     }
 }
 
 /// Why a command that was to show something has nothing to show.
-pub fn silence(common: &Common, pattern: &str, time: Duration) -> Failed {
+pub fn silence(common: &Common, pattern: &str, time: Option<Duration>) -> Failed {
     let what = if pattern == ".*" { "nothing".into() } else { format!("nothing on {}", pattern.escape_debug()) };
-    format!("{what} is heard on {} within {} s; is anyone publishing?", common.lcm_url(), time.as_secs_f64()).into()
+    let within = time.map(|time| format!(" within {} s", time.as_secs_f64())).unwrap_or_default();
+    format!("{what} is heard on {}{within}; is anyone publishing?", common.lcm_url()).into()
 }

@@ -3,7 +3,7 @@
 use super::ear::{Ear, Heard, Raw, silence};
 use super::show::{compact, pretty};
 use super::types::{Dictionary, Found, TypesArg};
-use crate::cli::{Common, Failed, Outcome, print, seconds};
+use crate::cli::{Common, Outcome, print, seconds};
 use base::{Duration, Instant};
 use std::fmt::Display;
 use std::process::ExitCode;
@@ -52,10 +52,9 @@ pub fn echo(common: &Common, command: &Echo) -> Outcome {
 
 /// The time is over: good if there was anything, and all that was asked for.
 fn ended(common: &Common, command: &Echo, heard: u64) -> Outcome {
-    let time = command.time.unwrap_or_default();
     match command.count {
-        _ if heard == 0 => Err(silence(common, &command.channel, time)),
-        Some(count) => Err(Failed::from(format!("{heard} of {count} messages came within {} s", time.as_secs_f64()))),
+        _ if heard == 0 => Err(silence(common, &command.channel, command.time)),
+        Some(count) => Err(format!("{heard} of {count} messages came, then the time was over").into()),
         None => Ok(ExitCode::SUCCESS),
     }
 }

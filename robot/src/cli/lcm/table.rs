@@ -7,6 +7,7 @@ use super::types::{Dictionary, Found, TypesArg};
 use crate::cli::{Common, Failed, Outcome, print, seconds};
 use crate::live::clock;
 use base::{Duration, Instant};
+use lcm::subscription::Pattern;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write as _};
@@ -48,12 +49,15 @@ pub fn table(common: &Common, command: &Table, view: View) -> Outcome {
     let types = Dictionary::load(&command.types)?;
     let live = !command.json && io::stdout().is_terminal();
     let time = command.time.or((!live).then_some(GLANCE));
-    let mut ear = Ear::open(common, &command.filter, time)?;
+    let filter = Pattern::new(&command.filter).map_err(|error| Failed::from(error.to_string()))?;
+    // What is lost shows only in all messages of a publisher.
+    let mut ear = Ear::open(common, ".*", time)?;
     let mut stats = Stats::new(u64::try_from(command.window.as_nanos()).unwrap_or(u64::MAX));
     let mut screen = Screen::default();
     let mut wake = if live { clock::now() } else { Instant::NEVER };
     let interrupted = loop {
         match ear.hear(wake)? {
+            Heard::Message(raw) if !filter.matches(raw.channel) => {}
             Heard::Message(raw) => {
                 if let Some(channel) = stats.hear(raw.channel, raw.data.len(), raw.received_ns) {
                     channel.fingerprint = lcm::codec::fingerprint(raw.data);
@@ -64,7 +68,7 @@ pub fn table(common: &Common, command: &Table, view: View) -> Outcome {
             Heard::Nothing => {
                 let now = clock::now();
                 if now >= wake {
-                    screen.renew(&lines(view, &types, &stats, ear.losses(), clock::wall()))?;
+                    screen.renew(&lines(view, &types, &stats, &ear.losses(), clock::wall()))?;
                     wake = now + RENEW;
                 }
             }
@@ -72,21 +76,16 @@ pub fn table(common: &Common, command: &Table, view: View) -> Outcome {
             Heard::Interrupt => break true,
         }
     };
-    if let (true, false, Some(time)) = (stats.is_empty(), interrupted, time) {
+    if stats.is_empty() && !interrupted {
         return Err(silence(common, &command.filter, time));
     }
     let now = clock::wall();
     if command.json {
         stats.rows(now).try_for_each(|(name, channel, rates)| print(object(&types, name, channel, &rates)))?;
-        let Losses { lost, kernel_dropped, malformed } = ear.losses();
-        print(json!({"total": {
-            "channels": stats.rows(now).count(), "messages": stats.rows(now).map(|row| row.1.messages).sum::<u64>(),
-            "bytes": stats.rows(now).map(|row| row.1.bytes).sum::<u64>(), "lost": lost,
-            "kernel_dropped": kernel_dropped, "not_lcm": malformed, "not_followed": stats.beyond,
-        }}))?;
+        print(total(&stats, &ear.losses(), now))?;
     } else {
         drop(screen);
-        lines(view, &types, &stats, ear.losses(), now).iter().try_for_each(print)?;
+        lines(view, &types, &stats, &ear.losses(), now).iter().try_for_each(print)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -124,8 +123,25 @@ fn object(types: &Dictionary, name: &str, channel: &Channel, rates: &Rates) -> V
     })
 }
 
+/// The last line of JSON; the keys stay.
+fn total(stats: &Stats, losses: &Losses, now_ns: u64) -> Value {
+    let sum = |what: fn(&Channel) -> u64| stats.rows(now_ns).map(|(_, channel, _)| what(channel)).sum::<u64>();
+    let publisher = |(address, datagrams, lost): &(String, u64, u64)| json!({"address": address, "datagrams": datagrams, "lost": lost});
+    json!({"total": {
+        "channels": stats.rows(now_ns).count(),
+        "messages": sum(|channel| channel.messages),
+        "bytes": sum(|channel| channel.bytes),
+        "lost": losses.lost,
+        "kernel_dropped": losses.kernel_dropped,
+        "incomplete": losses.incomplete,
+        "not_lcm": losses.malformed,
+        "not_followed": stats.beyond,
+        "publishers": losses.publishers.iter().map(publisher).collect::<Vec<_>>(),
+    }})
+}
+
 /// Heading, a line a channel, and what all of them make together.
-fn lines(view: View, types: &Dictionary, stats: &Stats, losses: Losses, now_ns: u64) -> Vec<String> {
+fn lines(view: View, types: &Dictionary, stats: &Stats, losses: &Losses, now_ns: u64) -> Vec<String> {
     let heading: &[&str] = match view {
         View::List => &["CHANNEL", "TYPE", "HZ", "kB/s", "BYTES", "GAP ms", "", "AGE s", "COUNT"],
         View::Hz => &["CHANNEL", "HZ", "MEAN ms", "MIN ms", "MAX ms", "STD ms", "COUNT"],
@@ -209,7 +225,7 @@ fn aligned(cells: &[Vec<String>], left: usize) -> Vec<String> {
     cells.iter().map(line).collect()
 }
 
-fn summary(stats: &Stats, losses: Losses, now_ns: u64) -> String {
+fn summary(stats: &Stats, losses: &Losses, now_ns: u64) -> String {
     let (mut channels, mut hz, mut bytes) = (0, 0.0, 0.0);
     for (_, _, rates) in stats.rows(now_ns) {
         channels += 1;
@@ -218,15 +234,21 @@ fn summary(stats: &Stats, losses: Losses, now_ns: u64) -> String {
     }
     let s = if channels == 1 { "" } else { "s" };
     let mut line = format!("{channels} channel{s}, {hz:.1} messages/s, {:.1} kB/s; ", bytes / 1e3);
-    let Losses { lost, kernel_dropped, malformed } = losses;
-    match (lost, kernel_dropped) {
-        (0, 0) => line.push_str("none lost"),
-        (lost, dropped) => {
-            let _ = write!(line, "{lost} LOST, {dropped} of them here for want of receive buffer");
-        }
+    if losses.lost == 0 {
+        line.push_str("none lost");
+    } else {
+        let by = losses.publishers.iter().filter(|(_, _, lost)| *lost > 0).take(3);
+        let by: Vec<String> = by.map(|(address, _, lost)| format!("{lost} of {address}")).collect();
+        let _ = write!(line, "{} LOST ({})", losses.lost, by.join(", "));
     }
-    if malformed > 0 {
-        let _ = write!(line, ", {malformed} datagrams not LCM's");
+    for (count, what) in [
+        (losses.kernel_dropped, "found no room in the receive buffer"),
+        (losses.incomplete, "came in part"),
+        (losses.malformed, "datagrams are not LCM's"),
+    ] {
+        if count > 0 {
+            let _ = write!(line, ", {count} {what}");
+        }
     }
     if stats.beyond > 0 {
         let _ = write!(line, ", {} messages on channels beyond {}", stats.beyond, super::stats::CHANNELS_MAX);
