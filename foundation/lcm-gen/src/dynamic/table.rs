@@ -1,5 +1,7 @@
 //! Definitions as decoding needs them: sizes known, names resolved to places.
 
+use std::collections::BTreeMap;
+
 use crate::{Definition, Kind, Member, MemberType, Primitive, Schema, Size};
 
 /// A struct, or an enum, which has no fields.
@@ -51,14 +53,16 @@ pub enum Len {
 
 /// All definitions of the schema, in order.
 pub fn table(schema: &Schema) -> Vec<Struct> {
-    let mut structs: Vec<Struct> = schema.definitions().iter().map(|definition| of(schema, definition)).collect();
+    let places = schema.definitions().iter().enumerate().map(|(i, definition)| (definition.name(), i)).collect();
+    let mut structs: Vec<Struct> =
+        schema.definitions().iter().map(|definition| of(schema, &places, definition)).collect();
     for i in 0..structs.len() {
         count_empties(&mut structs, i);
     }
     structs
 }
 
-fn of(schema: &Schema, definition: &Definition) -> Struct {
+fn of(schema: &Schema, places: &BTreeMap<String, usize>, definition: &Definition) -> Struct {
     let name = definition.name();
     let members = definition.members();
     let mut lengths: Vec<&str> = Vec::new();
@@ -73,7 +77,7 @@ fn of(schema: &Schema, definition: &Definition) -> Struct {
             MemberType::Primitive(Primitive::String) => (Element::Primitive(Primitive::String), None, 5, false),
             MemberType::Primitive(ty) => (Element::Primitive(*ty), Some(ty.min_size()), ty.min_size(), false),
             MemberType::Named(name) => {
-                let place = schema.definitions().iter().position(|definition| definition.name() == *name);
+                let place = places.get(name).copied();
                 let min = schema.min_size(name).unwrap_or_default();
                 let fixed = schema.is_fixed(name).then_some(min);
                 // The schema knows every name.
