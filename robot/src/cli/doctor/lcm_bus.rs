@@ -1,7 +1,7 @@
-//! The LCM bus: what is gathered for which check of [`bus`], in the order of the report.
+//! The LCM bus: what is gathered for which check of [`bus`] and [`buffer`], in the order of the report.
 
 use super::finding::Finding;
-use super::{bus, devices, machine, network, probe};
+use super::{buffer, bus, devices, machine, network, probe};
 use lcm::url::{Shm, Udpm, Url};
 use std::net::Ipv4Addr;
 use std::path::Path;
@@ -74,13 +74,18 @@ fn multicast(url: &Udpm) -> Vec<Finding> {
     let control = probe::outgoing(free, Ipv4Addr::LOCALHOST);
     findings.push(bus::outgoing(url, ours, &probe::outgoing(free, on), &control));
     let taken = |len| probe::buffer_taken(free, on, len);
-    if let (Ok((_, granted)), Ok(heavy), Ok(large)) = (joined, taken(bus::HEAVY_SIZE), taken(bus::DATAGRAM)) {
+    if let (Ok((_, granted)), Ok(heavy), Ok(large)) = (joined, taken(buffer::HEAVY_SIZE), taken(buffer::DATAGRAM)) {
         let max = network::sysctl("net.core.rmem_max");
-        findings.push(bus::buffer(&bus::Buffer { asked: url.recv_buf_size, granted, max, taken: (heavy, large) }));
+        findings.push(buffer::buffer(&buffer::Buffer {
+            asked: url.recv_buf_size,
+            granted,
+            max,
+            taken: (heavy, large),
+        }));
     }
     findings.extend(bus::memberships(network::sysctl("net.ipv4.igmp_max_memberships")));
     findings.extend(bus::reverse_path(url, ours, &interfaces));
-    findings.push(bus::listeners(&listeners, overflows));
+    findings.push(buffer::listeners(&listeners, overflows));
     findings.extend(bus::shm(url.shm == Shm::Auto, gather_shm()));
     findings
 }

@@ -1,6 +1,7 @@
 //! `advee doctor`: checks machine and configuration. Every check is a small function over facts that are handed to
 //! it; who gathers them stands beside it, or in [`network`] (which only reads) and [`probe`] (which sends and hears).
 
+mod buffer;
 mod bus;
 mod devices;
 mod finding;

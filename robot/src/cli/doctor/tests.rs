@@ -1,6 +1,7 @@
 //! The checks over made-up facts: what each says when all is well, and when it is not.
 
-use super::bus::{self, Buffer, Shm};
+use super::buffer::{self, Buffer};
+use super::bus::{self, Shm};
 use super::devices::{self, Can, Device};
 use super::finding::{Finding, Level};
 use super::machine::{self, Folder, RealTime};
@@ -130,20 +131,20 @@ fn the_receive_buffer_is_judged_by_what_datagrams_really_take() {
     let usual = Buffer { asked: 2 << 20, granted: 2 << 20, max: Some(4 << 20), taken: (4608, 110_592) };
     let what = "2 MiB as usual: 13 ms of heavy traffic, or a message of 2.4 MB; \
                 for more: recv_buf_size=9437184, net.core.rmem_max=9437184";
-    assert_eq!(bus::buffer(&usual), Finding::ok("receive buffer", what));
+    assert_eq!(buffer::buffer(&usual), Finding::ok("receive buffer", what));
     let roomy = Buffer { max: Some(16 << 20), ..usual };
-    assert!(!bus::buffer(&roomy).what.contains("rmem_max"), "the limit does: {:?}", bus::buffer(&roomy));
+    assert!(!buffer::buffer(&roomy).what.contains("rmem_max"), "the limit does: {:?}", buffer::buffer(&roomy));
     let debian = Buffer { granted: 212_992, max: Some(212_992), ..usual };
-    says(&bus::buffer(&debian), Level::Warning, "208 KiB instead of 2 MiB", "net.core.rmem_max=9437184 ");
+    says(&buffer::buffer(&debian), Level::Warning, "208 KiB instead of 2 MiB", "net.core.rmem_max=9437184 ");
     // A privileged doctor is granted more than the robot's modules will be.
-    says(&bus::buffer(&Buffer { granted: 2 << 20, ..debian }), Level::Warning, "208 KiB instead", "rmem_max");
+    says(&buffer::buffer(&Buffer { granted: 2 << 20, ..debian }), Level::Warning, "208 KiB instead", "rmem_max");
     // A name space that does not show the limit.
-    says(&bus::buffer(&Buffer { max: None, ..debian }), Level::Warning, "208 KiB instead", "rmem_max");
+    says(&buffer::buffer(&Buffer { max: None, ..debian }), Level::Warning, "208 KiB instead", "rmem_max");
     let as_recommended = Buffer { asked: 9 << 20, granted: 9 << 20, max: Some(9 << 20), ..usual };
     let what = "9 MiB as asked: 60 ms of heavy traffic, or a message of 11.1 MB";
-    assert_eq!(bus::buffer(&as_recommended), Finding::ok("receive buffer", what));
+    assert_eq!(buffer::buffer(&as_recommended), Finding::ok("receive buffer", what));
     let nothing = Buffer { taken: (0, 0), ..usual };
-    assert_eq!(bus::buffer(&nothing).level, Level::Ok);
+    assert_eq!(buffer::buffer(&nothing).level, Level::Ok);
 }
 
 #[test]
@@ -172,18 +173,18 @@ fn programs_on_the_bus_are_named_and_their_losses_told() {
         let ours = name.starts_with("advee");
         Listener { uid: 1000, program: Some((name.into(), pid)), ours, drops }
     };
-    says(&bus::listeners(&[], 9), Level::Ok, "none is on the bus", "");
+    says(&buffer::listeners(&[], 9), Level::Ok, "none is on the bus", "");
     let calm = [of("advee run watchdog", 7, 0), of("lcm-spy", 8, 0), of("lcm-spy", 9, 0)];
-    says(&bus::listeners(&calm, 0), Level::Ok, "3: advee run watchdog, 2 x lcm-spy; none lost", "");
+    says(&buffer::listeners(&calm, 0), Level::Ok, "3: advee run watchdog, 2 x lcm-spy; none lost", "");
     let full = [of("advee run watchdog", 7, 900), of("lcm-logger", 8, 500)];
-    says(&bus::listeners(&full, 300), Level::Warning, "lcm-logger, process 8 lost up to 300", "top -Hp 8");
+    says(&buffer::listeners(&full, 300), Level::Warning, "lcm-logger, process 8 lost up to 300", "top -Hp 8");
     // What a socket's own filter refuses is counted there, too: no loss where the host knows of none, or of ours.
-    says(&bus::listeners(&full, 0), Level::Ok, "none lost", "");
-    assert_eq!(bus::listeners(&full[..1], 300), Finding::ok("programs", "1: advee run watchdog"));
+    says(&buffer::listeners(&full, 0), Level::Ok, "none lost", "");
+    assert_eq!(buffer::listeners(&full[..1], 300), Finding::ok("programs", "1: advee run watchdog"));
     let hidden = [Listener { uid: 0, program: None, ours: false, drops: 5 }];
-    says(&bus::listeners(&hidden, 5), Level::Warning, "user 0's lost up to 5", "sudo advee doctor");
+    says(&buffer::listeners(&hidden, 5), Level::Warning, "user 0's lost up to 5", "sudo advee doctor");
     let mixed = [of("advee", 7, 0), hidden[0].clone()];
-    says(&bus::listeners(&mixed, 0), Level::Warning, "users 0, 1000", "ps ");
+    says(&buffer::listeners(&mixed, 0), Level::Warning, "users 0, 1000", "ps ");
 }
 
 #[test]
