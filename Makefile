@@ -28,7 +28,7 @@ bench:
 	@tools/venv
 	cargo bench -p advee --locked --bench start --bench wheel
 	cargo bench -p lcm-gen --locked --bench codec
-	cargo bench -p lcm --all-features --locked --bench lcm
+	cargo bench -p lcm --locked --bench lcm
 
 clean:
 	cargo clean

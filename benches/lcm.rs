@@ -122,7 +122,6 @@ fn measure(options: &Options, network: &str) {
 
 /// Plain sockets know no channels, so nobody is uninterested; what takes long or does not vary is measured in fewer
 /// rounds.
-#[allow(unexpected_cfgs, reason = "the feature is not there yet")]
 fn applies(test: Test, transport: &str, round: usize) -> bool {
     let has_one = match test {
         Test::Crowd => transport != "raw",
