@@ -177,7 +177,7 @@ pub fn outgoing(
         (_, _, Ok(out), Ok(control)) => Finding::ok(
             CHECK,
             format!(
-                "TTL 0: none of {} datagrams left by {name}; the same count saw {} of {} on lo",
+                "TTL 0: none of {} datagrams left by {name} (control on lo: {} of {})",
                 out.sent,
                 control.left.min(control.sent.into()),
                 control.sent
