@@ -1,5 +1,16 @@
-//! A file of the type language.
+//! A file of the type language, through to the generated code.
 #![no_main]
+use lcm_gen::Schema;
+use lcm_gen::rust::{self, Options, Serde};
+
 libfuzzer_sys::fuzz_target!(|text: &str| {
-    let _ = lcm_gen::parse("fuzz.lcm", text);
+    let Ok(schema) = Schema::new(&[("fuzz.lcm", text)]) else { return };
+    for definition in schema.definitions() {
+        assert!(schema.fingerprint(&definition.name()).is_some());
+    }
+    let options = Options { serde: Serde::Both, views: true };
+    let whole = rust::generate(&schema, &options);
+    let files = rust::generate_files(&schema, &options);
+    // Only a package that is named `mod` can be in one file and not in several.
+    assert!(whole.is_ok() || files.is_err());
 });
