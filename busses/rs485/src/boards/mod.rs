@@ -101,6 +101,9 @@ impl fmt::Display for Implausible {
 }
 
 #[cfg(test)]
+mod transcripts;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
