@@ -2,7 +2,7 @@
 //! each board says. Everything here is sans-IO: it reads no clock and owns no port; the caller feeds words and time,
 //! then drains what is to be sent, what happened and when to come back.
 //!
-//! The wire contract is `docs/facts/boards.md` (sections 1 to 4); clause by clause: `docs/conformance/rs485.md`.
+//! The wire contract is `docs/facts/boards.md` (sections 1 to 6); clause by clause: `docs/conformance/rs485.md`.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -15,6 +15,8 @@ pub mod frame;
 pub mod master;
 pub mod node;
 pub mod reader;
+#[cfg(test)]
+mod residual;
 pub mod schedule;
 pub mod slave;
 #[cfg(test)]

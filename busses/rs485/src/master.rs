@@ -12,14 +12,16 @@
 //! ```
 
 use crate::boards::Instruction;
-use crate::frame::{self, BROADCAST, Frame, MAX_DATA, NO_ACK, RESEND, Status, Words};
+use crate::frame::{self, BROADCAST, Frame, MAX_DATA, NO_ACK, OVERHEAD, RESEND, Status, Words};
 use crate::node::{Change, ErrorCounter, Health, RoundTrips, Statistics};
 use crate::reader::{Counters, Reader, Received};
 use crate::{Data, Transmit, word_time};
 use base::serial::Word;
 use base::{Duration, Instant, Queue};
+use culprit::Watch;
 use heapless::Vec;
 
+mod culprit;
 mod transaction;
 
 pub use transaction::{BusStatistics, Config, Event, Lengths, Request, RequestError, Why};
@@ -94,6 +96,7 @@ pub struct Master {
     tx: Words,
     nodes: Vec<Node, NODES_MAX>,
     events: Queue<Event, EVENTS>,
+    watch: Watch,
     statistics: BusStatistics,
 }
 
@@ -110,6 +113,7 @@ impl Master {
             tx: Words::new(),
             nodes: Vec::new(),
             events: Queue::new(),
+            watch: Watch::new(),
             statistics: BusStatistics::default(),
         }
     }
@@ -128,6 +132,7 @@ impl Master {
             statistics: Statistics::default(),
             recent: RoundTrips::default(),
         };
+        self.watch.add(address);
         self.nodes.push(node).is_ok()
     }
 
@@ -163,6 +168,7 @@ impl Master {
     pub fn cancel(&mut self) {
         self.state = State::Idle;
         self.reader.reset();
+        self.watch.on_cancel();
     }
 
     /// How well the node answers; a node that was not added is Ok.
@@ -210,12 +216,20 @@ impl Master {
     fn handle_word(&mut self, now: Instant, word: Word) {
         self.statistics.words += 1;
         self.busy_until(now);
+        if !self.config.full_duplex && self.watch.on_word(now, word, &mut self.events) {
+            self.statistics.surplus_words += 1;
+        }
         let answer = match self.reader.push(now, word) {
             None => Answer::None,
             Some(Received::BadCrc(frame)) => Answer::of_damaged(self.state, frame, &self.config),
             Some(Received::Frame(frame)) => {
                 self.statistics.frames += 1;
-                Answer::of(self.state, frame, &self.config)
+                let answer = Answer::of(self.state, frame, &self.config);
+                if matches!(answer, Answer::Stray) && !self.config.full_duplex {
+                    let waiting = matches!(self.state, State::Sending { .. } | State::Waiting { .. });
+                    self.watch.on_stray(now, frame.address, frame.flags, waiting, &mut self.events);
+                }
+                answer
             }
         };
         self.state = match (self.state, answer) {
@@ -254,6 +268,7 @@ impl Master {
     }
 
     fn unasked(&mut self, from: u8, instruction: u8, data: Data) {
+        self.watch.on_unasked(data.len() + OVERHEAD);
         if let Some(node) = self.node(from) {
             node.statistics.unasked += 1;
         }
@@ -314,6 +329,8 @@ impl Master {
             self.reader.tidy();
         } else {
             self.reader.reset();
+            let words = attempt.answered.then(|| usize::from(attempt.answer.max) + OVERHEAD);
+            self.watch.on_sent(now, attempt.to, words, &mut self.events);
         }
         self.statistics.frames += 1;
         self.statistics.words += self.tx.len() as u64;
@@ -351,6 +368,7 @@ impl Master {
         });
         self.events.push(Event::Reply { to, instruction, status, data });
         self.changed(to, change);
+        self.watch.on_good(to, &mut self.events);
         State::Idle
     }
 
@@ -359,18 +377,29 @@ impl Master {
             node.statistics.timeouts += 1;
         }
         let Attempt { to, instruction, .. } = attempt;
-        self.retry_or(attempt, 0, Event::Silent { to, instruction })
+        self.retry_or(self.hurried(attempt), 0, Event::Silent { to, instruction })
     }
 
     fn damaged(&mut self, attempt: Attempt, why: Why) -> State {
         if let Some(node) = self.node(attempt.to) {
             node.statistics.crc_errors += 1;
         }
+        // What the node reads wrong is not what it says wrong.
+        if why != Why::Request {
+            self.watch.on_damaged(attempt.to, &mut self.events);
+        }
+        let attempt = if why == Why::Incomplete { self.hurried(attempt) } else { attempt };
         // The first retry asks for the same answer again; if that does not help the node may have none to repeat. A
         // node that could not read the request has not.
         let flags = if attempt.first && why != Why::Request { RESEND } else { 0 };
         let Attempt { to, instruction, .. } = attempt;
         self.retry_or(attempt, flags, Event::Garbled { to, instruction, why })
+    }
+
+    /// A degraded node is not asked again when its time ran out: that time belongs to the others. Damage is known at
+    /// once, and costs no more than its words.
+    fn hurried(&self, attempt: Attempt) -> Attempt {
+        if self.health(attempt.to) == Health::Ok { attempt } else { Attempt { retries_left: 0, ..attempt } }
     }
 
     fn retry_or(&mut self, attempt: Attempt, flags: u8, failure: Event) -> State {
@@ -410,7 +439,6 @@ impl Master {
 }
 
 /// What a received word means to the outstanding transaction.
-#[expect(clippy::large_enum_variant, reason = "lives for one match")]
 enum Answer {
     /// Nothing yet.
     None,

@@ -139,7 +139,6 @@ pub enum Why {
 
 /// What the bus did. A silent board is news, not our failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[expect(clippy::large_enum_variant, reason = "a reply is the usual event, and no_std has no box to put it in")]
 pub enum Event {
     /// The node answered. Only with [`Status::Ok`] has it done what was asked.
     Reply {
