@@ -9,8 +9,8 @@ pub const TRANSPORTS: [(&str, &str); 6] = [
     ("official", "official LCM"),
     ("udpm", "ours"),
     ("udpm-epoll", "ours in epoll"),
-    ("shm", "ours, shm"),
-    ("shm-epoll", "ours, shm, in epoll"),
+    ("shm", "ours with shm"),
+    ("shm-epoll", "with shm in epoll"),
 ];
 
 /// One measurement.
@@ -122,7 +122,7 @@ pub fn markdown(rows: &[Row], machine: &str) -> String {
         }
         let verdicts = line.goals.iter().filter_map(|goal| verdict(rows, line, *goal));
         let (goals, reached): (Vec<_>, Vec<_>) = verdicts.unzip();
-        let _ = writeln!(out, " {} | {} |", goals.join(", "), reached.join(", "));
+        let _ = writeln!(out, " {} | {} |", goals.join("; "), reached.join("; "));
     }
     let disturbed = rows.iter().filter(|row| row.foreign >= DISTURBED).count();
     let rounds = rows.iter().map(|row| row.round + 1).max().unwrap_or(0);
@@ -146,7 +146,7 @@ fn verdict(rows: &[Row], line: &Line, (transport, goal): (&str, Goal)) -> Option
             (format!("≤ {bound} × {}", label(other)), ratio <= bound)
         }
     };
-    Some((format!("{}: {text}", label(transport)), if reached { "yes".into() } else { "**no**".into() }))
+    Some((format!("{} {text}", label(transport)), if reached { "yes".into() } else { "**no**".into() }))
 }
 
 fn times(value: f64, base: f64) -> String {
@@ -160,7 +160,6 @@ fn times(value: f64, base: f64) -> String {
 
 fn number(value: f64) -> String {
     match value {
-        1000.0.. => format!("{value:.0}"),
         100.0.. => format!("{value:.0}"),
         0.0 => "0".into(),
         0.0..0.1 => format!("{value:.3}"),
