@@ -28,6 +28,7 @@ bench:
 	@tools/venv
 	cargo bench -p advee --locked --bench start --bench wheel
 	cargo bench -p lcm-gen --locked --bench codec
+	cargo bench -p rs485 --locked --bench rs485
 	cargo bench -p lcm --locked --bench lcm
 
 clean:

@@ -1,0 +1,41 @@
+//! An allocator that counts.
+#![allow(unsafe_code, reason = "an allocator cannot be written without")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// The system's, counting what it is asked for.
+pub struct Counting {
+    allocations: AtomicU64,
+}
+
+impl Counting {
+    pub const fn new() -> Self {
+        Self { allocations: AtomicU64::new(0) }
+    }
+
+    /// Allocations since the start, grown ones included.
+    pub fn allocations(&self) -> u64 {
+        self.allocations.load(Relaxed)
+    }
+}
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        self.allocations.fetch_add(1, Relaxed);
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise is passed on; `pointer` came from there.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        self.allocations.fetch_add(1, Relaxed);
+        // SAFETY: the caller's promise is passed on; `pointer` came from there.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
