@@ -3,6 +3,7 @@
 mod ear;
 mod echo;
 mod generate;
+mod hub;
 mod publish;
 mod show;
 mod stats;
@@ -27,6 +28,8 @@ pub enum Lcm {
     Pub(publish::Pub),
     /// Generate Rust from .lcm files
     Gen(generate::Gen),
+    /// Relay between programs that reach the bus by tcpq://
+    Hub(hub::Hub),
 }
 
 pub fn lcm(common: &Common, command: &Lcm) -> Outcome {
@@ -37,5 +40,6 @@ pub fn lcm(common: &Common, command: &Lcm) -> Outcome {
         Lcm::Bw(command) => table::table(common, command, View::Bw),
         Lcm::Pub(command) => publish::publish(common, command),
         Lcm::Gen(command) => generate::generate(command),
+        Lcm::Hub(command) => hub::hub(command),
     }
 }
