@@ -214,4 +214,28 @@ mod tests {
         let one_in = f64::from(frames + crc_errors) / f64::from(frames);
         assert!((200.0..330.0).contains(&one_in), "one in {one_in}");
     }
+
+    #[test]
+    fn after_any_garbage_the_next_good_frame_is_understood() {
+        let mut random = Random::new(9);
+        for gap in [None, Some(Duration::from_millis(5))] {
+            let mut reader = Reader::new(Crc8::SAE_J1850, gap);
+            for _ in 0..100_000 {
+                // From almost no ninth bits to only such; as long as the longest frame, or longer.
+                let share = 1 + random.next() % 64;
+                for _ in 0..random.next() % 300 {
+                    let word = Word { byte: random.next() as u8, ninth: random.one_in(share) };
+                    reader.push(Instant::ZERO, word);
+                }
+                assert_eq!(read(&mut reader, "20! 01 00 04 01 00 ff ff 36"), "[[01, 00, ff, ff]]");
+            }
+        }
+    }
+
+    #[test]
+    fn words_without_ninth_bits_are_no_frame_whatever_they_say() {
+        let mut reader = Reader::new(Crc8::SAE_J1850, None);
+        assert_eq!(read(&mut reader, &"20 01 00 04 01 00 ff ff 36 ".repeat(100)), "");
+        assert_eq!(reader.counters(), Counters { stray_words: 900, ..Counters::default() });
+    }
 }

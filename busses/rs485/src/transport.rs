@@ -99,4 +99,19 @@ mod tests {
         codec.reset();
         assert_eq!(decode(&mut codec, &[0x20, 1]), crate::testing::words("20!"));
     }
+
+    #[test]
+    fn after_any_bytes_the_words_of_an_address_above_1_are_read_right() {
+        let mut random = crate::testing::Random::new(4);
+        let mut codec = TwoByte::new();
+        let words = crate::testing::words("20! 01 00 00 9c");
+        let bytes: Vec<u8> = words.iter().copied().flat_map(TwoByte::encode).collect();
+        for _ in 0..100_000 {
+            for _ in 0..random.next() % 9 {
+                codec.decode(random.next() as u8 % 5);
+            }
+            let read = decode(&mut codec, &bytes);
+            assert!(read.ends_with(&words), "{read:?}");
+        }
+    }
 }

@@ -522,6 +522,49 @@ fn there_is_room_for_so_many_nodes_and_any_may_be_asked() {
 }
 
 #[test]
+fn after_any_garbage_the_next_answer_is_understood() {
+    let mut random = Random::new(11);
+    for full_duplex in [false, true] {
+        let mut master = Master::new(Config { full_duplex, ..config() });
+        assert!(master.add_node(0x20, Duration::from_millis(20)));
+        let mut now = Instant::ZERO;
+        for _ in 0..20_000 {
+            now += Duration::from_millis(100);
+            let share = 1 + random.next() % 64;
+            let garbage: Vec<Word> = (0..random.next() % 300)
+                .map(|_| Word { byte: random.next() as u8, ninth: random.one_in(share) })
+                .collect();
+            let answer = words("20! 01 00 04 01 00 ff ff 36");
+            let request = Request { answer: Lengths::exactly(4), ..Request::new(0x20, 0x01, &[]) };
+            master.request(request).unwrap();
+            let mut heard = false;
+            // Garbage comes while it waits or before it sends; each attempt after that is answered.
+            while let Some(due) = master.poll_timeout() {
+                now = now.max(due);
+                master.handle_timeout(now);
+                if random.one_in(2) && !heard {
+                    master.handle_rx(now, &garbage);
+                    heard = true;
+                }
+                if master.poll_tx(now).is_some() {
+                    master.handle_tx_done(now);
+                    now += Duration::from_millis(2);
+                    if random.one_in(2) && !heard {
+                        master.handle_rx(now, &garbage);
+                        heard = true;
+                    }
+                    master.handle_rx(now, &answer);
+                }
+            }
+            let replied = core::iter::from_fn(|| master.poll_event())
+                .any(|event| matches!(event, Event::Reply { data, .. } if data[..] == [1, 0, 0xFF, 0xFF]));
+            assert!(replied);
+        }
+        assert_eq!(master.statistics(0x20).map(|node| node.failures), Some(0));
+    }
+}
+
+#[test]
 fn random_words_and_calls_never_panic_and_leave_nothing_due() {
     let mut random = Random::new(7);
     let mut master = master();

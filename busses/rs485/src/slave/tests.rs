@@ -121,3 +121,19 @@ fn a_reset_forgets_what_is_to_be_sent_and_repeated() {
     assert_eq!(slave.poll_tx(at(100)), None);
     assert_ne!(ask(&mut slave, at(200), "20! 01 01 00 d0", TICKS), "", "nothing to repeat: the board is asked");
 }
+
+#[test]
+fn after_any_garbage_the_next_request_is_answered() {
+    let mut random = crate::testing::Random::new(8);
+    let mut slave = slave();
+    for n in 1..20_000 {
+        let share = 1 + random.next() % 64;
+        let garbage: std::vec::Vec<Word> =
+            (0..random.next() % 300).map(|_| Word { byte: random.next() as u8, ninth: random.one_in(share) }).collect();
+        slave.handle_rx(at(100 * n), &garbage);
+        // What the garbage may have asked is forgotten.
+        while slave.poll_request().is_some() {}
+        slave.handle_timeout(at(100 * n + 50));
+        assert_eq!(ask(&mut slave, at(100 * n + 60), "20! 01 00 00 9c", TICKS), "20! 01 00 04 01 00 ff ff 36");
+    }
+}
