@@ -84,11 +84,14 @@ fn with_ttl_0_nothing_leaves_whatever_becomes_of_the_interfaces() {
         drop(loud);
 
         let (mut old, mut listener) = (subscribed(&url), subscribed(&url));
-        let changes: [(&[&str], &[&str]); 5] = [
+        let changes: [(&[&str], &[&str]); 8] = [
             (&[], both),
+            (&["link set eth7 down"], &["eth9"]),
+            (&["link set eth7 up", "route add default dev eth7"], both),
             (&["route replace default dev eth9"], both),
             (&["route del default"], both),
-            (&["addr del 10.1.2.1/24 dev eth7"], both),
+            (&["addr del 10.1.2.1/24 dev eth7", "addr add 10.1.2.1/24 dev eth9"], both),
+            (&["addr flush dev eth9"], both),
             (&["link del eth7"], &["eth9"]),
         ];
         for (commands, up) in changes {

@@ -5,7 +5,7 @@
 //! then leaves on an interface where nobody on this host has joined. So here
 //!
 //! - the receive socket joins on that interface and on `lo`;
-//! - the send socket is bound to that interface's address, which pins it there, and joins there too, so that the
+//! - the send socket is bound to that interface's address and pinned to its index, and joins there too, so that the
 //!   kernel loops its datagrams back even if no other socket of this host did;
 //! - without a route, at the start or later, the send socket is bound to 127.0.0.1 instead, which pins it to `lo`
 //!   (Linux `ip_route_output_key_hash_rcu`: a multicast goes out where its source address lives).
@@ -274,7 +274,8 @@ impl SendSocket {
         let (interface, to) = (address_of(url.interface.as_ref())?, url.address());
         let source = match interface {
             Some(address) => address,
-            None => route_to(to)?.unwrap_or(Ipv4Addr::LOCALHOST),
+            // A route over `lo` need not name a source address: then it is 0.0.0.0, which pins nothing.
+            None => route_to(to)?.filter(|source| !source.is_unspecified()).unwrap_or(Ipv4Addr::LOCALHOST),
         };
         let (fd, source) = open_sender(url.group, url.ttl, source)?;
         // A datagram that leaves this host in pieces is lost with any of them. What stays here is never in pieces.
@@ -388,6 +389,9 @@ fn open_sender(group: Ipv4Addr, ttl: u8, source: Ipv4Addr) -> io::Result<(OwnedF
     setsockopt(&fd, sockopt::RcvBuf, &SEND_SOCKET_RECV_BUF).map_err(context("cannot set SO_RCVBUF"))?;
     bind(fd.as_raw_fd(), &SockaddrIn::from(SocketAddrV4::new(source, 0)))
         .map_err(context(format_args!("cannot bind to {source}")))?;
+    // By its index, too: then an interface that is down is an error and not a silence; and when the address moves to
+    // another interface, where we have not joined, nothing follows it: there not even a TTL of 0 would hold.
+    sys::set_multicast_interface(fd.as_fd(), source).map_err(context("cannot set IP_MULTICAST_IF"))?;
     join(&fd, group, source).map_err(context(format_args!("cannot join the multicast group {group} on {source}")))?;
     let bound: SockaddrIn = getsockname(fd.as_raw_fd()).map_err(context("cannot read a socket's address"))?;
     Ok((fd, bound.into()))

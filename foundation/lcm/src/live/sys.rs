@@ -5,6 +5,7 @@ use crate::filter::Instruction;
 use nix::errno::Errno;
 use nix::libc;
 use std::mem;
+use std::net::Ipv4Addr;
 use std::os::fd::{AsRawFd, BorrowedFd};
 
 /// Has the kernel run `program` on each datagram, instead of any program before.
@@ -31,6 +32,13 @@ pub fn receive_memory(fd: BorrowedFd<'_>) -> nix::Result<(u32, u32)> {
     // SAFETY: SO_MEMINFO fills an array of 32-bit numbers (linux/sock_diag.h: SK_MEMINFO_RMEM_ALLOC 0, RCVBUF 1).
     let [taken, size] = unsafe { get::<[u32; 2]>(fd, libc::SOL_SOCKET, libc::SO_MEMINFO) }?;
     Ok((taken, size))
+}
+
+/// Sends multicasts by the interface that has `address` now; 0.0.0.0: where the routing table says.
+pub fn set_multicast_interface(fd: BorrowedFd<'_>, address: Ipv4Addr) -> nix::Result<()> {
+    let address = libc::in_addr { s_addr: u32::from_ne_bytes(address.octets()) };
+    // SAFETY: the option takes an `in_addr`.
+    unsafe { set(fd, libc::IPPROTO_IP, libc::IP_MULTICAST_IF, &address) }
 }
 
 /// The largest IP packet on the way to where the socket is connected to, in bytes.
