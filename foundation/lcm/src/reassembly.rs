@@ -90,8 +90,8 @@ struct Partial {
     buffer: Buffer,
     /// Where the payload begins in the buffer.
     start: usize,
-    /// A bit for each fragment.
-    seen: Vec<u64>,
+    /// A bit for each fragment: of the first 64, and of the others.
+    seen: (u64, Vec<u64>),
     count: u16,
     missing: u16,
     /// Payload bytes that came.
@@ -115,9 +115,13 @@ impl Partial {
 
     /// Notes a fragment; false if it was there before.
     fn note(&mut self, number: u16) -> bool {
-        let (word, bit) = (usize::from(number / 64), 1 << (number % 64));
-        let new = self.seen[word] & bit == 0;
-        self.seen[word] |= bit;
+        let word = match usize::from(number / 64).checked_sub(1) {
+            None => &mut self.seen.0,
+            Some(word) => &mut self.seen.1[word],
+        };
+        let bit = 1 << (number % 64);
+        let new = *word & bit == 0;
+        *word |= bit;
         self.missing -= u16::from(new);
         new
     }
@@ -132,11 +136,37 @@ pub struct Complete<'a> {
     pub payload: &'a [u8],
 }
 
-/// How many messages are remembered as done, so that their late fragments begin no new ones.
+/// How many messages are remembered as done.
 const DONE_MAX: usize = 64;
 /// How many buffers wait to be used again, each of at most [`SPARE_SIZE`] bytes.
 const SPARE_MAX: usize = 2;
 const SPARE_SIZE: usize = 1 << 20;
+
+/// Messages that need no more fragments, so that late ones begin no new message; the oldest is forgotten. Sequence
+/// numbers apart from senders: the look for one is done sixteen at a time.
+#[derive(Debug, Default)]
+struct Done {
+    sequences: Vec<u32>,
+    from: Vec<SocketAddrV4>,
+    next: usize,
+}
+
+impl Done {
+    fn contains(&self, (from, sequence): (SocketAddrV4, u32)) -> bool {
+        self.sequences.contains(&sequence)
+            && self.sequences.iter().zip(&self.from).any(|(known, sender)| (*known, *sender) == (sequence, from))
+    }
+
+    fn push(&mut self, (from, sequence): (SocketAddrV4, u32)) {
+        if self.sequences.len() < DONE_MAX {
+            self.sequences.push(sequence);
+            self.from.push(from);
+        } else {
+            (self.sequences[self.next], self.from[self.next]) = (sequence, from);
+            self.next = (self.next + 1) % DONE_MAX;
+        }
+    }
+}
 
 /// Incomplete messages.
 #[derive(Debug, Default)]
@@ -144,9 +174,7 @@ pub struct Reassembly {
     limits: Limits,
     partials: Vec<Partial>,
     complete: Option<Partial>,
-    /// Those that need no more fragments; the oldest is overwritten.
-    done: Vec<(SocketAddrV4, u32)>,
-    next_done: usize,
+    done: Done,
     spare: Vec<Buffer>,
     given_up: u64,
 }
@@ -171,16 +199,16 @@ impl Reassembly {
         self.expire(at);
         let Ok(Datagram::Fragment(fragment)) = udpm::decode(&datagram.0[..len]) else { return Outcome::Needless };
         let key = (from, fragment.sequence);
-        if self.done.contains(&key) {
+        let known = self.partials.iter().position(|partial| (partial.from, partial.sequence) == key);
+        if known.is_none() && self.done.contains(key) {
             return Outcome::Needless;
         }
-        let known = self.partials.iter().position(|partial| (partial.from, partial.sequence) == key);
         if fragment.channel.is_some_and(|channel| !wants(channel)) {
             if let Some(index) = known {
                 let partial = self.partials.swap_remove(index);
                 self.recycle(partial.buffer);
             }
-            self.finish(key);
+            self.done.push(key);
             return Outcome::Unwanted;
         }
         // Another message under the same number: its sender has begun anew.
@@ -208,7 +236,7 @@ impl Reassembly {
                     channel: None,
                     buffer: self.spare.pop().unwrap_or_default(),
                     start: data.start,
-                    seen: vec![0; usize::from(count).div_ceil(64)],
+                    seen: (0, vec![0; usize::from(count).saturating_sub(1) / 64]),
                     count,
                     missing: count,
                     held: 0,
@@ -231,7 +259,7 @@ impl Reassembly {
             self.keep_limits();
             return Outcome::Incomplete;
         }
-        self.finish(key);
+        self.done.push(key);
         let partial = self.partials.swap_remove(index);
         if partial.held != partial.total {
             // All fragments that were announced, and yet not all bytes.
@@ -243,6 +271,16 @@ impl Reassembly {
             self.recycle(before.buffer);
         }
         Outcome::Complete
+    }
+
+    /// The message that was completed last is no longer needed: its memory, which is in the cache, becomes `datagram`.
+    pub fn reclaim(&mut self, datagram: &mut Buffer) {
+        if let Some(mut complete) = self.complete.take() {
+            if complete.buffer.0.len() <= SPARE_SIZE {
+                mem::swap(&mut complete.buffer, datagram);
+            }
+            self.recycle(complete.buffer);
+        }
     }
 
     /// The message that was completed last.
@@ -285,15 +323,6 @@ impl Reassembly {
         let partial = self.partials.swap_remove(index);
         self.given_up += 1;
         self.recycle(partial.buffer);
-    }
-
-    fn finish(&mut self, key: (SocketAddrV4, u32)) {
-        if self.done.len() < DONE_MAX {
-            self.done.push(key);
-        } else {
-            self.done[self.next_done] = key;
-            self.next_done = (self.next_done + 1) % DONE_MAX;
-        }
     }
 
     fn recycle(&mut self, buffer: Buffer) {

@@ -179,6 +179,11 @@ impl Receiver {
         }
     }
 
+    /// The message that [`Receiver::handle_rx`] found last is no longer needed, and `buffer` is: gives memory back.
+    pub fn reclaim(&mut self, buffer: &mut Buffer) {
+        self.reassembly.reclaim(buffer);
+    }
+
     /// Channel and payload of a message that [`Receiver::handle_rx`] found in `buffer`.
     #[must_use]
     pub fn message<'a>(&'a self, place: Place, buffer: &'a Buffer) -> (&'a str, &'a [u8]) {

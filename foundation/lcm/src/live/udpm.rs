@@ -222,20 +222,18 @@ impl Udpm {
             }
             return self.recv();
         }
-        let mut left = timeout;
-        let mut since = None;
+        let begin = Instant::now();
+        let mut wait = Some(timeout);
         loop {
-            match self.take(Some(left))? {
-                Taken::Nothing => return Ok(None),
+            match self.take(wait)? {
                 Taken::Message(place, at) => return Ok(Some(self.received(place, at))),
-                Taken::Unwanted => {
-                    // The clock is asked only here: a wanted message takes one system call.
-                    let since = *since.get_or_insert_with(Instant::now);
-                    left = timeout.saturating_sub(since.elapsed());
-                    if left.is_zero() {
-                        return Ok(None);
-                    }
-                }
+                Taken::Nothing if wait.is_some() => return Ok(None),
+                // What had come with it, the other fragments perhaps, is taken before there is a wait again.
+                Taken::Unwanted => wait = None,
+                Taken::Nothing => wait = Some(timeout.saturating_sub(begin.elapsed())),
+            }
+            if begin.elapsed() >= timeout {
+                return Ok(None);
             }
         }
     }
@@ -270,6 +268,7 @@ impl Udpm {
     }
 
     fn take_datagram(&mut self, wait: Option<Duration>) -> io::Result<Taken> {
+        self.receiver.reclaim(&mut self.buffer);
         let arrival = self.receive.receive(self.buffer.room(), wait)?;
         let Some(Arrival { from, len, at }) = arrival else { return Ok(Taken::Nothing) };
         self.receiver.stats.kernel_dropped = self.receive.dropped();
