@@ -25,6 +25,11 @@ pub mod transport;
 #[cfg(test)]
 mod wire;
 
+/// The page's code is compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/writing-a-board-driver.md")]
+pub struct WritingABoardDriver;
+
 use base::Duration;
 use base::serial::Word;
 

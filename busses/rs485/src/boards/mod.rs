@@ -1,5 +1,6 @@
 //! What each board says (`docs/facts/boards.md` 3 to 6): one table of instructions a board, and a typed way from and to the
-//! data of its answers. Stateless, and shared by the driver and the emulated board.
+//! data of its answers. Stateless, and shared by the driver and the emulated board. How to add one:
+//! `docs/writing-a-board-driver.md`.
 
 pub mod psc1;
 pub mod sbs1;
@@ -30,6 +31,30 @@ impl Instruction {
         Request { to, instruction: self.code, data, no_ack: false, answer: self.answer }
     }
 }
+
+/// A kind of board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Board {
+    /// What the configuration's `driver` calls it.
+    pub name: &'static str,
+    /// Where it sits on the reference robot (`docs/facts/boards.md`).
+    pub addresses: &'static [u8],
+    /// All that it may be asked, version and reset included.
+    pub instructions: &'static [Instruction],
+    /// What it may say by itself: for [`Config::unasked`](crate::master::Config::unasked).
+    pub unasked: &'static [Instruction],
+}
+
+impl Board {
+    /// The instruction of that code, asked or unasked.
+    #[must_use]
+    pub fn instruction(&self, code: u8) -> Option<&'static Instruction> {
+        self.instructions.iter().chain(self.unasked).find(|instruction| instruction.code == code)
+    }
+}
+
+/// Every kind of board.
+pub const BOARDS: &[Board] = &[sd1::BOARD, so1::BOARD, sbs1::BOARD, psc1::BOARD];
 
 const fn instruction(code: u8, name: &'static str, answer: Lengths) -> Instruction {
     Instruction { code, name, request: Lengths::NONE, answer }
@@ -109,15 +134,26 @@ mod tests {
 
     #[test]
     fn no_table_names_a_code_twice_and_all_have_version_and_reset() {
-        for table in [sd1::INSTRUCTIONS, so1::INSTRUCTIONS, sbs1::INSTRUCTIONS, psc1::INSTRUCTIONS] {
-            for (i, instruction) in table.iter().enumerate() {
-                assert!(table[..i].iter().all(|earlier| earlier.code != instruction.code), "{}", instruction.name);
+        for board in BOARDS {
+            // What comes unasked is told from an answer by its instruction alone: it must not be one that is asked.
+            let codes = board.instructions.iter().chain(board.unasked).map(|instruction| instruction.code);
+            for (i, code) in codes.clone().enumerate() {
+                assert!(codes.clone().take(i).all(|earlier| earlier != code), "{}: {code:#04x}", board.name);
             }
-            assert!(table.contains(&GET_VERSION) && table.contains(&DO_RESET));
+            assert!(board.instructions.contains(&GET_VERSION) && board.instructions.contains(&DO_RESET));
         }
-        // What comes unasked is told from an answer by its instruction alone.
-        let both = |unasked: &Instruction| psc1::INSTRUCTIONS.iter().any(|asked| asked.code == unasked.code);
-        assert!(!psc1::UNASKED.iter().any(both));
+    }
+
+    #[test]
+    fn no_two_boards_have_one_name_or_address() {
+        for (i, board) in BOARDS.iter().enumerate() {
+            for other in &BOARDS[..i] {
+                assert_ne!(board.name, other.name);
+                assert!(board.addresses.iter().all(|address| !other.addresses.contains(address)));
+            }
+        }
+        assert_eq!(psc1::BOARD.instruction(0x80), Some(&psc1::PAUSE_CHANGED));
+        assert_eq!(so1::BOARD.instruction(0x80), None);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! Unasked   [`UNASKED`]: told from an answer by their instruction; each change of the PAUSE line, and every 500 ms
 //! Timing    500 ms between starting channels, 1 s between stopping them
 
-use super::{DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
+use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
 use crate::master::Lengths;
 use heapless::Vec;
 
@@ -34,6 +34,9 @@ pub const POWER_OFF_REQUESTED: Instruction = instruction(0x81, "power_off_reques
 pub const INSTRUCTIONS: &[Instruction] = &[GET_PWR_STATUS, SET_PWR_STATUS, GET_CURRENTS, GET_VERSION, DO_RESET];
 /// What it sends by itself, not acknowledged: for [`Config::unasked`](crate::master::Config::unasked).
 pub const UNASKED: &[Instruction] = &[PAUSE_CHANGED, POWER_OFF_REQUESTED];
+
+/// The board.
+pub const BOARD: Board = Board { name: "psc1", addresses: &[ADDRESS], instructions: INSTRUCTIONS, unasked: UNASKED };
 
 /// From the data of an answer to [`GET_PWR_STATUS`] or [`SET_PWR_STATUS`]: which channels are on. Every mask is
 /// plausible.

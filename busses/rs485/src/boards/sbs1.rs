@@ -5,7 +5,7 @@
 //! CRC       an answer with more than four beacons is beyond what the CRC guards with Hamming distance 3
 //!           (`docs/facts/boards.md`, CRC): length, bearings and beacons named twice are looked at too
 
-use super::{DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
+use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
 use crate::master::Lengths;
 use heapless::Vec;
 
@@ -33,6 +33,9 @@ pub const GET_DEBUG_DATA: Instruction = instruction(0x03, "get_debug_data", Leng
 
 /// All instructions of the board.
 pub const INSTRUCTIONS: &[Instruction] = &[SET_BEACON_IDS, GET_BEACON_DATA, GET_DEBUG_DATA, GET_VERSION, DO_RESET];
+
+/// The board.
+pub const BOARD: Board = Board { name: "sbs1", addresses: &[ADDRESS], instructions: INSTRUCTIONS, unasked: &[] };
 
 /// One beacon, as it was sighted last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

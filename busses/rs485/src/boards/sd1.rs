@@ -4,7 +4,7 @@
 //! Timing    a sweep of all sonars takes 210 ms; an answer is what the last sweep measured, 0 to 250 ms old at 4 Hz
 //! Pause     the board pulls the PAUSE line by itself, without the host
 
-use super::{DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
+use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
 use crate::master::Lengths;
 use heapless::Vec;
 
@@ -41,6 +41,9 @@ pub const CLEAR_PAUSE_SRC: Instruction = instruction(0x21, "clear_pause_src", Le
 /// All instructions of the board.
 pub const INSTRUCTIONS: &[Instruction] =
     &[GET_SRF_DATA, GET_IR_DATA, GET_BOTH_DATA, GET_PAUSE_SRC, CLEAR_PAUSE_SRC, GET_VERSION, DO_RESET];
+
+/// The board.
+pub const BOARD: Board = Board { name: "sd1", addresses: &[FRONT, REAR], instructions: INSTRUCTIONS, unasked: &[] };
 
 /// Sonar distances in mm by channel, [`NO_ECHO`] where nothing was heard.
 pub type Srfs = Vec<u16, SRFS>;

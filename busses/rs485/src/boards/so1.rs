@@ -3,7 +3,7 @@
 //! Protocol  `docs/facts/boards.md` 4; counters are little-endian and wrap
 //! Timing    at 1.2 m/s the signed difference of two counts is right up to a gap of 4.2 s
 
-use super::{DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
+use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
 use crate::master::Lengths;
 use heapless::Vec;
 
@@ -19,6 +19,9 @@ pub const RESET_TICKS: Instruction = instruction(0x02, "reset_ticks", Lengths::N
 
 /// All instructions of the board.
 pub const INSTRUCTIONS: &[Instruction] = &[GET_TICKS, RESET_TICKS, GET_VERSION, DO_RESET];
+
+/// The board.
+pub const BOARD: Board = Board { name: "so1", addresses: &[ADDRESS], instructions: INSTRUCTIONS, unasked: &[] };
 
 /// Counters, left first.
 pub type Ticks = Vec<i16, COUNTERS>;
