@@ -190,12 +190,16 @@ fn hz_and_bw_measure_the_channels_asked_for() {
 }
 
 #[test]
-fn silence_is_an_error_that_says_where() {
+fn silence_is_an_answer_that_says_where() {
     let bench = Bench::new();
     for args in [&["list"][..], &["hz", "A"], &["bw", "A"], &["echo", "A"], &["list", "--json"]] {
-        let error = bench.run(&[args, &["--for", "0.2"]].concat()).bad();
-        assert!(error.contains("is heard on udpm://239.255.") && error.ends_with("is anyone publishing?"), "{error}");
+        let Told { code, out, err } = bench.run(&[args, &["--for", "0.2"]].concat());
+        assert_eq!(code, Some(0));
+        assert!(err.contains("is heard on udpm://239.255.") && err.ends_with("is anyone publishing?\n"), "{err}");
+        assert!(out.lines().count() <= 2 && (args[0] != "echo" || out.is_empty()), "{out}");
     }
+    let error = bench.run(&["echo", "A", "--count", "1", "--for", "0.2"]).bad();
+    assert!(error.ends_with("0 of 1 messages came, then the time was over"), "{error}");
     let _publisher = bench.publish(some());
     let error = bench.run(&["echo", "SHORT", "--count", "1000000", "--for", "0.3"]).bad_after_output();
     assert!(error.ends_with("of 1000000 messages came, then the time was over"), "{error}");

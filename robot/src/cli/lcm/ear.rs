@@ -1,7 +1,7 @@
 //! Listening to the bus, undecoded, until the time is over or Ctrl-C.
 
 use crate::cli::bus::{interrupt, wait};
-use crate::cli::{Common, Failed};
+use crate::cli::{Common, Failed, complain};
 use crate::live::clock;
 use base::{Duration, Instant};
 use lcm::Url;
@@ -118,9 +118,9 @@ impl Ear {
     }
 }
 
-/// Why a command that was to show something has nothing to show.
-pub fn silence(common: &Common, pattern: &str, time: Option<Duration>) -> Failed {
+/// Says that a command that was to show something has nothing to show, which is an answer and no error.
+pub fn silence(common: &Common, pattern: &str, time: Option<Duration>) {
     let what = if pattern == ".*" { "nothing".into() } else { format!("nothing on {}", pattern.escape_debug()) };
     let within = time.map(|time| format!(" within {} s", time.as_secs_f64())).unwrap_or_default();
-    format!("{what} is heard on {}{within}; is anyone publishing?", common.lcm_url()).into()
+    complain(&format!("{what} is heard on {}{within}; is anyone publishing?", common.lcm_url()));
 }
