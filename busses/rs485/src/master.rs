@@ -384,9 +384,10 @@ impl Master {
         if let Some(node) = self.node(attempt.to) {
             node.statistics.crc_errors += 1;
         }
-        // What the node reads wrong is not what it says wrong.
-        if why != Why::Request {
-            self.watch.on_damaged(attempt.to, &mut self.events);
+        match why {
+            // What the node reads wrong is not what it says wrong.
+            Why::Request => self.watch.on_misread(),
+            _ => self.watch.on_damaged(attempt.to, &mut self.events),
         }
         let attempt = if why == Why::Incomplete { self.hurried(attempt) } else { attempt };
         // The first retry asks for the same answer again; if that does not help the node may have none to repeat. A

@@ -31,7 +31,7 @@ const TWINS: u8 = 4;
 const TWINS_MAX: u8 = 8;
 /// Damaged attempts in a row that are a clash, while others' answers are clean: at least as many good, and at least so
 /// many times as many good as damaged.
-const RUN: u8 = 8;
+const RUN: u8 = 16;
 const CLEAN: u32 = 8;
 
 /// What is known of one address.
@@ -211,6 +211,11 @@ impl Watch {
         if talker.run >= RUN && clean && !explained && !talker.clashes {
             talker.clashes = tell(events, Event::Clash { node, certain: false });
         }
+    }
+
+    /// A node found the CRC of a request wrong: the wire is not clean.
+    pub(super) fn on_misread(&mut self) {
+        self.damaged = self.damaged.wrapping_add(1);
     }
 
     /// The transaction was given up: what comes of it is nobody's fault.

@@ -180,12 +180,15 @@ fn a_silent_board_does_not_starve_the_others() {
 }
 
 #[test]
-fn noise_at_one_bit_in_a_thousand_blames_nobody() {
-    let mut robot = Robot::new(&BOARDS);
-    robot.wire.flips = Some(1000);
-    let served = robot.run(300);
-    assert_eq!(robot.said(), "");
-    // One transaction in a hundred fails, after three attempts.
-    let asked = ALL.map(|polls| polls * 60);
-    assert!(served.iter().zip(asked).all(|(served, asked)| *served > asked * 97 / 100), "{served:?} of {asked:?}");
+fn noise_blames_nobody() {
+    for flips in [1000, 600, 300, 200, 100, 50] {
+        let mut robot = Robot::new(&BOARDS);
+        robot.wire.flips = Some(flips);
+        let served = robot.run(300);
+        assert_eq!(robot.said(), "", "one bit in {flips}");
+        // At 1e-3 one transaction in a hundred fails, after three attempts.
+        let asked = ALL.map(|polls| polls * 60);
+        let most = served.iter().zip(asked).all(|(served, asked)| *served > asked * 97 / 100);
+        assert!(most || flips < 1000, "{served:?} of {asked:?}");
+    }
 }
