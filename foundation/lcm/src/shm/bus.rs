@@ -30,8 +30,6 @@ const PASSED_MAX: usize = 4096;
 const TURN: u32 = 32;
 /// How long datagrams of a publisher that has left may still come, in ns.
 const LATE_NS: i64 = 2_000_000_000;
-/// How many publishers that have left are remembered.
-const LEFT_MAX: usize = 256;
 /// How many stations are followed; more are left to datagrams.
 const STATIONS_MAX: usize = 1024;
 /// Bytes and number of the payloads in files of their own that stay readable.
@@ -54,7 +52,7 @@ pub struct Bus {
     peers: Vec<Peer>,
     /// The generation of `peers`.
     generation: Value,
-    left: VecDeque<Left>,
+    left: Vec<Left>,
     writer: Writer,
     /// Bytes of the own ring that have memory behind them.
     reserved: usize,
@@ -93,6 +91,7 @@ struct Peer {
 /// A publisher whose ring was read to its end.
 #[derive(Debug)]
 struct Left {
+    name: String,
     source: SocketAddrV4,
     at: i64,
 }
@@ -139,7 +138,7 @@ impl Bus {
             ttl: url.ttl,
             peers: Vec::new(),
             generation: 0,
-            left: VecDeque::new(),
+            left: Vec::new(),
             writer,
             reserved: 0,
             asides: VecDeque::new(),
@@ -193,15 +192,16 @@ impl Bus {
     fn write(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> io::Result<()> {
         loop {
             let ring = self.station.ring();
-            let (kind, place) = match self.writer.place(ring, channel, payload.len(), || drained(&self.peers)) {
-                Some(place) => (Kind::Message, place),
-                None => {
-                    self.put_aside(sequence, payload)?;
-                    let ring = self.station.ring();
-                    let place = self.writer.place(ring, channel, 0, || drained(&self.peers));
-                    (Kind::Aside, place.ok_or(io::ErrorKind::OutOfMemory)?)
-                }
-            };
+            let (kind, place) =
+                match self.writer.place(ring, channel, payload.len(), || drained(&self.peers, &self.name)) {
+                    Some(place) => (Kind::Message, place),
+                    None => {
+                        self.put_aside(sequence, payload)?;
+                        let ring = self.station.ring();
+                        let place = self.writer.place(ring, channel, 0, || drained(&self.peers, &self.name));
+                        (Kind::Aside, place.ok_or(io::ErrorKind::OutOfMemory)?)
+                    }
+                };
             if place.reach <= self.reserved {
                 let message = Message { sequence, at, channel, payload, kind };
                 self.writer.write(self.station.ring(), place, &message);
@@ -386,10 +386,7 @@ impl Bus {
     fn bury(&mut self) {
         let peer = self.peers.swap_remove(self.turn);
         self.buried = true;
-        if self.left.len() == LEFT_MAX {
-            self.left.pop_front();
-        }
-        self.left.push_back(Left { source: peer.source, at: realtime() });
+        self.left.push(Left { name: peer.name, source: peer.source, at: realtime() });
     }
 
     /// Whether a datagram, received at `at`, is dropped because its publisher's ring has that message.
@@ -405,7 +402,8 @@ impl Bus {
     /// A self-test came from here: somebody begins to listen, unless it has a station.
     pub fn self_test(&mut self, source: SocketAddrV4) {
         self.refresh();
-        if !self.peers.iter().any(|peer| peer.source == source) {
+        let left = |left: &Left| left.source == source && left.at.saturating_add(LATE_NS) > realtime();
+        if !self.peers.iter().any(|peer| peer.source == source) && !self.left.iter().any(left) {
             self.tell(Listeners::Some);
         }
     }
@@ -475,8 +473,11 @@ impl Bus {
         if !reads {
             self.peers.retain(|peer| !peer.ended);
         }
+        // As long as its station is there it must not be taken for a new one, and read again.
+        let now = realtime();
+        self.left.retain(|left| now < left.at.saturating_add(LATE_NS) || names.contains(&left.name));
         for name in names {
-            if self.peers.iter().any(|peer| peer.name == name) {
+            if self.peers.iter().any(|peer| peer.name == name) || self.left.iter().any(|left| left.name == name) {
                 continue;
             }
             let opened = match self.peers.len() {
@@ -581,9 +582,12 @@ impl Drop for Bus {
     }
 }
 
-/// Whether no reader has anything left to read: those that have sleep.
-fn drained(peers: &[Peer]) -> bool {
-    peers.iter().all(|peer| !peer.station.reads() || bell::asleep(peer.station.sleep()).is_some())
+/// Whether no reader has anything left to read: the others sleep, and this context has read its own.
+fn drained(peers: &[Peer], own: &str) -> bool {
+    peers.iter().all(|Peer { name, station, reader, .. }| match reader {
+        Some(reader) if name == own => !reader.pending(station.ring()),
+        _ => !station.reads() || bell::asleep(station.sleep()).is_some(),
+    })
 }
 
 fn fetch(folder: &Folder, name: &str, copy: &mut Copy) -> bool {
