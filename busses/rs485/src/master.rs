@@ -12,7 +12,7 @@
 //! ```
 
 use crate::boards::Instruction;
-use crate::frame::{self, BROADCAST, Frame, MAX_DATA, NO_ACK, OVERHEAD, RESEND, Status, Words};
+use crate::frame::{self, BROADCAST, Frame, MAX_DATA, MAX_WORDS, NO_ACK, OVERHEAD, RESEND, Status, Words};
 use crate::node::{Change, ErrorCounter, Health, RoundTrips, Statistics};
 use crate::reader::{Counters, Reader, Received};
 use crate::{Data, Transmit, word_time};
@@ -31,6 +31,10 @@ pub const NODES_MAX: usize = 32;
 
 /// Silence owed to the bus before anyone talks, in words (`docs/facts/boards.md` 1, turnaround).
 const GAP_WORDS: u32 = 2;
+
+/// An answer whose words come less than this apart when its time is over is heard to its end: the longest takes 25 ms at
+/// 115200 Bd, more than the 20 ms that a node has.
+const WORDS_WITHIN: Duration = Duration::from_millis(5);
 
 /// Events that wait to be drained.
 const EVENTS: usize = 8;
@@ -67,11 +71,12 @@ enum State {
         off: Instant,
         until: Instant,
     },
-    /// The node owes an answer.
+    /// The node owes an answer; one that has begun puts `until` off while its words come, but not beyond `latest`.
     Waiting {
         attempt: Attempt,
         started: Instant,
         until: Instant,
+        latest: Instant,
     },
 }
 
@@ -92,6 +97,8 @@ pub struct Master {
     state: State,
     /// From when on the bus has been silent long enough.
     quiet: Instant,
+    /// When the last word came.
+    heard: Instant,
     reader: Reader,
     tx: Words,
     nodes: Vec<Node, NODES_MAX>,
@@ -109,6 +116,7 @@ impl Master {
             word: word_time(config.baud),
             state: State::Idle,
             quiet: Instant::ZERO,
+            heard: Instant::ZERO,
             reader: Reader::new(config.crc, None),
             tx: Words::new(),
             nodes: Vec::new(),
@@ -215,6 +223,7 @@ impl Master {
 
     fn handle_word(&mut self, now: Instant, word: Word) {
         self.statistics.words += 1;
+        self.heard = now;
         self.busy_until(now);
         if !self.config.full_duplex && self.watch.on_word(now, word, &mut self.events) {
             self.statistics.surplus_words += 1;
@@ -286,8 +295,8 @@ impl Master {
         let now = now.max(off);
         self.busy_until(now);
         self.state = if attempt.answered {
-            let timeout = self.timeout(attempt.to);
-            State::Waiting { attempt, started, until: now + timeout }
+            let until = now + self.timeout(attempt.to);
+            State::Waiting { attempt, started, until, latest: until + self.word * MAX_WORDS as u32 }
         } else {
             self.events.push(Event::Sent { to: attempt.to, instruction: attempt.instruction });
             State::Idle
@@ -305,12 +314,20 @@ impl Master {
                 self.events.push(Event::Unsent { to: attempt.to, instruction: attempt.instruction });
                 State::Idle
             }
+            State::Waiting { attempt, started, until, latest } if until <= now && self.goes_on(now, latest) => {
+                State::Waiting { attempt, started, until: (self.heard + WORDS_WITHIN).min(latest), latest }
+            }
             State::Waiting { attempt, until, .. } if until <= now && self.reader.is_untidy() => {
                 self.damaged(attempt, Why::Incomplete)
             }
             State::Waiting { attempt, until, .. } if until <= now => self.silent(attempt),
             other => other,
         };
+    }
+
+    /// Whether an answer is being received.
+    fn goes_on(&self, now: Instant, latest: Instant) -> bool {
+        self.reader.is_under_way() && now < self.heard + WORDS_WITHIN && now < latest
     }
 
     /// What is to be sent now, at once and without a gap.

@@ -110,10 +110,16 @@ impl Reader {
         self.untidy = false;
     }
 
+    /// Whether a frame has begun and not ended.
+    #[must_use]
+    pub fn is_under_way(&self) -> bool {
+        !(self.complete || self.bytes.is_empty())
+    }
+
     /// Whether anything but whole and right frames came since [`Reader::reset`] or the last right frame.
     #[must_use]
     pub fn is_untidy(&self) -> bool {
-        self.untidy || !(self.complete || self.bytes.is_empty())
+        self.untidy || self.is_under_way()
     }
 
     /// What it saw since it was made.

@@ -248,6 +248,37 @@ fn an_answer_that_breaks_off_is_damaged_when_its_time_is_over() {
 }
 
 #[test]
+fn an_answer_longer_than_its_time_is_heard_to_its_end() {
+    // 255 bytes take 26 ms at 110 000 Bd, and 20 ms are given.
+    let mut answer = Words::new();
+    Frame { address: 0x10, instruction: 1, flags: 0, data: &[7; 255] }.encode(config().crc, &mut answer);
+    let mut master = master();
+    let run = |master: &mut Master, words: &[Word]| {
+        master.request(Request::new(0x10, 1, &[])).unwrap();
+        let mut now = Instant::from_millis(1000 * master.statistics(0x10).unwrap().requests);
+        assert!(master.poll_tx(now).is_some());
+        now += Duration::from_micros(500);
+        master.handle_tx_done(now);
+        for word in words {
+            now += Duration::from_micros(100);
+            master.handle_timeout(now);
+            master.handle_rx(now, &[*word]);
+        }
+        let waits = master.poll_timeout().map(|due| due.since(now));
+        (master.poll_event().map(|event| write_event(&event)[..14].into()), waits)
+    };
+    assert_eq!(run(&mut master, &answer), (Some(String::from("reply 10 01 Ok")), None));
+    // It breaks off after its time was over: 5 ms later it is damaged at the latest.
+    let (_, waits) = run(&mut master, &answer[..230]);
+    assert!(waits.is_some_and(|waits| waits <= Duration::from_millis(5)), "{waits:?}");
+    master.cancel();
+    // One that never ends is not waited for longer than the longest frame takes.
+    let endless: Vec<Word> = (0..1000).map(|n| Word { byte: 0xFF, ninth: n % 100 == 0 }).collect();
+    run(&mut master, &endless);
+    assert_eq!(master.statistics(0x10).unwrap().crc_errors, 1);
+}
+
+#[test]
 fn an_answer_whose_ninth_bit_is_lost_is_damaged() {
     check(
         "
