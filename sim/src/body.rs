@@ -134,6 +134,8 @@ pub struct Body {
     /// No part of the body reaches a wall within this way.
     free_way: f64,
     touching: bool,
+    /// Something was in the way of the last step.
+    blocked: bool,
     collisions: u32,
 }
 
@@ -155,6 +157,7 @@ impl Body {
             hubs: (0.0, 0.0),
             free_way: 0.0,
             touching: false,
+            blocked: false,
             collisions: 0,
         }
     }
@@ -220,6 +223,12 @@ impl Body {
         self.collisions
     }
 
+    /// Whether something was in the way of the last step: a bumper is pressed.
+    #[must_use]
+    pub fn is_blocked(&self) -> bool {
+        self.blocked
+    }
+
     /// Distance of the body's rectangle to the nearest wall or column, m; infinite where there is none.
     #[must_use]
     pub fn clearance(&self, world: &World) -> f64 {
@@ -247,7 +256,8 @@ impl Body {
     pub fn step(&mut self, world: &World, demand: &Demand) {
         self.steer(demand.steering);
         let way = self.accelerate(demand.speed);
-        if way != 0.0 && !self.advance(world, way) {
+        self.blocked = way != 0.0 && !self.advance(world, way);
+        if self.blocked {
             self.speed = 0.0;
             self.collisions += u32::from(!self.touching);
             self.touching = true;

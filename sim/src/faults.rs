@@ -3,29 +3,63 @@
 //! | target | fault | what happens |
 //! |---|---|---|
 //! | a board | `silent` | it neither hears nor answers |
+//! | a board | `slow` | it answers `value` s late (0: 0.03, beyond the master's patience) |
+//! | a board | `garbled` | each word that it sends is wrong with probability `value` (0: 0.1) |
 //! | a board | `bad_crc` | its answers have a wrong CRC |
+//! | a board | `bad_length` | its answers have a byte too many, and a right CRC |
+//! | a board | `babble` | it talks all the time, unasked: frames of its own; with `value` 1 words that are no frames |
+//! | a board | `clash` | a second board has its address, and answers too |
+//! | a board | `reset` | as after a short loss of its supply: it has forgotten what it was told |
 //! | a board | `refuses` | it says of every instruction that it does not know it |
 //! | an odometry board | `stuck` | its encoders stand still |
+//! | a power controller | `bumper` | the bumper switch `value`, 1 to 8, is pressed |
+//! | a power controller | `stop_button` | the stop button is pressed |
+//! | a power controller | `battery` | the battery has `value` V at rest |
+//! | a power controller | `power_off` | the main switch is turned: the supply is cut in `value` s (0: 30) |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |
 //! | a drive | `fault` | emergency `value` (0: 0x1000, generic), and the fault state |
 //! | a drive | `reboot` | as after a short loss of its supply |
 //! | any | `none` | its faults are over |
 //!
-//! A duration of 0, below, or not a number lasts until `none`. `fault` and `reboot` are of the moment.
+//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset` and `power_off` are of the
+//! moment; `none` gives a power controller its supply again.
 
 use base::{Duration, Instant};
 
 /// What can ail a target.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ailment {
     /// It neither hears nor speaks.
     Silent,
-    /// Its answers are damaged.
+    /// It answers so late.
+    Slow(Duration),
+    /// Each of its words is wrong with this probability.
+    Garbled(f64),
+    /// Its answers have a wrong CRC.
     BadCrc,
+    /// Its answers have a byte too many.
+    BadLength,
+    /// It talks unasked.
+    Babble {
+        /// Words that are no frames.
+        noise: bool,
+    },
+    /// Another board has its address.
+    Clash,
+    /// Its processor starts anew.
+    Reset,
     /// It knows no instruction.
     Refuses,
     /// Its encoders stand.
     Stuck,
+    /// The bumper switch of this number is pressed.
+    Bumper(u8),
+    /// The stop button is pressed.
+    StopButton,
+    /// The battery's voltage at rest, V.
+    Battery(f64),
+    /// The supply is cut in so many seconds.
+    PowerOff(u8),
     /// It finds a fault in itself.
     Fault(u16),
     /// It starts anew.
@@ -40,7 +74,17 @@ impl Ailment {
     pub fn from_name(name: &str, value: f64) -> Option<Self> {
         match name {
             "silent" => Some(Self::Silent),
+            "slow" => Some(Self::Slow(seconds(or(value, 0.03).min(1.0)))),
+            "garbled" => Some(Self::Garbled(or(value, 0.1).min(1.0))),
             "bad_crc" => Some(Self::BadCrc),
+            "bad_length" => Some(Self::BadLength),
+            "babble" => Some(Self::Babble { noise: value > 0.0 }),
+            "clash" => Some(Self::Clash),
+            "reset" => Some(Self::Reset),
+            "bumper" => (1..=8).find(|number| f64::from(*number) == value).map(Self::Bumper),
+            "stop_button" => Some(Self::StopButton),
+            "battery" => (8.0..=40.0).contains(&value).then_some(Self::Battery(value)),
+            "power_off" => Some(Self::PowerOff(or(value, 30.0) as u8)),
             "refuses" => Some(Self::Refuses),
             "stuck" => Some(Self::Stuck),
             // As casts saturate, no value is out of range.
@@ -52,15 +96,20 @@ impl Ailment {
     }
 }
 
+/// What is not above 0 is what it usually is.
+fn or(value: f64, usual: f64) -> f64 {
+    if value > 0.0 { value } else { usual }
+}
+
+/// As casts saturate: ever so long is for ever.
+fn seconds(seconds: f64) -> Duration {
+    Duration::from_nanos((seconds * 1e9) as u64)
+}
+
 /// Until when a fault of so many seconds lasts.
 #[must_use]
-pub fn until(now: Instant, seconds: f64) -> Instant {
-    if seconds > 0.0 {
-        // As casts saturate: ever so long is for ever.
-        now + Duration::from_nanos((seconds * 1e9) as u64)
-    } else {
-        Instant::NEVER
-    }
+pub fn until(now: Instant, lasts: f64) -> Instant {
+    if lasts > 0.0 { now + seconds(lasts) } else { Instant::NEVER }
 }
 
 #[cfg(test)]
@@ -81,5 +130,12 @@ mod tests {
         assert_eq!(Ailment::from_name("fault", 8976.0), Some(Ailment::Fault(0x2310)));
         assert_eq!(Ailment::from_name("fault", f64::NAN), Some(Ailment::Fault(0x1000)));
         assert_eq!(Ailment::from_name("on fire", 0.0), None);
+        assert_eq!(Ailment::from_name("bumper", 8.0), Some(Ailment::Bumper(8)));
+        for (name, value) in [("bumper", 0.0), ("bumper", 9.0), ("bumper", 1.5), ("battery", 50.0)] {
+            assert_eq!(Ailment::from_name(name, value), None, "{name} {value}");
+        }
+        assert_eq!(Ailment::from_name("slow", 1e300), Some(Ailment::Slow(Duration::from_secs(1))));
+        assert_eq!(Ailment::from_name("garbled", f64::NAN), Some(Ailment::Garbled(0.1)));
+        assert_eq!(Ailment::from_name("power_off", 1e9), Some(Ailment::PowerOff(255)));
     }
 }

@@ -8,8 +8,8 @@ use base::Instant;
 use navitools::{Point, Pose};
 use std::collections::VecDeque;
 
-/// Poses that are remembered: as many steps as a sonar's answer can be old (210 ms of a sweep and a slot of 70 ms).
-const MEMORY: usize = 64;
+/// Poses that are remembered: as many steps as the beacon scanner's answer can be old (a sweep of 1 s), and some.
+const MEMORY: usize = 256;
 /// The floor rangers hang this high, m.
 pub const RANGER_HEIGHT: f64 = 0.12;
 
@@ -94,6 +94,12 @@ impl Scene {
     #[must_use]
     pub fn sonar(&self, mount: Pose, at: Instant, stream: u64) -> Option<f64> {
         self.cone.measure(&self.world, self.pose_at(at) * mount, &mut Random::stream(self.seed, stream))
+    }
+
+    /// A sequence of its own for each `stream`: the same question has the same answer.
+    #[must_use]
+    pub fn random(&self, stream: u64) -> Random {
+        Random::stream(self.seed, stream)
     }
 
     /// What a ranger that looks at the floor at `mount` on the robot measures now, m.

@@ -1,9 +1,11 @@
 //! The simulator: a module that sits on the robot's busses and answers as its boards would.
 
+use crate::boards::battery::BatteryConfig;
 use crate::boards::drive::{self, Drive};
-use crate::boards::epos;
 use crate::boards::icla::Gearing;
 use crate::boards::line::{Board, Kind, SerialLine};
+use crate::boards::psc1::{self, Psc1};
+use crate::boards::sbs1::{Sbs1, Sbs1Config};
 use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
 use crate::boards::so1::So1;
 use crate::body::{Parameters, STEP};
@@ -41,6 +43,10 @@ pub enum BoardKind {
     Sd1(Sd1Config),
     /// BR-SO1.
     So1,
+    /// BR-SBS1, where it sits, and how well it sees.
+    Sbs1(Sbs1Config),
+    /// BR-PSC1 and its battery. It feeds the other boards and the motors.
+    Psc1(BatteryConfig),
 }
 
 /// A serial bus and its boards.
@@ -119,6 +125,8 @@ pub struct Simulator {
     truth: Ticker,
     clock: Ticker,
     rangers: Ticker,
+    /// Whether the motors are fed.
+    motors: bool,
 }
 
 impl Simulator {
@@ -142,6 +150,7 @@ impl Simulator {
             truth: never,
             clock: never,
             rangers: never,
+            motors: true,
         }
     }
 
@@ -153,6 +162,7 @@ impl Simulator {
 
     fn start(&mut self, now: Instant, out: &mut Actions) {
         self.scene = scene(&self.config, now);
+        self.motors = true;
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         let body = self.scene.body();
         self.drives = match &self.config.can {
@@ -178,10 +188,14 @@ impl Simulator {
             let kind = match &board.kind {
                 BoardKind::Sd1(config) => Kind::Sd1(Sd1::new(board.address, config.clone(), now)),
                 BoardKind::So1 => Kind::So1(So1::new(&self.scene)),
+                BoardKind::Sbs1(config) => Kind::Sbs1(Sbs1::new(board.address, *config, now)),
+                BoardKind::Psc1(battery) => Kind::Psc1(Box::new(Psc1::new(*battery, now))),
             };
             Board::new(&board.name, Slave::new(config), kind)
         };
-        SerialLine::new(serial.baud, self.config.wire_time, serial.boards.iter().map(board).collect())
+        let boards: Vec<Board> = serial.boards.iter().map(board).collect();
+        let chance = self.scene.random(serial.bus.bytes().fold(0, |sum, byte| sum << 8 | u64::from(byte)));
+        SerialLine::new(serial.baud, serial.crc, self.config.wire_time, boards, chance)
     }
 
     /// The number of the serial line at a port.
@@ -217,6 +231,45 @@ impl Simulator {
         for drive in &mut self.drives {
             drive.stepped(at, self.scene.body(), turned);
         }
+        if self.scene.body().is_blocked() {
+            for board in boards(&mut self.lines) {
+                if let Kind::Psc1(psc1) = &mut board.kind {
+                    psc1.bump(at, &self.scene);
+                }
+            }
+            self.wire_up(at);
+        }
+    }
+
+    /// What is wired, not sent: the PAUSE line, which opens the motors' feed by itself, and the supply of motors and
+    /// boards.
+    fn wire_up(&mut self, now: Instant) {
+        let scene = &self.scene;
+        let pulls = boards(&mut self.lines).find_map(|board| match &board.kind {
+            Kind::Sd1(sd1) if sd1.pause() != PauseSource::None => Some(sd1.address()),
+            _ => None,
+        });
+        let (mut motors, mut sensors) = (pulls.is_none(), true);
+        for board in boards(&mut self.lines) {
+            if let Kind::Psc1(psc1) = &mut board.kind {
+                psc1.pull(pulls);
+                psc1.handle_timeout(now, scene);
+                motors = !psc1.is_engaged() && psc1.feeds(psc1::MOTORS);
+                sensors = psc1.feeds(psc1::SENSORS);
+            }
+        }
+        for board in boards(&mut self.lines).filter(|board| !matches!(board.kind, Kind::Psc1(_))) {
+            board.feed(now, sensors, scene);
+        }
+        for line in &mut self.lines {
+            line.speak(now);
+        }
+        if self.motors != motors {
+            self.motors = motors;
+            for drive in &mut self.drives {
+                drive.feed_motor(now, motors, self.scene.body());
+            }
+        }
     }
 
     fn timer(&mut self, now: Instant, out: &mut Actions) {
@@ -227,14 +280,10 @@ impl Simulator {
             out.publish(simulation::DataClock { timestamp: out.timestamp(now), rate: self.config.rate });
         }
         if self.rangers.due(now) {
-            for board in self.lines.iter_mut().flat_map(|line| &mut line.boards) {
+            for board in boards(&mut self.lines) {
                 if let Kind::Sd1(board) = &mut board.kind {
                     board.sample(now, &self.scene);
                 }
-            }
-            // The PAUSE line opens the motors' feed.
-            if self.paused() {
-                self.propulsion_fault(now, epos::UNDERVOLTAGE);
             }
         }
         for drive in &mut self.drives {
@@ -261,19 +310,6 @@ impl Simulator {
         }
     }
 
-    /// Whether a board pulls the PAUSE line.
-    fn paused(&self) -> bool {
-        let mut boards = self.lines.iter().flat_map(|line| &line.boards);
-        boards.any(|board| matches!(&board.kind, Kind::Sd1(board) if board.pause() != PauseSource::None))
-    }
-
-    fn propulsion_fault(&mut self, now: Instant, code: u16) {
-        let mut drives = self.drives.iter_mut();
-        if let Some(drive) = drives.find(|drive| matches!(drive.kind, drive::Kind::Epos(_))) {
-            drive.fault(now, code, self.scene.body());
-        }
-    }
-
     fn fault(&mut self, now: Instant, command: &simulation::CmdFault, out: &mut Actions) {
         let until = faults::until(now, command.duration);
         let known = Ailment::from_name(&command.fault, command.value)
@@ -294,26 +330,12 @@ impl Simulator {
                 Ailment::None => drive.silent_until = now,
                 Ailment::Fault(code) => drive.fault(now, code, self.scene.body()),
                 Ailment::Reboot => drive.power_on(now, self.scene.body()),
-                Ailment::BadCrc | Ailment::Refuses | Ailment::Stuck => return false,
+                _ => return false,
             }
             return true;
         }
-        let mut boards = self.lines.iter_mut().flat_map(|line| &mut line.boards);
-        let Some(board) = boards.find(|board| board.name == target) else {
-            return false;
-        };
-        match (ailment, &board.kind) {
-            (Ailment::Silent, _) => board.silent_until = until,
-            (Ailment::BadCrc, _) => board.bad_crc_until = until,
-            (Ailment::Refuses, _) => board.refuses_until = until,
-            (Ailment::Stuck, Kind::So1(_)) => board.stuck_until = until,
-            (Ailment::None, _) => {
-                (board.silent_until, board.bad_crc_until) = (now, now);
-                (board.refuses_until, board.stuck_until) = (now, now);
-            }
-            _ => return false,
-        }
-        true
+        let board = boards(&mut self.lines).find(|board| board.name == target);
+        board.is_some_and(|board| board.suffer(now, ailment, until, &self.scene))
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
@@ -329,6 +351,10 @@ impl Simulator {
             }
         }
     }
+}
+
+fn boards(lines: &mut [SerialLine]) -> impl Iterator<Item = &mut Board> {
+    lines.iter_mut().flat_map(|line| &mut line.boards)
 }
 
 fn scene(config: &Config, start: Instant) -> Scene {
@@ -364,6 +390,7 @@ impl Module for Simulator {
             Event::Message { message: Message::SimCmdFault(command), .. } => self.fault(now, command, out),
             _ => {}
         }
+        self.wire_up(now);
         self.drain(now, out);
     }
 

@@ -55,7 +55,7 @@ impl Drive {
 
     fn renew(&mut self, body: &Body) {
         match &mut self.kind {
-            Kind::Epos(epos) => *epos = Epos::new(),
+            Kind::Epos(epos) => epos.renew(),
             Kind::Icla(icla, gearing) => *icla = Icla::new(*gearing, body),
         }
     }
@@ -84,6 +84,16 @@ impl Drive {
         };
         self.report(emergency);
         self.stepped(now, body, self.turned);
+    }
+
+    /// The motor's feed comes or goes; what the drive thinks with has a supply of its own. The IclA, whose gear holds the
+    /// wheels, has no feed of its own.
+    pub fn feed_motor(&mut self, now: Instant, fed: bool, body: &Body) {
+        if let Kind::Epos(epos) = &mut self.kind {
+            let emergency = epos.feed(fed);
+            self.report(emergency);
+            self.stepped(now, body, self.turned);
+        }
     }
 
     /// The node's news go to the drive, and what follows from them to the node.

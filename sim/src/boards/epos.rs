@@ -19,7 +19,7 @@ const QUICK_STOP_OPTION: i16 = 6;
 /// Heartbeat or life guarding event.
 pub const HEARTBEAT: u16 = 0x8130;
 /// The motor's feed is off.
-pub const UNDERVOLTAGE: u16 = 0x3220;
+const UNDERVOLTAGE: u16 = 0x3220;
 /// Wheel force per motor current, N/A (docs/facts/robot.md 1.2: 83 N at 10 A).
 const FORCE_PER_AMPERE: f64 = 8.3;
 
@@ -28,6 +28,7 @@ const STANDSTILL: f64 = 10.0;
 
 const PROFILE_VELOCITY: i64 = 3;
 const HALT: u16 = 1 << 8;
+const FAULT_RESET: u16 = 1 << 7;
 
 /// An emergency to be sent: code and error register. Code 0: all errors are over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +64,8 @@ pub struct Epos {
     /// rpm.
     actual: f64,
     remote: bool,
+    /// The motor has its feed.
+    fed: bool,
 }
 
 impl Epos {
@@ -77,6 +80,7 @@ impl Epos {
             ramp: SpeedRamp::default(),
             actual: 0.0,
             remote: false,
+            fed: true,
         }
     }
 
@@ -84,6 +88,19 @@ impl Epos {
     #[must_use]
     pub fn stage(&self) -> Stage {
         self.power.stage()
+    }
+
+    /// The motor's feed came or went. Without it the drive is in fault, and that cannot be reset: its cause persists.
+    pub fn feed(&mut self, fed: bool) -> Option<Emergency> {
+        self.fed = fed;
+        if fed { None } else { self.fault(UNDERVOLTAGE) }
+    }
+
+    /// As after power-on; the motor's feed is another one.
+    pub fn renew(&mut self) {
+        let fed = self.fed;
+        *self = Self::new();
+        self.feed(fed);
     }
 
     /// The NMT state became Operational, or is so no more.
@@ -110,6 +127,7 @@ impl Epos {
     /// The master wrote objects, of a PDO all of them: obeys the controlword.
     pub fn written(&mut self, now: Instant, objects: &Dictionary) -> Option<Emergency> {
         let word = objects.get(0x6040, 0).unwrap_or(0) as u16;
+        let word = if self.fed { word } else { word & !FAULT_RESET };
         let faulty = self.stage() == Stage::Fault;
         self.power.command(now, word);
         self.halted = word & HALT != 0;

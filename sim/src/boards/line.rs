@@ -1,24 +1,51 @@
-//! An emulated serial line: the boards on it, and the wire's time where the real wire has none.
+//! An emulated serial line: the boards on it, what ails them, and the wire's time where the real wire has none.
 
+use super::psc1::Psc1;
+use super::sbs1::Sbs1;
 use super::sd1::Sd1;
 use super::so1::So1;
+use crate::faults::Ailment;
+use crate::random::Random;
 use crate::scene::Scene;
 use base::serial::Word;
 use base::{Duration, Instant};
 use rs485::boards::{DO_RESET, GET_VERSION, Version};
-use rs485::frame::Status;
+use rs485::crc::Crc8;
+use rs485::frame::{Frame, HEADER, Status, Words};
 use rs485::slave::{Asked, Slave};
 use rs485::{Data, word_time};
 use std::collections::VecDeque;
 
 /// The emulated boards' firmware.
 const VERSION: Version = Version { major: 1, minor: 0 };
+/// From a reset to the first request that is heard.
+const BOOT: Duration = Duration::from_millis(100);
+/// Who babbles begins again after so long.
+const BABBLE: Duration = Duration::from_millis(10);
+/// Words of noise of one who babbles no frames.
+const NOISE: usize = 20;
 
 /// What a board is.
 #[derive(Debug)]
 pub(crate) enum Kind {
     Sd1(Sd1),
     So1(So1),
+    Sbs1(Sbs1),
+    Psc1(Box<Psc1>),
+}
+
+/// Until when what ails a board, and how much.
+#[derive(Debug, Default)]
+struct Ails {
+    silent: Instant,
+    refuses: Instant,
+    stuck: Instant,
+    bad_crc: Instant,
+    bad_length: Instant,
+    slow: (Instant, Duration),
+    garbled: (Instant, f64),
+    clash: Instant,
+    babble: (Instant, bool),
 }
 
 /// A board and what ails it.
@@ -27,49 +54,215 @@ pub(crate) struct Board {
     pub name: String,
     pub kind: Kind,
     slave: Slave,
-    /// It neither hears nor answers until then.
-    pub silent_until: Instant,
-    /// Its answers have a wrong CRC until then.
-    pub bad_crc_until: Instant,
-    /// It knows no instruction until then.
-    pub refuses_until: Instant,
-    /// Its encoders stand until then.
-    pub stuck_until: Instant,
+    /// How late it answers when it is well.
+    delay: Duration,
+    ails: Ails,
+    /// It is being fed; a PSC1 feeds itself.
+    fed: bool,
+    /// It starts, and hears nothing until then.
+    boots_until: Instant,
+    babbles: Instant,
+    /// It talks until then.
+    talks: Instant,
 }
 
 impl Board {
     pub fn new(name: &str, slave: Slave, kind: Kind) -> Self {
-        let never = Instant::ZERO;
+        let delay = slave.config().delay;
         Self {
             name: name.into(),
             kind,
             slave,
-            silent_until: never,
-            bad_crc_until: never,
-            refuses_until: never,
-            stuck_until: never,
+            delay,
+            ails: Ails::default(),
+            fed: true,
+            boots_until: Instant::ZERO,
+            babbles: Instant::NEVER,
+            talks: Instant::ZERO,
         }
+    }
+
+    /// Lets something come over it; false when that is no ailment of its kind.
+    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant, scene: &Scene) -> bool {
+        match (ailment, &mut self.kind) {
+            (Ailment::Silent, _) => self.ails.silent = until,
+            (Ailment::Refuses, _) => self.ails.refuses = until,
+            (Ailment::BadCrc, _) => self.ails.bad_crc = until,
+            (Ailment::BadLength, _) => self.ails.bad_length = until,
+            (Ailment::Slow(late), _) => self.ails.slow = (until, late),
+            (Ailment::Garbled(probability), _) => self.ails.garbled = (until, probability),
+            (Ailment::Clash, _) => self.ails.clash = until,
+            (Ailment::Babble { noise }, _) => {
+                self.ails.babble = (until, noise);
+                self.babbles = now;
+            }
+            (Ailment::Reset, _) => self.reset(now, scene),
+            (Ailment::Stuck, Kind::So1(_)) => self.ails.stuck = until,
+            (Ailment::Bumper(number), Kind::Psc1(board)) => board.press(number, until),
+            (Ailment::StopButton, Kind::Psc1(board)) => board.push_button(until),
+            (Ailment::Battery(volts), Kind::Psc1(board)) => board.set_battery(volts, until),
+            (Ailment::PowerOff(seconds), Kind::Psc1(board)) => board.power_off(now, seconds),
+            (Ailment::None, kind) => {
+                if let Kind::Psc1(board) = kind {
+                    board.let_go(now);
+                    board.supply();
+                }
+                self.ails = Ails::default();
+                self.babbles = Instant::NEVER;
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    /// Its supply comes or goes.
+    pub fn feed(&mut self, now: Instant, fed: bool, scene: &Scene) {
+        if fed && !self.fed {
+            self.reset(now, scene);
+        }
+        self.fed = fed;
+    }
+
+    fn reset(&mut self, now: Instant, scene: &Scene) {
+        self.slave.reset();
+        self.boots_until = now + BOOT;
+        self.forget(now, scene);
+    }
+
+    fn forget(&mut self, now: Instant, scene: &Scene) {
+        match &mut self.kind {
+            Kind::Sd1(board) => board.reset(now),
+            Kind::So1(board) => *board = So1::new(scene),
+            Kind::Sbs1(board) => board.reset(now),
+            Kind::Psc1(board) => board.reset(now),
+        }
+    }
+
+    fn hears(&self, now: Instant) -> bool {
+        self.fed && self.ails.silent <= now && self.boots_until <= now
     }
 
     fn answer(&mut self, now: Instant, asked: &Asked, scene: &Scene) {
         let (status, data) = match (asked.instruction, &mut self.kind) {
-            _ if self.refuses_until > now => (Status::UnknownInstruction, Data::new()),
+            _ if self.ails.refuses > now => (Status::UnknownInstruction, Data::new()),
             (code, _) if code == GET_VERSION.code => (Status::Ok, VERSION.build().into_iter().collect()),
-            (code, Kind::Sd1(board)) if code == DO_RESET.code => {
-                board.reset(now);
-                (Status::Ok, Data::new())
-            }
-            (code, Kind::So1(board)) if code == DO_RESET.code => {
-                *board = So1::new(scene);
-                (Status::Ok, Data::new())
-            }
+            (code, _) if code == DO_RESET.code => (Status::Ok, Data::new()),
             (_, Kind::Sd1(board)) => board.answer(now, asked, scene),
             (_, Kind::So1(board)) => {
-                board.stick(now < self.stuck_until, scene);
+                board.stick(now < self.ails.stuck, scene);
                 board.answer(asked, scene)
             }
+            (_, Kind::Sbs1(board)) => board.answer(now, asked, scene),
+            (_, Kind::Psc1(board)) => board.answer(now, asked, scene),
         };
         self.slave.respond(status, &data);
+    }
+
+    fn handle_rx(&mut self, at: Instant, now: Instant, words: &[Word], scene: &Scene) {
+        let (slow, late) = self.ails.slow;
+        self.slave.set_delay(if slow > now { late } else { self.delay });
+        self.slave.handle_rx(at, words);
+        while let Some(asked) = self.slave.poll_request() {
+            self.answer(now, &asked, scene);
+            if asked.instruction == DO_RESET.code && self.ails.refuses <= now {
+                // The answer stands in the slave, and leaves first.
+                self.forget(now, scene);
+            }
+        }
+    }
+
+    /// What it says by itself.
+    fn unasked(&mut self, now: Instant, crc: Crc8) -> Option<Words> {
+        let hears = self.hears(now);
+        let Kind::Psc1(board) = &mut self.kind else { return None };
+        // What a silent board had to say is lost.
+        let says = std::iter::from_fn(|| board.poll_unasked()).find(|_| hears)?;
+        let (instruction, data) = says.build();
+        Some(frame(self.slave.config().address, instruction.code, &data, crc))
+    }
+
+    /// The next of its babble, when that is due.
+    fn babble(&mut self, now: Instant, crc: Crc8, random: &mut Random) -> Option<Words> {
+        if self.babbles > now {
+            return None;
+        }
+        let (until, noise) = self.ails.babble;
+        self.babbles = if until > now { now + BABBLE } else { Instant::NEVER };
+        if until <= now || !self.fed {
+            return None;
+        }
+        let word = |_| {
+            let bits = random.bits();
+            Word { byte: bits as u8, ninth: bits & 0xF00 == 0 }
+        };
+        Some(match noise {
+            true => (0..NOISE).map(word).collect(),
+            false => frame(self.slave.config().address, 0x01, &[0; 4], crc),
+        })
+    }
+
+    /// What ails it is done to what it says.
+    fn distort(&self, now: Instant, words: &mut Vec<Word>, crc: Crc8, random: &mut Random) {
+        if self.ails.bad_length > now && words.len() > HEADER {
+            words.insert(HEADER, Word::data(0));
+            words[HEADER - 1].byte = words[HEADER - 1].byte.wrapping_add(1);
+            seal(words, crc);
+        }
+        if self.ails.bad_crc > now
+            && let Some(crc) = words.last_mut()
+        {
+            crc.byte ^= 0x55;
+        }
+        if self.ails.clash > now {
+            clash(words, random);
+        }
+        let (garbled, probability) = self.ails.garbled;
+        if garbled > now {
+            for word in words {
+                if random.chance(probability) {
+                    *word = wrong(*word, random);
+                }
+            }
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let own = if let Kind::Psc1(board) = &self.kind { Some(board.poll_timeout()) } else { None };
+        let babbles = (self.babbles < Instant::NEVER).then_some(self.babbles);
+        [self.slave.poll_timeout(), own, babbles].into_iter().flatten().min()
+    }
+}
+
+/// A second board answers alike, a few words later: what overlaps is garbled, what is left over stays.
+fn clash(words: &mut Vec<Word>, random: &mut Random) {
+    let twin = words.clone();
+    let offset = random.bits() as usize % (words.len() + 3);
+    if offset == 0 {
+        // In step, and alike: nobody hears two.
+        return;
+    }
+    for word in words.iter_mut().skip(offset) {
+        *word = wrong(*word, random);
+    }
+    // Behind a gap, or where the first one's answer ends.
+    words.extend(twin.into_iter().skip(words.len().saturating_sub(offset)));
+}
+
+/// Never what was said: a collision that does no harm would hide.
+fn wrong(word: Word, random: &mut Random) -> Word {
+    let bits = random.bits();
+    Word { byte: word.byte ^ (bits as u8 | 1), ninth: bits >> 8 & 7 == 0 }
+}
+
+fn frame(address: u8, instruction: u8, data: &[u8], crc: Crc8) -> Words {
+    let mut words = Words::new();
+    Frame { address, instruction, flags: Status::Ok as u8, data }.encode(crc, &mut words);
+    words
+}
+
+fn seal(words: &mut [Word], crc: Crc8) {
+    if let Some((last, covered)) = words.split_last_mut() {
+        last.byte = crc.of(covered.iter().map(|word| word.byte));
     }
 }
 
@@ -77,47 +270,70 @@ impl Board {
 #[derive(Debug)]
 pub(crate) struct SerialLine {
     pub boards: Vec<Board>,
+    crc: Crc8,
+    /// On the wire, and as it is played where there is none.
     word: Duration,
+    played: Duration,
     /// What has left the boards and is not yet over.
     wire: VecDeque<(Instant, Vec<Word>)>,
     /// When the last received word is over.
     heard: Instant,
+    random: Random,
 }
 
 impl SerialLine {
     /// A line; with `wire_time` it delays everything by the words' time on the wire, for a port that has none.
-    pub fn new(baud: u32, wire_time: bool, boards: Vec<Board>) -> Self {
-        let word = if wire_time { word_time(baud) } else { Duration::ZERO };
-        Self { boards, word, wire: VecDeque::new(), heard: Instant::ZERO }
+    pub fn new(baud: u32, crc: Crc8, wire_time: bool, boards: Vec<Board>, random: Random) -> Self {
+        let word = word_time(baud);
+        let played = if wire_time { word } else { Duration::ZERO };
+        Self { boards, crc, word, played, wire: VecDeque::new(), heard: Instant::ZERO, random }
     }
 
     pub fn handle_rx(&mut self, now: Instant, words: &[Word], scene: &Scene) {
-        let at = self.heard.max(now) + self.word * words.len() as u32;
+        let at = self.heard.max(now) + self.played * words.len() as u32;
         self.heard = at;
-        for board in self.boards.iter_mut().filter(|board| board.silent_until <= now) {
-            board.slave.handle_rx(at, words);
-            while let Some(asked) = board.slave.poll_request() {
-                board.answer(now, &asked, scene);
-            }
+        for board in self.boards.iter_mut().filter(|board| board.hears(now)) {
+            board.handle_rx(at, now, words, scene);
         }
     }
 
     pub fn handle_timeout(&mut self, now: Instant) {
-        for board in &mut self.boards {
+        for place in 0..self.boards.len() {
+            let board = &mut self.boards[place];
             board.slave.handle_timeout(now);
-            while let Some(transmit) = board.slave.poll_tx(now) {
-                let mut words = transmit.words.to_vec();
-                if board.silent_until > now {
-                    continue;
-                }
-                if let Some(crc) = words.last_mut()
-                    && board.bad_crc_until > now
-                {
-                    crc.byte ^= 0x55;
-                }
-                self.wire.push_back((now + self.word * words.len() as u32, words));
+            let answer = board.slave.poll_tx(now).map(|transmit| transmit.words.to_vec());
+            if let Some(words) = answer.filter(|_| board.hears(now)) {
+                self.talk(now, place, words);
+            }
+            if let Some(words) = self.boards[place].babble(now, self.crc, &mut self.random) {
+                self.talk(now, place, words.to_vec());
             }
         }
+    }
+
+    /// Lets the boards say what they say by themselves.
+    pub fn speak(&mut self, now: Instant) {
+        for place in 0..self.boards.len() {
+            while let Some(words) = self.boards[place].unasked(now, self.crc) {
+                self.talk(now, place, words.to_vec());
+            }
+        }
+    }
+
+    /// A board talks: after what it says already, and through what others say.
+    fn talk(&mut self, now: Instant, place: usize, mut words: Vec<Word>) {
+        let board = &self.boards[place];
+        board.distort(now, &mut words, self.crc, &mut self.random);
+        let begin = board.talks.max(now);
+        let others = self.boards.iter().enumerate().filter(|(other, _)| *other != place).map(|(_, other)| other.talks);
+        let taken = others.max().unwrap_or(Instant::ZERO).since(begin);
+        let overlap = taken.as_nanos().div_ceil(self.word.as_nanos().max(1)) as usize;
+        for word in words.iter_mut().take(overlap) {
+            *word = wrong(*word, &mut self.random);
+        }
+        self.boards[place].talks = begin + self.word * words.len() as u32;
+        let due = if self.played == Duration::ZERO { now } else { begin + self.played * words.len() as u32 };
+        self.wire.push_back((due, words));
     }
 
     /// What is to be handed to the port now.
@@ -127,7 +343,7 @@ impl SerialLine {
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {
-        let slaves = self.boards.iter().filter_map(|board| board.slave.poll_timeout());
-        slaves.chain(self.wire.iter().map(|(due, _)| *due)).min()
+        let boards = self.boards.iter().filter_map(Board::poll_timeout);
+        boards.chain(self.wire.iter().map(|(due, _)| *due)).min()
     }
 }

@@ -1,5 +1,6 @@
 //! The robot's boards and drives as they are on the wire (`docs/facts/boards.md`), each with the scene behind it.
 
+pub mod battery;
 pub(crate) mod drive;
 pub mod epos;
 pub mod icla;
@@ -7,5 +8,7 @@ pub(crate) mod line;
 mod mirror;
 pub mod motion;
 pub mod power;
+pub mod psc1;
+pub mod sbs1;
 pub mod sd1;
 pub mod so1;

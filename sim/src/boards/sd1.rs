@@ -52,6 +52,12 @@ impl Sd1 {
         *self = Self::new(self.address, std::mem::take(&mut self.config), now);
     }
 
+    /// Its address on the bus.
+    #[must_use]
+    pub fn address(&self) -> u8 {
+        self.address
+    }
+
     /// What it pulls the PAUSE line for.
     #[must_use]
     pub fn pause(&self) -> PauseSource {

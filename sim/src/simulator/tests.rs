@@ -151,3 +151,146 @@ fn random_words_never_stop_it() {
     bench.pass(Duration::from_millis(50));
     assert!(ask(&mut bench, TICKS).is_some());
 }
+
+/// Every word that the board sends within 20 ms after a request, as text.
+fn heard(bench: &mut Bench, request: &str) -> String {
+    bench.done();
+    bench.words(PortId(0), &words(request));
+    bench.pass(Duration::from_millis(20));
+    let sent = bench.sent();
+    let said =
+        sent.iter().filter_map(|(_, output)| if let Output::Words(words) = output { Some(text(words)) } else { None });
+    said.collect::<Vec<_>>().join(" ")
+}
+
+fn fault_of(bench: &mut Bench, target: &str, fault: &str, value: f64) {
+    let (target, fault) = (target.into(), fault.into());
+    bench.message(simulation::CmdFault { timestamp: 0, target, fault, value, duration: 0.0 });
+}
+
+#[test]
+fn a_slow_board_answers_late_until_its_fault_is_over() {
+    let mut bench = bench(config(false));
+    fault_of(&mut bench, "so1", "slow", 0.012);
+    assert_eq!(ask(&mut bench, TICKS).unwrap().0, 12_000_000);
+    fault_of(&mut bench, "so1", "none", 0.0);
+    assert_eq!(ask(&mut bench, TICKS).unwrap().0, 200_000);
+}
+
+#[test]
+fn a_wrong_length_has_a_right_crc() {
+    let mut bench = bench(config(false));
+    fault_of(&mut bench, "so1", "bad_length", 0.0);
+    let answer = words(&heard(&mut bench, TICKS));
+    assert_eq!((answer[3].byte, answer.len()), (5, 10));
+    let (crc, covered) = answer.split_last().unwrap();
+    assert_eq!(Crc8::SAE_J1850.of(covered.iter().map(|word| word.byte)), crc.byte);
+}
+
+#[test]
+fn a_garbled_board_has_some_words_wrong() {
+    let mut bench = bench(config(false));
+    let good = words(&heard(&mut bench, TICKS));
+    fault_of(&mut bench, "so1", "garbled", 0.1);
+    let (mut wrong, mut all) = (0, 0);
+    for _ in 0..200 {
+        let said = words(&heard(&mut bench, TICKS));
+        wrong += said.iter().zip(&good).filter(|(said, good)| said != good).count();
+        all += said.len();
+    }
+    assert_eq!(all, 200 * 9);
+    assert!((120..240).contains(&wrong), "{wrong} of {all}");
+}
+
+#[test]
+fn of_two_boards_with_one_address_both_answer() {
+    let mut bench = bench(config(false));
+    let good = heard(&mut bench, TICKS);
+    fault_of(&mut bench, "so1", "clash", 0.0);
+    let answers: Vec<String> = (0..100).map(|_| heard(&mut bench, TICKS)).collect();
+    let twice = answers.iter().filter(|answer| **answer == format!("{good} {good}")).count();
+    let damaged = answers.iter().filter(|answer| words(answer).len() > 9 && !answer.starts_with(&good)).count();
+    assert!(twice > 5 && damaged > 50, "{twice} one after the other, {damaged} at once");
+}
+
+#[test]
+fn who_babbles_talks_unasked_and_through_the_others() {
+    let mut bench = bench(config(false));
+    fault_of(&mut bench, "sd1_front", "babble", 0.0);
+    bench.done();
+    bench.pass(Duration::from_millis(100));
+    let said = bench.sent();
+    assert_eq!(said.len(), 11);
+    let Output::Words(first) = &said[0].1 else { panic!("words") };
+    assert!(text(first).starts_with("10! 01 00 04 00 00 00 00 "), "{}", text(first));
+    // Noise of 20 words lasts 1.9 ms of every 10: it is heard through one answer in five.
+    fault_of(&mut bench, "sd1_front", "babble", 1.0);
+    let mut whole = 0;
+    for n in 0..100 {
+        bench.pass(Duration::from_micros(700 + 13 * n));
+        whole += usize::from(heard(&mut bench, TICKS).contains("20! 01 00 04 00 00 00 00 "));
+    }
+    assert!((60..100).contains(&whole), "{whole} of 100");
+    fault_of(&mut bench, "sd1_front", "none", 0.0);
+    bench.done();
+    bench.pass(Duration::from_millis(100));
+    assert!(bench.sent().is_empty());
+}
+
+#[test]
+fn a_reset_takes_100_ms_and_the_counters() {
+    let mut bench = bench(config(false));
+    fault_of(&mut bench, "so1", "reset", 0.0);
+    assert_eq!(ask(&mut bench, TICKS), None);
+    bench.pass(Duration::from_millis(100));
+    assert!(ask(&mut bench, TICKS).unwrap().1.starts_with("20! 01 00 04 00 00 00 00 "));
+}
+
+/// The power controller on the second line.
+fn powered() -> Bench {
+    let mut config = config(false);
+    let psc1 = BoardConfig { name: "psc1".into(), address: 0x40, kind: BoardKind::Psc1(BatteryConfig::default()) };
+    let serial = SerialConfig { bus: "rs485.power".into(), boards: vec![psc1], ..config.serial[0].clone() };
+    config.serial.push(serial);
+    bench(config)
+}
+
+/// What comes on the second line, with the time in ms.
+fn from_psc1(bench: &mut Bench) -> Vec<(u64, String)> {
+    let words = bench.done().into_iter().filter_map(|(at, action)| match action {
+        module::Action::Send(PortId(1), Output::Words(words)) => Some((at.as_nanos() / 1_000_000, text(&words))),
+        _ => None,
+    });
+    words.collect()
+}
+
+#[test]
+fn the_power_controller_tells_of_the_pause_line_by_itself() {
+    let mut bench = powered();
+    bench.pass(Duration::from_millis(990));
+    // Every 500 ms: released, nobody has pulled it yet. CRCs by another program.
+    let open = |ms| (ms, format!("40! 80 00 02 00 00 {:02x}", Crc8::SAE_J1850.of([0x40, 0x80, 0, 2, 0, 0])));
+    assert_eq!(from_psc1(&mut bench), [open(0), open(500), open(1000)]);
+    fault_of(&mut bench, "psc1", "stop_button", 0.0);
+    let said = from_psc1(&mut bench);
+    assert!(said[0].0 == 1000 && said[0].1.starts_with("40! 80 00 02 01 20 "), "at once: {said:?}");
+    fault_of(&mut bench, "psc1", "silent", 0.0);
+    bench.pass(Duration::from_secs(2));
+    assert!(from_psc1(&mut bench).is_empty());
+    fault_of(&mut bench, "psc1", "none", 0.0);
+    let said = from_psc1(&mut bench);
+    assert!(said[0].1.starts_with("40! 80 00 02 00 20 "), "{said:?}");
+}
+
+#[test]
+fn the_power_controller_feeds_the_other_boards() {
+    let mut bench = powered();
+    let crc = Crc8::SAE_J1850.of([0x40, 0x02, 0, 2, 0x40, 0]);
+    bench.words(PortId(1), &words(&format!("40! 02 00 02 40 00 {crc:02x}")));
+    bench.pass(Duration::from_millis(10));
+    assert_eq!(ask(&mut bench, TICKS), None, "sensors are off");
+    let crc = Crc8::SAE_J1850.of([0x40, 0x02, 0, 2, 0x40, 0x40]);
+    bench.words(PortId(1), &words(&format!("40! 02 00 02 40 40 {crc:02x}")));
+    bench.pass(Duration::from_millis(700));
+    assert!(ask(&mut bench, TICKS).is_some(), "on again, and booted");
+}
