@@ -192,3 +192,17 @@ fn noise_blames_nobody() {
         assert!(most || flips < 1000, "{served:?} of {asked:?}");
     }
 }
+
+#[test]
+fn who_disturbs_a_noisy_wire_is_named_all_the_same() {
+    let mut robot = Robot::new(&BOARDS);
+    robot.wire.flips = Some(10_000);
+    robot.talk(frame(sd1::REAR, &[1; 20]), Duration::from_millis(31));
+    robot.run(5);
+    assert_eq!(robot.said(), "babble Some(11); ");
+
+    let mut robot = Robot::new(&[sd1::FRONT, sd1::REAR, so1::ADDRESS, sd1::REAR]);
+    robot.wire.flips = Some(10_000);
+    robot.run(5);
+    assert_eq!(robot.said(), "clash 11 false; ");
+}
