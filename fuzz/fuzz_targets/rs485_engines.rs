@@ -4,6 +4,7 @@
 #![no_main]
 use base::serial::Word;
 use base::{Duration, Instant};
+use rs485::boards::psc1;
 use rs485::frame::Status;
 use rs485::master::{self, Event, Lengths, Master, Request};
 use rs485::slave::{self, Slave};
@@ -32,6 +33,12 @@ impl Wire {
                 | Event::Garbled { .. }
                 | Event::Unsent { .. } => self.open -= 1,
                 Event::Degraded { .. } | Event::Recovered { .. } | Event::Lost { .. } | Event::Back { .. } => {}
+                Event::Unasked { instruction, data, .. } => {
+                    assert!(
+                        psc1::UNASKED.iter().any(|known| known.code == instruction && known.answer.allow(data.len()))
+                    );
+                }
+                Event::Babble { .. } | Event::BabbleOver { .. } | Event::Clash { .. } | Event::ClashOver { .. } => {}
             }
         }
         assert_eq!(self.open, u32::from(!self.master.is_idle()), "one event for each request");
@@ -63,8 +70,10 @@ impl Wire {
     }
 }
 
-libfuzzer_sys::fuzz_target!(|steps: Vec<(u8, u16, [u8; 4])>| {
-    let mut master = Master::new(master::Config::default());
+libfuzzer_sys::fuzz_target!(|input: (bool, bool, Vec<(u8, u16, [u8; 4])>)| {
+    let (full_duplex, talks, steps) = input;
+    let unasked = if talks { psc1::UNASKED } else { &[] };
+    let mut master = Master::new(master::Config { full_duplex, unasked, ..master::Config::default() });
     master.add_node(NODE, Duration::from_millis(20));
     let mut wire = Wire {
         now: Instant::from_millis(1000),
@@ -118,6 +127,27 @@ libfuzzer_sys::fuzz_target!(|steps: Vec<(u8, u16, [u8; 4])>| {
     }
     wire.pass(Duration::from_secs(10));
     assert!(wire.master.is_idle(), "it never ends");
+    // Whatever came before: on a wire that is whole, what is asked is answered.
+    wire.to_slave.clear();
+    wire.to_master.clear();
+    wire.slave.reset();
+    wire.master.request(Request::new(NODE, 1, &[])).expect("it is idle");
+    wire.open += 1;
+    wire.pass(Duration::from_millis(1));
+    let request = std::mem::take(&mut wire.to_slave);
+    wire.now += Duration::from_millis(1);
+    wire.slave.handle_rx(wire.now, &request);
+    wire.master.handle_tx_done(wire.now);
+    assert!(wire.slave.poll_request().is_some_and(|asked| asked.instruction == 1));
+    wire.slave.respond(Status::Ok, &[7]);
+    wire.pass(Duration::from_millis(1));
+    let answer = std::mem::take(&mut wire.to_master);
+    wire.master.handle_rx(wire.now, &answer);
+    assert!(
+        std::iter::from_fn(|| wire.master.poll_event())
+            .any(|event| matches!(event, Event::Reply { status: Status::Ok, data, .. } if data[..] == [7])),
+        "not understood"
+    );
 });
 
 fn damage(words: &mut Vec<Word>, damaged: bool, bytes: [u8; 4]) {
