@@ -215,7 +215,7 @@ pub enum Event {
         /// The address that stands in its frames; none when what it says is no frame.
         who: Option<u8>,
     },
-    /// For a second nobody talked unasked any more.
+    /// For a second this one talked unasked no more. Told with the next request.
     BabbleOver {
         /// Who it was.
         who: Option<u8>,
