@@ -74,6 +74,10 @@ faults! {
     BoardRefused = 0x0103, Device;
     /// A board answered what its kind cannot answer.
     BoardImplausible = 0x0104, Device;
+    /// Somebody talks on a bus without being asked.
+    BusBabble = 0x0105, Device;
+    /// Two boards answer at one address.
+    AddressClash = 0x0106, Device;
 
     /// A drive does not answer, or its heartbeat is missing.
     DriveLost = 0x0201, Device;
@@ -109,6 +113,15 @@ faults! {
 
     /// A simulated fault was asked for that the simulator does not know.
     FaultUnknown = 0x0401, Unknown;
+
+    /// The power controller does not tell the state of the PAUSE line: the robot stops.
+    PauseUnknown = 0x0501, Timeout;
+    /// The supply is cut soon, or an operator ordered it: the modules are ended, the computer is halted.
+    PowerOff = 0x0502, Device;
+    /// The battery's charge is below the reserve.
+    BatteryLow = 0x0503, Resource;
+    /// A power channel does not do what it was told.
+    ChannelStuck = 0x0504, Device;
 }
 
 /// One report, as a module makes it; its host prints it and sends it as `common.error_t`.

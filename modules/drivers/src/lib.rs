@@ -3,4 +3,5 @@
 #![forbid(unsafe_code)]
 
 pub mod canbus;
+mod line;
 pub mod rs485a;

@@ -1,161 +1,41 @@
-//! What the boards answer, or fail to: from the master's events to messages and reports.
+//! What the boards answer, or fail to: from what is heard to messages.
 
 use super::odometry::Step;
-use super::{Kind, Rs485a, version_of};
+use super::{Kind, Rs485a};
+use crate::line::Heard;
 use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::{DataIrs, DataSrfs};
 use module::Actions;
-use rs485::boards::{GET_VERSION, Implausible, Version, sd1, so1};
-use rs485::frame::Status;
-use rs485::master::{self, Why};
-use rs485::node::Health;
+use rs485::boards::{Implausible, sd1, so1};
 use std::mem;
 
 /// Jumps of counters are reported this often at most.
 const JUMPS_EVERY: Duration = Duration::from_secs(10);
 
 impl Rs485a {
-    pub(super) fn on_event(&mut self, now: Instant, event: &master::Event, out: &mut Actions) {
-        use master::Event;
-        match event {
-            Event::Reply { to, instruction, status: Status::Ok, data } => {
-                self.on_answer(now, *to, *instruction, data, out);
-            }
-            Event::Reply { to, instruction, status, .. } => self.on_refusal(now, *to, *instruction, *status, out),
-            Event::Silent { to, instruction } => {
-                self.fails(*to, "does not answer");
-                self.on_failure(now, *to, *instruction, out);
-            }
-            Event::Garbled { to, instruction, why } => {
-                self.fails(*to, damage(*why));
-                self.on_failure(now, *to, *instruction, out);
-            }
-            Event::Unsent { to, instruction } => {
-                self.stuck = true;
-                let message = format!("{}: the port does not send; what was asked is dropped", self.bus);
-                out.raise(Severity::Warning, Fault::PortOverrun, self.bus.as_str(), message);
-                self.on_failure(now, *to, *instruction, out);
-            }
-            Event::Sent { .. }
-            | Event::Unasked { .. }
-            | Event::Babble { .. }
-            | Event::BabbleOver { .. }
-            | Event::Clash { .. }
-            | Event::ClashOver { .. } => {}
-            Event::Degraded { node } => {
-                let (name, board) = self.name(*node);
-                let message = format!("{board} fails again and again: it {}; asked on", self.failure(*node));
-                out.raise(Severity::Warning, Fault::BoardDegraded, name, message);
-            }
-            Event::Recovered { node } => {
-                let (name, board) = self.name(*node);
-                out.clear(Fault::BoardDegraded, name, format!("{board} answers well again"));
-            }
-            Event::Lost { node } => {
-                self.schedule.lost(now, *node);
-                let (name, board) = self.name(*node);
-                let message = format!("{board} {}: its data is invalid, asked once a second", self.failure(*node));
-                out.raise(Severity::Error, Fault::BoardLost, name, message);
-            }
-            Event::Back { node } => {
-                self.schedule.back(now, *node);
-                self.schedule.demand(version_of(*node));
-                let (name, board) = self.name(*node);
-                out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers well again"));
-                out.clear(Fault::BoardLost, name, format!("{board} answers again"));
-            }
+    pub(super) fn on_heard(&mut self, now: Instant, heard: &Heard, out: &mut Actions) {
+        match heard {
+            Heard::Answer { to, instruction, data } => self.on_answer(now, *to, *instruction, data, out),
+            Heard::Failed { to, instruction } => self.on_failure(now, *to, *instruction, out),
+            Heard::Back { .. } | Heard::Unasked { .. } => {}
         }
-    }
-
-    fn fails(&mut self, address: u8, how: &'static str) {
-        if let Some(board) = self.boards.iter_mut().find(|board| board.node.address == address) {
-            board.fails = how;
-        }
-    }
-
-    fn failure(&self, address: u8) -> &'static str {
-        self.boards.iter().find(|board| board.node.address == address).map_or("", |board| board.fails)
     }
 
     fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, data: &[u8], out: &mut Actions) {
-        let Some(board) = self.boards.iter_mut().find(|board| board.node.address == to) else {
-            return;
-        };
-        board.answered = true;
-        let kind = board.node.kind;
-        if mem::take(&mut self.stuck) {
-            out.clear(Fault::PortOverrun, self.bus.as_str(), format!("{}: the port sends again", self.bus));
-        }
-        if instruction == GET_VERSION.code {
-            if let Some(version) = Version::parse(data) {
-                out.note(format!("{}: firmware {version}", self.name(to).1));
+        let understood = match self.nodes.iter().find(|node| node.address == to).map(|node| node.kind) {
+            Some(Kind::Sd1) => {
+                let both = self.line.judge(to, sd1::Both::parse(data), out);
+                both.map(|both| self.on_ranges(now, to, Some(both), out))
             }
-            return;
-        }
-        let refusals = mem::take(&mut board.refusals);
-        if refusals > 0 {
-            let (name, board) = self.name(to);
-            let message = format!("{board} does what it is asked again, after {refusals} refusals");
-            out.clear(Fault::BoardRefused, name, message);
-        }
-        let result = match kind {
-            Kind::Sd1 => sd1::Both::parse(data).map(|both| self.on_ranges(now, to, Some(both), out)),
-            Kind::So1 => wheels(data).map(|counts| self.on_ticks(now, to, counts, out)),
-        };
-        self.on_plausibility(now, to, instruction, result, out);
-    }
-
-    fn on_plausibility(
-        &mut self,
-        now: Instant,
-        to: u8,
-        instruction: u8,
-        result: Result<(), Implausible>,
-        out: &mut Actions,
-    ) {
-        let Some(board) = self.boards.iter_mut().find(|board| board.node.address == to) else {
-            return;
-        };
-        let stood = mem::replace(&mut board.implausible, result.is_err());
-        match result {
-            Ok(()) if stood => {
-                let (name, board) = self.name(to);
-                out.clear(Fault::BoardImplausible, name, format!("{board} is plausible again"));
+            Some(Kind::So1) => {
+                let counts = self.line.judge(to, wheels(data), out);
+                counts.map(|counts| self.on_ticks(now, to, counts, out))
             }
-            Ok(()) => {}
-            Err(why) => {
-                let (name, board) = self.name(to);
-                let message = format!("{board} answered what it cannot: {why}; dropped");
-                out.raise(Severity::Warning, Fault::BoardImplausible, name, message);
-                self.on_failure(now, to, instruction, out);
-            }
-        }
-    }
-
-    fn on_refusal(&mut self, now: Instant, to: u8, instruction: u8, status: Status, out: &mut Actions) {
-        let Some(board) = self.boards.iter_mut().find(|board| board.node.address == to) else {
-            return;
+            None => return,
         };
-        board.answered = true;
-        let version = instruction == GET_VERSION.code;
-        if !version {
-            board.refusals = board.refusals.saturating_add(1);
+        if understood.is_none() {
+            self.on_failure(now, to, instruction, out);
         }
-        let verb = if status == Status::UnknownInstruction { "does not know" } else { "could not do" };
-        let (name, board) = self.name(to);
-        let message = format!("{board} {verb} instruction {instruction:#04x}");
-        if version {
-            // Asked once only: what it would clear never comes.
-            out.report(Severity::Warning, Fault::BoardRefused, name, format!("{message}; its version stays unknown"));
-        } else {
-            out.raise(
-                Severity::Warning,
-                Fault::BoardRefused,
-                name,
-                format!("{message}; asked on, its data is missing"),
-            );
-        }
-        self.on_failure(now, to, instruction, out);
     }
 
     /// The board did not say what it was asked.
@@ -170,7 +50,7 @@ impl Rs485a {
             self.publish_ranges(out);
         }
         self.ranges.put(now, board, both);
-        if self.ranges.complete(|address| self.master.health(address) != Health::Lost) {
+        if self.ranges.complete(|address| !self.line.is_lost(address)) {
             self.publish_ranges(out);
         }
     }
@@ -191,7 +71,7 @@ impl Rs485a {
                 if now < self.jumps_quiet {
                     return;
                 }
-                let (name, board) = self.name(board);
+                let (name, board) = self.line.name(board);
                 let again = match mem::take(&mut self.jumps) {
                     1 => String::new(),
                     jumps => format!(", {jumps} times since it was told"),
@@ -202,16 +82,6 @@ impl Rs485a {
                 self.jumps_quiet = now + JUMPS_EVERY;
             }
         }
-    }
-}
-
-const fn damage(why: Why) -> &'static str {
-    match why {
-        Why::Crc => "answers with a wrong CRC",
-        Why::Length { .. } => "answers with a wrong length",
-        Why::Status { .. } => "answers with a status that is none",
-        Why::Incomplete => "answers with half a frame",
-        Why::Request => "finds a wrong CRC in what it is asked",
     }
 }
 

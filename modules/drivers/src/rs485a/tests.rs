@@ -3,12 +3,13 @@
 use super::*;
 use base::serial::Word;
 use messages::Message;
-use messages::lowlevel::{DataIrs, DataOdo, DataSrfs, Range};
+use messages::lowlevel::{DataBus, DataIrs, DataOdo, DataSrfs, Range};
 use module::bench::Bench;
-use module::{Action, Output, Shell, ShellConfig};
-use rs485::boards::Version;
+use module::{Action, Input, Output, Shell, ShellConfig, State};
+use rs485::boards::{GET_VERSION, Version};
 use rs485::frame::Status;
 use rs485::slave::{self, Slave};
+use rs485::word_time;
 use std::collections::VecDeque;
 
 const FRONT: u8 = sd1::FRONT;

@@ -1,0 +1,436 @@
+//! What every driver of an EIA-485 bus does alike: polls on their grids, versions, boards that are lost and come back,
+//! who disturbs the bus, `LL_DATA_BUS` once a second. What the answers mean is the driver's affair.
+//!
+//! In STOP it asks nothing. It works while one board at least answers: a lost one is reported, all lost is an ERROR.
+
+use base::{Duration, Fault, Instant, Severity, Ticker};
+use messages::lowlevel::{DataBus, Node};
+use module::{Actions, Input, PortId, PortSpec, State};
+use rs485::boards::{GET_VERSION, Implausible, Instruction, Version};
+use rs485::frame::Status;
+use rs485::master::{self, Event, Master, NODES_MAX, Why};
+use rs485::node::{Health, RoundTrips};
+use rs485::schedule::{Schedule, Turn};
+use rs485::{Data, word_time};
+use std::mem;
+
+/// The only port of such a driver.
+pub(crate) const PORT: PortId = PortId(0);
+/// How often `LL_DATA_BUS` is sent.
+const STATISTICS: Duration = Duration::from_secs(1);
+
+/// A board of the bus.
+#[derive(Debug)]
+pub(crate) struct Board {
+    name: String,
+    address: u8,
+    /// All that it may be asked.
+    table: &'static [Instruction],
+    /// What it is asked again and again, and how often; the first goes on when it is lost.
+    polls: Vec<(Instruction, Duration)>,
+    /// Since the port is up.
+    answered: bool,
+    /// Answers in a row that said it did not do what it was asked.
+    refusals: u32,
+    implausible: bool,
+    /// What was wrong the last time that it failed, for people.
+    fails: &'static str,
+}
+
+impl Board {
+    pub fn new(name: &str, address: u8, table: &'static [Instruction], polls: Vec<(Instruction, Duration)>) -> Self {
+        Self { name: name.into(), address, table, polls, answered: false, refusals: 0, implausible: false, fails: "" }
+    }
+}
+
+/// What a driver must know of what happened on its bus.
+#[derive(Debug)]
+pub(crate) enum Heard {
+    /// A board did what it was asked.
+    Answer { to: u8, instruction: u8, data: Data },
+    /// A board did not; it has been reported.
+    Failed { to: u8, instruction: u8 },
+    /// A board that was lost answers; it may have forgotten what it was told.
+    Back { node: u8 },
+    /// A board said something by itself.
+    Unasked { from: u8, instruction: u8, data: Data },
+}
+
+/// A bus and its boards.
+#[derive(Debug)]
+pub(crate) struct Line {
+    bus: String,
+    baud: u32,
+    boards: Vec<Board>,
+    master: Master,
+    schedule: Schedule<NODES_MAX>,
+    state: State,
+    /// None until the host has said.
+    up: Option<bool>,
+    /// A request could not be sent, and none was since.
+    stuck: bool,
+    /// What the shell was told last: whether it works.
+    working: Option<bool>,
+    statistics: Ticker,
+    /// Words that had crossed the wire when statistics were sent last.
+    words: u64,
+}
+
+impl Line {
+    /// A bus that is not open yet; each board with the time that it may take to answer.
+    pub fn new(bus: &str, config: master::Config, boards: Vec<(Board, Duration)>) -> Self {
+        let mut master = Master::new(config);
+        for (board, timeout) in &boards {
+            master.add_node(board.address, *timeout);
+        }
+        Self {
+            bus: bus.into(),
+            baud: config.baud,
+            boards: boards.into_iter().map(|(board, _)| board).collect(),
+            master,
+            schedule: Schedule::new(),
+            state: State::Init,
+            up: None,
+            stuck: false,
+            working: None,
+            statistics: Ticker::new(Instant::NEVER, STATISTICS),
+            words: 0,
+        }
+    }
+
+    pub fn port(&self) -> PortSpec {
+        PortSpec { bus: self.bus.clone(), line: module::Line::Serial { baud: self.baud } }
+    }
+
+    pub fn start(&mut self, now: Instant) {
+        self.statistics = Ticker::new(now + STATISTICS, STATISTICS);
+    }
+
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    pub fn set_state(&mut self, state: State) {
+        self.state = state;
+    }
+
+    /// Takes what the port says; answers whether it has just come up, or gone down.
+    pub fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) -> Option<bool> {
+        match input {
+            Input::Up => {
+                out.clear(Fault::PortDown, self.bus.as_str(), format!("{} is up", self.bus));
+                self.on_up(now);
+                self.up
+            }
+            Input::Down(why) => {
+                self.up = Some(false);
+                let message = format!("{} is down: {why}; tried again", self.bus);
+                out.raise(Severity::Error, Fault::PortDown, self.bus.as_str(), message);
+                self.master.cancel();
+                self.boards.iter_mut().for_each(|board| board.answered = false);
+                self.up
+            }
+            Input::Words(words) => {
+                self.master.handle_rx(now, words);
+                None
+            }
+            Input::Sent => {
+                self.master.handle_tx_done(now);
+                None
+            }
+            Input::Can(_) => None,
+        }
+    }
+
+    fn on_up(&mut self, now: Instant) {
+        self.up = Some(true);
+        self.schedule = Schedule::new();
+        for Board { address, polls, .. } in &self.boards {
+            for (instruction, period) in polls {
+                self.schedule.poll(now, *period, Turn { to: *address, instruction: instruction.code });
+            }
+            if self.master.health(*address) == Health::Lost {
+                self.schedule.lost(now, *address);
+            }
+            self.schedule.demand(version_of(*address));
+        }
+    }
+
+    /// Serves what is due.
+    pub fn on_timer(&mut self, now: Instant, out: &mut Actions) {
+        self.master.handle_timeout(now);
+        if self.statistics.due(now) {
+            self.publish_statistics(now, out);
+        }
+    }
+
+    /// The next thing that the driver must know; to be called until there is none.
+    pub fn hear(&mut self, now: Instant, out: &mut Actions) -> Option<Heard> {
+        while let Some(event) = self.master.poll_event() {
+            if let Some(heard) = self.on_event(now, event, out) {
+                return Some(heard);
+            }
+        }
+        None
+    }
+
+    fn on_event(&mut self, now: Instant, event: Event, out: &mut Actions) -> Option<Heard> {
+        match event {
+            Event::Reply { to, instruction, status: Status::Ok, data } => {
+                return self.on_answer(to, instruction, data, out);
+            }
+            Event::Reply { to, instruction, status, .. } => {
+                self.on_refusal(to, instruction, status, out);
+                return Some(Heard::Failed { to, instruction });
+            }
+            Event::Silent { to, instruction } => {
+                self.fails(to, "does not answer");
+                return Some(Heard::Failed { to, instruction });
+            }
+            Event::Garbled { to, instruction, why } => {
+                self.fails(to, damage(why));
+                return Some(Heard::Failed { to, instruction });
+            }
+            Event::Unsent { to, instruction } => {
+                self.stuck = true;
+                let message = format!("{}: the port does not send; what was asked is dropped", self.bus);
+                out.raise(Severity::Warning, Fault::PortOverrun, self.bus.as_str(), message);
+                return Some(Heard::Failed { to, instruction });
+            }
+            Event::Unasked { from, instruction, data } => return Some(Heard::Unasked { from, instruction, data }),
+            Event::Sent { .. } => {}
+            Event::Degraded { node } => {
+                let (name, board) = self.name(node);
+                let message = format!("{board} fails again and again: it {}; asked on", self.failure(node));
+                out.raise(Severity::Warning, Fault::BoardDegraded, name, message);
+            }
+            Event::Recovered { node } => {
+                let (name, board) = self.name(node);
+                out.clear(Fault::BoardDegraded, name, format!("{board} answers well again"));
+            }
+            Event::Lost { node } => {
+                self.schedule.lost(now, node);
+                let (name, board) = self.name(node);
+                let message = format!("{board} {}: its data is invalid, asked once a second", self.failure(node));
+                out.raise(Severity::Error, Fault::BoardLost, name, message);
+            }
+            Event::Back { node } => {
+                self.schedule.back(now, node);
+                self.schedule.demand(version_of(node));
+                let (name, board) = self.name(node);
+                out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers well again"));
+                out.clear(Fault::BoardLost, name, format!("{board} answers again"));
+                return Some(Heard::Back { node });
+            }
+            Event::Babble { who } => {
+                let (subject, who) = self.culprit(who);
+                let message = format!("{who} talks on {} without being asked: others cannot be heard", self.bus);
+                out.raise(Severity::Error, Fault::BusBabble, subject, message);
+            }
+            Event::BabbleOver { who } => {
+                let (subject, who) = self.culprit(who);
+                out.clear(Fault::BusBabble, subject, format!("{who} is quiet on {} again", self.bus));
+            }
+            Event::Clash { node, certain } => {
+                let (name, board) = self.name(node);
+                let how =
+                    if certain { "two boards answer at this address" } else { "two boards may talk at once there" };
+                out.raise(Severity::Error, Fault::AddressClash, name, format!("{board}: {how}"));
+            }
+            Event::ClashOver { node } => {
+                let (name, board) = self.name(node);
+                out.clear(Fault::AddressClash, name, format!("{board}: one board answers again"));
+            }
+        }
+        None
+    }
+
+    fn on_answer(&mut self, to: u8, instruction: u8, data: Data, out: &mut Actions) -> Option<Heard> {
+        let board = self.boards.iter_mut().find(|board| board.address == to)?;
+        board.answered = true;
+        if mem::take(&mut self.stuck) {
+            out.clear(Fault::PortOverrun, self.bus.as_str(), format!("{}: the port sends again", self.bus));
+        }
+        if instruction == GET_VERSION.code {
+            if let Some(version) = Version::parse(&data) {
+                out.note(format!("{}: firmware {version}", self.name(to).1));
+            }
+            return None;
+        }
+        let refusals = mem::take(&mut board.refusals);
+        if refusals > 0 {
+            let (name, board) = self.name(to);
+            let message = format!("{board} does what it is asked again, after {refusals} refusals");
+            out.clear(Fault::BoardRefused, name, message);
+        }
+        Some(Heard::Answer { to, instruction, data })
+    }
+
+    fn on_refusal(&mut self, to: u8, instruction: u8, status: Status, out: &mut Actions) {
+        let Some(board) = self.boards.iter_mut().find(|board| board.address == to) else {
+            return;
+        };
+        board.answered = true;
+        let version = instruction == GET_VERSION.code;
+        if !version {
+            board.refusals = board.refusals.saturating_add(1);
+        }
+        let verb = if status == Status::UnknownInstruction { "does not know" } else { "could not do" };
+        let (name, board) = self.name(to);
+        let message = format!("{board} {verb} instruction {instruction:#04x}");
+        if version {
+            // Asked once only: what it would clear never comes.
+            out.report(Severity::Warning, Fault::BoardRefused, name, format!("{message}; its version stays unknown"));
+        } else {
+            let message = format!("{message}; asked on, its data is missing");
+            out.raise(Severity::Warning, Fault::BoardRefused, name, message);
+        }
+    }
+
+    /// Reports what a board cannot have said, once, and that it is over; answers whether it can.
+    pub fn judge<T>(&mut self, to: u8, result: Result<T, Implausible>, out: &mut Actions) -> Option<T> {
+        let board = self.boards.iter_mut().find(|board| board.address == to)?;
+        let stood = mem::replace(&mut board.implausible, result.is_err());
+        match result {
+            Ok(said) => {
+                if stood {
+                    let (name, board) = self.name(to);
+                    out.clear(Fault::BoardImplausible, name, format!("{board} is plausible again"));
+                }
+                Some(said)
+            }
+            Err(why) => {
+                let (name, board) = self.name(to);
+                let message = format!("{board} answered what it cannot: {why}; dropped");
+                out.raise(Severity::Warning, Fault::BoardImplausible, name, message);
+                None
+            }
+        }
+    }
+
+    fn fails(&mut self, address: u8, how: &'static str) {
+        if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
+            board.fails = how;
+        }
+    }
+
+    fn failure(&self, address: u8) -> &'static str {
+        self.boards.iter().find(|board| board.address == address).map_or("", |board| board.fails)
+    }
+
+    /// Asks for this once, when no poll is due.
+    pub fn demand(&mut self, to: u8, instruction: &Instruction) {
+        self.schedule.demand(Turn { to, instruction: instruction.code });
+    }
+
+    /// Whether boards are asked: not in STOP, but in ERROR, to find out when it is over.
+    fn asks(&self) -> bool {
+        self.up == Some(true) && !matches!(self.state, State::Stop | State::Terminate)
+    }
+
+    /// Whose turn it is, when the wire is free: to be asked by [`Line::ask`].
+    pub fn turn(&mut self, now: Instant) -> Option<Turn> {
+        if self.asks() && self.master.is_idle() { self.schedule.due(now) } else { None }
+    }
+
+    pub fn ask(&mut self, Turn { to, instruction }: Turn, data: &[u8]) {
+        let board = self.boards.iter().find(|board| board.address == to);
+        let known = board.and_then(|board| board.table.iter().find(|known| known.code == instruction));
+        if let Some(instruction) = known {
+            // Idle, and with less data than a frame has room for: never refused.
+            let _ = self.master.request(instruction.ask(to, data));
+        }
+    }
+
+    /// Sends what is to be sent, and tells the shell whether the module can work, when that has changed.
+    pub fn serve(&mut self, now: Instant, out: &mut Actions) {
+        if let Some(transmit) = self.master.poll_tx(now) {
+            out.send_words(PORT, transmit.words);
+        }
+        let lost = |board: &Board| self.master.health(board.address) == Health::Lost;
+        let working = match self.up {
+            None => return,
+            Some(false) => false,
+            Some(true) if self.boards.iter().any(|board| board.answered && !lost(board)) => true,
+            Some(true) if self.boards.iter().all(lost) => false,
+            Some(true) => return,
+        };
+        if self.working.replace(working) != Some(working) {
+            if working { out.working() } else { out.failed() }
+        }
+    }
+
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let turn = if self.asks() && self.master.is_idle() { self.schedule.next() } else { None };
+        [self.master.poll_timeout(), turn, Some(self.statistics.next())].into_iter().flatten().min()
+    }
+
+    pub fn is_lost(&self, address: u8) -> bool {
+        self.master.health(address) == Health::Lost
+    }
+
+    /// A board's name for reports' subjects, and for people: name, address, bus.
+    pub fn name(&self, address: u8) -> (String, String) {
+        let board = self.boards.iter().find(|board| board.address == address);
+        let name = board.map_or("board", |board| &board.name);
+        (name.to_owned(), format!("{name} ({address:#04x} on {})", self.bus))
+    }
+
+    /// Who disturbs: a board by its name, or somebody whom nobody can name.
+    fn culprit(&self, who: Option<u8>) -> (String, String) {
+        who.map_or_else(|| (self.bus.clone(), "somebody".into()), |address| self.name(address))
+    }
+
+    fn publish_statistics(&mut self, now: Instant, out: &mut Actions) {
+        let bus = self.master.bus_statistics();
+        let busy = word_time(self.baud).as_secs_f64() * (bus.words - self.words) as f64;
+        self.words = bus.words;
+        let nodes = self.boards.iter().map(|board| node_message(&mut self.master, board)).collect();
+        out.publish(DataBus {
+            timestamp: out.timestamp(now),
+            bus: self.bus.clone(),
+            load: (busy / STATISTICS.as_secs_f64()).min(1.0),
+            frames: count(bus.frames),
+            errors: count(bus.errors),
+            state: if self.up == Some(true) { DataBus::ACTIVE } else { DataBus::CLOSED },
+            nodes,
+        });
+    }
+}
+
+const fn version_of(address: u8) -> Turn {
+    Turn { to: address, instruction: GET_VERSION.code }
+}
+
+const fn damage(why: Why) -> &'static str {
+    match why {
+        Why::Crc => "answers with a wrong CRC",
+        Why::Length { .. } => "answers with a wrong length",
+        Why::Status { .. } => "answers with a status that is none",
+        Why::Incomplete => "answers with half a frame",
+        Why::Request => "finds a wrong CRC in what it is asked",
+    }
+}
+
+fn node_message(master: &mut Master, board: &Board) -> Node {
+    let recent = master.take_recent(board.address);
+    let health = master.health(board.address);
+    let statistics = master.statistics(board.address).copied().unwrap_or_default();
+    let seconds = |time: fn(&RoundTrips) -> Option<Duration>| time(&recent).map_or(f64::NAN, |time| time.as_secs_f64());
+    Node {
+        name: board.name.clone(),
+        address: i32::from(board.address),
+        state: health as i32,
+        requests: count(statistics.requests),
+        retries: count(statistics.retries),
+        timeouts: count(statistics.timeouts),
+        crc_errors: count(statistics.crc_errors),
+        round_trip_min: seconds(RoundTrips::min),
+        round_trip_mean: seconds(RoundTrips::mean),
+        round_trip_max: seconds(RoundTrips::max),
+    }
+}
+
+fn count(count: u64) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
