@@ -5,8 +5,7 @@ use crate::shm::Bus;
 use crate::udpm::{self, Datagram};
 use crate::{filter, url};
 use nix::errno::Errno;
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::stat::fstat;
 use std::io;
 use std::net::SocketAddrV4;
@@ -18,6 +17,9 @@ const IN_A_ROW: u32 = 64;
 /// How often the socket is passed over when there is nothing left in shared memory, but was: whoever waits then is told
 /// by the descriptor whether the socket has something.
 const PASSES: u32 = 16;
+/// Who is ready.
+const SOCKET: u64 = 0;
+const BELL: u64 = 1;
 
 /// A context's place on the shared-memory bus.
 #[derive(Debug)]
@@ -38,8 +40,8 @@ impl Local {
         let inode = fstat(receive).ok()?.st_ino;
         let both = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).ok()?;
         let bus = Bus::join(url, source, inode).ok()?;
-        both.add(receive, EpollEvent::new(EpollFlags::EPOLLIN, 0)).ok()?;
-        both.add(bus.doorbell(), EpollEvent::new(EpollFlags::EPOLLIN, 0)).ok()?;
+        both.add(receive, EpollEvent::new(EpollFlags::EPOLLIN, SOCKET)).ok()?;
+        both.add(bus.doorbell(), EpollEvent::new(EpollFlags::EPOLLIN, BELL)).ok()?;
         Some(Self { bus, both, in_a_row: 0, passes: 0 })
     }
 
@@ -105,13 +107,13 @@ impl Local {
     }
 
     /// Waits for the bell or the socket.
-    pub fn wait(&mut self, socket: BorrowedFd<'_>, timeout: Duration) -> io::Result<()> {
+    pub fn wait(&mut self, timeout: Duration) -> io::Result<()> {
         // Rounded up: a wait of half a millisecond is not a busy loop.
         let millis = timeout.as_nanos().div_ceil(1_000_000).min(i32::MAX as u128) as i32;
-        let timeout = PollTimeout::try_from(millis).map_err(io::Error::other)?;
-        let mut both = [socket, self.bus.doorbell()].map(|fd| PollFd::new(fd, PollFlags::POLLIN));
-        match poll(&mut both, timeout) {
-            Ok(_) if both[0].any().unwrap_or(true) => self.passes = PASSES,
+        let timeout = EpollTimeout::try_from(millis).map_err(io::Error::other)?;
+        let mut events = [EpollEvent::empty(); 2];
+        match self.both.wait(&mut events, timeout) {
+            Ok(count) if events[..count].iter().any(|event| event.data() == SOCKET) => self.passes = PASSES,
             Ok(_) | Err(Errno::EINTR) => {}
             Err(errno) => return Err(context("cannot wait")(errno)),
         }

@@ -51,7 +51,7 @@ impl Local {
         match *self {}
     }
 
-    pub fn wait(&mut self, _: BorrowedFd<'_>, _: Duration) -> io::Result<()> {
+    pub fn wait(&mut self, _: Duration) -> io::Result<()> {
         match *self {}
     }
 }

@@ -261,7 +261,7 @@ impl Udpm {
                 continue;
             }
             match wait.take() {
-                Some(patience) if !patience.is_zero() => local.wait(self.receive.as_fd(), patience)?,
+                Some(patience) if !patience.is_zero() => local.wait(patience)?,
                 _ => return Ok(Taken::Nothing),
             }
         }

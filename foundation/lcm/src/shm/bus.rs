@@ -23,7 +23,7 @@ use std::path::Path;
 /// Where shared memory lies.
 const ROOT: &str = "/dev/shm";
 /// How long a look at the listeners holds, in ms.
-const LOOK_MS: u64 = 1000;
+const LOOK_MS: Value = 1000;
 /// Records that one [`Bus::recv`] passes over before it returns to a caller that has other work to do.
 const PASSED_MAX: usize = 4096;
 /// Messages in a row from one ring.
@@ -35,7 +35,7 @@ const STATIONS_MAX: usize = 1024;
 /// Bytes and number of the payloads in files of their own that stay readable.
 const ASIDE: (usize, usize) = (64 << 20, 8);
 /// How long they stay, in ms.
-const ASIDE_MS: u64 = 5000;
+const ASIDE_MS: Value = 5000;
 
 /// A context's place on the shared-memory bus: its own station, and those of the others.
 #[derive(Debug)]
@@ -101,7 +101,7 @@ struct Left {
 struct Aside {
     sequence: u32,
     len: usize,
-    at: u64,
+    at: Value,
 }
 
 impl Bus {
@@ -250,17 +250,16 @@ impl Bus {
         }
         let now = now();
         let looked_at = self.board.looked_at().load(Ordering::Relaxed);
-        let age = (now as Value).wrapping_sub(looked_at);
-        if u64::from(age) >= LOOK_MS && age < Value::MAX / 2 {
-            self.look(now, looked_at, u64::from(age), sequence);
+        let age = now.wrapping_sub(looked_at);
+        if (LOOK_MS..Value::MAX / 2).contains(&age) {
+            self.look(now, looked_at, age, sequence);
         }
         self.retired || self.board.listeners().load(Ordering::Acquire) & 3 != Listeners::None as Value
     }
 
     /// Looks who listens, unless another does just now.
-    fn look(&mut self, now: u64, looked_at: Value, age: u64, sequence: u32) {
-        let mine =
-            self.board.looked_at().compare_exchange(looked_at, now as Value, Ordering::AcqRel, Ordering::Relaxed);
+    fn look(&mut self, now: Value, looked_at: Value, age: Value, sequence: u32) {
+        let mine = self.board.looked_at().compare_exchange(looked_at, now, Ordering::AcqRel, Ordering::Relaxed);
         if mine.is_err() {
             return;
         }
@@ -274,7 +273,7 @@ impl Bus {
         // Not over what was told meanwhile.
         let after = (before & !3).wrapping_add(4) | found as Value;
         let _ = self.board.listeners().compare_exchange(before, after, Ordering::AcqRel, Ordering::Relaxed);
-        while self.asides.front().is_some_and(|aside| now.saturating_sub(aside.at) > ASIDE_MS) {
+        while self.asides.front().is_some_and(|aside| now.wrapping_sub(aside.at) > ASIDE_MS) {
             self.drop_aside();
         }
         // The folder can be taken away (logging out may do so); a ring that nobody finds is none.
@@ -287,7 +286,7 @@ impl Bus {
     /// The next message comes with a look at the listeners.
     #[cfg(test)]
     pub(super) fn look_again(&self) {
-        self.board.looked_at().fetch_sub(LOOK_MS as Value, Ordering::Relaxed);
+        self.board.looked_at().fetch_sub(LOOK_MS, Ordering::Relaxed);
     }
 
     fn tell(&self, news: Listeners) {
@@ -609,7 +608,7 @@ pub(super) fn realtime() -> i64 {
     nanos(ClockId::CLOCK_REALTIME).unwrap_or_default()
 }
 
-/// ms of the monotonic clock.
-fn now() -> u64 {
-    nanos(ClockId::CLOCK_MONOTONIC_COARSE).map_or(0, |nanos| nanos as u64 / 1_000_000)
+/// ms of the monotonic clock; they come around where words have 32 bits.
+fn now() -> Value {
+    nanos(ClockId::CLOCK_MONOTONIC_COARSE).map_or(0, |nanos| (nanos / 1_000_000) as Value)
 }

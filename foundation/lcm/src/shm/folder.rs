@@ -118,7 +118,7 @@ impl Folder {
     /// Takes away what contexts left that died while they joined.
     pub fn clean(&self) -> io::Result<()> {
         for name in self.names("new")? {
-            if let Some(_lock) = File::open(self.path(&name, "new")).ok().and_then(lock) {
+            if let Some(_lock) = Self::options().open(self.path(&name, "new")).ok().and_then(lock) {
                 self.remove_as(&name, "new");
             }
         }

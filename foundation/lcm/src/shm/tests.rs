@@ -360,6 +360,53 @@ fn a_bus_whose_folder_is_taken_away_goes_on_by_datagrams() {
 }
 
 #[test]
+fn without_memory_left_messages_go_by_datagrams_from_one_number_on() {
+    let place = Place::new();
+    let _full = match Mounted::tmpfs(&place.root, "300k") {
+        Some(mounted) => mounted,
+        None => return println!("skipped: this user may not mount a file system"),
+    };
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, None);
+    let mut got = Vec::new();
+    let mut datagrams = Vec::new();
+    for n in 0..200_u32 {
+        // Nobody sleeps, so the ring wants to grow.
+        publisher.publish(n, "A", &[n as u8; 3000], i64::from(n));
+        if n == 150 {
+            publisher.publish(151, "BIG", &[0; 400_000], 0);
+            datagrams = (149..153).filter(|&n| !reader.takes(source(1), n, 0)).collect();
+        }
+    }
+    while reader.recv(|_| true) {
+        got.push(reader.message().2);
+    }
+    assert_eq!(got.last(), Some(&150), "{got:?}");
+    assert_eq!(datagrams, [151, 152]);
+    assert_eq!(got.len() as u64 + reader.take_lost(), 151);
+}
+
+/// A file system, taken away at the end.
+struct Mounted<'a>(&'a std::path::Path);
+
+impl<'a> Mounted<'a> {
+    #[allow(clippy::disallowed_methods, reason = "a test of its own kind")]
+    fn tmpfs(at: &'a std::path::Path, size: &str) -> Option<Self> {
+        let mut mount = std::process::Command::new("mount");
+        let done = mount.args(["-t", "tmpfs", "-o", &format!("size={size}"), "lcm-test"]).arg(at).output();
+        done.is_ok_and(|done| done.status.success()).then_some(Self(at))
+    }
+}
+
+impl Drop for Mounted<'_> {
+    #[allow(clippy::disallowed_methods, reason = "a test of its own kind")]
+    fn drop(&mut self) {
+        // Lazily: the contexts of the test may still have it mapped.
+        let _ = std::process::Command::new("umount").arg("-l").arg(self.0).output();
+    }
+}
+
+#[test]
 fn the_folder_of_another_user_is_refused() {
     use std::os::unix::fs::PermissionsExt;
     let place = Place::new();
