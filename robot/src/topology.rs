@@ -4,11 +4,11 @@ use crate::config::{
     self, CanBus, CanDriver, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
 use crate::live::HostConfig;
-use crate::live::ports::PortConfig;
+use crate::live::ports::{PortConfig, TerminalConfig};
 use crate::live::processes::Launch;
 use base::Duration;
 use drivers::{canbus, rs485a};
-use module::{Module, Shell, ShellConfig, State};
+use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
 use rs485::crc::Crc8;
 use sim::host::{self, Virtual};
@@ -43,11 +43,14 @@ pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostCo
     let simulated_side = name == SIMULATOR;
     let ports = shell.module().ports().iter().map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
     let ports = ports.collect::<Result<_, _>>()?;
+    // One side tells of what crosses a wire.
+    let raw = |port: &PortSpec| if simulated_side { None } else { raw_name(&config.robot, &port.bus) };
+    let raw = shell.module().ports().iter().map(raw).collect();
     let launch = match name {
         watchdog::NAME => Some(launcher(place, &config)?),
         _ => None,
     };
-    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, launch };
+    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, raw, launch };
     Ok((shell, host))
 }
 
@@ -98,16 +101,38 @@ fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Re
         return can_port(place, can);
     }
     let serial = bus.strip_prefix("rs485.").and_then(|name| robot.rs485.iter().find(|line| line.name == name));
-    let Some(Rs485Bus { port, baud, .. }) = serial else {
+    let Some(line) = serial else {
         return refused(format!("bus {bus}: robot.toml has no table [{bus}]"));
     };
-    let (relative, baud) = (port.is_relative(), *baud);
-    let path = place.run_dir.join(port);
+    let path = place.run_dir.join(&line.port);
     match simulated_side {
-        true if relative => Ok(PortConfig::Pseudo { link: path, baud }),
-        true => refused(format!("{bus}.port = {port:?}: the simulator needs a name in the run folder")),
-        false => Ok(PortConfig::Terminal { path, baud }),
+        true if line.port.is_relative() => Ok(PortConfig::Pseudo { link: path, baud: line.baud }),
+        true => refused(format!("{bus}.port = {:?}: the simulator needs a name in the run folder", line.port)),
+        false => Ok(PortConfig::Terminal(terminal(place, line))),
     }
+}
+
+/// The serial device of a bus.
+#[must_use]
+pub fn terminal(place: &Place, line: &Rs485Bus) -> TerminalConfig {
+    let plain =
+        TerminalConfig { transport: line.transport, ..TerminalConfig::new(place.run_dir.join(&line.port), line.baud) };
+    // What the simulator offers in the run folder is no board with registers, and has no RTS.
+    if line.port.is_relative() {
+        return plain;
+    }
+    TerminalConfig { setup: line.setup.clone(), direction: line.direction, low_latency: line.low_latency, ..plain }
+}
+
+/// The name of a bus on `LL_DATA_RAW_<BUS>`, where its frames are sent.
+fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
+    let (kind, name) = bus.split_once('.')?;
+    let raw = match kind {
+        "can" => robot.can.iter().find(|can| can.name == name)?.raw,
+        "rs485" => robot.rs485.iter().find(|line| line.name == name)?.raw,
+        _ => false,
+    };
+    raw.then(|| name.to_uppercase())
 }
 
 fn can_port(place: &Place, can: &CanBus) -> Result<PortConfig, ConfigError> {
@@ -406,7 +431,7 @@ mod tests {
         let (_, driver) = module(&place, "driver_rs485a", State::Run).unwrap();
         let (_, simulator) = module(&place, SIMULATOR, State::Run).unwrap();
         let path = PathBuf::from("/run/advee/rs485-a");
-        assert_eq!(driver.ports, [PortConfig::Terminal { path: path.clone(), baud: 115_200 }]);
+        assert_eq!(driver.ports, [PortConfig::Terminal(TerminalConfig::new(path.clone(), 115_200))]);
         assert!(simulator.ports.contains(&PortConfig::Pseudo { link: path, baud: 115_200 }));
     }
 

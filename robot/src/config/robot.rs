@@ -163,6 +163,12 @@ pub struct Rs485Bus {
     pub baud: u32,
     /// How nine bits cross the port.
     pub transport: Transport,
+    /// A program and its arguments that make the port an EIA-485 port, run before each opening; default none.
+    pub setup: Vec<String>,
+    /// Lets the port's driver switch the direction of the line; default: the adapter does.
+    pub direction: Option<Direction>,
+    /// Asks the port's driver not to collect bytes; default false.
+    pub low_latency: bool,
     /// The check of its frames; default CRC-8/SAE-J1850.
     pub crc: Crc,
     /// Whether every word is sent as `LL_DATA_RAW_<BUS>`; default false.
@@ -176,6 +182,21 @@ pub struct Rs485Bus {
 pub enum Transport {
     /// Two bytes a word.
     TwoByte,
+    /// Mark and space parity.
+    Parity,
+}
+
+/// `rs485_direction = { … }`: when RTS lets the driver of the line talk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Direction {
+    /// RTS is high while sending, and low else; default true.
+    pub rts_on_send: bool,
+    /// RTS is high when not sending; default the opposite of `rts_on_send`.
+    pub rts_after_send: bool,
+    /// From RTS to the first start bit, 0..=100 ms; default 0.
+    pub delay_before_ms: u32,
+    /// From the last stop bit to RTS, 0..=100 ms; default 0.
+    pub delay_after_ms: u32,
 }
 
 /// `crc = { … }`, in the words of the Rocksoft model.
@@ -379,7 +400,11 @@ impl Rs485Bus {
     fn read(name: String, mut table: Table<'_>) -> Self {
         let port = PathBuf::from(table.text("port", None));
         let baud = table.integer("baud", Some(115_200), 1200..=4_000_000);
-        let transport = table.choice("transport", None, &[("two-byte", Transport::TwoByte)]);
+        let transports = [("two-byte", Transport::TwoByte), ("parity", Transport::Parity)];
+        let transport = table.choice("transport", None, &transports);
+        let setup = table.texts("setup");
+        let direction = table.table_if_any("rs485_direction").map(Direction::read);
+        let low_latency = table.boolean("low_latency", false);
         let crc = table.table_if_any("crc").map_or_else(Crc::default, Crc::read);
         let raw = table.boolean("raw", false);
         let mut nodes: Vec<Rs485Node> = Vec::new();
@@ -398,7 +423,24 @@ impl Rs485Bus {
             nodes.push(node);
         }
         table.end();
-        Self { name, port, baud, transport, crc, raw, nodes }
+        Self { name, port, baud, transport, setup, direction, low_latency, crc, raw, nodes }
+    }
+}
+
+impl Direction {
+    fn read(mut table: Table<'_>) -> Self {
+        let rts_on_send = table.boolean("rts_on_send", true);
+        let direction = Self {
+            rts_on_send,
+            rts_after_send: table.boolean("rts_after_send", !rts_on_send),
+            delay_before_ms: table.integer("delay_before_ms", Some(0), 0..=100),
+            delay_after_ms: table.integer("delay_after_ms", Some(0), 0..=100),
+        };
+        if direction.rts_on_send == direction.rts_after_send {
+            table.refuse("rts_after_send", "the opposite of rts_on_send");
+        }
+        table.end();
+        direction
     }
 }
 

@@ -150,11 +150,28 @@ fn a_table_that_is_none_is_refused() {
 
 #[test]
 fn a_choice_names_the_choices() {
-    refused("\"two-byte\"", "\"parity\"", &["robot.toml:29: rs485.a.transport = \"parity\": expected \"two-byte\""]);
+    let expected = "robot.toml:29: rs485.a.transport = \"9bit\": expected \"two-byte\" or \"parity\"";
+    refused("\"two-byte\"", "\"9bit\"", &[expected]);
     refused(
         "driver = \"sd1\"",
         "driver = \"sd2\"",
         &["robot.toml:31: rs485.a.nodes[0].driver = \"sd2\": expected \"sd1\" or \"so1\""],
+    );
+}
+
+#[test]
+fn a_serial_port_is_set_up_as_it_says() {
+    let parity = "\"parity\"\nsetup = [\"/sbin/ctl\", \"--485\"]\nlow_latency = true\n\
+                  rs485_direction = { rts_on_send = false, delay_after_ms = 1 }";
+    let bus = load(&ROBOT.replacen("\"two-byte\"", parity, 1), "", &[], MODULES).unwrap().robot.rs485.remove(0);
+    assert_eq!((bus.transport, bus.low_latency), (Transport::Parity, true));
+    assert_eq!(bus.setup, ["/sbin/ctl", "--485"]);
+    let direction = Direction { rts_on_send: false, rts_after_send: true, delay_before_ms: 0, delay_after_ms: 1 };
+    assert_eq!(bus.direction, Some(direction));
+    refused(
+        "\"two-byte\"",
+        "\"parity\"\nrs485_direction = { rts_after_send = true }",
+        &["robot.toml:30: rs485.a.rs485_direction.rts_after_send = true: expected the opposite of rts_on_send"],
     );
 }
 

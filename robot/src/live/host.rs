@@ -9,8 +9,9 @@ use super::clock;
 use super::log::Log;
 use super::ports::{Port, PortConfig, PortState, Received};
 use super::processes::{Launch, Processes};
+use super::raw::Tap;
 use base::{Duration, Fault, Instant, Report, Severity};
-use messages::Message;
+use messages::{Message, Raw};
 use module::{Action, Actions, Event, Input, Output, PortId, Shell};
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
@@ -39,6 +40,9 @@ pub struct HostConfig {
     pub lcm_url: String,
     /// Its ports, in the order of [`module::Module::ports`].
     pub ports: Vec<PortConfig>,
+    /// For each port in turn the `<BUS>` of `LL_DATA_RAW_<BUS>`, where what crosses it is to be sent; what is missing is
+    /// none.
+    pub raw: Vec<Option<String>>,
     /// For the watchdog: how a module is started.
     pub launch: Option<Launch>,
 }
@@ -64,6 +68,8 @@ struct Host {
     ports: Vec<Port>,
     /// The last note of each port: one that repeats itself is not printed again.
     notes: Vec<String>,
+    /// The taps on those ports that are to be heard on the bus, and the bus's name there.
+    taps: Vec<Option<(String, Tap)>>,
     processes: Option<Processes>,
     epoll: Epoll,
     timer: TimerFd,
@@ -103,6 +109,7 @@ impl Host {
             lost: (0, None),
             bad: BadInput::default(),
             notes: vec![String::new(); ports.len()],
+            taps: taps(config.raw, ports.len()),
             ports,
             processes: config.launch.map(|launch| Processes::new(clock::now(), launch)),
             epoll,
@@ -159,8 +166,9 @@ impl Host {
         let shell = self.shell.poll_timeout();
         let ports = self.ports.iter().filter_map(Port::poll_timeout).min();
         let processes = self.processes.as_ref().and_then(Processes::poll_timeout);
+        let taps = self.taps.iter().flatten().filter_map(|(_, tap)| tap.poll_timeout()).min();
         let end = self.end.map(|(_, until)| until);
-        let due = [shell, ports, processes, end].into_iter().flatten().min();
+        let due = [shell, ports, taps, processes, end].into_iter().flatten().min();
         if due == self.armed && due.is_none_or(|due| due > now) {
             return Ok(());
         }
@@ -189,6 +197,7 @@ impl Host {
         }
         for index in 0..self.ports.len() {
             self.port_time(index);
+            self.tap(index, |tap| tap.handle_timeout(now));
         }
         if let Some(processes) = &mut self.processes {
             processes.handle_timeout(now);
@@ -375,6 +384,7 @@ impl Host {
                     self.shell.clear(now, report, &mut self.out);
                 }
                 self.watch_writing(index);
+                self.tap(index, |tap| tap.sent(now, output));
             }
             Ok(false) => {
                 port.overrun = true;
@@ -413,14 +423,31 @@ impl Host {
         self.shell.handle(now, event, &mut self.out);
     }
 
+    /// Lets the tap of a port see something, and sends what it makes of it.
+    fn tap(&mut self, index: usize, look: impl FnOnce(&mut Tap)) {
+        let Some((bus, tap)) = self.taps.get_mut(index).and_then(Option::as_mut) else {
+            return;
+        };
+        look(tap);
+        let epoch = self.out.epoch();
+        while let Some((at, mut frame)) = tap.take() {
+            frame.timestamp = epoch.timestamp(at);
+            // Whether the bus takes messages is told by those that matter.
+            let _ = self.bus.publish(&Raw { bus: bus.clone(), frame }.into());
+        }
+    }
+
     fn port_time(&mut self, index: usize) {
         let now = clock::now();
         let id = PortId(index as u8);
+        let told = matches!(self.ports[index].state, PortState::Down { told: true, .. });
         match self.ports[index].try_open(now) {
             Some(Ok(())) => match self.watch(index) {
                 Ok(()) => self.feed(Event::Port { port: id, input: Input::Up }),
                 Err(errno) => self.lose(index, errno.desc()),
             },
+            // It stays down, and for another reason than the module was told.
+            Some(Err(reason)) if told => self.log.line(format_args!("{}: {reason}", self.ports[index].name)),
             Some(Err(reason)) => self.feed(Event::Port { port: id, input: Input::Down(&reason) }),
             None => {}
         }
@@ -466,6 +493,9 @@ impl Host {
             match port.device.receive(now) {
                 Ok(Received::Nothing) => port.more = false,
                 Ok(Received::Input(input)) => {
+                    if let Some((_, tap)) = &mut self.taps[index] {
+                        tap.received(now, &input);
+                    }
                     self.shell.handle(now, Event::Port { port: id, input }, &mut self.out);
                 }
                 Ok(Received::Fault(fault, why)) => {
@@ -483,8 +513,15 @@ impl Host {
                 Err(reason) => self.lose(index, &reason),
             }
             self.act();
+            // What the module makes of it comes first.
+            self.tap(index, |_| {});
         }
     }
+}
+
+fn taps(raw: Vec<Option<String>>, ports: usize) -> Vec<Option<(String, Tap)>> {
+    let names = raw.into_iter().chain(std::iter::repeat(None)).take(ports);
+    names.map(|name| name.map(|name| (name, Tap::default()))).collect()
 }
 
 /// The signals that a process of ours hears by its loop and not by a handler.

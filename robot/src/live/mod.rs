@@ -9,6 +9,7 @@ mod host;
 pub mod log;
 pub mod ports;
 pub mod processes;
+pub mod raw;
 pub mod sys;
 #[cfg(test)]
 mod tests;

@@ -8,10 +8,99 @@ use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-/// Lets no one else open this terminal until it is closed.
+/// Lets no one else open this terminal until it is closed. `TIOCEXCL` does not stop root, so there is a lock besides,
+/// which stops all that ask for one; `WouldBlock` says that someone has it.
 pub fn take_exclusively(terminal: BorrowedFd<'_>) -> io::Result<()> {
+    // SAFETY: plain numbers; the descriptor is open for as long as it is borrowed.
+    check(unsafe { libc::flock(terminal.as_raw_fd(), libc::LOCK_EX | libc::LOCK_NB) })?;
     // SAFETY: TIOCEXCL takes no argument; the descriptor is open for as long as it is borrowed.
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCEXCL) })
+}
+
+/// Mark and space parity (`asm/termbits.h`; the same on every architecture that the robot is built for).
+pub const CMSPAR: libc::tcflag_t = 0o10_000_000_000;
+
+/// A terminal's settings, speeds in Bd: of the terminal itself, not of whom else it may lead to.
+pub fn line_settings(terminal: BorrowedFd<'_>) -> io::Result<libc::termios2> {
+    // SAFETY: all zeros is a valid termios2.
+    let mut settings: libc::termios2 = unsafe { mem::zeroed() };
+    // SAFETY: the kernel fills a live termios2.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TCGETS2, &raw mut settings) })?;
+    Ok(settings)
+}
+
+/// Changes them; with `drain` when all that was written has left, which it waits for. Success says little: what the
+/// driver cannot do is dropped silently, so read back.
+pub fn set_line_settings(terminal: BorrowedFd<'_>, settings: &libc::termios2, drain: bool) -> io::Result<()> {
+    let request = if drain { libc::TCSETSW2 } else { libc::TCSETS2 };
+    // SAFETY: the kernel reads a live termios2.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), request, &raw const *settings) })
+}
+
+/// `struct serial_struct` (linux/serial.h).
+#[repr(C)]
+struct SerialStruct {
+    kind: libc::c_int,
+    line: libc::c_int,
+    port: libc::c_uint,
+    irq: libc::c_int,
+    flags: libc::c_int,
+    xmit_fifo_size: libc::c_int,
+    custom_divisor: libc::c_int,
+    baud_base: libc::c_int,
+    close_delay: libc::c_ushort,
+    io_type: libc::c_char,
+    reserved_char: [libc::c_char; 1],
+    hub6: libc::c_int,
+    closing_wait: libc::c_ushort,
+    closing_wait2: libc::c_ushort,
+    iomem_base: *mut libc::c_uchar,
+    iomem_reg_shift: libc::c_ushort,
+    port_high: libc::c_uint,
+    iomap_base: libc::c_ulong,
+}
+
+/// Asks the driver not to collect bytes before it hands them on (`ASYNC_LOW_LATENCY`).
+pub fn set_low_latency(terminal: BorrowedFd<'_>) -> io::Result<()> {
+    const ASYNC_LOW_LATENCY: libc::c_int = 1 << 13;
+    // SAFETY: all zeros is a valid serial_struct.
+    let mut serial: SerialStruct = unsafe { mem::zeroed() };
+    // SAFETY: the kernel fills a live serial_struct.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCGSERIAL, &raw mut serial) })?;
+    serial.flags |= ASYNC_LOW_LATENCY;
+    // SAFETY: the kernel reads a live serial_struct, which it filled itself.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCSSERIAL, &raw const serial) })
+}
+
+/// `struct serial_rs485` (linux/serial.h): who lets the driver of the line talk, and when.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rs485Direction {
+    /// Bit 0 enabled, 1 RTS high while sending, 2 RTS high after it, 4 hear oneself.
+    pub flags: u32,
+    /// ms from RTS to the first start bit.
+    pub delay_before_ms: u32,
+    /// ms from the last stop bit to RTS.
+    pub delay_after_ms: u32,
+    padding: [u32; 5],
+}
+
+impl Rs485Direction {
+    /// Flags and delays.
+    #[must_use]
+    pub const fn new(flags: u32, delay_before_ms: u32, delay_after_ms: u32) -> Self {
+        Self { flags, delay_before_ms, delay_after_ms, padding: [0; 5] }
+    }
+}
+
+/// Lets the port's driver switch the direction of an EIA-485 line; what it made of that.
+pub fn set_rs485_direction(terminal: BorrowedFd<'_>, direction: Rs485Direction) -> io::Result<Rs485Direction> {
+    let mut direction = direction;
+    // SAFETY: the kernel reads and fills a live serial_rs485.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCSRS485, &raw mut direction) })?;
+    // SAFETY: the kernel fills a live serial_rs485.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCGRS485, &raw mut direction) })?;
+    Ok(direction)
 }
 
 /// Makes the command's process one that is killed when the calling thread ends, and that starts with no signal

@@ -1,6 +1,6 @@
 //! The host with toy modules, on a bus of its own; the ports in pairs.
 
-use super::ports::{Device, Port, PortConfig, PortState, Received};
+use super::ports::{Device, Port, PortConfig, PortState, Received, TerminalConfig};
 use super::{HostConfig, bus, clock, run};
 use base::serial::Word;
 use base::{Duration, Instant, can};
@@ -114,7 +114,7 @@ impl Module for Toy {
 
 fn host(toy: Toy, lcm_url: &str, ports: Vec<PortConfig>) -> u8 {
     let shell = Shell::new(ShellConfig::new("toy"), Box::new(toy));
-    run(shell, HostConfig { lcm_url: lcm_url.into(), ports, launch: None }).unwrap()
+    run(shell, HostConfig { lcm_url: lcm_url.into(), ports, raw: Vec::new(), launch: None }).unwrap()
 }
 
 fn count(notes: &Notes, what: &str) -> usize {
@@ -208,7 +208,7 @@ fn words_cross_a_pair_of_pseudo_terminal_and_terminal() {
     let (offer, url) = (PortConfig::Pseudo { link: link.clone(), baud: 115_200 }, lcm_url());
     let other_url = lcm_url();
     let side = thread::spawn(move || host(simulator, &url, vec![offer]));
-    let taken = PortConfig::Terminal { path: link.clone(), baud: 115_200 };
+    let taken = PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200));
     assert_eq!(host(driver, &other_url, vec![taken]), 0);
     assert_eq!(side.join().unwrap(), 0);
     let heard: Vec<String> =
@@ -230,7 +230,7 @@ fn a_port_that_is_not_there_is_told_once_and_found_when_it_comes() {
         port.device.open().unwrap();
         thread::sleep(Duration::from_millis(200));
     });
-    assert_eq!(host(driver, &lcm_url(), vec![PortConfig::Terminal { path: link.clone(), baud: 115_200 }]), 0);
+    assert_eq!(host(driver, &lcm_url(), vec![PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200))]), 0);
     simulator.join().unwrap();
     let notes: Vec<String> = notes.lock().unwrap().iter().filter(|note| *note != "tick").cloned().collect();
     let absent = format!("down {}: No such file or directory", link.display());
@@ -257,7 +257,7 @@ fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     assert_eq!(simulator.try_open(clock::now()), Some(Ok(())));
     for byte in [1, 2] {
-        let mut driver = Port::new("a".into(), PortConfig::Terminal { path: link.clone(), baud: 115_200 });
+        let mut driver = Port::new("a".into(), PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200)));
         assert_eq!(driver.try_open(clock::now()), Some(Ok(())));
         let words = vec![Word::address(byte)];
         assert_eq!(driver.device.send(clock::now(), &Output::Words(words.clone())), Ok(true));
@@ -279,7 +279,7 @@ fn sent_is_told_after_the_time_on_the_wire() {
     let link = path("wire");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 9600 });
     simulator.device.open().unwrap();
-    let mut driver = Port::new("a".into(), PortConfig::Terminal { path: link, baud: 9600 });
+    let mut driver = Port::new("a".into(), PortConfig::Terminal(TerminalConfig::new(link, 9600)));
     driver.device.open().unwrap();
     let now = clock::now();
     let words = Output::Words(vec![Word::data(0); 96]);
@@ -295,17 +295,16 @@ fn sent_is_told_after_the_time_on_the_wire() {
 }
 
 #[test]
-fn a_terminal_is_held_by_one_unless_that_one_is_root() {
+fn a_terminal_is_held_by_one_even_if_that_one_is_root() {
     let link = path("held");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     simulator.device.open().unwrap();
-    let mut first = Port::new("a".into(), PortConfig::Terminal { path: link.clone(), baud: 115_200 });
+    let mut first = Port::new("a".into(), PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200)));
     first.device.open().unwrap();
-    let mut second = Port::new("a".into(), PortConfig::Terminal { path: link.clone(), baud: 115_200 });
-    match second.device.open() {
-        Ok(()) => assert!(nix::unistd::geteuid().is_root()),
-        Err(why) => assert_eq!(why, format!("{}: Device or resource busy", link.display())),
-    }
+    let mut second = Port::new("a".into(), PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200)));
+    assert_eq!(second.device.open(), Err(format!("{}: another process holds it", link.display())));
+    first.device.close();
+    assert_eq!(second.device.open(), Ok(()));
 }
 
 #[test]

@@ -215,7 +215,18 @@ fn every_line_that_is_wrong_in_the_configuration_is_a_failure() {
 fn a_serial_port_must_be_a_device_that_may_be_opened() {
     let (port, nodes) = ("/dev/ttyUSB0".into(), Vec::new());
     let transport = Transport::TwoByte;
-    let mut bus = Rs485Bus { name: "a".into(), port, baud: 115_200, transport, crc: Crc::default(), raw: false, nodes };
+    let mut bus = Rs485Bus {
+        name: "a".into(),
+        port,
+        baud: 115_200,
+        transport,
+        setup: Vec::new(),
+        direction: None,
+        low_latency: false,
+        crc: Crc::default(),
+        raw: false,
+        nodes,
+    };
     let good = Device { there: true, character: true, access: true, group: Some("dialout".into()) };
     let check = |bus: &Rs485Bus, device: Device| devices::serial(bus, &device, "robo");
     says(&check(&bus, good.clone()).unwrap(), Level::Ok, "/dev/ttyUSB0", "");

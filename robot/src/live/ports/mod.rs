@@ -5,6 +5,7 @@ mod can_udp;
 mod serial;
 
 pub use can_udp::codec as can_udp_codec;
+pub use serial::{Driver, TerminalConfig};
 
 use base::{Duration, Fault, Instant};
 use module::{Input, Output};
@@ -22,13 +23,8 @@ pub enum PortConfig {
         /// Bd, for the time that words take.
         baud: u32,
     },
-    /// A serial device whose driver carries each 9-bit word as two bytes.
-    Terminal {
-        /// The device file.
-        path: PathBuf,
-        /// Bd.
-        baud: u32,
-    },
+    /// A serial device.
+    Terminal(TerminalConfig),
     /// A CAN bus over UDP multicast, as python-can's `udp_multicast`.
     CanUdp {
         /// Group and port.
@@ -60,6 +56,10 @@ pub type Lost = String;
 pub trait Device {
     /// Opens it; a device that was open is closed first.
     fn open(&mut self) -> Result<(), Lost>;
+    /// Whether opening failed only because something that it needs is still being done: tried again soon, no news.
+    fn is_preparing(&self) -> bool {
+        false
+    }
     /// Forgets what was to be sent and closes it.
     fn close(&mut self);
     /// To wait for, while it is open.
@@ -106,6 +106,8 @@ pub struct Port {
     pub overrun: bool,
     /// What the poller was told: to wait for room to write, too.
     pub polls_write: bool,
+    /// Why it could not be opened last.
+    why: Lost,
 }
 
 /// Whether a port works.
@@ -130,12 +132,12 @@ impl Port {
     pub fn new(name: String, config: PortConfig) -> Self {
         let device: Box<dyn Device> = match config {
             PortConfig::Pseudo { link, baud } => Box::new(serial::Serial::pseudo(link, baud)),
-            PortConfig::Terminal { path, baud } => Box::new(serial::Serial::terminal(path, baud)),
+            PortConfig::Terminal(config) => Box::new(serial::Serial::terminal(config)),
             PortConfig::CanUdp { bus } => Box::new(can_udp::CanUdp::new(bus)),
             PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
         };
         let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
-        Self { name, device, state, more: false, overrun: false, polls_write: false }
+        Self { name, device, state, more: false, overrun: false, polls_write: false, why: Lost::new() }
     }
 
     /// Closes the device, to be tried again soon.
@@ -145,7 +147,7 @@ impl Port {
         self.state = PortState::Down { since: now, retry: now + RETRY_SOON, told: true };
     }
 
-    /// Tries to open it when that is due. `Some(Err)` only the first time that it fails.
+    /// Tries to open it when that is due. `Some(Err)` the first time that it fails, and when it fails for another reason.
     pub fn try_open(&mut self, now: Instant) -> Option<Result<(), Lost>> {
         let PortState::Down { since, retry, told } = self.state else {
             return None;
@@ -155,15 +157,22 @@ impl Port {
         }
         match self.device.open() {
             Ok(()) => {
+                self.why.clear();
                 self.state = PortState::Up;
                 self.more = true;
                 Some(Ok(()))
+            }
+            Err(_) if self.device.is_preparing() => {
+                self.state = PortState::Down { since, retry: now + RETRY_SOON, told };
+                None
             }
             Err(reason) => {
                 let since = if since == Instant::ZERO { now } else { since };
                 let pause = if now.since(since) < Duration::from_secs(1) { RETRY_SOON } else { RETRY };
                 self.state = PortState::Down { since, retry: now + pause, told: true };
-                (!told).then_some(Err(reason))
+                let news = !told || reason != self.why;
+                self.why.clone_from(&reason);
+                news.then_some(Err(reason))
             }
         }
     }

@@ -1,21 +1,31 @@
-//! Serial lines of 9-bit words, each carried as two bytes: a device, or the simulator's end of a pseudo-terminal.
+//! Serial lines of 9-bit words: a device that carries them as two bytes or by parity, or the simulator's end of a
+//! pseudo-terminal.
+
+mod driver;
+mod line;
+mod sender;
+mod setup;
+
+pub use driver::Driver;
 
 use super::{Device, Lost, Received};
-use crate::live::sys;
+use crate::config::{Direction, Transport};
 use base::serial::Word;
 use base::{Duration, Instant};
 use module::{Input, Output};
 use nix::errno::Errno;
-use nix::fcntl::{OFlag, open};
+use nix::fcntl::OFlag;
 use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
-use nix::sys::stat::Mode;
-use nix::sys::termios::{self, BaudRate, ControlFlags, FlushArg, SetArg, SpecialCharacterIndices};
+use nix::sys::termios::{self, SetArg};
 use nix::unistd::{read, write};
-use rs485::transport::TwoByte;
+use rs485::transport::{Parity, TwoByte};
+use sender::Sender;
+use setup::Setup;
 use std::collections::VecDeque;
 use std::fs;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Start bit, eight data bits, the ninth, stop bit.
 const BITS_PER_WORD: u64 = 11;
@@ -24,12 +34,45 @@ const QUEUE_MAX: usize = 16 * 1024;
 /// Bytes per read.
 const READ_MAX: usize = 1024;
 
+/// Outputs that may wait for a change of parity; more is dropped whole.
+const OUTPUTS_MAX: usize = 32;
+
+/// A device file, and what it is to be made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TerminalConfig {
+    /// The device file, or a link to it.
+    pub path: PathBuf,
+    /// Any rate, also none of termios' list.
+    pub baud: u32,
+    /// How nine bits cross it.
+    pub transport: Transport,
+    /// A program and its arguments, run before each opening; none: nothing is run.
+    pub setup: Vec<String>,
+    /// Lets the port's driver switch the direction of the line.
+    pub direction: Option<Direction>,
+    /// Asks the driver not to collect bytes.
+    pub low_latency: bool,
+}
+
+impl TerminalConfig {
+    /// Two bytes a word, and nothing special.
+    #[must_use]
+    pub const fn new(path: PathBuf, baud: u32) -> Self {
+        Self { path, baud, transport: Transport::TwoByte, setup: Vec::new(), direction: None, low_latency: false }
+    }
+}
+
 /// A serial line.
 pub struct Serial {
     place: Place,
     baud: u32,
-    file: Option<OwnedFd>,
-    codec: TwoByte,
+    file: Option<Arc<OwnedFd>>,
+    codec: Codec,
+    /// Sends by parity, while the device is open.
+    sender: Option<Sender>,
+    setup: Setup,
+    /// Lines for people that were not told yet.
+    notes: VecDeque<String>,
     words: Vec<Word>,
     queue: VecDeque<u8>,
     /// Bytes written since the device was opened.
@@ -43,28 +86,58 @@ pub struct Serial {
 }
 
 enum Place {
-    Terminal(PathBuf),
+    Terminal(TerminalConfig),
     /// The link, and the device file of the other side that it leads to while this is open.
     Pseudo(PathBuf, PathBuf),
 }
 
+enum Codec {
+    TwoByte(TwoByte),
+    Parity(Parity),
+}
+
+impl Codec {
+    fn decode(&mut self, byte: u8) -> Option<Word> {
+        match self {
+            Self::TwoByte(codec) => codec.decode(byte),
+            Self::Parity(codec) => codec.decode(byte),
+        }
+    }
+
+    fn reset(&mut self) {
+        match self {
+            Self::TwoByte(codec) => codec.reset(),
+            Self::Parity(codec) => codec.reset(),
+        }
+    }
+}
+
 impl Serial {
     /// A device file.
-    pub fn terminal(path: PathBuf, baud: u32) -> Self {
-        Self::new(Place::Terminal(path), baud)
+    pub fn terminal(mut config: TerminalConfig) -> Self {
+        let codec = match config.transport {
+            Transport::TwoByte => Codec::TwoByte(TwoByte::new()),
+            Transport::Parity => Codec::Parity(Parity::new()),
+        };
+        let setup = Setup::new(std::mem::take(&mut config.setup));
+        let baud = config.baud;
+        Self::new(Place::Terminal(config), baud, codec, setup)
     }
 
     /// A pseudo-terminal, its other side offered by a link.
     pub fn pseudo(link: PathBuf, baud: u32) -> Self {
-        Self::new(Place::Pseudo(link, PathBuf::new()), baud)
+        Self::new(Place::Pseudo(link, PathBuf::new()), baud, Codec::TwoByte(TwoByte::new()), Setup::new(Vec::new()))
     }
 
-    fn new(place: Place, baud: u32) -> Self {
+    fn new(place: Place, baud: u32, codec: Codec, setup: Setup) -> Self {
         Self {
             place,
             baud: baud.max(1),
             file: None,
-            codec: TwoByte::new(),
+            codec,
+            sender: None,
+            setup,
+            notes: VecDeque::new(),
             words: Vec::new(),
             queue: VecDeque::new(),
             written: 0,
@@ -83,6 +156,7 @@ impl Serial {
         self.queue.clear();
         self.outputs.clear();
         self.sent.clear();
+        self.notes.clear();
         self.written = 0;
     }
 
@@ -124,24 +198,41 @@ impl Serial {
         Ok(())
     }
 
-    fn open_file(&mut self) -> Result<OwnedFd, Lost> {
-        match &mut self.place {
-            Place::Terminal(path) => open_terminal(path, self.baud),
-            Place::Pseudo(link, other_side) => open_pseudo(link, other_side),
+    /// Takes what the sending thread has to say.
+    fn look_after_sender(&mut self, now: Instant) -> Result<(), Lost> {
+        let Some(sender) = &mut self.sender else {
+            return Ok(());
+        };
+        while let Some(result) = sender.sent() {
+            self.notes.extend(result.map_err(|error| error.to_string())?);
+            self.sent.push_back(now);
         }
+        Ok(())
     }
-}
 
-/// Opens a device raw, 8 data bits, no parity, 1 stop bit, and keeps others out.
-fn open_terminal(path: &Path, baud: u32) -> Result<OwnedFd, Lost> {
-    let named = |errno: Errno| format!("{}: {}", path.display(), errno.desc());
-    let rate = baud_rate(baud).ok_or_else(|| format!("{}: {baud} Bd is no rate of a terminal", path.display()))?;
-    let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
-    let file = open(path, flags, Mode::empty()).map_err(named)?;
-    sys::take_exclusively(file.as_fd()).map_err(|error| format!("{}: {error}", path.display()))?;
-    make_raw(&file, Some(rate)).map_err(named)?;
-    termios::tcflush(&file, FlushArg::TCIOFLUSH).map_err(named)?;
-    Ok(file)
+    fn open_file(&mut self) -> Result<(), Lost> {
+        match &mut self.place {
+            Place::Pseudo(link, other_side) => self.file = Some(Arc::new(open_pseudo(link, other_side)?)),
+            Place::Terminal(config) => {
+                // A device that is not there is nothing to set up: opening says so.
+                if config.path.exists() {
+                    self.setup.proceed()?;
+                    if self.setup.runs() {
+                        return Err("its set-up command runs".into());
+                    }
+                }
+                let line::Opened { file, notes } = line::open_terminal(config)?;
+                let file = Arc::new(file);
+                if config.transport == Transport::Parity {
+                    let sender = Sender::start(file.clone());
+                    self.sender = Some(sender.map_err(|error| format!("{}: {error}", config.path.display()))?);
+                }
+                self.file = Some(file);
+                self.notes.extend(notes);
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Makes a pseudo-terminal and a link to its other side, in place of any old link.
@@ -153,7 +244,9 @@ fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
     unlockpt(&master).map_err(named)?;
     *other_side = ptsname_r(&master).map_err(named)?.into();
     // On Linux the attributes of a master are those of its other side.
-    make_raw(&master, None).map_err(named)?;
+    let mut settings = termios::tcgetattr(&master).map_err(named)?;
+    termios::cfmakeraw(&mut settings);
+    termios::tcsetattr(&master, SetArg::TCSANOW, &settings).map_err(named)?;
     let fresh = link.with_extension("new");
     let _ = fs::remove_file(&fresh);
     std::os::unix::fs::symlink(&*other_side, &fresh)
@@ -162,50 +255,24 @@ fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
     Ok(master.into())
 }
 
-fn make_raw(file: &impl AsFd, rate: Option<BaudRate>) -> nix::Result<()> {
-    let mut settings = termios::tcgetattr(file)?;
-    termios::cfmakeraw(&mut settings);
-    settings.control_flags.remove(ControlFlags::CSTOPB | ControlFlags::CRTSCTS);
-    settings.control_flags.insert(ControlFlags::CLOCAL | ControlFlags::CREAD);
-    settings.control_chars[SpecialCharacterIndices::VMIN as usize] = 1;
-    settings.control_chars[SpecialCharacterIndices::VTIME as usize] = 0;
-    if let Some(rate) = rate {
-        termios::cfsetspeed(&mut settings, rate)?;
-    }
-    termios::tcsetattr(file, SetArg::TCSANOW, &settings)
-}
-
-fn baud_rate(baud: u32) -> Option<BaudRate> {
-    Some(match baud {
-        1200 => BaudRate::B1200,
-        2400 => BaudRate::B2400,
-        4800 => BaudRate::B4800,
-        9600 => BaudRate::B9600,
-        19_200 => BaudRate::B19200,
-        38_400 => BaudRate::B38400,
-        57_600 => BaudRate::B57600,
-        115_200 => BaudRate::B115200,
-        230_400 => BaudRate::B230400,
-        460_800 => BaudRate::B460800,
-        500_000 => BaudRate::B500000,
-        921_600 => BaudRate::B921600,
-        1_000_000 => BaudRate::B1000000,
-        2_000_000 => BaudRate::B2000000,
-        _ => return None,
-    })
-}
-
 impl Device for Serial {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        self.file = Some(self.open_file()?);
-        Ok(())
+        self.open_file()
+    }
+
+    fn is_preparing(&self) -> bool {
+        self.setup.runs()
     }
 
     fn close(&mut self) {
         self.forget();
         self.codec.reset();
+        self.sender = None;
         let was_open = self.file.take().is_some();
+        if was_open {
+            self.setup.forget();
+        }
         let Place::Pseudo(link, other_side) = &self.place else {
             return;
         };
@@ -216,7 +283,10 @@ impl Device for Serial {
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
-        self.file.as_ref().map(AsFd::as_fd)
+        match &self.sender {
+            Some(sender) => Some(sender.fd()),
+            None => self.file.as_ref().map(|file| file.as_fd()),
+        }
     }
 
     fn by_edge(&self) -> bool {
@@ -224,6 +294,10 @@ impl Device for Serial {
     }
 
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
+        self.look_after_sender(now)?;
+        if let Some(note) = self.notes.pop_front() {
+            return Ok(Received::Note(note));
+        }
         let mut bytes = [0; READ_MAX];
         loop {
             let Some(file) = &self.file else {
@@ -251,6 +325,13 @@ impl Device for Serial {
         let Output::Words(words) = output else {
             return Ok(false);
         };
+        if let Some(sender) = &mut self.sender {
+            let room = sender.waiting < OUTPUTS_MAX;
+            if room {
+                sender.send(words.clone());
+            }
+            return Ok(room);
+        }
         if self.queue.len() + 2 * words.len() > QUEUE_MAX {
             return Ok(false);
         }
@@ -282,3 +363,6 @@ impl Drop for Serial {
         self.close();
     }
 }
+
+#[cfg(test)]
+mod tests;
