@@ -5,3 +5,6 @@
 pub mod canbus;
 mod line;
 pub mod rs485a;
+pub mod rs485b;
+#[cfg(test)]
+mod testing;

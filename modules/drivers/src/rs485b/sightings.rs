@@ -1,0 +1,128 @@
+//! From an answer of the scanner to sightings, each at its own instant, none twice.
+
+use base::{Duration, Epoch, Instant};
+use messages::lowlevel::{Beacon, DataBeacons};
+use rs485::boards::Implausible;
+use rs485::boards::sbs1::parse_beacons;
+use rs485::frame::OVERHEAD;
+use rs485::word_time;
+use std::collections::BTreeMap;
+
+/// A sweep takes 1 s: what is this old the board has not kept.
+const OLD_MS: u16 = 2000;
+/// Two sightings of a beacon that are nearer to each other than this are one, told twice: a quarter of a sweep.
+const SAME: Duration = Duration::from_millis(250);
+/// After it was told, the board may still have sightings of the sweep before, for this long.
+const SETTLES: Duration = Duration::from_millis(1500);
+
+/// What is known of the scanner's sightings.
+#[derive(Debug)]
+pub(super) struct Sightings {
+    word: Duration,
+    /// Which beacons it looks for, since when; none: all.
+    active: Vec<u8>,
+    since: Instant,
+    last: BTreeMap<u8, Instant>,
+}
+
+impl Sightings {
+    pub fn new(baud: u32) -> Self {
+        Self { word: word_time(baud), active: Vec::new(), since: Instant::ZERO, last: BTreeMap::new() }
+    }
+
+    /// It was told to look for these.
+    pub fn looks_for(&mut self, now: Instant, ids: &[u8]) {
+        self.active = ids.to_vec();
+        self.since = now;
+    }
+
+    /// Reads an answer whose last word was received at `now`; and whether a beacon is in it that the board should not
+    /// look for: it has forgotten what it was told.
+    ///
+    /// # Errors
+    /// When the answer cannot be.
+    pub fn read(&mut self, now: Instant, epoch: Epoch, data: &[u8]) -> Result<(DataBeacons, bool), Implausible> {
+        let sightings = parse_beacons(data)?;
+        if let Some(index) = sightings.iter().position(|sighting| sighting.age_ms > OLD_MS) {
+            return Err(Implausible::Value { index, value: sightings[index].age_ms.into() });
+        }
+        // Ages are those at the answer's first word.
+        let said = now - self.word * (data.len() + OVERHEAD) as u32;
+        let (mut beacons, mut stranger) = (Vec::new(), false);
+        for sighting in &sightings {
+            if !self.active.is_empty() && !self.active.contains(&sighting.id) {
+                stranger |= now.since(self.since) > SETTLES;
+                continue;
+            }
+            let at = said - Duration::from_millis(sighting.age_ms.into());
+            if self.last.get(&sighting.id).is_some_and(|last| at.since(*last) < SAME) {
+                continue;
+            }
+            self.last.insert(sighting.id, at);
+            beacons.push(Beacon {
+                timestamp: epoch.timestamp(at),
+                id: sighting.id.into(),
+                bearing: (f64::from(sighting.bearing) / 100.0).to_radians(),
+                strength: f64::from(sighting.strength) / 255.0,
+            });
+        }
+        Ok((DataBeacons { timestamp: epoch.timestamp(now), beacons }, stranger))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rs485::boards::sbs1::{Sighting, build_beacons};
+
+    fn at(ms: u64) -> Instant {
+        Instant::from_millis(ms)
+    }
+
+    fn sighting(id: u8, age_ms: u16) -> Sighting {
+        Sighting { id, bearing: 9000, strength: 51, age_ms }
+    }
+
+    fn read(sightings: &mut Sightings, ms: u64, answer: &[Sighting]) -> (Vec<(i64, i32)>, bool) {
+        let (message, stranger) = sightings.read(at(ms), Epoch::default(), &build_beacons(answer)).unwrap();
+        (message.beacons.iter().map(|beacon| (beacon.timestamp, beacon.id)).collect(), stranger)
+    }
+
+    #[test]
+    fn each_sighting_has_its_own_instant_before_the_answer_s_first_word() {
+        let mut sightings = Sightings::new(115_200);
+        let answer = [sighting(7, 250), sighting(3, 900)];
+        let (message, _) = sightings.read(at(5000), Epoch::default(), &build_beacons(&answer)).unwrap();
+        // 18 words of 95.487 us.
+        let said = 5_000_000 - 1719;
+        let times: Vec<i64> = message.beacons.iter().map(|beacon| beacon.timestamp).collect();
+        assert_eq!((message.timestamp, times), (5_000_000, vec![said - 250_000, said - 900_000]));
+        let first = &message.beacons[0];
+        assert!((first.bearing - core::f64::consts::FRAC_PI_2).abs() < 1e-12 && (first.strength - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_sighting_that_is_told_twice_is_published_once() {
+        let mut sightings = Sightings::new(115_200);
+        assert_eq!(read(&mut sightings, 5000, &[sighting(1, 3)]).0.len(), 1);
+        assert_eq!(read(&mut sightings, 5995, &[sighting(1, 998)]).0.len(), 0);
+        assert_eq!(read(&mut sightings, 7000, &[sighting(1, 3)]).0.len(), 1, "the sweep after the next");
+    }
+
+    #[test]
+    fn who_was_not_to_be_looked_for_is_left_out_and_tells_that_the_board_forgot() {
+        let mut sightings = Sightings::new(115_200);
+        sightings.looks_for(at(5000), &[2]);
+        assert_eq!(read(&mut sightings, 6000, &[sighting(1, 3)]), (vec![], false), "of the sweep before");
+        let (seen, stranger) = read(&mut sightings, 7000, &[sighting(1, 3), sighting(2, 3)]);
+        assert_eq!((seen.len(), stranger), (1, true));
+    }
+
+    #[test]
+    fn an_age_that_cannot_be_is_implausible() {
+        let mut sightings = Sightings::new(115_200);
+        let old = build_beacons(&[sighting(1, 3), sighting(2, 2001)]);
+        let why = sightings.read(at(9000), Epoch::default(), &old);
+        assert_eq!(why, Err(Implausible::Value { index: 1, value: 2001 }));
+    }
+}
