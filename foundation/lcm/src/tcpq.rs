@@ -17,6 +17,9 @@
 //! A stream has no place at which one could start anew, so what is no message ends the connection; the official hub
 //! skips it a word at a time. Like that hub, this one takes clients that do not say hello, and any version. Lengths
 //! are limited, which they are not there.
+//!
+//! The official hub reads from a client before it sends it anything but the hello: what one publishes as soon as it is
+//! connected may reach all but itself.
 
 pub mod hub;
 mod outbox;
