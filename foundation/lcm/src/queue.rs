@@ -24,11 +24,20 @@ pub struct Waiting {
     holders: Vec<SubscriptionId>,
 }
 
+impl Waiting {
+    /// What it costs beside its payload, roughly: an empty message is not free.
+    const OVERHEAD: usize = 128;
+
+    fn cost(&self) -> usize {
+        Self::OVERHEAD + self.payload.len()
+    }
+}
+
 /// The line.
 #[derive(Debug)]
 pub struct Line {
     entries: VecDeque<Waiting>,
-    /// Payload bytes of all of them.
+    /// What all of them cost.
     bytes: usize,
     bytes_max: usize,
     dropped: u64,
@@ -38,7 +47,7 @@ pub struct Line {
 
 impl Line {
     /// A line in which messages of subscriptions with [`Queue::Transport`] wait as long as all together hold fewer
-    /// than `bytes_max` payload bytes.
+    /// than `bytes_max` bytes, some for each message itself among them.
     #[must_use]
     pub fn new(bytes_max: usize) -> Self {
         Self { entries: VecDeque::new(), bytes: 0, bytes_max, dropped: 0, spare: Vec::new(), taken: Waiting::default() }
@@ -109,7 +118,7 @@ impl Line {
         entry.payload.clear();
         entry.payload.extend_from_slice(payload);
         entry.at = at;
-        self.bytes += payload.len();
+        self.bytes += entry.cost();
         self.entries.push_back(entry);
         true
     }
@@ -117,7 +126,7 @@ impl Line {
     /// Takes the oldest message; it is there until the next call.
     pub fn pop(&mut self, subscriptions: &mut Subscriptions) -> Option<&Waiting> {
         let entry = self.entries.pop_front()?;
-        self.bytes -= entry.payload.len();
+        self.bytes -= entry.cost();
         for &id in &entry.holders {
             subscriptions.taken(id);
         }
@@ -141,7 +150,7 @@ impl Line {
         if entry.holders.is_empty()
             && let Some(gone) = self.entries.remove(index)
         {
-            self.bytes -= gone.payload.len();
+            self.bytes -= gone.cost();
             self.keep(gone);
         }
         true
@@ -166,7 +175,8 @@ mod tests {
 
     impl Bench {
         fn new(subscriptions: &[(&str, Queue)]) -> (Self, Vec<SubscriptionId>) {
-            let mut bench = Self { subscriptions: Subscriptions::default(), line: Line::new(10) };
+            let mut bench =
+                Self { subscriptions: Subscriptions::default(), line: Line::new(2 * Waiting::OVERHEAD + 10) };
             let ids = subscriptions.iter().map(|&(pattern, queue)| {
                 bench.subscriptions.add(Pattern::new(pattern).expect("a good pattern"), queue)
             });
