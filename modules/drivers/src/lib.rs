@@ -4,6 +4,7 @@
 
 pub mod canbus;
 mod line;
+pub mod power;
 pub mod rs485a;
 pub mod rs485b;
 #[cfg(test)]

@@ -51,7 +51,7 @@ pub(crate) enum Heard {
     /// A board did not; it has been reported.
     Failed { to: u8, instruction: u8 },
     /// A board that was lost answers; it may have forgotten what it was told.
-    Back { node: u8 },
+    Back,
     /// A board said something by itself.
     Unasked { from: u8, instruction: u8, data: Data },
 }
@@ -220,7 +220,7 @@ impl Line {
                 let (name, board) = self.name(node);
                 out.clear(Fault::BoardDegraded, name.as_str(), format!("{board} answers well again"));
                 out.clear(Fault::BoardLost, name, format!("{board} answers again"));
-                return Some(Heard::Back { node });
+                return Some(Heard::Back);
             }
             Event::Babble { who } => {
                 let (subject, who) = self.culprit(who);

@@ -57,7 +57,10 @@ impl<B> Rig<B> {
         let mut words = Words::new();
         let address = self.slave.config().address;
         Frame { address, instruction, flags: 0, data }.encode(Crc8::SAE_J1850, &mut words);
-        self.put(self.bench.now(), &words, false);
+        // After what it says already.
+        let busy = self.words.iter().filter(|(.., from_driver)| !from_driver).map(|(at, ..)| *at).max();
+        let at = busy.unwrap_or_default().max(self.bench.now());
+        self.put(at, &words, false);
     }
 
     pub fn message(&mut self, message: impl Into<Message>) {

@@ -24,6 +24,9 @@ pub enum Action {
     Condition(Condition),
     /// Start or end a process; the watchdog alone.
     Process(ProcessCommand),
+    /// Run this command with its arguments: what the configuration has for halting or restarting the computer. A live
+    /// host alone does; nobody waits for it.
+    Run(Vec<String>),
     /// From the shell to the host: the state from now on.
     State(State),
     /// End the process with this code (see [`crate::exit`]), after everything before it has left.

@@ -20,6 +20,8 @@ use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
 use std::mem;
+use std::os::unix::process::CommandExt;
+use std::process::{Command, Stdio};
 
 /// Inputs taken from one source in one turn.
 const BURST: usize = 64;
@@ -283,8 +285,18 @@ impl Host {
                 self.queue_news();
             }
             Action::Exit(code) => self.end = Some((code, clock::now() + FLUSH)),
+            Action::Run(command) => self.run_command(&command),
             // The shell keeps these to itself, except the state, which is announced on the bus.
             Action::Raise(_) | Action::Clear(_) | Action::Condition(_) | Action::State(_) => {}
+        }
+    }
+
+    /// Starts what halts the computer, in a process group of its own: it must outlive us.
+    fn run_command(&mut self, command: &[String]) {
+        let Some((program, args)) = command.split_first() else { return };
+        let started = Command::new(program).args(args).stdin(Stdio::null()).process_group(0).spawn();
+        if let Err(error) = started {
+            self.log.line(format!("{program} cannot be run: {error}"));
         }
     }
 

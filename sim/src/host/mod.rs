@@ -441,6 +441,11 @@ impl Virtual {
             Action::State(state) => self.news(&News::State { module: &module, state }),
             Action::Process(command) => self.command(pid, command),
             Action::Exit(code) => self.end(pid, ExitStatus::Code(i32::from(code))),
+            // There is no computer to halt.
+            Action::Run(command) => {
+                let line = format!("not run: {}", command.join(" "));
+                self.news(&News::Note { module: &module, line: &line });
+            }
             // The shell keeps these to itself.
             Action::Raise(_) | Action::Clear(_) | Action::Condition(_) => {}
         }

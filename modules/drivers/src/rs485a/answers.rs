@@ -17,7 +17,7 @@ impl Rs485a {
         match heard {
             Heard::Answer { to, instruction, data } => self.on_answer(now, *to, *instruction, data, out),
             Heard::Failed { to, instruction } => self.on_failure(now, *to, *instruction, out),
-            Heard::Back { .. } | Heard::Unasked { .. } => {}
+            Heard::Back | Heard::Unasked { .. } => {}
         }
     }
 

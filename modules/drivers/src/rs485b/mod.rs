@@ -139,7 +139,7 @@ impl Rs485b {
         while let Some(heard) = self.line.hear(now, out) {
             match heard {
                 Heard::Answer { instruction, data, .. } => self.on_answer(now, instruction, &data, out),
-                Heard::Back { .. } => self.told = None,
+                Heard::Back => self.told = None,
                 Heard::Failed { .. } | Heard::Unasked { .. } => {}
             }
         }

@@ -1,0 +1,143 @@
+//! The end, in good order: the modules are ended one after the other, those that were started last first; then the
+//! supply is let go, then the computer is halted.
+
+use base::{Duration, Instant};
+use messages::common::{CmdState, DataProcesses, Process};
+use module::{Actions, State};
+
+/// TERMINATE is said again this often: the bus may lose a message.
+const REPEAT: Duration = Duration::from_millis(500);
+/// A module may take this long; where no watchdog tells of it, [`REPEAT`].
+const MODULE: Duration = Duration::from_secs(3);
+/// What the computer needs to halt, of the time that the board gives.
+const HALT: Duration = Duration::from_secs(10);
+/// The board is told within this time that the supply is needed no more, or not at all.
+const RELEASE: Duration = Duration::from_secs(1);
+
+/// What it is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Aim {
+    /// The supply is cut, whatever we do.
+    Cut,
+    /// An operator wants all off.
+    Off,
+    /// An operator wants the computer restarted.
+    Reboot,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// The module of this place is being ended, until then at most.
+    Ending { place: usize, until: Instant },
+    /// The board is told to cut all.
+    Releasing { until: Instant },
+    /// The computer may be halted.
+    Ready,
+}
+
+/// A shutdown under way.
+#[derive(Debug)]
+pub(super) struct Shutdown {
+    pub aim: Aim,
+    /// In the order of their end.
+    modules: Vec<String>,
+    stage: Stage,
+    /// By then the computer must be told, come what may.
+    latest: Instant,
+    say: Instant,
+    /// The watchdog tells of the modules.
+    guarded: bool,
+}
+
+impl Shutdown {
+    /// Begins now. `modules` in the order of their start; `seconds` until the supply is cut, where it is.
+    pub fn new(now: Instant, aim: Aim, modules: &[String], seconds: Option<u8>) -> Self {
+        let modules: Vec<String> = modules.iter().rev().cloned().collect();
+        let latest = match seconds {
+            Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT),
+            None => now + MODULE * (modules.len() as u32 + 1),
+        };
+        let stage = Stage::Ending { place: 0, until: now + REPEAT };
+        Self { aim, modules, stage, latest, say: now, guarded: false }
+    }
+
+    /// The module that is being ended.
+    fn ending(&self) -> Option<&String> {
+        if let Stage::Ending { place, .. } = self.stage { self.modules.get(place) } else { None }
+    }
+
+    /// The watchdog's list: goes on when the module is down.
+    pub fn on_processes(&mut self, now: Instant, list: &DataProcesses) {
+        if let Stage::Ending { until, .. } = &mut self.stage
+            && !self.guarded
+        {
+            self.guarded = true;
+            *until = now + MODULE;
+        }
+        let down = |name: &String| {
+            let process = list.processes.iter().find(|process| process.module == *name);
+            process.is_none_or(|process| process.phase == Process::TERMINATED)
+        };
+        while self.ending().is_some_and(down) {
+            self.next(now);
+        }
+    }
+
+    fn next(&mut self, now: Instant) {
+        if let Stage::Ending { place, .. } = self.stage {
+            let until = now + if self.guarded { MODULE } else { REPEAT };
+            self.stage = Stage::Ending { place: place + 1, until };
+            self.say = now;
+        }
+    }
+
+    /// Does what is due.
+    pub fn advance(&mut self, now: Instant, source: &str, out: &mut Actions) {
+        if matches!(self.stage, Stage::Ending { until, .. } if until <= now) {
+            self.next(now);
+        }
+        match self.stage {
+            Stage::Ending { place, .. } if place >= self.modules.len() || self.latest <= now => {
+                let until = if self.aim == Aim::Off { now + RELEASE } else { now };
+                self.stage = Stage::Releasing { until };
+            }
+            Stage::Ending { .. } if self.say <= now => self.terminate(now, source, out),
+            _ => {}
+        }
+        if matches!(self.stage, Stage::Releasing { until } if until <= now) {
+            self.stage = Stage::Ready;
+        }
+    }
+
+    fn terminate(&mut self, now: Instant, source: &str, out: &mut Actions) {
+        self.say = now + REPEAT;
+        if let Some(module) = self.ending().cloned() {
+            let timestamp = out.timestamp(now);
+            let state = State::Terminate as i8;
+            out.publish(CmdState { timestamp, module, state, manual: true, source: source.into() });
+        }
+    }
+
+    /// Whether the board is to be told to cut all.
+    pub fn releases(&self) -> bool {
+        matches!(self.stage, Stage::Releasing { .. }) && self.aim == Aim::Off
+    }
+
+    /// The board was told.
+    pub fn released(&mut self) {
+        self.stage = Stage::Ready;
+    }
+
+    /// Whether the computer may be halted.
+    pub fn is_ready(&self) -> bool {
+        self.stage == Stage::Ready
+    }
+
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        match self.stage {
+            Stage::Ending { until, .. } => Some(until.min(self.say).min(self.latest)),
+            Stage::Releasing { until } => Some(until),
+            Stage::Ready => None,
+        }
+    }
+}

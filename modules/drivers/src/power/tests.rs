@@ -1,0 +1,339 @@
+//! The driver against an emulated controller, on a small wire in virtual time.
+
+use super::*;
+use crate::testing::Rig;
+use messages::common::{CmdState, DataProcesses, Process};
+use rs485::boards::psc1::{ADDRESS, build_currents, build_status, parse_set};
+use rs485::crc::Crc8;
+use rs485::frame::Status;
+use rs485::slave::Asked;
+
+fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+fn config() -> Config {
+    Config {
+        bus: "rs485.power".into(),
+        baud: 115_200,
+        crc: Crc8::SAE_J1850,
+        name: "psc1".into(),
+        address: ADDRESS,
+        rate_hz: 1.0,
+        timeout: ms(20),
+        capacity_ah: 40.0,
+        cells: 8,
+        reserve: 0.2,
+        modules: vec!["eyes".into(), "legs".into()],
+        halt: vec!["poweroff".into(), "-f".into()],
+        reboot: Vec::new(),
+        simulated: false,
+    }
+}
+
+/// A controller that switches at once what it switches.
+struct Board {
+    on: u8,
+    stuck: u8,
+    leaks: u8,
+    told: Vec<(u8, u8)>,
+    currents: Currents,
+}
+
+fn answer(board: &mut Board, _: Instant, asked: &Asked) -> (Status, Vec<u8>) {
+    match asked.instruction {
+        code if code == GET_PWR_STATUS.code => (Status::Ok, build_status(board.on).to_vec()),
+        code if code == SET_PWR_STATUS.code => {
+            let (mask, states) = parse_set(&asked.data).unwrap();
+            board.told.push((mask, states));
+            let target = board.on & !mask | states & mask;
+            board.on = board.on & (!mask | board.stuck) | states & mask & !board.stuck;
+            (Status::Ok, build_status(target).to_vec())
+        }
+        code if code == GET_CURRENTS.code => {
+            let mut currents = board.currents;
+            for (channel, milliamps) in currents.milliamps.iter_mut().enumerate() {
+                *milliamps *= u16::from((board.on | board.leaks) >> channel & 1);
+            }
+            (Status::Ok, build_currents(&currents).to_vec())
+        }
+        _ => (Status::UnknownInstruction, Vec::new()),
+    }
+}
+
+fn rig_of(config: Config) -> Rig<Board> {
+    let currents = Currents { milliamps: [200, 1000, 1000, 100, 2000, 400, 800, 300], battery_mv: 26_300 };
+    let board = Board { on: 0xFF, stuck: 0, leaks: 0, told: Vec::new(), currents };
+    let mut rig = Rig::new(NAME, Box::new(Power::new(config).unwrap()), ADDRESS, board, answer);
+    rig.run(ms(100));
+    rig.news();
+    rig
+}
+
+fn rig() -> Rig<Board> {
+    rig_of(config())
+}
+
+/// Lets time pass on a link on which the board tells of the PAUSE line as it should.
+fn pass(rig: &mut Rig<Board>, mut millis: u64) {
+    while millis > 0 {
+        rig.says(0x80, &[0, 0]);
+        let part = millis.min(500);
+        rig.run(ms(part));
+        millis -= part;
+    }
+}
+
+fn stops(rig: &mut Rig<Board>) -> Vec<(Instant, EventStop)> {
+    rig.take(|message| if let Message::LlEventStop(stop) = message { Some(stop) } else { None })
+}
+
+fn power(rig: &mut Rig<Board>) -> Vec<(Instant, DataPower)> {
+    rig.take(|message| if let Message::LlDataPower(power) = message { Some(power) } else { None })
+}
+
+fn ended(rig: &mut Rig<Board>) -> Vec<(u64, String)> {
+    let ordered = rig.take(|message| if let Message::CmCmdState(order) = message { Some(order) } else { None });
+    assert!(ordered.iter().all(|(_, CmdState { state, manual, .. })| *state == State::Terminate as i8 && *manual));
+    ordered.into_iter().map(|(at, order)| (at.as_nanos() / 1_000_000, order.module)).collect()
+}
+
+fn runs(rig: &Rig<Board>) -> Vec<Vec<String>> {
+    let runs =
+        rig.log.iter().filter_map(|(_, action)| if let Action::Run(line) = action { Some(line.clone()) } else { None });
+    runs.collect()
+}
+
+fn order(rig: &mut Rig<Board>, device: i8, action: i8) {
+    rig.message(CmdPower { timestamp: 0, device, action });
+}
+
+fn processes(rig: &mut Rig<Board>, running: &[&str]) {
+    let process = |name: &&str| Process { module: (*name).into(), phase: Process::RUNNING, ..Process::default() };
+    rig.message(DataProcesses { timestamp: 0, processes: running.iter().map(process).collect() });
+}
+
+#[test]
+fn what_the_board_says_of_the_pause_line_is_an_event_at_once() {
+    let mut rig = rig();
+    rig.says(0x80, &[0, 0]);
+    rig.run(ms(500));
+    rig.says(0x80, &[1, 3]);
+    rig.run(ms(500));
+    rig.says(0x80, &[1, 0x11]);
+    rig.run(ms(100));
+    let stops = stops(&mut rig);
+    let said: Vec<(bool, &str)> = stops.iter().map(|(_, stop)| (stop.engaged, stop.source.as_str())).collect();
+    assert_eq!(said, [(false, ""), (true, "bumper3"), (true, "sd1_rear")]);
+    // 7 words of 95.487 us after 600 ms.
+    assert_eq!((stops[1].0.as_nanos(), stops[1].1.timestamp), (600_668_409, 600_668));
+    assert_eq!(rig.news(), "PAUSE: engaged by bumper3");
+}
+
+#[test]
+fn a_board_that_is_silent_is_told_of_and_nothing_is_made_up_for_it() {
+    let mut rig = rig();
+    rig.says(0x80, &[0, 0]);
+    rig.run(ms(1100));
+    assert_eq!((stops(&mut rig).len(), rig.news().as_str()), (1, ""));
+    rig.run(ms(200));
+    assert_eq!(rig.news(), "Error PauseUnknown psc1");
+    rig.run(ms(5000));
+    assert!(stops(&mut rig).is_empty());
+    rig.says(0x80, &[0, 0]);
+    rig.run(ms(10));
+    assert_eq!((stops(&mut rig).len(), rig.news().as_str()), (1, "Notice PauseUnknown psc1"));
+}
+
+#[test]
+fn the_pause_line_is_told_of_in_stop_too() {
+    let mut rig = rig();
+    rig.command(State::Stop);
+    rig.run(ms(2000));
+    rig.says(0x80, &[1, 0x20]);
+    rig.run(ms(1000));
+    let stops = stops(&mut rig);
+    assert_eq!((stops.len(), stops[0].1.source.as_str()), (1, "button"));
+    assert!(power(&mut rig).len() <= 1, "and nothing is asked");
+}
+
+#[test]
+fn what_it_cannot_say_of_the_line_is_reported_and_dropped() {
+    let mut rig = rig();
+    rig.says(0x80, &[2, 1]);
+    rig.run(ms(10));
+    assert_eq!((stops(&mut rig).len(), rig.news().as_str()), (0, "Warning BoardImplausible psc1"));
+}
+
+#[test]
+fn power_is_published_once_a_second_with_names_and_charge() {
+    let mut rig = rig();
+    rig.board.on = 0b1110_1111;
+    (rig.board.leaks, rig.board.currents.milliamps[4]) = (0x10, 20);
+    rig.run(ms(5000));
+    let power = power(&mut rig);
+    assert_eq!(power.len(), 6);
+    let (_, last) = power.last().unwrap();
+    let channels: Vec<(&str, bool)> = last.channels.iter().map(|channel| (channel.name.as_str(), channel.on)).collect();
+    assert_eq!((channels[0], channels[4], channels[7]), (("host", true), ("monitor", false), ("switch", true)));
+    assert_eq!((last.voltage, last.channels[4].current), (26.3, 0.02));
+    // 5.8 A at first: 26.3 V + 5.8 A x 17.6 mohm are 3.3003 V a cell.
+    assert!((last.charge - 0.70).abs() < 0.01, "{}", last.charge);
+    assert!(last.remaining > 4.5 * 3600.0 && last.remaining < 8.0 * 3600.0, "{}", last.remaining);
+}
+
+#[test]
+fn a_low_battery_is_told_once_and_when_it_is_charged() {
+    let mut rig = rig_of(Config { reserve: 0.69, ..config() });
+    pass(&mut rig, 200_000);
+    assert_eq!(rig.news(), "", "70 % by its voltage, 5.8 A");
+    pass(&mut rig, 200_000);
+    assert_eq!(rig.news(), "Warning BatteryLow psc1");
+    rig.board.currents = Currents { milliamps: [0; 8], battery_mv: 27_200 };
+    pass(&mut rig, 120_000);
+    assert_eq!(rig.news(), "Notice BatteryLow psc1");
+}
+
+#[test]
+fn channels_are_switched_and_restarted() {
+    let mut rig = rig();
+    order(&mut rig, 4, CmdPower::OFF);
+    order(&mut rig, 5, CmdPower::OFF);
+    pass(&mut rig, 1500);
+    // The first went out at once.
+    assert_eq!(rig.board.told, [(0x10, 0), (0x20, 0)]);
+    assert_eq!(rig.news(), "power channel monitor is off\npower channel audio is off");
+    order(&mut rig, 4, CmdPower::ON);
+    pass(&mut rig, 1500);
+    assert_eq!(rig.news(), "power channel monitor is on");
+    order(&mut rig, 1, CmdPower::REBOOT);
+    pass(&mut rig, 1500);
+    assert_eq!((rig.board.on & 2, rig.news().as_str()), (0, "power channel computer1 is off"));
+    pass(&mut rig, 4000);
+    assert_eq!((rig.board.on & 2, rig.news().as_str()), (2, "power channel computer1 is on"));
+}
+
+#[test]
+fn a_channel_that_does_not_obey_is_reported() {
+    let mut rig = rig();
+    rig.board.stuck = 0x10;
+    order(&mut rig, 4, CmdPower::OFF);
+    pass(&mut rig, 10_000);
+    assert_eq!(rig.news(), "");
+    pass(&mut rig, 3000);
+    assert_eq!(rig.news(), "Error ChannelStuck monitor");
+    rig.board.stuck = 0;
+    order(&mut rig, 4, CmdPower::OFF);
+    pass(&mut rig, 1500);
+    assert_eq!(rig.news(), "power channel monitor is off\nNotice ChannelStuck monitor");
+    rig.board.leaks = 0x10;
+    pass(&mut rig, 1500);
+    assert_eq!(rig.news(), "Error ChannelStuck monitor", "off, and draws 2 A");
+}
+
+#[test]
+fn commands_that_cannot_be_obeyed_are_refused() {
+    let mut rig = rig();
+    for (device, action) in [(8, CmdPower::ON), (-1, CmdPower::ON), (4, 3), (0, CmdPower::REBOOT)] {
+        order(&mut rig, device, action);
+        pass(&mut rig, 10);
+        assert_eq!(rig.news(), "Warning CommandForbidden power", "{device} {action}");
+    }
+    rig.command(State::Pause);
+    rig.news();
+    order(&mut rig, 4, CmdPower::OFF);
+    pass(&mut rig, 2000);
+    assert_eq!((rig.news().as_str(), rig.board.told.len()), ("Warning CommandForbidden power", 0));
+}
+
+#[test]
+fn before_the_supply_is_cut_the_modules_are_ended_last_first_and_the_computer_is_halted() {
+    let mut rig = rig();
+    processes(&mut rig, &["eyes", "legs"]);
+    rig.says(0x81, &[30]);
+    pass(&mut rig, 300);
+    processes(&mut rig, &["eyes", "legs"]);
+    pass(&mut rig, 900);
+    assert_eq!(ended(&mut rig), [(100, "legs".into()), (600, "legs".into()), (1100, "legs".into())]);
+    processes(&mut rig, &["eyes"]);
+    pass(&mut rig, 100);
+    assert_eq!(ended(&mut rig), [(1300, "eyes".into())]);
+    assert!(runs(&rig).is_empty());
+    rig.says(0x81, &[28]);
+    processes(&mut rig, &[]);
+    pass(&mut rig, 10);
+    assert_eq!(runs(&rig), [["poweroff", "-f"]]);
+    assert!(rig.board.told.is_empty(), "the board cuts by itself");
+    assert_eq!(rig.news(), "Warning PowerOff psc1\nNotice PowerOff psc1");
+}
+
+#[test]
+fn modules_that_do_not_end_hold_the_end_up_no_longer_than_there_is_time() {
+    let mut rig = rig();
+    rig.says(0x81, &[12]);
+    for _ in 0..30 {
+        processes(&mut rig, &["eyes", "legs"]);
+        rig.run(ms(100));
+    }
+    let modules: Vec<String> = ended(&mut rig).into_iter().map(|(_, module)| module).collect();
+    assert!(modules.iter().all(|module| module == "legs") && modules.len() >= 4, "{modules:?}");
+    assert_eq!(runs(&rig).len(), 1, "10 s before the supply is cut");
+}
+
+#[test]
+fn without_a_watchdog_each_module_is_told_and_given_half_a_second() {
+    let mut rig = rig();
+    rig.says(0x81, &[60]);
+    rig.run(ms(1500));
+    let modules: Vec<String> = ended(&mut rig).into_iter().map(|(_, module)| module).collect();
+    assert_eq!(modules, ["legs", "eyes"]);
+    assert_eq!(runs(&rig).len(), 1);
+}
+
+#[test]
+fn switching_the_host_off_ends_everything_and_tells_the_board() {
+    let mut rig = rig();
+    order(&mut rig, 0, CmdPower::OFF);
+    processes(&mut rig, &[]);
+    rig.run(ms(100));
+    assert_eq!(rig.board.told, [(0xFF, 0)]);
+    assert_eq!(runs(&rig), [["poweroff", "-f"]]);
+    order(&mut rig, 4, CmdPower::ON);
+    rig.run(ms(100));
+    assert_eq!(runs(&rig).len(), 1);
+}
+
+#[test]
+fn a_restart_runs_its_own_command_and_leaves_the_supply() {
+    let mut rig = rig_of(Config { reboot: vec!["reboot".into()], ..config() });
+    order(&mut rig, 0, CmdPower::REBOOT);
+    processes(&mut rig, &[]);
+    rig.run(ms(100));
+    assert_eq!((runs(&rig), rig.board.told.len()), (vec![vec!["reboot".to_owned()]], 0));
+}
+
+#[test]
+fn a_simulated_robot_halts_no_computer() {
+    let mut rig = rig_of(Config { simulated: true, ..config() });
+    rig.says(0x81, &[30]);
+    rig.run(ms(10));
+    processes(&mut rig, &[]);
+    rig.run(ms(10));
+    assert!(runs(&rig).is_empty());
+    assert_eq!(rig.news(), "Warning PowerOff psc1\nNotice PowerOff psc1");
+    rig.run(ms(61_000));
+    assert_eq!(rig.news(), "Error PauseUnknown psc1\nNotice PowerOff psc1", "the computer still runs");
+}
+
+#[test]
+fn a_configuration_that_cannot_be_is_refused() {
+    let refused = |change: fn(&mut Config)| {
+        let mut config = config();
+        change(&mut config);
+        Power::new(config).unwrap_err()
+    };
+    assert_eq!(refused(|config| config.rate_hz = f64::NAN), ConfigError::Rate);
+    assert_eq!(refused(|config| config.capacity_ah = 0.0), ConfigError::Battery);
+    assert_eq!(refused(|config| config.cells = 0), ConfigError::Battery);
+    assert_eq!(refused(|config| config.reserve = 1.1), ConfigError::Battery);
+}
