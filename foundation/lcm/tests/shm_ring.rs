@@ -89,7 +89,7 @@ impl Shared {
     fn write(&self, writer: &mut Writer, sequence: u32) {
         let payload = payload(sequence);
         let message = Message { sequence, at: 1, channel: "NAME", payload: &payload, kind: Kind::Message };
-        let drained = sequence % 3 == 0;
+        let drained = sequence.is_multiple_of(3);
         let place = writer.place(self.ring(), message.channel, payload.len(), || drained).expect("it fits");
         writer.write(self.ring(), place, &message);
     }

@@ -26,6 +26,8 @@ const ROOT: &str = "/dev/shm";
 const LOOK_MS: Value = 1000;
 /// Records that one [`Bus::recv`] passes over before it returns to a caller that has other work to do.
 const PASSED_MAX: usize = 4096;
+/// How often joining is tried again.
+const JOIN_TRIES: u32 = 10;
 /// Messages in a row from one ring.
 const TURN: u32 = 32;
 /// How long datagrams of a publisher that has left may still come, in ns.
@@ -115,8 +117,20 @@ impl Bus {
     }
 
     pub(super) fn join_in(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u64) -> io::Result<Self> {
+        let mut tries = 1..=JOIN_TRIES;
+        loop {
+            match Self::try_join(root, url, source, inode) {
+                // The last of the others left at the same time, and took the folder with it.
+                Err(error) if error.kind() == io::ErrorKind::NotFound && tries.next().is_some() => {}
+                result => return result,
+            }
+        }
+    }
+
+    fn try_join(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u64) -> io::Result<Self> {
         let folder = Folder::open(root, url)?;
-        let board = Board::open(&folder.board()?)?;
+        let lock = folder.board()?;
+        let board = Board::open(&lock)?;
         folder.clean()?;
         let name = format!("{}-{:x}", std::process::id(), realtime());
         let file = folder.create(&name)?;
@@ -127,6 +141,7 @@ impl Bus {
         });
         let (station, bell) = made.inspect_err(|_| folder.remove(&name))?;
         board.changed();
+        drop(lock);
         let writer = Writer::new(station.ring());
         let mut bus = Self {
             folder,
@@ -578,6 +593,9 @@ impl Drop for Bus {
             self.folder.remove(&self.name);
             self.board.changed();
         }
+        // Nobody waits for this reader any more.
+        self.census();
+        self.folder.close();
     }
 }
 

@@ -57,9 +57,31 @@ impl Folder {
         options
     }
 
-    /// The file of the board; made if it is not there.
-    pub fn board(&self) -> io::Result<File> {
-        Self::options().create(true).open(self.0.join("board"))
+    /// The file of the board; made if it is not there. Until the lock is dropped nobody takes the folder away.
+    ///
+    /// # Errors
+    /// Not found: somebody took the folder away just now.
+    pub fn board(&self) -> io::Result<Flock<File>> {
+        let file = Self::options().create(true).open(self.0.join("board"))?;
+        let lock = Flock::lock(file, FlockArg::LockShared).map_err(|(_, errno)| io::Error::from(errno))?;
+        if self.is_board(&lock)? { Ok(lock) } else { Err(io::ErrorKind::NotFound.into()) }
+    }
+
+    fn is_board(&self, file: &File) -> io::Result<bool> {
+        Ok(fs::symlink_metadata(self.0.join("board"))?.ino() == file.metadata()?.ino())
+    }
+
+    /// Takes the folder away if it is empty and nobody is about to join.
+    pub fn close(&self) {
+        let Some(board) = Self::options().open(self.0.join("board")).ok().and_then(lock) else { return };
+        if self.is_board(&board).unwrap_or(false) && self.is_empty() {
+            let _ = fs::remove_file(self.0.join("board"));
+            let _ = fs::remove_dir(&self.0);
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        fs::read_dir(&self.0).is_ok_and(|entries| entries.count() == 1)
     }
 
     /// The file of a new station, locked, which nobody sees until [`Folder::show`].

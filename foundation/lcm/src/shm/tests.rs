@@ -1,4 +1,5 @@
 //! Several contexts of one process on a bus in a folder of its own.
+#![allow(clippy::disallowed_methods, reason = "real files, threads and processes")]
 
 use super::Bus;
 use super::ring::{CONTROL, Copy, Kind, Message, Read, Reader, Ring, Writer};
@@ -44,7 +45,9 @@ impl Place {
 
     /// What lies in the folder but the board.
     fn files(&self) -> Vec<String> {
-        let entries = fs::read_dir(self.folder()).unwrap();
+        // The last one takes the folder with it.
+        let Some(folder) = fs::read_dir(&self.root).unwrap().next() else { return Vec::new() };
+        let entries = fs::read_dir(folder.unwrap().path()).unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
         names.filter(|name| name != "board").collect()
     }
@@ -247,7 +250,6 @@ fn datagrams_go_out_until_it_is_known_that_nobody_else_listens() {
 
 #[test]
 fn a_plain_listener_is_found_by_its_socket() {
-    #[allow(clippy::disallowed_methods, reason = "a listener")]
     let listen = |port| std::net::UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)).unwrap();
     let place = Place::new();
     let _listener = listen(place.url.port);
@@ -296,7 +298,7 @@ fn what_the_dead_left_is_taken_away_whoever_has_their_process_id() {
     let second = place.join(2);
     assert_eq!(place.files().len(), 4, "{:?}", place.files());
     drop((first, second));
-    assert!(place.files().is_empty());
+    assert_eq!(fs::read_dir(&place.root).unwrap().count(), 0, "the folder is gone, too");
 }
 
 #[test]
@@ -390,7 +392,6 @@ fn without_memory_left_messages_go_by_datagrams_from_one_number_on() {
 struct Mounted<'a>(&'a std::path::Path);
 
 impl<'a> Mounted<'a> {
-    #[allow(clippy::disallowed_methods, reason = "a test of its own kind")]
     fn tmpfs(at: &'a std::path::Path, size: &str) -> Option<Self> {
         let mut mount = std::process::Command::new("mount");
         let done = mount.args(["-t", "tmpfs", "-o", &format!("size={size}"), "lcm-test"]).arg(at).output();
@@ -399,7 +400,6 @@ impl<'a> Mounted<'a> {
 }
 
 impl Drop for Mounted<'_> {
-    #[allow(clippy::disallowed_methods, reason = "a test of its own kind")]
     fn drop(&mut self) {
         // Lazily: the contexts of the test may still have it mapped.
         let _ = std::process::Command::new("umount").arg("-l").arg(self.0).output();
@@ -410,7 +410,7 @@ impl Drop for Mounted<'_> {
 fn the_folder_of_another_user_is_refused() {
     use std::os::unix::fs::PermissionsExt;
     let place = Place::new();
-    drop(place.join(1));
+    let _bus = place.join(1);
     fs::set_permissions(place.folder(), fs::Permissions::from_mode(0o755)).unwrap();
     let error = Bus::join_in(&place.root, &place.url, source(1), 1).unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::PermissionDenied);
@@ -446,7 +446,7 @@ fn whatever_stands_in_a_ring_no_reader_panics_or_works_without_end() {
             // Then something is damaged: a little of the data, or of the control words.
             for _ in 0..random(&mut state) % 4 {
                 let value = random(&mut state) >> (random(&mut state) % 64);
-                let all: &[Word] = if random(&mut state) % 4 == 0 { &control } else { &data };
+                let all: &[Word] = if random(&mut state).is_multiple_of(4) { &control } else { &data };
                 all[(random(&mut state) % all.len() as u64) as usize].store(value as Value, Ordering::Relaxed);
             }
             for _ in 0..5 {
@@ -459,4 +459,24 @@ fn whatever_stands_in_a_ring_no_reader_panics_or_works_without_end() {
         }
     }
     assert!(messages > 1000, "{messages}");
+}
+
+#[test]
+fn who_joins_while_the_last_one_leaves_is_on_the_same_bus_as_all_others() {
+    let place = Place::new();
+    std::thread::scope(|scope| {
+        for thread in 0..3_u16 {
+            let place = &place;
+            scope.spawn(move || {
+                for round in 0..300_u32 {
+                    let mut reader = place.join(10 + thread);
+                    reader.set_interest(Some(&["A"]));
+                    let mut publisher = place.join(20 + thread);
+                    publisher.publish(round, "A", &[thread as u8], 0);
+                    assert!(all(&mut reader).iter().any(|(_, payload)| payload == &[thread as u8]));
+                }
+            });
+        }
+    });
+    assert_eq!(fs::read_dir(&place.root).unwrap().count(), 0);
 }
