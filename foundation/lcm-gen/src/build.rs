@@ -90,10 +90,12 @@ fn lcm_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(found)
 }
 
+/// Links to folders are not followed: they may lead in a circle.
 fn find(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
-        let path = entry?.path();
-        if path.is_dir() {
+        let entry = entry?;
+        let path = entry.path();
+        if entry.file_type()?.is_dir() {
             find(&path, found)?;
         } else if path.extension().is_some_and(|extension| extension == "lcm") {
             found.push(path);

@@ -13,7 +13,11 @@
 //! Differs from the official `lcm-gen` where that is merely quirky: braces need no white space around them, the package
 //! does not persist from one file to the next, a comment at the end of a line documents what stands on that line.
 //! Refused here and accepted there: names that are no identifiers, `int64_t` constants out of range, arrays of enums
-//! (encoded wrongly in C), types that contain themselves without end, arrays above the largest message.
+//! (encoded wrongly in C), types that contain themselves without end or nest deeper than 64 levels, arrays above the
+//! largest message.
+//!
+//! - [`Schema`]: definitions, fingerprints, sizes; [`rust`]: code from them; [`build`]: the same for a build script.
+//! - [`dynamic`]: messages without generated code; with the feature `serde` into and out of any format of serde's.
 #![forbid(unsafe_code)]
 
 mod ast;

@@ -102,6 +102,13 @@ fn check_names(schema: &Schema, options: &Options) -> Result<(), Error> {
                 return wrong(format!("`{}` and `{}` get the same name in Rust", first.name(), definition.name()));
             }
         }
+        let mut fields: BTreeMap<String, &str> = BTreeMap::new();
+        for member in definition.members() {
+            if let Some(first) = fields.insert(field(&member.name), &member.name) {
+                let message = format!("`{first}` and `{}` get the same name in Rust", member.name);
+                return Err(Error::new(&definition.file, member.at, message));
+            }
+        }
     }
     Ok(())
 }
@@ -177,6 +184,8 @@ impl<'a> Module<'a> {
 fn emit_doc<'a>(out: &mut String, indent: &str, lines: impl IntoIterator<Item = &'a str>) {
     let mut fenced = false;
     for line in lines {
+        // Rust takes no carriage return in a comment.
+        let line = &line.replace('\r', " ");
         let fence = line.starts_with("```") || line.starts_with("~~~");
         let line = match () {
             () if fence && !fenced => format!("{}text", &line[..3]),

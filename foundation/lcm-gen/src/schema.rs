@@ -6,6 +6,10 @@ use crate::{Definition, Error, File, Kind, Member, MemberType, Primitive, Size, 
 
 /// The greatest message that a receiver takes (`lcm/lcm_udpm.c`: 2^28 bytes).
 const MESSAGE_MAX: usize = 1 << 28;
+/// How deep types may nest, each dimension of an array counted too: decoders follow them on the stack.
+const NESTING_MAX: usize = 64;
+/// How many steps all fingerprints may take: types that hold each other cost as many as there are ways through them.
+const STEPS_MAX: u32 = 1 << 20;
 
 /// Definitions in which every name has a meaning and every type a finite size.
 #[derive(Clone, Debug, Default)]
@@ -16,6 +20,15 @@ pub struct Schema {
     /// Per definition, those that its members lead to, in any number of steps.
     reach: Vec<BTreeSet<usize>>,
     min_sizes: Vec<usize>,
+    fingerprints: Vec<u64>,
+}
+
+/// What [`Schema::full`] has found on its way.
+#[derive(Default)]
+struct Hashes {
+    parents: Vec<usize>,
+    known: BTreeMap<usize, u64>,
+    steps: u32,
 }
 
 impl Schema {
@@ -29,8 +42,13 @@ impl Schema {
             schema.add(parse(name.as_ref(), text.as_ref())?)?;
         }
         schema.resolve()?;
+        let mut depths = vec![None; schema.definitions.len()];
+        (0..depths.len()).try_for_each(|i| schema.depth(i, 0, &mut depths).map(drop))?;
         schema.find_reach();
         schema.find_sizes()?;
+        let mut hashes = Hashes::default();
+        schema.fingerprints =
+            (0..schema.definitions.len()).map(|i| schema.full(i, &mut hashes)).collect::<Result<_, _>>()?;
         Ok(schema)
     }
 
@@ -55,7 +73,7 @@ impl Schema {
     /// The fingerprint of a type, which stands in front of its messages.
     #[must_use]
     pub fn fingerprint(&self, name: &str) -> Option<u64> {
-        self.index.get(name).map(|&i| self.full(i, &mut Vec::new(), &mut BTreeMap::new()))
+        self.index.get(name).map(|&i| self.fingerprints[i])
     }
 
     /// The hash that `lcm-gen -d` shows: the definition alone, without its compound members' types.
@@ -148,29 +166,59 @@ impl Schema {
             .collect();
     }
 
-    /// A type's fingerprint depends on its `parents` only where it leads back to one of them; all others are kept in
-    /// `known`, or deep hierarchies would take exponential time.
-    fn full(&self, i: usize, parents: &mut Vec<usize>, known: &mut BTreeMap<usize, u64>) -> u64 {
+    /// A type's fingerprint depends on its parents only where it leads back to one of them; all others are kept as
+    /// known, or deep hierarchies would take exponential time.
+    fn full(&self, i: usize, hashes: &mut Hashes) -> Result<u64, Error> {
         let definition = &self.definitions[i];
         if matches!(definition.kind, Kind::Enum { .. }) {
-            return fingerprint::base(definition);
+            return Ok(fingerprint::base(definition));
         }
-        if parents.contains(&i) {
-            return 0;
+        if hashes.parents.contains(&i) {
+            return Ok(0);
         }
-        let free = !parents.iter().any(|parent| self.reach[i].contains(parent));
-        if let Some(&known) = known.get(&i).filter(|_| free) {
-            return known;
+        let free = !hashes.parents.iter().any(|parent| self.reach[i].contains(parent));
+        if let Some(&known) = hashes.known.get(&i).filter(|_| free) {
+            return Ok(known);
         }
-        parents.push(i);
-        let targets = definition.members().iter().filter_map(|member| self.target(member));
-        let members = targets.fold(0_u64, |sum, target| sum.wrapping_add(self.full(target, parents, known)));
-        parents.pop();
+        hashes.steps += 1;
+        if hashes.steps > STEPS_MAX || hashes.parents.len() > NESTING_MAX {
+            let message = format!("`{}` is one of too many types that hold each other", definition.name());
+            return Err(Error::new(&definition.file, definition.at, message));
+        }
+        hashes.parents.push(i);
+        let mut targets = definition.members().iter().filter_map(|member| self.target(member));
+        let members = targets.try_fold(0_u64, |sum, target| Ok(sum.wrapping_add(self.full(target, hashes)?)))?;
+        hashes.parents.pop();
         let full = fingerprint::full(fingerprint::base(definition), members);
         if free {
-            known.insert(i, full);
+            hashes.known.insert(i, full);
         }
-        full
+        Ok(full)
+    }
+
+    /// How many levels a type has below `parents` others. One that is open already counts none: how deep values of types
+    /// that hold themselves go, decoding bounds.
+    fn depth(&self, i: usize, parents: usize, depths: &mut [Option<usize>]) -> Result<usize, Error> {
+        if let Some(depth) = depths[i] {
+            return Ok(depth);
+        }
+        depths[i] = Some(0);
+        let (definition, mut depth) = (&self.definitions[i], 1);
+        for member in definition.members() {
+            let below = match self.target(member) {
+                // Deeper it need not be followed: with this many above it is too deep already.
+                Some(target) if parents < NESTING_MAX => self.depth(target, parents + 1, depths)?,
+                Some(_) => NESTING_MAX,
+                None => 0,
+            };
+            depth = depth.max(1 + member.dims.len() + below);
+            if depth > NESTING_MAX {
+                let message = format!("`{}` nests deeper than {NESTING_MAX} types and dimensions", member.name);
+                return Err(Error::new(&definition.file, member.at, message));
+            }
+        }
+        depths[i] = Some(depth);
+        Ok(depth)
     }
 
     fn find_sizes(&mut self) -> Result<(), Error> {
@@ -179,6 +227,18 @@ impl Schema {
             self.find_size(i, &mut Vec::new(), &mut sizes)?;
         }
         self.min_sizes = sizes.into_iter().flatten().collect();
+        // Of arrays that may be empty: whether one element can be received.
+        for definition in &self.definitions {
+            for member in definition.members().iter().filter(|member| member.is_variable()) {
+                let element = match member.ty {
+                    MemberType::Primitive(primitive) => primitive.min_size(),
+                    MemberType::Named(_) => self.target(member).map_or(0, |target| self.min_sizes[target]),
+                };
+                if array_size(element, member) > MESSAGE_MAX {
+                    return Err(too_large(definition, member));
+                }
+            }
+        }
         Ok(())
     }
 
@@ -199,20 +259,28 @@ impl Schema {
                 (_, Some(target)) => self.find_size(target, parents, sizes)?,
                 (_, None) => 0,
             };
-            let total = member.dims.iter().fold(element, |size, dim| match dim.size {
-                Size::Fixed(n) => size.max(1).saturating_mul(n),
-                Size::Variable => 0,
-            });
-            // `max(1)`: an array of empty structs takes no bytes, but it takes a host's time and is as long.
+            let total = array_size(element, member);
             size = size.saturating_add(if element == 0 && total <= MESSAGE_MAX { 0 } else { total });
             if size > MESSAGE_MAX {
-                let message =
-                    format!("`{}` makes messages of more than 2^28 bytes, which nobody receives", member.name);
-                return Err(Error::new(&definition.file, member.at, message));
+                return Err(too_large(definition, member));
             }
         }
         parents.pop();
         sizes[i] = Some(size);
         Ok(size)
     }
+}
+
+/// Bytes of a member whose elements take `element` each and whose variable dimensions are 1. An array of empty structs
+/// takes none, but it takes a host's time and is as long.
+fn array_size(element: usize, member: &Member) -> usize {
+    member.dims.iter().fold(element, |size, dim| match dim.size {
+        Size::Fixed(n) => size.max(1).saturating_mul(n),
+        Size::Variable => size,
+    })
+}
+
+fn too_large(definition: &Definition, member: &Member) -> Error {
+    let message = format!("`{}` makes messages of more than 2^28 bytes, which nobody receives", member.name);
+    Error::new(&definition.file, member.at, message)
 }

@@ -6,7 +6,7 @@
 mod files;
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use lcm_gen::rust::{self, Options};
@@ -79,4 +79,14 @@ fn what_cannot_be_read_is_told_in_one_line() {
     assert!(error.starts_with(&missing.display().to_string()) && error.lines().count() == 1, "{error}");
     let twice = files::folder("more");
     assert_eq!(build::read(&[&twice, &twice.join("large_t.lcm")]).map(|schema| schema.definitions().len()), Ok(12));
+}
+
+#[test]
+fn a_folder_that_links_to_itself_is_read_once() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("circle");
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("x_t.lcm"), "struct x_t { }").unwrap();
+    std::os::unix::fs::symlink(&folder, folder.join("circle")).unwrap();
+    assert_eq!(build::read(&[&folder]).map(|schema| schema.definitions().len()), Ok(1));
 }

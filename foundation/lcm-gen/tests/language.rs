@@ -207,16 +207,69 @@ fn two_types_that_rust_could_not_tell_apart_are_refused() {
     assert!(lcm_gen::rust::generate(&both, &Options::default()).is_ok());
     let error = generate("package codec; struct x_t { }").unwrap_err().to_string();
     assert_eq!(error, "a.lcm:1:23: a package cannot be named `codec` in Rust: the generated code needs the word");
+    let error = generate("struct x_t { int8_t self; int8_t self_; }").unwrap_err().to_string();
+    assert_eq!(error, "a.lcm:1:27: `self` and `self_` get the same name in Rust");
+}
+
+#[test]
+fn neither_comments_nor_constants_break_the_code() {
+    let generate = |text| lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap(), &Options::default());
+    let code = generate("// one\rtwo\nstruct x_t { const int8_t MIN_SIZE = 1; double x; }").unwrap();
+    assert!(code.contains("/// one two\n"), "{code}");
+    // What the type says of itself must not be taken for what the codec says of it.
+    assert!(code.contains("<Self as codec::Type>::MIN_SIZE"), "{code}");
 }
 
 #[test]
 fn fingerprints_and_sizes_of_deep_types_take_no_time() {
     let mut text = String::from("struct t0_t { byte b; }\n");
-    for i in 1..200 {
+    for i in 1..32 {
         text += &format!("struct t{i}_t {{ t{}_t a; t{0}_t b; int8_t n; t{i}_t c[n]; }}\n", i - 1);
     }
     let error = refused(&text);
     assert!(error.ends_with("makes messages of more than 2^28 bytes, which nobody receives"), "{error}");
     let text = text.replace("_t a; ", "_t a; int8_t m; ").replace("_t b; int8_t n;", "_t b[m]; int8_t n;");
-    assert!(Schema::new(&[("a.lcm", &text)]).unwrap().fingerprint("t199_t").is_some());
+    assert!(Schema::new(&[("a.lcm", &text)]).unwrap().fingerprint("t31_t").is_some());
+}
+
+#[test]
+fn types_nest_as_deep_as_decoders_can_follow() {
+    let chain = |count: usize| -> Vec<String> {
+        let line = |i| format!("struct t{i}_t {{ t{}_t a; }}", i + 1);
+        (0..count - 1).map(line).chain([format!("struct t{}_t {{ }}", count - 1)]).collect()
+    };
+    assert!(Schema::new(&[("a.lcm", chain(64).join("\n"))]).is_ok());
+    let upwards = |count| chain(count).into_iter().rev().collect::<Vec<_>>().join("\n");
+    assert!(Schema::new(&[("a.lcm", upwards(64))]).is_ok());
+    assert_eq!(refused(&chain(65).join("\n")), "a.lcm:1:15: `a` nests deeper than 64 types and dimensions");
+    assert_eq!(refused(&upwards(65)), "a.lcm:65:15: `a` nests deeper than 64 types and dimensions");
+    for text in [chain(10_000).join("\n"), upwards(10_000)] {
+        assert!(refused(&text).ends_with("`a` nests deeper than 64 types and dimensions"));
+    }
+    let array = |dims| format!("struct x_t {{ string s{}; }}", "[1]".repeat(dims));
+    assert!(Schema::new(&[("a.lcm", array(63))]).is_ok());
+    assert_eq!(refused(&array(64)), "a.lcm:1:14: `s` nests deeper than 64 types and dimensions");
+    assert_eq!(refused(&array(100_000)), "a.lcm:1:14: `s` nests deeper than 64 types and dimensions");
+}
+
+#[test]
+fn types_that_all_hold_each_other_have_an_end() {
+    let each = |count: usize| -> String {
+        let members: String = (0..count).map(|i| format!(" t{i}_t m{i}[n];")).collect();
+        (0..count).map(|i| format!("struct t{i}_t {{ int8_t n;{members} }}\n")).collect()
+    };
+    assert!(Schema::new(&[("a.lcm", each(7))]).is_ok());
+    let error = refused(&each(20));
+    assert!(error.ends_with("is one of too many types that hold each other"), "{error}");
+}
+
+#[test]
+fn an_element_of_a_variable_array_can_be_received() {
+    let nobody = "`x` makes messages of more than 2^28 bytes, which nobody receives";
+    for dims in ["[n][99999999999][99999999999]", "[99999999999][n]", "[n][16385][16384]"] {
+        let text = format!("struct x_t {{ int32_t n; byte x{dims}; }}");
+        assert_eq!(refused(&text), format!("a.lcm:1:25: {nobody}"), "{dims}");
+    }
+    let most = Schema::new(&[("a.lcm", "struct x_t { int32_t n; byte x[n][16384][16384]; }")]).unwrap();
+    assert!(lcm_gen::rust::generate(&most, &Options::default()).is_ok());
 }

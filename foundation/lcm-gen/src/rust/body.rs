@@ -21,7 +21,8 @@ impl Body {
         Self {
             writer: "w".to_owned(),
             reader: "r".to_owned(),
-            size: "        Self::MIN_SIZE\n".to_owned(),
+            // In full: a type may have a constant of that name.
+            size: "        <Self as codec::Type>::MIN_SIZE\n".to_owned(),
             encode: "        w.put(self);\n".to_owned(),
             decode: "        r.get()\n".to_owned(),
         }

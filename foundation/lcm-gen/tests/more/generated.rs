@@ -205,7 +205,7 @@ pub mod more {
         const MIN_SIZE: usize = 0;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -281,7 +281,7 @@ pub mod more {
         const MIN_SIZE: usize = 4489;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -479,7 +479,7 @@ pub mod more {
         const MIN_SIZE: usize = 0;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -694,7 +694,7 @@ pub mod more {
                 const MIN_SIZE: usize = 1;
 
                 fn body_size(&self) -> usize {
-                    Self::MIN_SIZE
+                    <Self as codec::Type>::MIN_SIZE
                 }
 
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::core::result::Result<(), codec::EncodeError> {
@@ -809,7 +809,7 @@ pub mod more {
                 const MIN_SIZE: usize = 272;
 
                 fn body_size(&self) -> usize {
-                    Self::MIN_SIZE
+                    <Self as codec::Type>::MIN_SIZE
                 }
 
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::core::result::Result<(), codec::EncodeError> {
@@ -856,7 +856,7 @@ pub mod more {
                 const MIN_SIZE: usize = 4;
 
                 fn body_size(&self) -> usize {
-                    Self::MIN_SIZE
+                    <Self as codec::Type>::MIN_SIZE
                 }
 
                 fn encode_body(&self, w: &mut codec::Writer<'_>) -> ::core::result::Result<(), codec::EncodeError> {

@@ -99,7 +99,7 @@ pub mod advee {
         const MIN_SIZE: usize = 17;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -385,7 +385,7 @@ pub mod vec {
         const MIN_SIZE: usize = 56;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -453,7 +453,7 @@ pub mod vec {
         const MIN_SIZE: usize = 56;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -489,7 +489,7 @@ pub mod vec {
         const MIN_SIZE: usize = 0;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -537,7 +537,7 @@ pub mod vec {
         const MIN_SIZE: usize = 4;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -587,7 +587,7 @@ pub mod vec {
         const MIN_SIZE: usize = 12;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -921,7 +921,7 @@ pub mod vec {
         const MIN_SIZE: usize = 4;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -967,7 +967,7 @@ pub mod vec {
         const MIN_SIZE: usize = 12;
 
         fn body_size(&self) -> usize {
-            Self::MIN_SIZE
+            <Self as codec::Type>::MIN_SIZE
         }
 
         fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -1135,7 +1135,7 @@ pub mod vec {
             const MIN_SIZE: usize = 24;
 
             fn body_size(&self) -> usize {
-                Self::MIN_SIZE
+                <Self as codec::Type>::MIN_SIZE
             }
 
             fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -1186,7 +1186,7 @@ pub mod vec {
             const MIN_SIZE: usize = 13;
 
             fn body_size(&self) -> usize {
-                Self::MIN_SIZE
+                <Self as codec::Type>::MIN_SIZE
             }
 
             fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
@@ -1228,7 +1228,7 @@ pub mod vec {
             const MIN_SIZE: usize = 1;
 
             fn body_size(&self) -> usize {
-                Self::MIN_SIZE
+                <Self as codec::Type>::MIN_SIZE
             }
 
             fn encode_body(&self, w: &mut codec::Writer<'_>) -> Result<(), codec::EncodeError> {
