@@ -10,7 +10,7 @@
 //!
 //! Source: Linux `Documentation/networking/filter.rst`.
 
-use crate::udpm::{FRAGMENT_MAGIC, SHORT_MAGIC};
+use crate::udpm::{CHANNEL_MAX, FRAGMENT_MAGIC, SHORT_MAGIC};
 use core::net::SocketAddrV4;
 
 /// On this channel a subscriber of `liblcm` hears itself, once, to see that the bus works.
@@ -69,7 +69,9 @@ const fn jump(code: u16, k: u32, jt: u8, jf: u8) -> Instruction {
 /// fragments pass if `own_fragments`. `None`: it would be too long for the kernel.
 #[must_use]
 pub fn program(names: &[&str], own: SocketAddrV4, own_fragments: bool) -> Option<Vec<Instruction>> {
-    let mut names: Vec<&str> = names.iter().copied().chain([SELF_TEST]).collect();
+    // A longer name is on no datagram, and its jumps would be too far.
+    let possible = names.iter().copied().filter(|name| name.len() <= CHANNEL_MAX);
+    let mut names: Vec<&str> = possible.chain([SELF_TEST]).collect();
     names.sort_unstable_by_key(|name| (name.len(), *name));
     names.dedup();
     let mut program = vec![
@@ -224,6 +226,12 @@ mod tests {
             assert!(passes(&program, OTHER, datagram), "{datagram:?}");
         }
         assert!(!passes(&program, OTHER, &datagrams("A", 0)[0]));
+    }
+
+    #[test]
+    fn a_name_that_no_datagram_can_have_is_no_matter() {
+        let long = "N".repeat(5000);
+        assert_eq!(program(&[&long, "A"], OWN, false), program(&["A"], OWN, false));
     }
 
     #[test]

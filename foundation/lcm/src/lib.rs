@@ -2,8 +2,10 @@
 //!
 //! - [`udpm`]: what stands in a datagram; [`url`](mod@url): where they go; [`subscription`]: which are wanted;
 //!   [`receiver`]: the three together, with the counters. Pure: no socket, no clock.
-//! - [`codec`]: what stands in a payload.
-//! - [`live`] (feature `live`, on by default): the UDP sockets.
+//! - [`tcpq`], [`eventlog`]: the hub's protocol, the log format. As pure.
+//! - [`codec`]: what stands in a payload; without features the crate is this alone, `no_std` with `alloc`.
+//! - `live` (feature `live`, on by default): all of that on this machine's sockets and files; feature `shm`, on by default,
+//!   adds memory that programs of one host share.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 #![deny(unsafe_code)]
 

@@ -11,6 +11,8 @@ use std::mem;
 const SPARE_MAX: usize = 64;
 /// Larger ones are given back to the system.
 const SPARE_SIZE: usize = 4096;
+/// How many channels [`Queue::Last`] follows: a new name costs a publisher one datagram.
+pub const LAST_MAX: usize = 1024;
 
 /// A message that waits, or has just been taken.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -93,7 +95,8 @@ impl Line {
                     limit > 0
                 }
                 Queue::Last => {
-                    if self.release(id, |waiting| waiting.channel == channel) {
+                    let known = self.release(id, |waiting| waiting.channel == channel);
+                    if known || (subscription.waiting >= LAST_MAX && self.release(id, |_| true)) {
                         subscription.waiting -= 1;
                         subscription.dropped += 1;
                         self.dropped += 1;
@@ -229,6 +232,16 @@ mod tests {
         bench.push(&["A1", "B2", "A3", "B4", "C5"]);
         assert_eq!(bench.take_all(), ["A3", "B4", "C5"]);
         assert_eq!(bench.dropped(&ids), [2]);
+    }
+
+    #[test]
+    fn last_follows_so_many_channels_and_no_more() {
+        let (mut bench, ids) = Bench::new(&[(".*", Queue::Last)]);
+        for n in 0..2 * LAST_MAX {
+            bench.line.push(&mut bench.subscriptions, &n.to_string(), b"", 0);
+        }
+        assert_eq!((bench.line.len(), bench.dropped(&ids)), (LAST_MAX, vec![LAST_MAX as u64]));
+        assert_eq!(bench.take_all().first(), Some(&LAST_MAX.to_string()));
     }
 
     #[test]

@@ -261,8 +261,8 @@ impl Reassembly {
         }
         self.done.push(key);
         let partial = self.partials.swap_remove(index);
-        if partial.held != partial.total {
-            // All fragments that were announced, and yet not all bytes.
+        if partial.held != partial.total || partial.buffer.0.len() < partial.start + partial.total {
+            // All fragments that were announced, and yet not all bytes: some came more than once, others never.
             self.given_up += 1;
             self.recycle(partial.buffer);
             return Outcome::Needless;

@@ -91,7 +91,8 @@ pub enum Queue {
     Oldest(usize),
     /// So many wait, and for what comes then the oldest is lost.
     Newest(usize),
-    /// The last one of each channel waits.
+    /// The last one of each channel waits, of at most [`LAST_MAX`](crate::queue::LAST_MAX) channels; for more, the
+    /// oldest is lost.
     Last,
 }
 

@@ -11,6 +11,7 @@ use hosts::{Host, on_a_host};
 use lcm::live::Lcm;
 use lcm::url::{Interface, Udpm};
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::os::fd::AsFd;
 use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -187,5 +188,33 @@ fn lo_needs_no_multicast_flag() {
             let (mut a, mut b) = (subscribed(&url), subscribed(&url));
             say(&mut a, &mut b, flag);
         }
+    });
+}
+
+#[test]
+fn a_hub_or_a_client_beyond_a_cable_that_was_pulled_is_given_up() {
+    on_a_host("a_hub_or_a_client_beyond_a_cable_that_was_pulled_is_given_up", |here| {
+        let there = two_cables(&here);
+        let mut hub = there.run(|| lcm::live::Hub::bind("10.1.2.2:0".parse().unwrap()).unwrap());
+        let (url, _) = lcm::Url::parse(&format!("tcpq://{}", hub.address().unwrap())).unwrap();
+        let mut lcm = Lcm::new(&url).unwrap();
+        lcm.subscribe(".*").unwrap();
+        let deadline = std::time::Instant::now() + 12 * PATIENCE;
+        let mut until = |wanted: (bool, usize)| loop {
+            hub.serve_once().unwrap();
+            lcm.recv().unwrap();
+            let found = (lcm.tcpq().unwrap().is_connected(), hub.stats().clients);
+            if found == wanted {
+                return;
+            }
+            assert!(std::time::Instant::now() < deadline, "{found:?}");
+            let fds = [lcm.as_fd(), hub.as_fd()];
+            let mut fds = fds.map(|fd| nix::poll::PollFd::new(fd, nix::poll::PollFlags::POLLIN));
+            nix::poll::poll(&mut fds, 1000_u16).unwrap();
+        };
+        until((true, 1));
+        // Neither end says anything, and nothing comes back.
+        there.ip("link set eth8 down");
+        until((false, 0));
     });
 }

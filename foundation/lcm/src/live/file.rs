@@ -5,7 +5,7 @@
 //! not when it was recorded. Events that nobody subscribed to pass as they are due. After the last one
 //! [`File::recv`] fails with [`io::ErrorKind::UnexpectedEof`], where `lcm_handle` returns -1.
 //!
-//! Recording, what is published is written with the current time, each message by one system call; subscriptions
+//! Recording, what is published is written with the current time, each message by one write; subscriptions
 //! receive nothing. Reading and writing block as long as the disk does.
 
 use super::clock::{self, Timer};

@@ -14,13 +14,13 @@
 //! # Ok::<(), std::io::Error>(())
 //! ```
 
-use super::tcpq::write;
+use super::tcpq::{prepare, write};
 use super::{context, wait};
 use crate::tcpq::DecodeError;
 use crate::tcpq::hub::{ClientId, ClientStats, Limits, Stats};
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
-use nix::sys::socket::{MsgFlags, recv, setsockopt, sockopt};
+use nix::sys::socket::{MsgFlags, recv};
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::io::{self, IoSlice};
@@ -208,9 +208,7 @@ impl Hub {
                 continue;
             }
             let Some(id) = self.hub.connect() else { continue };
-            // Better without them than not at all: a client that is switched off is noticed by keep-alive.
-            let _ = setsockopt(&stream, sockopt::TcpNoDelay, &true);
-            let _ = setsockopt(&stream, sockopt::KeepAlive, &true);
+            prepare(&stream);
             if self.epoll.add(&stream, EpollEvent::new(EpollFlags::EPOLLIN, id.0)).is_err() {
                 self.hub.disconnect(id);
                 continue;

@@ -35,6 +35,9 @@ use std::time::Duration;
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
 /// How long a hub may take to accept, and then to say hello.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// After how many seconds of silence the other end is asked whether it is there, and how often, each second.
+const SILENCE: u32 = 3;
+const PROBES: u32 = 3;
 /// What waits to be written, in bytes, before a message is refused; one is taken whatever its size.
 const OUTBOX_MAX: usize = 4 << 20;
 /// What waits to be received, in payload bytes, where subscriptions have limits.
@@ -155,8 +158,10 @@ impl Tcpq {
         // The hub need not know how many of ours are equal.
         let known = self.patterns.iter().any(|(_, text)| text == pattern);
         self.patterns.push((id, pattern.into()));
-        if !known {
-            self.tell(&tcpq::subscribe(pattern)).map_err(SubscribeError::Io)?;
+        if !known && let Err(error) = self.tell(&tcpq::subscribe(pattern)) {
+            self.patterns.pop();
+            self.subscriptions.remove(id);
+            return Err(SubscribeError::Io(error));
         }
         Ok(id)
     }
@@ -404,11 +409,24 @@ impl Link {
 fn open(hub: SocketAddrV4) -> nix::Result<OwnedFd> {
     let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
     let fd = socket(AddressFamily::Inet, SockType::Stream, flags, None)?;
-    setsockopt(&fd, sockopt::TcpNoDelay, &true)?;
+    prepare(&fd);
+    // What was written and is not acknowledged: a hub takes everything, if it is there. Not for its own end, where a
+    // client that only is slow would be cut off.
+    let _ = setsockopt(&fd, sockopt::TcpUserTimeout, &(1000 * (SILENCE + PROBES)));
     match connect(fd.as_raw_fd(), &SockaddrIn::from(hub)) {
         Ok(()) | Err(Errno::EINPROGRESS | Errno::EINTR) => Ok(fd),
         Err(errno) => Err(errno),
     }
+}
+
+/// Sends at once, and notices that the other machine, or the cable, is gone, which would be silence for ever. Better
+/// without all that than not at all.
+pub(super) fn prepare(socket: &impl AsFd) {
+    let _ = setsockopt(socket, sockopt::TcpNoDelay, &true);
+    let _ = setsockopt(socket, sockopt::KeepAlive, &true);
+    let _ = setsockopt(socket, sockopt::TcpKeepIdle, &SILENCE);
+    let _ = setsockopt(socket, sockopt::TcpKeepInterval, &1);
+    let _ = setsockopt(socket, sockopt::TcpKeepCount, &PROBES);
 }
 
 /// Whether a socket is connected by now; `None`: not yet.

@@ -110,6 +110,16 @@ impl Udpm {
     }
 
     fn transmit(&mut self, channel: &str, message: Message<'_>) -> Result<(), PublishError> {
+        let source = self.send.source();
+        let result = self.transmit_datagrams(channel, message);
+        // The filter knows which datagrams are our own by where they come from.
+        if self.send.source() != source && self.receive.filtered() {
+            self.set_filter();
+        }
+        result
+    }
+
+    fn transmit_datagrams(&mut self, channel: &str, message: Message<'_>) -> Result<(), PublishError> {
         let count = message.count();
         // In shared memory they are our own, too.
         if count > 1 && self.local.is_none() && !self.own_fragments && self.receiver.subscriptions().wants(channel) {

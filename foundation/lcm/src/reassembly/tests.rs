@@ -155,3 +155,24 @@ fn fragments_that_lie_about_their_size_are_no_message() {
     assert!(!outcomes.contains(&Outcome::Complete), "{outcomes:?}");
     assert_eq!(bench.reassembly.given_up(), 1);
 }
+
+#[test]
+fn fragments_that_lie_upon_each_other_make_no_message() {
+    let mut bench = Bench::new(Limits::default());
+    // Four quarters of the payload, each of which says that it is the first.
+    let mut datagrams = fragments(7, "BIG", 200_000, 50_020);
+    datagrams.truncate(4);
+    let size = datagrams[1].len() - 20;
+    for (number, datagram) in datagrams.iter_mut().enumerate() {
+        let channel: &[u8] = if number == 0 { b"BIG\0" } else { b"" };
+        datagram.truncate(8);
+        datagram.extend((4 * size as u32).to_be_bytes());
+        datagram.extend([0; 4]);
+        datagram.extend([0, number as u8, 0, 4]);
+        datagram.extend(channel);
+        datagram.extend(vec![7; size]);
+    }
+    let outcomes = bench.all(A, &datagrams);
+    assert_eq!(outcomes, [[Outcome::Incomplete; 3].as_slice(), &[Outcome::Needless]].concat());
+    assert_eq!((bench.reassembly.complete(), bench.reassembly.given_up()), (None, 1));
+}
