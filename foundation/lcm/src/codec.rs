@@ -8,6 +8,32 @@
 //!
 //! Needs `core` and `alloc` only; memory is allocated for `String`s and `Vec`s that are decoded, and for nothing else.
 //!
+//! ```
+//! use lcm::codec::{DecodeError, EncodeError, Reader, Type, Writer};
+//!
+//! // What lcm-gen makes of `struct point_t { double x; string name; }`, without the documentation.
+//! #[derive(Debug, PartialEq)]
+//! struct Point { x: f64, name: String }
+//!
+//! impl Type for Point {
+//!     const FINGERPRINT: u64 = 0x7e83589fb0ba0f1b;
+//!     const NAME: &'static str = "point_t";
+//!     const MIN_SIZE: usize = 13;
+//!     fn body_size(&self) -> usize { 13 + self.name.len() }
+//!     fn encode_body(&self, w: &mut Writer<'_>) -> Result<(), EncodeError> {
+//!         w.put(&self.x);
+//!         w.string("name", &self.name)
+//!     }
+//!     fn decode_body(r: &mut Reader<'_>) -> Result<Self, DecodeError> {
+//!         Ok(Self { x: r.get()?, name: r.string()? })
+//!     }
+//! }
+//!
+//! let (point, mut message) = (Point { x: 0.5, name: "A".into() }, Vec::new());
+//! point.encode(&mut message).unwrap();
+//! assert_eq!((message.len(), Point::decode(&message)), (8 + 14, Ok(point)));
+//! ```
+//!
 //! Stricter than liblcm when decoding, since the bytes come from a network: counts are held against the bytes that are
 //! left before anything is allocated, recursion is bounded, strings must be strings, nothing may be left over. The
 //! memory that a message may cost stays within a constant factor of its size.

@@ -1,5 +1,5 @@
 //! Event logs, as `lcm-logger` writes and `lcm-logplayer` reads them. Opens nothing: works on any
-//! [`Read`], [`Write`], [`Seek`].
+//! [`Read`], [`Write`](io::Write), [`Seek`].
 //!
 //! A log is one event after another; no head, no index, no checksum. All integers are big-endian.
 //! Source: LCM 1.5.3, `lcm/eventlog.c`, `docs/content/log-file-format.md`.

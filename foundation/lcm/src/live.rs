@@ -1,8 +1,20 @@
 //! LCM on this machine: one context per process, no threads; receiving happens in the caller's.
 //!
 //! The context is a descriptor for an event loop ([`AsFd`]): when it is readable, call [`Lcm::recv`] until `None`.
-//! Simple clients use [`Lcm::wait`]. A file per provider of [`Url`](crate::Url); sockets and interfaces of UDP
+//! Simple clients use [`Lcm::wait`]. A file per provider of [`Url`]; sockets and interfaces of UDP
 //! multicast: `live/socket.rs`.
+//!
+//! ```
+//! use lcm::{Url, live::Lcm};
+//!
+//! let (url, _) = Url::parse("memq://")?; // or udpm://239.255.76.67:7667
+//! let mut lcm = Lcm::new(&url)?;
+//! lcm.subscribe("POSE_.*")?;
+//! lcm.publish("POSE_A", b"payload")?;
+//! let message = lcm.recv()?.ok_or("nothing came")?;
+//! assert_eq!((message.channel, message.payload), ("POSE_A", &b"payload"[..]));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod clock;
 mod file;

@@ -1,4 +1,17 @@
 //! The receiving side without its socket: datagrams in, wanted messages out, everything counted.
+//!
+//! ```
+//! use lcm::{reassembly::Buffer, receiver::Receiver, subscription::Queue};
+//!
+//! let (mut receiver, mut buffer) = (Receiver::default(), Buffer::default());
+//! receiver.subscribe("POSE", Queue::Transport).unwrap();
+//! // Into the room of the buffer a socket would receive.
+//! let datagram = b"LC02\0\0\0\x07POSE\0payload";
+//! buffer.room()[..datagram.len()].copy_from_slice(datagram);
+//! let (at, from) = (0, "127.0.0.1:4000".parse().unwrap());
+//! let place = receiver.handle_rx(at, from, &mut buffer, datagram.len()).unwrap();
+//! assert_eq!(receiver.message(place, &buffer), ("POSE", &b"payload"[..]));
+//! ```
 
 use crate::filter::SELF_TEST;
 use crate::queue::Line;

@@ -1,4 +1,12 @@
 //! Which channels a receiver wants.
+//!
+//! ```
+//! use lcm::subscription::Pattern;
+//!
+//! let pattern = Pattern::new("POSE_.*|ODOMETRY")?;
+//! assert!(pattern.matches("POSE_A") && !pattern.matches("ODOMETRY_2"));
+//! # Ok::<(), lcm::subscription::PatternError>(())
+//! ```
 
 use core::fmt;
 use regex_lite::Regex;

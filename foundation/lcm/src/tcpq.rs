@@ -18,6 +18,17 @@
 //! skips it a word at a time. Like that hub, this one takes clients that do not say hello, and any version. Lengths
 //! are limited, which they are not there.
 //!
+//! ```
+//! use lcm::tcpq::{Decoder, Message, Peer, subscribe};
+//!
+//! let mut stream = Decoder::new(Peer::Client, 1 << 20);
+//! let (begin, end) = (&subscribe("POSE_.*")[..9], &subscribe("POSE_.*")[9..]);
+//! stream.push(begin);
+//! assert_eq!(stream.next_message(), Ok(None));
+//! stream.push(end);
+//! assert_eq!(stream.next_message(), Ok(Some(Message::Subscribe("POSE_.*"))));
+//! ```
+//!
 //! The official hub reads from a client before it sends it anything but the hello: what one publishes as soon as it is
 //! connected may reach all but itself.
 

@@ -7,6 +7,16 @@
 //! | magic `LC02`, sequence number | magic `LC03`, sequence number, message size, offset: 32 bits each |
 //! | | number of this fragment, count of fragments: 16 bits each |
 //! | channel, NUL, payload | fragment 0: channel, NUL, data; the others: data |
+//!
+//! ```
+//! use lcm::udpm::{DATAGRAM_MAX, Datagram, Message, Short, decode};
+//!
+//! let message = Message::new(7, "POSE", b"payload", DATAGRAM_MAX).unwrap();
+//! assert_eq!(message.count(), 1);
+//! let (header, payload) = message.datagram(0);
+//! let datagram = [&header[..], payload].concat();
+//! assert_eq!(decode(&datagram), Ok(Datagram::Short(Short { sequence: 7, channel: "POSE", payload })));
+//! ```
 
 mod message;
 

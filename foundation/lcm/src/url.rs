@@ -20,6 +20,15 @@
 //!
 //! Any other option is a warning, as in `liblcm`; a later one wins. Unlike there a group without a port gets 7667
 //! (`liblcm`: port 0, which cannot publish), the group must be a multicast address, and numbers must be numbers.
+//!
+//! ```
+//! use lcm::url::{Udpm, Url};
+//!
+//! let (url, warnings) = Url::parse("udpm://239.255.76.67?ttl=1&speed=2")?;
+//! assert_eq!(url, Udpm { ttl: 1, ..Udpm::default() }.into());
+//! assert!(warnings[0].to_string().starts_with("LCM URL: unknown option `speed=2` ignored"));
+//! # Ok::<(), lcm::url::UrlError>(())
+//! ```
 
 use core::fmt;
 use core::net::{Ipv4Addr, SocketAddrV4};

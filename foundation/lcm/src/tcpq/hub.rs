@@ -8,6 +8,18 @@
 //!
 //! The host, after any input: [`Hub::poll_pending`] until `None`, and for each client write what [`Hub::poll_tx`] has
 //! and tell by [`Hub::handle_tx`] how much of it was taken; what was not, again when the connection takes more.
+//!
+//! ```
+//! use lcm::tcpq::{Peer, hello, hub::{Hub, Limits}, publish_header, subscribe};
+//!
+//! let mut hub = Hub::new(Limits::default());
+//! let client = hub.connect().unwrap();
+//! let message = [&publish_header("POSE", 7)[..], b"payload"].concat();
+//! hub.handle_rx(client, &[&subscribe("POSE")[..], &message].concat()).unwrap();
+//! assert_eq!(hub.poll_pending(), Some(client));
+//! let pieces: Vec<&[u8]> = hub.poll_tx(client).collect();
+//! assert_eq!(pieces, [&hello(Peer::Hub)[..], &message]);
+//! ```
 
 use super::{DecodeError, Decoder, Message, Outbox, Peer, hello};
 use crate::subscription::Pattern;
