@@ -3,8 +3,9 @@
 use std::fmt::Write as _;
 
 use super::body::Body;
+use super::doc::emit_doc_or;
+use super::emit_type;
 use super::names::{Scope, camel_case, primitive, safe};
-use super::{emit_doc_or, emit_type};
 use crate::{Constant, Definition, Literal, Primitive, Schema, Value};
 
 pub fn emit_enum(out: &mut String, schema: &Schema, scope: &Scope, definition: &Definition, values: &[Value]) {
