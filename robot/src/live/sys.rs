@@ -17,6 +17,15 @@ pub fn take_exclusively(terminal: BorrowedFd<'_>) -> io::Result<()> {
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCEXCL) })
 }
 
+/// How many columns a terminal shows; none where there is no terminal.
+pub fn columns(terminal: BorrowedFd<'_>) -> Option<usize> {
+    // SAFETY: all zeros is a valid winsize.
+    let mut size: libc::winsize = unsafe { mem::zeroed() };
+    // SAFETY: the kernel fills a live winsize.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCGWINSZ, &raw mut size) }).ok()?;
+    (size.ws_col > 0).then_some(usize::from(size.ws_col))
+}
+
 /// Mark and space parity (`asm/termbits.h`; the same on every architecture that the robot is built for).
 pub const CMSPAR: libc::tcflag_t = 0o10_000_000_000;
 

@@ -133,11 +133,7 @@ fn send(line: &mut impl Line, words: &[Word]) -> Done {
         // After the rest of a frame another one may follow as late as it likes.
         (written, last) = (mark.then(|| line.now()), mark);
     }
-    if last {
-        line.set_parity(false)?
-    } else {
-        line.drain()?
-    }
+    if last { line.set_parity(false) } else { line.drain() }?;
     Ok(gap)
 }
 
