@@ -308,6 +308,23 @@ fn pub_reads_a_message_a_line_and_echo_writes_them() {
 }
 
 #[test]
+fn pub_ends_when_it_is_told_to_though_stdin_stays_open() {
+    let bench = Bench::new();
+    let mut timed =
+        bench.command(&["pub", "CM_DATA_STATE", "-", "--for", "0.2"]).stdin(Stdio::piped()).spawn().unwrap();
+    let _open = timed.stdin.take();
+    Told::of(timed.wait_with_output().unwrap()).good();
+
+    let mut bus = listen(&bench.url);
+    let mut publisher = bench.command(&["pub", "CM_DATA_STATE", "-"]).stdin(Stdio::piped()).spawn().unwrap();
+    let mut stdin = publisher.stdin.take().unwrap();
+    stdin.write_all(b"{\"timestamp\":7,\"module\":\"driver\",\"state\":1}\n").unwrap();
+    assert_eq!(take(&mut bus, 1)[0].1, state(1));
+    signal(publisher.id() as i32, "INT");
+    Told::of(publisher.wait_with_output().unwrap()).good();
+}
+
+#[test]
 fn echo_shows_messages_on_a_line_on_many_and_as_json() {
     let bench = Bench::new();
     let _publisher = bench.publish(some());

@@ -183,7 +183,9 @@ fn lines(publisher: &mut Publisher<'_>, command: &Pub) -> Result<(), Failed> {
                 return Ok(());
             }
             wait(&[stdin.as_fd(), publisher.interrupt.as_fd()], publisher.until.since(now))?;
-            open = fill(&mut buffer)?;
+            if readable(&stdin)? {
+                open = fill(&mut buffer)?;
+            }
             continue;
         };
         number += 1;
@@ -206,6 +208,16 @@ fn lines(publisher: &mut Publisher<'_>, command: &Pub) -> Result<(), Failed> {
         sent += 1;
     }
     Ok(())
+}
+
+/// Whether reading would not wait: for Ctrl-C would have to wait, too.
+fn readable(stdin: &io::Stdin) -> Result<bool, Failed> {
+    let mut fds = [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)];
+    match ppoll(&mut fds, Some(TimeSpec::new(0, 0)), None) {
+        Ok(ready) => Ok(ready > 0),
+        Err(Errno::EINTR) => Ok(false),
+        Err(errno) => Err(format!("poll: {}", errno.desc()).into()),
+    }
 }
 
 /// Reads what there is; false at the end.

@@ -57,6 +57,16 @@ impl Formatter for Compact {
     fn end_string<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
         if self.key { Ok(()) } else { writer.write_all(b"\"") }
     }
+
+    /// JSON escapes the control characters below 0x20 only; a terminal obeys those from 0x7f to 0x9f too.
+    fn write_string_fragment<W: ?Sized + Write>(&mut self, writer: &mut W, fragment: &str) -> io::Result<()> {
+        for piece in fragment.split_inclusive(char::is_control) {
+            let text = piece.trim_end_matches(char::is_control);
+            writer.write_all(text.as_bytes())?;
+            piece[text.len()..].chars().try_for_each(|c| write!(writer, "\\u{:04x}", u32::from(c)))?;
+        }
+        Ok(())
+    }
 }
 
 /// A member a line, indented; arrays of numbers and texts on the line of their member.
@@ -134,6 +144,12 @@ fn inline(value: &Value<'_>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_in_a_text_acts_on_a_terminal() {
+        let text = "a\u{9b}2J\u{1b}[2J\u{7f}\u{80}b\u{e9}";
+        assert_eq!(compact(&[text]), "[\"a\\u009b2J\\u001b[2J\\u007f\\u0080b\u{e9}\"]");
+    }
 
     #[test]
     fn a_message_on_many_lines_reads_like_yaml() {
