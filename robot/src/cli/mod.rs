@@ -6,6 +6,7 @@ mod drive;
 mod fault;
 mod home;
 mod lcm;
+mod rs485;
 mod run;
 mod state;
 mod up;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// The bus when neither `--lcm-url` nor `LCM_DEFAULT_URL` names one.
-const LCM_URL: &str = "udpm://239.255.76.67:7667?ttl=0";
+const LCM_URL: &str = "udpm://239.255.76.67:7667?ttl=0&shm=auto";
 /// Where an installed robot has its configuration and its run folder.
 const INSTALLED: (&str, &str) = ("/opt/advee/conf", "/run/advee");
 /// The same in a checkout.
@@ -41,7 +42,7 @@ pub struct Common {
     /// Configuration folder [default: conf/advee in a checkout, else /opt/advee/conf]
     #[arg(long, global = true, value_name = "DIR")]
     config: Option<PathBuf>,
-    /// LCM bus [default: $LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0]
+    /// LCM bus [default: $LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0&shm=auto]
     #[arg(long, global = true, value_name = "URL")]
     lcm_url: Option<String>,
     /// Folder for what a running robot makes [default: run in a checkout, else /run/advee]
@@ -71,6 +72,9 @@ enum Command {
     /// See the LCM bus
     #[command(subcommand)]
     Lcm(lcm::Lcm),
+    /// Commission the boards on EIA-485
+    #[command(subcommand)]
+    Rs485(rs485::Rs485),
 }
 
 /// Runs the executable.
@@ -97,6 +101,7 @@ pub fn main() -> ExitCode {
         Command::Fault(command) => fault::fault(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),
+        Command::Rs485(command) => rs485::rs485(&common, &command),
     };
     result.unwrap_or_else(|Failed { code, why }| {
         if !why.is_empty() {

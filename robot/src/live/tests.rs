@@ -338,6 +338,6 @@ fn frames_cross_a_multicast_bus_without_one_s_own_and_without_nonsense() {
 
 #[test]
 fn a_bus_that_is_none_is_one_clear_line() {
-    let Err(why) = bus::Bus::open("tcpq://localhost", &[]) else { panic!() };
+    let Err(why) = bus::Bus::open("http://localhost", &[]) else { panic!() };
     assert!(why.contains("udpm://") && !why.contains('\n'), "{why}");
 }

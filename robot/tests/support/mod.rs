@@ -119,7 +119,7 @@ impl Robot {
     /// The same with a time to live of its messages.
     pub fn start_on(ttl: u8, extra: &[&str]) -> Self {
         let port = unique_port();
-        let url = format!("udpm://239.255.76.67:{port}?ttl={ttl}");
+        let url = format!("udpm://239.255.76.67:{port}?ttl={ttl}&shm=auto");
         let run_dir = std::env::temp_dir().join(format!("advee-test-{}-{port}", std::process::id()));
         let bus = listen(&url);
         let up = advee(&url, &run_dir)
