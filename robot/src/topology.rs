@@ -211,7 +211,9 @@ impl Place {
     }
 }
 
-fn crc(crc: config::Crc) -> Crc8 {
+/// The check of a bus.
+#[must_use]
+pub fn crc(crc: config::Crc) -> Crc8 {
     Crc8 { poly: crc.polynomial, init: crc.initial, reflected: crc.reflected, xorout: crc.final_xor }
 }
 

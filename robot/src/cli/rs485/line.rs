@@ -15,6 +15,7 @@ use nix::sys::time::TimeSpec;
 use rs485::boards::psc1;
 use rs485::frame::Status;
 use rs485::master::{self, Event, Master, Request, Why};
+use std::io::{IsTerminal, Write, stderr};
 use std::os::fd::AsFd;
 
 /// A set-up command may have to be waited for.
@@ -160,7 +161,7 @@ impl Line {
             match self.port.device.receive(now) {
                 Ok(Received::Nothing) => return Ok(()),
                 Ok(Received::Input(Input::Words(words))) => self.master.handle_rx(now, words),
-                Ok(Received::Note(note)) => complain(&format!("{}: {note}", self.name)),
+                Ok(Received::Note(note)) => tell(&self.name, &note),
                 Ok(_) => {}
                 Err(why) => return Err(self.lost(&why)),
             }
@@ -175,7 +176,7 @@ impl Line {
             match self.port.device.receive(now) {
                 Ok(Received::Nothing) => {}
                 Ok(Received::Input(Input::Words(words))) => self.words.extend_from_slice(words),
-                Ok(Received::Note(note)) => complain(&format!("{}: {note}", self.name)),
+                Ok(Received::Note(note)) => tell(&self.name, &note),
                 Ok(_) => {}
                 Err(why) => return Err(self.lost(&why)),
             }
@@ -210,6 +211,14 @@ impl Line {
         }
         Ok(matches!(self.interrupt.read_signal(), Ok(Some(_))))
     }
+}
+
+/// A line for people, in place of a line that shows progress.
+fn tell(name: &str, note: &str) {
+    if stderr().is_terminal() {
+        let _ = write!(stderr(), "\r\x1b[K");
+    }
+    complain(&format!("{name}: {note}"));
 }
 
 /// What is wrong with an answer, for people.

@@ -1,7 +1,8 @@
 //! Which frame is a question and which its answer: from the direction where a module tells it, else from their order.
 
 use messages::lowlevel::DataRaw;
-use rs485::boards::Board;
+use rs485::boards::{Board, DO_RESET, GET_VERSION};
+use rs485::frame::{OVERHEAD, RESEND, Status};
 
 /// An answer that comes later than this after its request is none, µs.
 const ANSWER_WITHIN_US: i64 = 1_000_000;
@@ -47,6 +48,12 @@ impl Pairing {
         let waits = self
             .pending
             .filter(|(address, asked, at)| (*address, *asked) == (frame.id, code) && frame.timestamp - at <= within);
+        // Where a request that nobody answers is sent again, the second one looks like an answer but for its length.
+        let common = [GET_VERSION, DO_RESET].into_iter().find(|common| common.code == code);
+        let known = board.and_then(|board| board.instruction(code)).copied().or(common);
+        let length = frame.data.len().saturating_sub(OVERHEAD - 1);
+        let may_answer = self.directed || known.is_none_or(|known| known.answer.allow(length)) || !is_ok(frame);
+        let waits = waits.filter(|_| may_answer);
         let is_unasked = board.is_some_and(|board| board.unasked.iter().any(|unasked| unasked.code == code));
         match waits {
             Some((_, _, at)) if !sent => {
@@ -63,13 +70,20 @@ impl Pairing {
     }
 }
 
+/// Whether a frame would say OK as an answer; what says RESEND as a request counts, too.
+fn is_ok(frame: &DataRaw) -> bool {
+    matches!(frame.data.get(1), Some(flags) if *flags == Status::Ok as u8 || *flags == RESEND)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use rs485::boards::{psc1, so1};
 
+    /// A request without data, or an answer with two bytes.
     fn frame(ms: i64, direction: i8, id: i32, code: u8) -> DataRaw {
-        DataRaw { timestamp: ms * 1000, direction, id, flags: 0, data: vec![code, 0, 0, 0] }
+        let data = if direction == 0 { vec![code, 0, 2, 1, 0, 0] } else { vec![code, 0, 0, 0] };
+        DataRaw { timestamp: ms * 1000, direction, id, flags: 0, data }
     }
 
     #[test]
@@ -87,13 +101,17 @@ mod tests {
     }
 
     #[test]
-    fn on_a_line_that_is_listened_to_the_second_of_two_alike_is_the_answer() {
+    fn on_a_line_that_is_listened_to_the_second_of_two_is_the_answer_if_it_can_be() {
         let (mut pairing, so1) = (Pairing::new(false), Some(&so1::BOARD));
-        assert_eq!(pairing.way(&frame(0, 0, 0x20, 1), so1), Way::Request);
+        assert_eq!(pairing.way(&frame(0, 1, 0x20, 1), so1), Way::Request);
         assert_eq!(pairing.way(&frame(2, 0, 0x20, 1), so1), Way::Answer { round_trip_us: 2000 });
-        assert_eq!(pairing.way(&frame(50, 0, 0x20, 1), so1), Way::Request);
-        // Not answered: the next one asks again.
-        assert_eq!(pairing.way(&frame(120, 0, 0x20, 1), so1), Way::Request);
+        assert_eq!(pairing.way(&frame(50, 1, 0x20, 1), so1), Way::Request);
+        // Not answered: the next one asks again, late or soon.
+        assert_eq!(pairing.way(&frame(120, 1, 0x20, 1), so1), Way::Request);
+        assert_eq!(pairing.way(&frame(140, 1, 0x20, 1), so1), Way::Request);
+        assert_eq!(pairing.way(&frame(142, 0, 0x20, 1), so1), Way::Answer { round_trip_us: 2000 });
+        assert_eq!(pairing.way(&frame(200, 1, 0x21, 0xFE), None), Way::Request);
+        assert_eq!(pairing.way(&frame(220, 1, 0x21, 0xFE), None), Way::Request, "a stranger's version, too");
     }
 
     #[test]

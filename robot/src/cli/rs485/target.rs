@@ -188,11 +188,7 @@ impl Target {
     }
 }
 
-const fn name_of(driver: Rs485Driver) -> &'static str {
-    match driver {
-        Rs485Driver::Sd1 => "sd1",
-        Rs485Driver::So1 => "so1",
-        Rs485Driver::Sbs1 => "sbs1",
-        Rs485Driver::Psc1 => "psc1",
-    }
+/// What the boards' list calls a driver: as the configuration does, the variant's name in small letters.
+fn name_of(driver: Rs485Driver) -> String {
+    format!("{driver:?}").to_ascii_lowercase()
 }
