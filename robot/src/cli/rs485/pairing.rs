@@ -121,7 +121,8 @@ mod tests {
             let mut pairing = Pairing::new(directed);
             assert_eq!(pairing.way(&frame(0, 1, 0x40, 1), psc1), Way::Request);
             assert_eq!(pairing.way(&frame(1, 0, 0x40, 0x80), psc1), Way::Unasked);
-            assert_eq!(pairing.way(&frame(2, 0, 0x40, 1), psc1), Way::Answer { round_trip_us: 2000 });
+            let status = DataRaw { data: vec![1, 0, 1, 0x09, 0], ..frame(2, 0, 0x40, 1) };
+            assert_eq!(pairing.way(&status, psc1), Way::Answer { round_trip_us: 2000 });
         }
     }
 }

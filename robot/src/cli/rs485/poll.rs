@@ -45,7 +45,8 @@ struct Hex(Vec<u8>);
 
 fn hex(text: &str) -> Result<Hex, String> {
     let digits: Vec<u8> = text.bytes().filter(|byte| !byte.is_ascii_whitespace()).collect();
-    let pair = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
+    let digit = |digit: u8| char::from(digit).to_digit(16).map(|digit| digit as u8);
+    let pair = |pair: &[u8]| Some(digit(pair[0])? << 4 | digit(pair[1])?);
     let bytes: Option<Vec<u8>> =
         digits.chunks(2).map(|chunk| if chunk.len() == 2 { pair(chunk) } else { None }).collect();
     bytes
@@ -55,12 +56,8 @@ fn hex(text: &str) -> Result<Hex, String> {
 }
 
 fn rate(text: &str) -> Result<f64, String> {
-    finite(text)?
-        .to_string()
-        .parse()
-        .ok()
-        .filter(|rate| (0.01..=10_000.0).contains(rate))
-        .ok_or_else(|| "expected 0.01 to 10000 Hz".into())
+    let rate = finite(text)?;
+    if (0.01..=10_000.0).contains(&rate) { Ok(rate) } else { Err("expected 0.01 to 10000 Hz".into()) }
 }
 
 /// What came of all polls.
