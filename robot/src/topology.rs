@@ -7,11 +7,12 @@ use crate::live::HostConfig;
 use crate::live::ports::{PortConfig, TerminalConfig};
 use crate::live::processes::Launch;
 use base::Duration;
-use drivers::{canbus, rs485a};
+use drivers::{canbus, power, rs485a, rs485b};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
 use rs485::crc::Crc8;
 use sim::host::{self, Virtual};
+use sim::world::Beacon;
 use std::ffi::OsString;
 use std::net::SocketAddrV4;
 use std::path::PathBuf;
@@ -55,8 +56,9 @@ pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostCo
 }
 
 /// The same robot in virtual time: spawn its watchdog, and it starts the rest.
-pub fn virtual_machine(place: &Place, config: host::Config) -> Result<Virtual, ConfigError> {
+pub fn virtual_machine(place: &Place, mut config: host::Config) -> Result<Virtual, ConfigError> {
     let read = Config::load(&place.config, place.sim, &place.sets)?;
+    config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let place = place.clone();
     Ok(Virtual::new(config, move |name, wanted| {
         shell(&place, &read, name, wanted, false).map_err(|error| error.to_string())
@@ -67,6 +69,8 @@ fn shell(place: &Place, config: &Config, name: &str, wanted: State, wire_time: b
     let module: Box<dyn Module> = match name {
         watchdog::NAME => Box::new(Watchdog::new(watchdog(config))),
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
+        rs485b::NAME => Box::new(rs485b(&config.robot)?),
+        power::NAME => Box::new(power(place, config)?),
         canbus::NAME => Box::new(canbus(config)?),
         SIMULATOR if place.sim => {
             let config = simulator(place, &config.robot, wire_time)?;
@@ -87,7 +91,7 @@ fn shell(place: &Place, config: &Config, name: &str, wanted: State, wire_time: b
     Ok(Shell::new(shell, module))
 }
 
-const MODULES: [&str; 4] = [watchdog::NAME, SIMULATOR, "driver_rs485a", canbus::NAME];
+const MODULES: [&str; 6] = [watchdog::NAME, SIMULATOR, power::NAME, "driver_rs485a", rs485b::NAME, canbus::NAME];
 /// The watchdog ends modules one after the other, those that others depend on last.
 const WATCHDOG_END: Duration = Duration::from_secs(6);
 
@@ -219,19 +223,20 @@ pub fn crc(crc: config::Crc) -> Crc8 {
 
 /// `driver_rs485a`: the bus `a`.
 fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
-    let Some(bus) = robot.rs485.iter().find(|bus| bus.name == "a") else {
+    let Some(bus) = robot.rs485_bus("rs485.a") else {
         return refused("driver_rs485a: robot.toml has no table [rs485.a]".into());
     };
-    let nodes = bus.nodes.iter().map(|node| rs485a::Node {
-        name: node.name.clone(),
-        address: node.address,
-        kind: match node.driver {
+    let node = |node: &config::Rs485Node| {
+        let kind = match node.driver {
             Rs485Driver::Sd1 => rs485a::Kind::Sd1,
             Rs485Driver::So1 => rs485a::Kind::So1,
-        },
-        rate_hz: node.rate_hz,
-        timeout: Duration::from_secs_f64(node.timeout_s),
-    });
+            Rs485Driver::Sbs1 | Rs485Driver::Psc1 => {
+                return refused(format!("driver_rs485a: {} on rs485.a: it knows sd1 and so1", node.name));
+            }
+        };
+        let timeout = Duration::from_secs_f64(node.timeout_s);
+        Ok(rs485a::Node { name: node.name.clone(), address: node.address, kind, rate_hz: node.rate_hz, timeout })
+    };
     let rangers = |rangers: &[config::Ranger]| {
         let ranger = |ranger: &config::Ranger| {
             let config::Ranger { id, board, channel, x, y, theta } = *ranger;
@@ -243,7 +248,7 @@ fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
         bus: "rs485.a".into(),
         baud: bus.baud,
         crc: crc(bus.crc),
-        nodes: nodes.collect(),
+        nodes: bus.nodes.iter().map(node).collect::<Result<_, _>>()?,
         srfs: rangers(&robot.srfs),
         irs: rangers(&robot.irs),
         wheels: rs485a::Wheels {
@@ -255,6 +260,55 @@ fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
         },
     };
     rs485a::Rs485a::new(config).map_err(|error| ConfigError(vec![format!("driver_rs485a: {error}")]))
+}
+
+/// `driver_rs485b`: the bus `b` with the beacon scanner.
+fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
+    let bus = robot.rs485_bus("rs485.b");
+    let Some((bus, [node @ config::Rs485Node { driver: Rs485Driver::Sbs1, .. }])) =
+        bus.map(|bus| (bus, &bus.nodes[..]))
+    else {
+        return refused("driver_rs485b: robot.toml has no table [rs485.b] with one node, an sbs1".into());
+    };
+    let config = rs485b::Config {
+        bus: "rs485.b".into(),
+        baud: bus.baud,
+        crc: crc(bus.crc),
+        name: node.name.clone(),
+        address: node.address,
+        rate_hz: node.rate_hz,
+        timeout: Duration::from_secs_f64(node.timeout_s),
+        beacons: robot.beacons.iter().map(|beacon| beacon.id).collect(),
+    };
+    rs485b::Rs485b::new(config).map_err(|error| ConfigError(vec![format!("driver_rs485b: {error}")]))
+}
+
+/// `driver_power`: the link that the table `power` names. In simulation the computer belongs to somebody else.
+fn power(place: &Place, config: &Config) -> Result<power::Power, ConfigError> {
+    let robot = &config.robot;
+    let found = robot.power.as_ref().and_then(|power| Some((power, robot.rs485_bus(&power.bus)?)));
+    let Some((power, bus, node)) = found.and_then(|(power, bus)| Some((power, bus, bus.nodes.first()?))) else {
+        return refused("driver_power: robot.toml has no table [power]".into());
+    };
+    let others = config.modules.iter().map(|module| &module.name);
+    let config = power::Config {
+        bus: power.bus.clone(),
+        baud: bus.baud,
+        crc: crc(bus.crc),
+        name: node.name.clone(),
+        address: node.address,
+        rate_hz: node.rate_hz,
+        timeout: Duration::from_secs_f64(node.timeout_s),
+        capacity_ah: power.capacity_ah,
+        cells: power.cells,
+        reserve: power.reserve,
+        // The simulator plays the hardware: that is not ended, but switched off.
+        modules: others.filter(|name| ![power::NAME, SIMULATOR].contains(&name.as_str())).cloned().collect(),
+        halt: power.halt_command.clone(),
+        reboot: power.reboot_command.clone(),
+        simulated: place.sim,
+    };
+    power::Power::new(config).map_err(|error| ConfigError(vec![format!("driver_power: {error}")]))
 }
 
 /// `driver_canbus`: the CAN bus that both drives are on.
@@ -283,8 +337,7 @@ fn canbus(config: &Config) -> Result<canbus::Canbus, ConfigError> {
         },
         ttl: Duration::from_secs_f64(limits.command_ttl_s),
         critical: critical.map(|module| module.name.clone()).collect(),
-        // No table `power` in this version: no power controller that tells of the PAUSE line.
-        has_pause_line: false,
+        has_pause_line: robot.power.is_some(),
         propulsion,
         steering,
     };
@@ -321,7 +374,11 @@ fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
 
 /// `simulator`: every serial bus with its boards, the robot's body, a world.
 fn simulator(place: &Place, robot: &Robot, wire_time: bool) -> Result<sim::Config, ConfigError> {
-    let world = config::world(&place.config, place.world.as_deref())?;
+    let mut world = config::world(&place.config, place.world.as_deref())?;
+    if world.beacons.is_empty() {
+        let beacon = |beacon: &config::Beacon| Beacon { id: beacon.id, at: Point { x: beacon.x, y: beacon.y } };
+        world.beacons = robot.beacons.iter().map(beacon).collect();
+    }
     let geometry = robot.geometry;
     let can = robot.can.iter().find_map(drives);
     let parameters = sim::body::Parameters {
@@ -371,6 +428,15 @@ fn drives(bus: &CanBus) -> Option<(sim::CanConfig, f64)> {
 fn board(robot: &Robot, node: &config::Rs485Node) -> sim::BoardConfig {
     let kind = match node.driver {
         Rs485Driver::So1 => sim::BoardKind::So1,
+        Rs485Driver::Sbs1 => sim::BoardKind::Sbs1(sim::boards::sbs1::Sbs1Config::default()),
+        Rs485Driver::Psc1 => {
+            let battery = sim::boards::battery::BatteryConfig::default();
+            sim::BoardKind::Psc1(robot.power.as_ref().map_or(battery, |power| sim::boards::battery::BatteryConfig {
+                capacity_ah: power.capacity_ah,
+                cells: power.cells,
+                ..battery
+            }))
+        }
         Rs485Driver::Sd1 => sim::BoardKind::Sd1(sim::boards::sd1::Sd1Config {
             srfs: by_channel(&robot.srfs, node.address, |ranger| Pose::new(ranger.x, ranger.y, ranger.theta)),
             irs: by_channel(&robot.irs, node.address, |ranger| Point { x: ranger.x, y: ranger.y }),

@@ -233,9 +233,13 @@ impl Line {
             }
             Event::Clash { node, certain } => {
                 let (name, board) = self.name(node);
-                let how =
-                    if certain { "two boards answer at this address" } else { "two boards may talk at once there" };
-                out.raise(Severity::Error, Fault::AddressClash, name, format!("{board}: {how}"));
+                if certain {
+                    let message = format!("{board}: two boards answer at this address");
+                    out.raise(Severity::Error, Fault::AddressClash, name, message);
+                } else {
+                    // That it fails is reported by itself; this is where to look.
+                    out.note(format!("{board}: two boards talk at once there, or its transmitter is bad"));
+                }
             }
             Event::ClashOver { node } => {
                 let (name, board) = self.name(node);

@@ -14,8 +14,8 @@ mod world;
 pub use modules::{ModuleEntry, SIMULATOR};
 pub use reader::{Problems, Table};
 pub use robot::{
-    Axis, CanBus, CanDriver, CanInterface, CanNode, Crc, Direction, Geometry, Limits, Ranger, Robot, Rs485Bus,
-    Rs485Driver, Rs485Node, Transport,
+    Axis, Beacon, CanBus, CanDriver, CanInterface, CanNode, Crc, Direction, Geometry, Limits, Power, Ranger, Robot,
+    Rs485Bus, Rs485Driver, Rs485Node, Transport,
 };
 pub use tree::{Node, Origin, Value};
 pub use world::{check as check_world, world};

@@ -73,6 +73,12 @@ impl<'a> Table<'a> {
         self.problems.add(&item.origin, format!("{} = {}: expected {expected}", self.name(key), item.value));
     }
 
+    /// Whether the table has this key.
+    #[must_use]
+    pub fn has(&self, key: &str) -> bool {
+        self.map.contains_key(key)
+    }
+
     fn wrong(&self, key: &str, expected: impl Display) {
         match self.map.get(key) {
             Some(Node { origin, value }) => {

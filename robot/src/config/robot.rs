@@ -27,6 +27,10 @@ pub struct Robot {
     pub srfs: Vec<Ranger>,
     /// Infrared rangers.
     pub irs: Vec<Ranger>,
+    /// The infrared beacons of where the robot drives.
+    pub beacons: Vec<Beacon>,
+    /// The power controller, where there is one that tells of the PAUSE line.
+    pub power: Option<Power>,
 }
 
 /// `[geometry]`.
@@ -234,6 +238,10 @@ pub enum Rs485Driver {
     Sd1,
     /// BR-SO1, odometry.
     So1,
+    /// BR-SBS1, beacon scanner.
+    Sbs1,
+    /// BR-PSC1, power controller.
+    Psc1,
 }
 
 /// An item of `srfs` or `irs`: a ranger and where it sits in the robot's frame.
@@ -253,6 +261,34 @@ pub struct Ranger {
     pub theta: f64,
 }
 
+/// An item of `beacons`: an infrared beacon and where it hangs, in the frame of the map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beacon {
+    /// What it sends, 0..=255.
+    pub id: u8,
+    /// m.
+    pub x: f64,
+    /// m.
+    pub y: f64,
+}
+
+/// `[power]`: the power controller and its battery.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Power {
+    /// The link to it, `rs485.power` unless it says otherwise; a bus with a node of driver `psc1`, and no other.
+    pub bus: String,
+    /// Of a full battery, 0.1..=10 000 Ah.
+    pub capacity_ah: f64,
+    /// In series, 1..=16.
+    pub cells: u8,
+    /// Below this charge a warning is reported, 0..=1; default 0.2.
+    pub reserve: f64,
+    /// What halts the computer, program and arguments; default none. Never run in simulation.
+    pub halt_command: Vec<String>,
+    /// What restarts it; default none: a restart is refused.
+    pub reboot_command: Vec<String>,
+}
+
 impl Robot {
     /// Reads the merged tree.
     pub(super) fn read(mut root: Table<'_>) -> Option<Self> {
@@ -270,9 +306,58 @@ impl Robot {
             root.named_tables("rs485").into_iter().map(|(name, table)| Rs485Bus::read(name, table)).collect();
         let srfs = Ranger::read_all(&mut root, "srfs", 7, &rs485);
         let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
+        let beacons = Beacon::read_all(&mut root);
+        let power = root.table_if_any("power").map(|table| Power::read(table, &rs485));
         root.end();
         let (name, report_from) = robot?;
-        Some(Self { name, report_from, geometry: geometry?, limits: limits?, can, rs485, srfs, irs })
+        Some(Self { name, report_from, geometry: geometry?, limits: limits?, can, rs485, srfs, irs, beacons, power })
+    }
+
+    /// The EIA-485 bus that is called so, `rs485.a`.
+    #[must_use]
+    pub fn rs485_bus(&self, name: &str) -> Option<&Rs485Bus> {
+        let name = name.strip_prefix("rs485.")?;
+        self.rs485.iter().find(|bus| bus.name == name)
+    }
+}
+
+impl Beacon {
+    fn read_all(root: &mut Table<'_>) -> Vec<Self> {
+        let mut beacons: Vec<Self> = Vec::new();
+        for mut item in root.tables("beacons") {
+            let beacon = Self {
+                id: item.integer("id", None, 0..=255),
+                x: item.number("x", None, -1e4..=1e4),
+                y: item.number("y", None, -1e4..=1e4),
+            };
+            if beacons.iter().any(|other| other.id == beacon.id) {
+                item.refuse("id", "one that no other of the beacons has");
+            }
+            item.end();
+            beacons.push(beacon);
+        }
+        beacons
+    }
+}
+
+impl Power {
+    fn read(mut table: Table<'_>, busses: &[Rs485Bus]) -> Self {
+        let bus = table.text("bus", Some("rs485.power"));
+        let line = bus.strip_prefix("rs485.").and_then(|name| busses.iter().find(|line| line.name == name));
+        if !line.is_some_and(|line| matches!(line.nodes[..], [Rs485Node { driver: Rs485Driver::Psc1, .. }])) {
+            let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
+            if table.has("bus") { table.refuse("bus", expected) } else { table.refuse_missing("bus", expected) }
+        }
+        let power = Self {
+            bus,
+            capacity_ah: table.number("capacity_ah", None, 0.1..=10_000.0),
+            cells: table.integer("cells", None, 1..=16),
+            reserve: table.number("reserve", Some(0.2), 0.0..=1.0),
+            halt_command: table.texts("halt_command"),
+            reboot_command: table.texts("reboot_command"),
+        };
+        table.end();
+        power
     }
 }
 
@@ -467,7 +552,12 @@ impl Crc {
 
 impl Rs485Node {
     fn read(table: &mut Table<'_>) -> Self {
-        let drivers = [("sd1", Rs485Driver::Sd1), ("so1", Rs485Driver::So1)];
+        let drivers = [
+            ("sd1", Rs485Driver::Sd1),
+            ("so1", Rs485Driver::So1),
+            ("sbs1", Rs485Driver::Sbs1),
+            ("psc1", Rs485Driver::Psc1),
+        ];
         let address = table.integer("address", None, 1..=254);
         let driver = table.choice("driver", None, &drivers);
         let kind = drivers.iter().find(|(_, kind)| *kind == driver).map_or("", |(name, _)| name);

@@ -78,8 +78,10 @@ fn the_shipped_robot_loads_live_and_simulated() {
     assert_eq!(sim.robot.can[0].interface, CanInterface::Udp { group, port: None });
     assert_eq!(sim.robot.rs485[0].port, PathBuf::from("rs485-a"));
     let names = |config: &Config| config.modules.iter().map(|module| module.name.clone()).collect::<Vec<_>>();
-    assert_eq!(names(&live), ["driver_rs485a", "driver_canbus"]);
-    assert_eq!(names(&sim), ["simulator", "driver_rs485a", "driver_canbus"]);
+    let drivers = ["driver_power", "driver_rs485a", "driver_rs485b", "driver_canbus"];
+    assert_eq!(names(&live), drivers);
+    assert_eq!(names(&sim)[..], [&["simulator"], &drivers[..]].concat());
+    assert!(live.robot.power.is_some() && live.robot.beacons.len() == 6);
     assert!(live.modules.iter().all(|module| module.depends.is_empty()));
 }
 
@@ -104,8 +106,11 @@ fn an_unknown_key_is_refused_and_the_known_ones_are_named() {
 fn an_unknown_table_is_refused() {
     refused(
         "[limits]",
-        "[power]\nport = \"x\"\n[limits]",
-        &["robot.toml:11: power: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs"],
+        "[powder]\nport = \"x\"\n[limits]",
+        &[
+            "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs, beacons, \
+           power",
+        ],
     );
 }
 
@@ -155,7 +160,7 @@ fn a_choice_names_the_choices() {
     refused(
         "driver = \"sd1\"",
         "driver = \"sd2\"",
-        &["robot.toml:31: rs485.a.nodes[0].driver = \"sd2\": expected \"sd1\" or \"so1\""],
+        &["robot.toml:31: rs485.a.nodes[0].driver = \"sd2\": expected \"sd1\" or \"so1\" or \"sbs1\" or \"psc1\""],
     );
 }
 
@@ -219,6 +224,39 @@ fn a_ranger_s_board_must_exist() {
         "board = 0x10\nchannel",
         "board = 0x12\nchannel",
         &["robot.toml:35: srfs[0].board = 18: expected the address of an sd1 in rs485"],
+    );
+}
+
+#[test]
+fn a_power_controller_has_a_link_of_its_own_and_a_battery_that_can_be() {
+    let power = "[power]\ncapacity_ah = 0\ncells = 8\n[limits]";
+    refused(
+        "[limits]",
+        power,
+        &[
+            "robot.toml:11: power.bus: missing, expected an rs485 bus with one node, whose driver is \"psc1\"",
+            "robot.toml:12: power.capacity_ah = 0: expected a number from 0.1 to 10000",
+        ],
+    );
+    refused(
+        "[limits]",
+        "[power]\nbus = \"rs485.a\"\ncapacity_ah = 40\ncells = 8\n[limits]",
+        &["robot.toml:12: power.bus = \"rs485.a\": expected an rs485 bus with one node, whose driver is \"psc1\""],
+    );
+    let link = "[rs485.link]\nport = \"p\"\ntransport = \"two-byte\"\n\
+                nodes = [{ address = 0x40, driver = \"psc1\", rate = 1 }]\n\
+                [power]\nbus = \"rs485.link\"\ncapacity_ah = 40\ncells = 8\nhalt_command = [\"halt\"]\n[limits]";
+    let robot = load(&ROBOT.replacen("[limits]", link, 1), "", &[], MODULES).unwrap().robot;
+    let power = robot.power.unwrap();
+    assert_eq!((power.reserve, power.halt_command.len(), power.reboot_command.len()), (0.2, 1, 0));
+}
+
+#[test]
+fn two_beacons_of_one_number_are_refused() {
+    refused(
+        "[robot]\n",
+        "beacons = [{ id = 3, x = 0, y = 0 }, { id = 3, x = 1, y = 0 }]\n[robot]\n",
+        &["robot.toml:1: beacons[1].id = 3: expected one that no other of the beacons has"],
     );
 }
 
