@@ -27,6 +27,7 @@ pub(crate) use bus::Bus;
 
 /// The atomics of shared memory: words of 64 bits, of 32 where the machine has no larger ones. `loom` has its own.
 mod sync {
+    pub use super::memory::{load_all, store_all};
     #[cfg(not(target_has_atomic = "64"))]
     pub use core::sync::atomic::AtomicU32 as Word;
     #[cfg(target_has_atomic = "64")]

@@ -10,6 +10,18 @@ mod ring;
 mod sync {
     pub use loom::sync::atomic::{AtomicU64 as Word, Ordering, fence};
     pub type Value = u64;
+
+    pub fn store_all(words: &[Word], values: &[[u8; 8]]) {
+        for (word, value) in words.iter().zip(values) {
+            word.store(u64::from_ne_bytes(*value), Ordering::Relaxed);
+        }
+    }
+
+    pub fn load_all(words: &[Word], values: &mut [[u8; 8]]) {
+        for (word, value) in words.iter().zip(values) {
+            *value = word.load(Ordering::Relaxed).to_ne_bytes();
+        }
+    }
 }
 
 use bell::Sleeper;

@@ -61,6 +61,18 @@ mod sync {
             self.0.load(order)
         }
     }
+
+    pub fn store_all(words: &[Word], values: &[[u8; 8]]) {
+        for (word, value) in words.iter().zip(values) {
+            word.store(u64::from_ne_bytes(*value), Ordering::Relaxed);
+        }
+    }
+
+    pub fn load_all(words: &[Word], values: &mut [[u8; 8]]) {
+        for (word, value) in words.iter().zip(values) {
+            *value = word.load(Ordering::Relaxed).to_ne_bytes();
+        }
+    }
 }
 
 use ring::{CONTROL, Copy, Kind, Message, Read, Reader, Ring, Writer};

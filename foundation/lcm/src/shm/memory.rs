@@ -1,9 +1,10 @@
-//! Memory that processes share: a file in `/dev/shm`, mapped. The one file of this crate with `unsafe`.
+//! Memory that processes share: a file in `/dev/shm`, mapped, and copies of many words. The one file of the bus with
+//! `unsafe`.
 //!
 //! All that it hands out are atomic words, so whatever another process does to them is a value, never undefined.
-#![allow(unsafe_code, reason = "a mapping is a pointer; nothing else here is")]
+#![allow(unsafe_code, reason = "a mapping is a pointer, and a copy of what others write is no `memcpy`")]
 
-use super::sync::{Value, Word};
+use super::sync::{Ordering, Value, Word};
 use nix::errno::Errno;
 use nix::fcntl::{FallocateFlags, fallocate};
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
@@ -62,5 +63,56 @@ pub fn reserve(file: impl AsFd, from: usize, to: usize) -> io::Result<()> {
             Err(Errno::EINTR) => {}
             result => return Ok(result?),
         }
+    }
+}
+
+/// How many bytes a copy has from which on the processor's own instruction for it is the faster one.
+#[cfg(target_arch = "x86_64")]
+const LONG: usize = 512;
+
+/// Stores words, relaxed each; there are as many of both.
+pub fn store_all(words: &[Word], values: &[[u8; size_of::<Value>()]]) {
+    assert_eq!(words.len(), values.len());
+    #[cfg(target_arch = "x86_64")]
+    if size_of_val(values) >= LONG {
+        // SAFETY: both are `size_of_val(values)` bytes long; the words may be written through a shared reference, being
+        // atomics.
+        return unsafe { copy(values.as_ptr().cast(), words.as_ptr().cast_mut().cast(), size_of_val(values)) };
+    }
+    for (word, value) in words.iter().zip(values) {
+        word.store(Value::from_ne_bytes(*value), Ordering::Relaxed);
+    }
+}
+
+/// Loads words, relaxed each; there are as many of both.
+pub fn load_all(words: &[Word], values: &mut [[u8; size_of::<Value>()]]) {
+    assert_eq!(words.len(), values.len());
+    #[cfg(target_arch = "x86_64")]
+    if size_of_val(values) >= LONG {
+        // SAFETY: both are `size_of_val(values)` bytes long.
+        return unsafe { copy(words.as_ptr().cast(), values.as_mut_ptr().cast(), size_of_val(values)) };
+    }
+    for (word, value) in words.iter().zip(values) {
+        *value = word.load(Ordering::Relaxed).to_ne_bytes();
+    }
+}
+
+/// Copies memory that others may write or read at the same time. The compiler knows nothing of it but that bytes are
+/// read and written here, and the processor does that in pieces of at least a byte: a relaxed load and store of each, in
+/// any order, which is all that a ring asks of a copy before it looks whether to believe it.
+///
+/// # Safety
+/// `len` bytes can be read at `from` and written at `to`, and the two are apart.
+#[cfg(target_arch = "x86_64")]
+unsafe fn copy(from: *const u8, to: *mut u8, len: usize) {
+    // SAFETY: the caller's; the direction flag is clear, as everywhere.
+    unsafe {
+        std::arch::asm!(
+            "rep movsb",
+            inout("rcx") len => _,
+            inout("rsi") from => _,
+            inout("rdi") to => _,
+            options(nostack, preserves_flags)
+        );
     }
 }

@@ -17,7 +17,7 @@
 //! does so while all readers have nothing left to read, which keeps a small working set in the cache and the memory
 //! of a slow publisher small, and gives a busy one the whole ring.
 
-use super::sync::{Ordering, Value, Word, fence};
+use super::sync::{Ordering, Value, Word, fence, load_all, store_all};
 
 /// Bytes of the unit of positions and of the alignment of records.
 pub const GRAIN: usize = 8;
@@ -79,9 +79,7 @@ impl Ring<'_> {
         let whole = bytes.len() / WORD;
         let words = &self.data[at..at + bytes.len().div_ceil(WORD)];
         let (chunks, rest) = bytes.as_chunks::<WORD>();
-        for (word, chunk) in words.iter().zip(chunks) {
-            word.store(Value::from_ne_bytes(*chunk), Ordering::Relaxed);
-        }
+        store_all(&words[..whole], chunks);
         if !rest.is_empty() {
             let mut last = [0; WORD];
             last[..rest.len()].copy_from_slice(rest);
@@ -93,9 +91,7 @@ impl Ring<'_> {
         let whole = bytes.len() / WORD;
         let words = &self.data[at..at + bytes.len().div_ceil(WORD)];
         let (chunks, rest) = bytes.as_chunks_mut::<WORD>();
-        for (word, chunk) in words.iter().zip(chunks) {
-            *chunk = word.load(Ordering::Relaxed).to_ne_bytes();
-        }
+        load_all(&words[..whole], chunks);
         if !rest.is_empty() {
             let last = words[whole].load(Ordering::Relaxed).to_ne_bytes();
             rest.copy_from_slice(&last[..rest.len()]);
