@@ -127,6 +127,8 @@ pub struct Simulator {
     rangers: Ticker,
     /// Whether the motors are fed.
     motors: bool,
+    /// Ports that have said whether they are open; whoever depends on us finds them there when all have.
+    told: Vec<PortId>,
 }
 
 impl Simulator {
@@ -151,6 +153,7 @@ impl Simulator {
             clock: never,
             rangers: never,
             motors: true,
+            told: Vec::new(),
         }
     }
 
@@ -179,7 +182,18 @@ impl Simulator {
         // Without drops the floor rangers find nothing.
         let first = if self.scene.world().drops.is_empty() { Instant::NEVER } else { now + RANGER_PERIOD };
         self.rangers = Ticker::new(first, RANGER_PERIOD);
-        out.working();
+        if self.ports.is_empty() {
+            out.working();
+        }
+    }
+
+    fn on_port_state(&mut self, port: PortId, out: &mut Actions) {
+        if !self.told.contains(&port) {
+            self.told.push(port);
+            if self.told.len() == self.ports.len() {
+                out.working();
+            }
+        }
     }
 
     fn line(&self, serial: &SerialConfig, now: Instant) -> SerialLine {
@@ -382,6 +396,7 @@ impl Module for Simulator {
                     line.handle_rx(now, words, &self.scene);
                 }
             }
+            Event::Port { port, input: Input::Up | Input::Down(_) } => self.on_port_state(port, out),
             Event::Port { input: Input::Can(frame), .. } => {
                 for drive in &mut self.drives {
                     drive.handle_rx(now, &frame, self.scene.body());
