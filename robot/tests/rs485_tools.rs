@@ -206,7 +206,11 @@ fn poll_counts_what_came_of_each() {
     let boards = Boards::new(&[SO1]);
     let told = boards.run(&["poll", "so1", "--count", "50"]).good();
     assert!(told.starts_with("so1 (0x20) on ") && told.contains(": get_ticks, 115200 Bd"), "{told}");
-    assert!(told.contains("good           50  100.00 %") && told.contains("last        ticks 5 -2"), "{told}");
+    assert!(told.contains("  polls          50  in ") && told.contains("last        ticks 5 -2"), "{told}");
+    let json = values(&boards.run(&["poll", "so1", "--count", "50", "--json"]).good());
+    // A busy machine may make a board miss its 20 ms.
+    let (good, silent) = (json[0]["good"].as_u64().unwrap(), json[0]["silent"].as_u64().unwrap());
+    assert!(good >= 40 && good + silent == 50, "{good} good, {silent} silent");
     let json = values(&boards.run(&["poll", "so1", "--rate", "50", "--for", "0.5", "--json"]).good());
     let polls = json[0]["polls"].as_u64().unwrap();
     assert!((20..=26).contains(&polls), "{polls} at 50 Hz in 0.5 s");
@@ -299,9 +303,9 @@ fn a_port_that_a_module_holds_is_shown_as_the_module_tells_it_and_otherwise_refu
 fn an_adapter_that_vanishes_is_an_error_of_its_module_which_recovers_when_it_returns() {
     let mut robot = Robot::ready(&[]);
     let simulator = robot.view.pid("simulator");
+    let mut bus = support::listen(&robot.url);
     // With its process every pseudo-terminal goes; the watchdog starts it again, and with it come new ones.
     signal(simulator, "KILL");
-    let mut bus = support::listen(&robot.url);
     let mut states = Vec::new();
     let until = clock::now() + Duration::from_secs(10);
     while clock::now() < until && !states.ends_with(&[4, 3]) {
