@@ -52,14 +52,15 @@ impl Line {
 }
 
 const TABLE: [Line; 26] = [
-    line(Test::Trip(64), "p50", "round trip 64 B, median, µs")
+    line(Test::Trip(64), "p50", "round trip 64 B on one processor, median, µs")
         .goals(&[("udpm", Ratio(1.3, "raw")), ("shm", Ratio(0.45, "raw"))]),
     line(Test::Trip(64), "p99", "p99, µs"),
     line(Test::Trip(64), "cpu", "CPU of both, µs"),
-    line(Test::Trip(1024), "p50", "round trip 1 KiB, median, µs").goals(&[("shm", Ratio(0.45, "raw"))]),
+    line(Test::Trip(1024), "p50", "round trip 1 KiB on one processor, median, µs")
+        .goals(&[("shm", Ratio(0.45, "raw"))]),
     line(Test::Trip(1024), "p99", "p99, µs"),
     line(Test::Trip(1024), "cpu", "CPU of both, µs"),
-    line(Test::Trip(65_536), "p50", "round trip 64 KiB, median, µs")
+    line(Test::Trip(65_536), "p50", "round trip 64 KiB on one processor, median, µs")
         .goals(&[("udpm", Ratio(1.1, "raw")), ("shm", Ratio(0.25, "raw"))]),
     line(Test::Trip(65_536), "p99", "p99, µs"),
     line(Test::Trip(65_536), "cpu", "CPU of both, µs"),

@@ -222,13 +222,20 @@ impl Bench {
     }
 
     fn start(&self, transport: &str, port: u16, buffer: usize, role: &[&str]) -> Result<Peer> {
-        let mut command = if matches!(transport, "raw" | "official") {
-            Command::new(&self.c_peer)
-        } else {
-            let mut command = Command::new(std::env::current_exe()?);
-            command.arg("peer");
+        let ours = !matches!(transport, "raw" | "official");
+        let program = if ours { std::env::current_exe()? } else { self.c_peer.clone() };
+        // Where the scheduler puts the two ends of a round trip decides more than what runs there: a wake-up across
+        // processors costs several times that on one. So both have the same one.
+        let mut command = if matches!(role[0], "echo" | "ping") {
+            let mut command = Command::new("taskset");
+            command.args(["-c", "0"]).arg(program);
             command
+        } else {
+            Command::new(program)
         };
+        if ours {
+            command.arg("peer");
+        }
         command.args([transport, &port.to_string(), &buffer.to_string()]).args(role);
         command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn()?;
