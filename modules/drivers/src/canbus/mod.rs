@@ -345,6 +345,15 @@ impl Canbus {
         if self.second_master.is_some() {
             return plain("another master commands the drives".into());
         }
+        let around = |objection: Objection| {
+            let reason = objection.to_string();
+            Some(Blocked { reason, objection: Some(objection), only_not_homed: false })
+        };
+        // Before the drives: the line takes their feed away, and that they are in fault follows from it.
+        let paused = |objection: &Objection| matches!(objection, Objection::Paused(_));
+        if let Some(objection) = self.around.objection(now).filter(paused) {
+            return around(objection);
+        }
         if let Some(reason) = self.propulsion.drive.objection().or_else(|| self.steering.drive.objection()) {
             return plain(reason);
         }
@@ -352,8 +361,7 @@ impl Canbus {
             return plain(format!("{NAME} is in {}", self.state));
         }
         if let Some(objection) = self.around.objection(now) {
-            let reason = objection.to_string();
-            return Some(Blocked { reason, objection: Some(objection), only_not_homed: false });
+            return around(objection);
         }
         if self.refused_until.is_some() {
             return plain("a command was out of limits".into());

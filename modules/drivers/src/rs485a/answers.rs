@@ -23,6 +23,8 @@ impl Rs485a {
 
     fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, data: &[u8], out: &mut Actions) {
         let understood = match self.nodes.iter().find(|node| node.address == to).map(|node| node.kind) {
+            // It has let go of the PAUSE line.
+            Some(Kind::Sd1) if instruction == sd1::CLEAR_PAUSE_SRC.code => return,
             Some(Kind::Sd1) => {
                 let both = self.line.judge(to, sd1::Both::parse(data), out);
                 both.map(|both| self.on_ranges(now, to, Some(both), out))

@@ -6,6 +6,7 @@
 //! Silence   after 16 failed transactions a board is lost: reported, asked once a second, its data invalid
 //! Data      `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, when all boards have spoken; `LL_DATA_ODO` with each answer
 //!           of the SO1; `LL_DATA_BUS` once a second. Timestamps are those of the answer's reception
+//! PAUSE     an SD1 that saw no floor holds the PAUSE line by itself; it lets go when a person commands RUN
 //!
 //! In STOP it asks nothing. It works while one board at least answers: a lost one is reported, all lost is an ERROR.
 
@@ -18,11 +19,15 @@ pub use config::{Config, ConfigError, Kind, Node, Ranger, Wheels};
 
 use crate::line::{self, Line, PORT};
 use base::{Duration, Instant};
-use module::{Actions, Event, Module, PortSpec};
+use messages::{Channel, Message, common::CmdState};
+use module::{Actions, Event, Module, PortSpec, State};
 use odometry::Follower;
 use ranges::Ranges;
 use rs485::boards::{Instruction, sd1, so1};
 use rs485::master;
+
+/// The module's name.
+pub const NAME: &str = "driver_rs485a";
 
 /// The driver of bus A.
 #[derive(Debug)]
@@ -57,6 +62,16 @@ impl Rs485a {
         })
     }
 
+    /// A person who commands RUN has seen why the robot stopped. A board that still sees no floor pulls the line anew.
+    fn on_state_command(&mut self, command: &CmdState) {
+        let ours = command.module == NAME || command.module == "*";
+        if ours && command.manual && command.state == State::Run as i8 {
+            for board in self.nodes.iter().filter(|node| node.kind == Kind::Sd1) {
+                self.line.demand(board.address, &sd1::CLEAR_PAUSE_SRC);
+            }
+        }
+    }
+
     fn drain(&mut self, now: Instant, out: &mut Actions) {
         while let Some(heard) = self.line.hear(now, out) {
             self.on_heard(now, &heard, out);
@@ -69,6 +84,10 @@ impl Rs485a {
 }
 
 impl Module for Rs485a {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::CmCmdState]
+    }
+
     fn ports(&self) -> &[PortSpec] {
         &self.ports
     }
@@ -83,6 +102,7 @@ impl Module for Rs485a {
             }
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.line.on_timer(now, out),
+            Event::Message { message: Message::CmCmdState(command), .. } => self.on_state_command(command),
             Event::Port { .. } | Event::Message { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);

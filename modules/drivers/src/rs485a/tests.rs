@@ -95,6 +95,7 @@ impl FakeBoard {
             (code, FRONT | REAR) if code == sd1::GET_BOTH_DATA.code => {
                 self.slave.respond(Status::Ok, &both.build());
             }
+            (code, FRONT | REAR) if code == sd1::CLEAR_PAUSE_SRC.code => self.slave.respond(Status::Ok, &[]),
             _ => self.slave.respond(Status::UnknownInstruction, &[]),
         }
     }
@@ -266,6 +267,31 @@ impl Wire {
 fn valid(ranges: &[Range]) -> Vec<i32> {
     assert!(ranges.iter().all(|range| range.valid != range.distance.is_nan()));
     ranges.iter().filter(|range| range.valid).map(|range| range.id).collect()
+}
+
+#[test]
+fn boards_let_go_of_the_pause_line_when_a_person_commands_run() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    let asked = |wire: &Wire| {
+        wire.boards
+            .each_ref()
+            .map(|board| board.asked.iter().filter(|code| **code == sd1::CLEAR_PAUSE_SRC.code).count())
+    };
+    let mut command = |module: &str, state: State, manual| {
+        let (module, source) = (module.into(), "test".into());
+        wire.bench.message(messages::common::CmdState { timestamp: 0, module, state: state as i8, manual, source });
+        wire.run(ms(300));
+        asked(&wire)
+    };
+    assert_eq!(command("driver_rs485a", State::Run, false), [0, 0, 0], "a program has seen nothing");
+    assert_eq!(command("planner", State::Run, true), [0, 0, 0]);
+    assert_eq!(command("driver_rs485a", State::Run, true), [1, 1, 0]);
+    assert_eq!(command("*", State::Run, true), [2, 2, 0]);
+    let ranges =
+        wire.log.iter().filter(|(_, action)| matches!(action, Action::Publish(Message::LlDataSrfs(_)))).count();
+    assert!(ranges >= 6, "the rounds of ranges go on: {ranges}");
+    assert!(!wire.log.iter().any(|(_, action)| matches!(action, Action::Report(_))));
 }
 
 #[test]
