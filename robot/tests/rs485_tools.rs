@@ -294,6 +294,8 @@ fn a_port_that_a_module_holds_is_shown_as_the_module_tells_it_and_otherwise_refu
     }
     // Stopped, the port is free, and the boards of the simulator answer.
     assert!(robot.advee(&["state", "driver_rs485a", "TERMINATE"]).status.success());
+    // It says so before it ends.
+    robot.until("the driver has ended", 5.0, |_| !Path::new(&format!("/proc/{driver}")).exists());
     let told = Told::of(robot.advee(&["rs485", "scan", "--bus", "a", "--first", "16", "--last", "32"])).good();
     assert!(told.contains("0x10     sd1_front  SD1    1.0") && told.contains("3 boards on rs485.a"), "{told}");
     robot.stop();
