@@ -120,8 +120,11 @@ impl Bus {
         let mut tries = 1..=JOIN_TRIES;
         loop {
             match Self::try_join(root, url, source, inode) {
-                // The last of the others left at the same time, and took the folder with it.
-                Err(error) if error.kind() == io::ErrorKind::NotFound && tries.next().is_some() => {}
+                // The last of the others left at the same time and took the folder with it; or another one that joins
+                // looked whether the owner of the new station is dead before it was locked.
+                Err(error)
+                    if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::WouldBlock)
+                        && tries.next().is_some() => {}
                 result => return result,
             }
         }
