@@ -210,6 +210,8 @@ impl Host {
     fn serve_signals(&mut self) {
         while let Ok(Some(signal)) = self.signals.read_signal() {
             if signal.ssi_signo == Signal::SIGCHLD as u32 {
+                // What it was told before it ended comes first: one that was told to end has not died.
+                self.serve_bus();
                 if let Some(processes) = &mut self.processes {
                     processes.on_child_signal();
                 }
