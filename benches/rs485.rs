@@ -72,17 +72,17 @@ fn poll_cycle(baud: u32) {
     let mut answered = 0;
     for _ in 0..CYCLES * BOARDS.len() as u32 {
         let turn = schedule.due(now).expect("every poll is due");
-        master.request(poll_of(turn.to).ask(turn.to, &[])).unwrap();
-        now = now.max(master.poll_timeout().unwrap());
+        master.request(poll_of(turn.to).ask(turn.to, &[])).expect("the master is idle");
+        now = now.max(master.poll_timeout().expect("a request waits for silence"));
         master.handle_timeout(now);
         let request = master.poll_tx(now).expect("the wire is silent").words.to_vec();
         now += word * request.len() as u32;
         master.handle_tx_done(now);
-        let board = boards.iter_mut().find(|board| board.config().address == turn.to).unwrap();
+        let board = boards.iter_mut().find(|board| board.config().address == turn.to).expect("a board that is polled");
         board.handle_rx(now, &request);
         board.poll_request().expect("the request arrives");
         board.respond(Status::Ok, &answer_of(turn.to));
-        now = board.poll_timeout().unwrap();
+        now = board.poll_timeout().expect("it owes an answer");
         let answer = board.poll_tx(now).expect("the answer is due").words.to_vec();
         for heard in answer {
             now += word;
@@ -116,10 +116,10 @@ fn engine(name: &str, board: u8) {
     let mut run = |transactions: u32| {
         for _ in 0..transactions {
             black_box(schedule.due(now));
-            master.request(poll_of(board).ask(board, &[])).unwrap();
-            now = now.max(master.poll_timeout().unwrap());
+            master.request(poll_of(board).ask(board, &[])).expect("the master is idle");
+            now = now.max(master.poll_timeout().expect("a request waits for silence"));
             master.handle_timeout(now);
-            black_box(master.poll_tx(now).unwrap().words.len());
+            black_box(master.poll_tx(now).expect("the request is due").words.len());
             now += Duration::from_micros(500);
             master.handle_tx_done(now);
             black_box(master.poll_timeout());
