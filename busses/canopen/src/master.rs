@@ -86,7 +86,15 @@ impl Master {
                 self.to(node, |peer, shared| peer.tpdo(number, frame, shared));
             }
             // NMT, SYNC, RPDO and SDO requests are our own frames come back, or another master's.
-            Some(Service::Nmt | Service::Sync | Service::Time | Service::Rpdo { .. } | Service::SdoRequest { .. })
+            Some(
+                Service::Nmt
+                | Service::Sync
+                | Service::Time
+                | Service::Rpdo { .. }
+                | Service::SdoRequest { .. }
+                | Service::LssRequest
+                | Service::LssResponse,
+            )
             | None => self.foreign = self.foreign.saturating_add(1),
         }
     }

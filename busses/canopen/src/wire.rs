@@ -13,12 +13,30 @@ pub enum Service {
     Nmt,
     Sync,
     Time,
-    Emergency { node: u8 },
-    Tpdo { node: u8, number: u8 },
-    Rpdo { node: u8, number: u8 },
-    SdoResponse { node: u8 },
-    SdoRequest { node: u8 },
-    ErrorControl { node: u8 },
+    Emergency {
+        node: u8,
+    },
+    Tpdo {
+        node: u8,
+        number: u8,
+    },
+    Rpdo {
+        node: u8,
+        number: u8,
+    },
+    SdoResponse {
+        node: u8,
+    },
+    SdoRequest {
+        node: u8,
+    },
+    ErrorControl {
+        node: u8,
+    },
+    /// From the LSS slave (CiA 305).
+    LssResponse,
+    /// From the LSS master.
+    LssRequest,
 }
 
 impl Service {
@@ -35,6 +53,8 @@ impl Service {
             Self::SdoResponse { node } => (0x580, node),
             Self::SdoRequest { node } => (0x600, node),
             Self::ErrorControl { node } => (0x700, node),
+            Self::LssResponse => (0x7E4, 0),
+            Self::LssRequest => (0x7E5, 0),
         };
         base + node as u16
     }
@@ -58,6 +78,8 @@ impl Service {
             (0xB, node) => Self::SdoResponse { node },
             (0xC, node) => Self::SdoRequest { node },
             (0xE, node) => Self::ErrorControl { node },
+            (0xF, 0x64) => Self::LssResponse,
+            (0xF, 0x65) => Self::LssRequest,
             _ => return None,
         })
     }
@@ -153,10 +175,93 @@ pub fn decode_heartbeat(data: &[u8]) -> Option<NmtState> {
     }
 }
 
+/// What a master asks a node for its state with, in node guarding: a remote frame (CiA 301, 7.2.8.2.2.1).
+#[must_use]
+pub fn guard_request(node: u8) -> Frame {
+    Frame::standard_remote(Service::ErrorControl { node }.cob_id(), 1)
+}
+
+/// The answer to a guard request: the state, and a bit that alternates from answer to answer.
+#[must_use]
+pub fn guard_answer(node: u8, state: NmtState, toggle: bool) -> Frame {
+    Frame::standard(Service::ErrorControl { node }.cob_id(), &[state as u8 | u8::from(toggle) << 7])
+}
+
+/// Whether the toggle bit of node guarding is set in error control data.
+#[must_use]
+pub fn guard_toggle(data: &[u8]) -> bool {
+    data.first().is_some_and(|byte| byte & 0x80 != 0)
+}
+
 /// A SYNC without counter.
 #[must_use]
 pub fn sync() -> Frame {
     Frame::standard(Service::Sync.cob_id(), &[])
+}
+
+/// A SYNC with its counter, 1 to 240 (CiA 301, 0x1019).
+#[must_use]
+pub fn sync_counted(counter: u8) -> Frame {
+    Frame::standard(Service::Sync.cob_id(), &[counter])
+}
+
+/// The counter in a SYNC's data: `Some(None)` without one; `None` when malformed.
+#[must_use]
+pub fn decode_sync(data: &[u8]) -> Option<Option<u8>> {
+    match *data {
+        [] => Some(None),
+        [counter @ 1..=240] => Some(Some(counter)),
+        _ => None,
+    }
+}
+
+/// Time of day as a TIME object tells it (CiA 301, TIME_OF_DAY).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct TimeOfDay {
+    /// Milliseconds after midnight, below 2^28.
+    pub millis: u32,
+    /// Days since 1984-01-01.
+    pub days: u16,
+}
+
+impl TimeOfDay {
+    /// Days from 1970-01-01 to 1984-01-01.
+    const DAYS_TO_1984: i64 = 5113;
+    const DAY_US: i64 = 86_400_000_000;
+
+    /// Of a timestamp, microseconds since 1970-01-01 (UTC); what lies outside 1984 to 2163 is cut off there.
+    #[must_use]
+    pub const fn from_unix_us(timestamp: i64) -> Self {
+        let days = timestamp.div_euclid(Self::DAY_US) - Self::DAYS_TO_1984;
+        match days {
+            ..0 => Self { millis: 0, days: 0 },
+            0..=0xFFFF => Self { millis: (timestamp.rem_euclid(Self::DAY_US) / 1000) as u32, days: days as u16 },
+            _ => Self { millis: 0, days: u16::MAX },
+        }
+    }
+
+    /// The data of the frame.
+    #[must_use]
+    pub fn encode(self) -> [u8; 6] {
+        let ([a, b, c, d], [e, f]) = ((self.millis & 0x0FFF_FFFF).to_le_bytes(), self.days.to_le_bytes());
+        [a, b, c, d, e, f]
+    }
+
+    /// From the data of a frame; `None` when it is not 6 bytes.
+    #[must_use]
+    pub fn decode(data: &[u8]) -> Option<Self> {
+        let &[a, b, c, d, e, f] = data else {
+            return None;
+        };
+        let millis = u32::from_le_bytes([a, b, c, d]) & 0x0FFF_FFFF;
+        Some(Self { millis, days: u16::from_le_bytes([e, f]) })
+    }
+}
+
+/// A TIME object.
+#[must_use]
+pub fn time(time: TimeOfDay) -> Frame {
+    Frame::standard(Service::Time.cob_id(), &time.encode())
 }
 
 /// An emergency object (CiA 301, 9.2.5).
@@ -259,6 +364,25 @@ mod tests {
         assert_eq!(decode_heartbeat(&[0x7F]), Some(NmtState::PreOperational));
         assert_eq!(decode_heartbeat(&[0x06]), None);
         assert_eq!(decode_heartbeat(&[]), None);
+    }
+
+    #[test]
+    fn sync_time_and_guarding_stand_on_the_wire_as_the_standard_says() {
+        assert_eq!(sync_counted(7), Frame::standard(0x80, &[7]));
+        assert_eq!(
+            [&[][..], &[7], &[0], &[241], &[1, 2]].map(decode_sync),
+            [Some(None), Some(Some(7)), None, None, None]
+        );
+        assert_eq!(guard_request(5), Frame::remote(Id::Standard(0x705), 1).unwrap());
+        assert_eq!(guard_answer(5, NmtState::Operational, true), Frame::standard(0x705, &[0x85]));
+        assert!(guard_toggle(&[0x85]) && !guard_toggle(&[0x05]) && !guard_toggle(&[]));
+        // 2011-06-01 12:00:00 UTC: 10 013 days after 1984-01-01.
+        let noon = TimeOfDay::from_unix_us(1_306_929_600_000_000);
+        assert_eq!(noon, TimeOfDay { millis: 43_200_000, days: 10_013 });
+        assert_eq!(time(noon), Frame::standard(0x100, &[0x00, 0x2E, 0x93, 0x02, 0x1D, 0x27]));
+        assert_eq!(TimeOfDay::decode(&noon.encode()), Some(noon));
+        assert_eq!(TimeOfDay::decode(&[0; 5]), None);
+        assert_eq!(TimeOfDay::from_unix_us(-1), TimeOfDay::default());
     }
 
     #[test]

@@ -51,6 +51,13 @@ impl Frame {
         Self { id: Id::Standard(id & 0x7FF), remote: false, len: len as u8, data: bytes }
     }
 
+    /// A remote frame with an 11-bit identifier, of which only the low 11 bits count, that asks for `len` bytes, at
+    /// most 8; see [`Self::standard`].
+    #[must_use]
+    pub fn standard_remote(id: u16, len: u8) -> Self {
+        Self { remote: true, len: len.min(8), ..Self::standard(id, &[]) }
+    }
+
     /// The identifier.
     #[must_use]
     pub fn id(&self) -> Id {
@@ -76,6 +83,116 @@ impl Frame {
     }
 }
 
+/// Bits between two frames (intermission).
+pub const INTERMISSION: u32 = 3;
+/// After the CRC: its delimiter, acknowledgement and its delimiter, end of frame.
+const TAIL: u32 = 10;
+
+/// Bits of a frame on the wire from its start to the end of its end, with the stuffed bits that its content needs.
+#[must_use]
+pub fn frame_bits(frame: &Frame) -> u32 {
+    let mut bits = Bits::default();
+    bits.push(0, 1); // Start of frame.
+    let remote = u32::from(frame.is_remote());
+    match frame.id() {
+        Id::Standard(id) => {
+            bits.push(u32::from(id), 11);
+            bits.push(remote << 2, 3); // RTR, IDE 0, r0.
+        }
+        Id::Extended(id) => {
+            bits.push(id >> 18, 11);
+            bits.push(3, 2); // SRR, IDE.
+            bits.push(id & 0x3_FFFF, 18);
+            bits.push(remote << 2, 3); // RTR, r1, r0.
+        }
+    }
+    bits.push(u32::from(frame.dlc()), 4);
+    for byte in frame.data() {
+        bits.push(u32::from(*byte), 8);
+    }
+    let crc = bits.crc;
+    bits.push(u32::from(crc), 15);
+    bits.count + TAIL
+}
+
+/// Counts bits with stuffing; keeps the CRC-15.
+#[derive(Default)]
+struct Bits {
+    count: u32,
+    crc: u16,
+    level: u32,
+    run: u32,
+}
+
+impl Bits {
+    fn push(&mut self, value: u32, width: u32) {
+        for shift in (0..width).rev() {
+            let bit = value >> shift & 1;
+            let feedback = bit ^ u32::from(self.crc >> 14 & 1);
+            self.crc = (self.crc << 1 & 0x7FFF) ^ if feedback == 1 { 0x4599 } else { 0 };
+            self.run = if self.count > 0 && bit == self.level { self.run + 1 } else { 1 };
+            self.level = bit;
+            self.count += 1;
+            if self.run == 5 {
+                // The stuffed bit is the opposite, and the first of the next run.
+                self.count += 1;
+                self.level ^= 1;
+                self.run = 1;
+            }
+        }
+    }
+}
+
+/// Fault confinement state of a controller (ISO 11898-1), with the warning level that controllers report besides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum BusState {
+    /// Error-active, both counters below 96.
+    #[default]
+    Active,
+    /// Error-active, a counter at 96 or more.
+    Warning,
+    /// Error-passive: a counter above 127.
+    Passive,
+    /// Off the bus: the transmit counter went above 255. Nothing is sent or received until the controller is restarted.
+    Off,
+}
+
+impl BusState {
+    /// The state that the two error counters name; bus-off no counter of eight bits can show.
+    #[must_use]
+    pub const fn of(transmit_errors: u8, receive_errors: u8) -> Self {
+        match if transmit_errors > receive_errors { transmit_errors } else { receive_errors } {
+            0..96 => Self::Active,
+            96..128 => Self::Warning,
+            128.. => Self::Passive,
+        }
+    }
+}
+
+/// How a controller is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Health {
+    /// Its state.
+    pub state: BusState,
+    /// Transmit error counter.
+    pub transmit_errors: u8,
+    /// Receive error counter.
+    pub receive_errors: u8,
+}
+
+/// What a controller tells beside frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Notice {
+    /// Its state or its counters changed.
+    Health(Health),
+    /// A frame was sent and nobody acknowledged it: the controller is alone on its bus, or cut off from it.
+    NoAcknowledge,
+    /// So many frames had an error on the wire since the last such notice.
+    Errors(u32),
+    /// So many received frames found no room since the last such notice.
+    Lost(u32),
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,5 +205,35 @@ mod tests {
         assert!(Frame::remote(Id::Standard(1), 9).is_none());
         let frame = Frame::remote(Id::Standard(1), 4).unwrap();
         assert_eq!((frame.dlc(), frame.data()), (4, &[][..]));
+    }
+
+    #[test]
+    fn the_warning_level_is_96_and_passive_begins_at_128() {
+        let state = |errors| BusState::of(errors, 0);
+        assert_eq!(
+            [95, 96, 127, 128].map(state),
+            [BusState::Active, BusState::Warning, BusState::Warning, BusState::Passive]
+        );
+        assert_eq!(BusState::of(0, 255), BusState::Passive);
+    }
+
+    #[test]
+    fn after_five_equal_bits_comes_one_that_begins_the_next_run() {
+        let mut bits = Bits::default();
+        bits.push(0, 13); // 00000 [1] 00000 [1] 000
+        assert_eq!(bits.count, 13 + 2);
+        let mut bits = Bits::default();
+        bits.push(0b00000_11110, 10); // 00000 [1] 1111 [0] 0
+        assert_eq!(bits.count, 12);
+    }
+
+    #[test]
+    fn the_crc_is_that_of_the_standard() {
+        // CRC-15/CAN: check value of "123456789" is 0x059E.
+        let mut bits = Bits::default();
+        for byte in b"123456789" {
+            bits.push(u32::from(*byte), 8);
+        }
+        assert_eq!(bits.crc, 0x059E);
     }
 }

@@ -138,7 +138,7 @@ impl Line {
                 self.master.handle_tx_done(now);
                 None
             }
-            Input::Can(_) => None,
+            Input::Can(_) | Input::CanNotice(_) => None,
         }
     }
 

@@ -72,6 +72,8 @@ pub enum Input<'a> {
     Down(&'a str),
     /// A frame was received. On a bus with echo this may be one's own.
     Can(can::Frame),
+    /// News of the CAN controller.
+    CanNotice(can::Notice),
     /// Words were received, in order.
     Words(&'a [Word]),
     /// The last word of what was sent has left the wire.

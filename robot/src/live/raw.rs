@@ -33,7 +33,7 @@ impl Tap {
         match input {
             Input::Words(words) => words.iter().for_each(|word| self.push(now, *word, DataRaw::RECEIVED)),
             Input::Can(frame) => self.ready.push((now, of_can(frame, DataRaw::RECEIVED))),
-            Input::Up | Input::Down(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
+            Input::Up | Input::Down(_) | Input::CanNotice(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
         }
     }
 

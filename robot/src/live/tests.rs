@@ -96,6 +96,7 @@ impl Module for Toy {
             }
             Event::Port { input: Input::Down(reason), .. } => self.note(format!("down {reason}")),
             Event::Port { input: Input::Sent, .. } => self.note("sent"),
+            Event::Port { input: Input::CanNotice(notice), .. } => self.note(format!("{notice:?}")),
             Event::Port { input: Input::Words(words), .. } => {
                 words
                     .iter()

@@ -19,7 +19,6 @@ mod serial;
 mod tests;
 mod wire;
 
-pub use can::frame_bits;
 pub use config::Config;
 pub use news::{News, Traffic};
 

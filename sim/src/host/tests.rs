@@ -1,6 +1,7 @@
 //! Two small modules, ping and pong, over LCM, CAN and a serial line.
 
 use super::*;
+use base::can::{Frame, frame_bits};
 use base::{Fault, Severity, Ticker};
 use messages::{Channel, simulation};
 use module::{Line, Module, PortSpec, ShellConfig};
@@ -53,7 +54,7 @@ impl Module for Player {
                 self.count += 1;
                 let timestamp = out.timestamp(now);
                 out.publish(simulation::DataClock { timestamp, rate: f64::from(self.count) });
-                out.send_can(CAN, base::can::Frame::standard(0x100, &[self.count]));
+                out.send_can(CAN, Frame::standard(0x100, &[self.count]));
                 out.send_words(SERIAL, &[Word::address(self.count), Word::data(0)]);
             }
             Event::Message { at, message: Message::SimDataClock(clock) } => {
@@ -66,7 +67,7 @@ impl Module for Player {
             Event::Port { input: Input::Can(frame), .. } => {
                 self.note(now, &format!("frame {:?}", frame.data()));
                 if !self.ping {
-                    out.send_can(CAN, base::can::Frame::standard(0x101, frame.data()));
+                    out.send_can(CAN, Frame::standard(0x101, frame.data()));
                 }
             }
             Event::Port { input: Input::Words(words), .. } => {
@@ -139,8 +140,8 @@ fn everything_takes_its_time_on_its_wire_to_the_nanosecond() {
     let (mut machine, log) = pair(Config::default());
     machine.run_until(ms(109));
     // CAN, 1 byte at 1 Mbit/s: 52 bits and the stuffed ones; a serial word is 11 bits at 115200 Bd (95486.1 ns).
-    let there = u64::from(frame_bits(&base::can::Frame::standard(0x100, &[1]))) * 1000;
-    let back = there + 3000 + u64::from(frame_bits(&base::can::Frame::standard(0x101, &[1]))) * 1000;
+    let there = u64::from(frame_bits(&Frame::standard(0x100, &[1]))) * 1000;
+    let back = there + 3000 + u64::from(frame_bits(&Frame::standard(0x101, &[1]))) * 1000;
     let base = 100_000_000;
     let expected = [
         (20_000_000, "ping start".to_string()),
