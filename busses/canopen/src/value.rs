@@ -56,19 +56,28 @@ macro_rules! value_from {
 }
 value_from!(U8 u8, U16 u16, U32 u32, I8 i8, I16 i16, I32 i32);
 
-/// The data of an SDO transfer. Up to four bytes lie inside; only longer data is allocated.
+macro_rules! payload_from {
+    ($($type:ty),*) => {
+        $(impl From<$type> for Payload {
+            fn from(value: $type) -> Self { Self::from(&value.to_le_bytes()[..]) }
+        })*
+    };
+}
+payload_from!(u8, u16, u32, u64, i8, i16, i32, i64, f32, f64);
+
+/// The data of an SDO transfer. Up to eight bytes lie inside; only longer data is allocated.
 #[derive(Clone)]
 pub struct Payload(Repr);
 
 #[derive(Clone)]
 enum Repr {
-    Short { len: u8, bytes: [u8; 4] },
+    Short { len: u8, bytes: [u8; 8] },
     Long(Vec<u8>),
 }
 
 impl Payload {
     /// No data.
-    pub const EMPTY: Self = Self(Repr::Short { len: 0, bytes: [0; 4] });
+    pub const EMPTY: Self = Self(Repr::Short { len: 0, bytes: [0; 8] });
 
     /// The bytes.
     #[must_use]
@@ -94,7 +103,7 @@ impl Payload {
             Repr::Short { len, bytes } => {
                 let old = usize::from(*len);
                 let new = old + data.len();
-                if new <= 4 {
+                if new <= 8 {
                     bytes[old..new].copy_from_slice(data);
                     *len = new as u8;
                 } else {
@@ -149,20 +158,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_payload_keeps_its_bytes_across_the_border_of_four() {
+    fn a_payload_keeps_its_bytes_across_the_border_of_eight() {
         let mut payload = Payload::EMPTY;
         assert_eq!(payload.bits(), None);
-        for (count, byte) in (0..9u8).enumerate() {
+        for (count, byte) in (0..12u8).enumerate() {
             payload.extend(&[byte]);
             assert_eq!(payload.len(), count + 1);
         }
-        assert_eq!(&*payload, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(&*payload, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
         assert_eq!(payload.bits(), None);
     }
 
     #[test]
     fn a_value_is_as_wide_as_its_type() {
         assert_eq!(&*Payload::from(Value::I16(-2)), &[0xFE, 0xFF]);
+        assert_eq!(&*Payload::from(-2_i64), &[0xFE, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]);
+        assert_eq!(&*Payload::from(1.0_f32), &[0, 0, 0x80, 0x3F]);
         assert_eq!(Value::I8(-1).bits(), 0xFF);
         assert_eq!(Payload::from(Value::I32(-1500)).bits(), Some(0xFFFF_FA24));
     }

@@ -104,7 +104,7 @@ impl Progress {
 }
 
 /// An SDO transfer to make.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Access {
     /// Read 0x6061.
     ReadMode,
@@ -113,7 +113,7 @@ pub enum Access {
 }
 
 impl Access {
-    fn object(self) -> (u16, u8) {
+    fn object(&self) -> (u16, u8) {
         match self {
             Self::ReadMode => (0x6061, 0),
             Self::Write(write) => (write.index, write.sub),
@@ -236,7 +236,7 @@ impl Homing {
             return None;
         }
         self.pending = self.wanted.take();
-        self.pending
+        self.pending.clone()
     }
 
     /// The transfer that [`Self::poll_sdo`] gave has ended: what was read, nothing for a write.

@@ -197,8 +197,8 @@ fn serve(homing: &mut Homing, objects: &mut Dictionary, now: Instant) -> Vec<(u1
         let result = match access {
             Access::ReadMode => objects.read(0x6061, 0).map_err(sdo::Error::Refused),
             Access::Write(write) => {
-                let data = Payload::from(write.value);
-                written.push((write.index, write.value.bits()));
+                let data = write.value;
+                written.push((write.index, data.bits().unwrap()));
                 let result = objects.write(write.index, write.sub, &data);
                 objects.set(0x6061, 0, objects.get(0x6060, 0).unwrap());
                 result.map(|()| Payload::EMPTY).map_err(sdo::Error::Refused)

@@ -1,6 +1,6 @@
 //! What a master is told about itself and its nodes.
 
-use crate::{Payload, Value, sdo};
+use crate::{Payload, sdo};
 use alloc::string::String;
 use alloc::vec::Vec;
 use base::Duration;
@@ -41,25 +41,21 @@ impl Default for MasterConfig {
 }
 
 /// An object to write at boot-up; it is read back.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigWrite {
     /// The object's index.
     pub index: u16,
     /// The object's sub-index.
     pub sub: u8,
-    /// What it shall hold.
-    pub value: Value,
+    /// What it shall hold, of any type.
+    pub value: Payload,
 }
 
 impl ConfigWrite {
-    /// Write `value` to an object.
+    /// Write `value` to an object: a number of the object's width, or its bytes.
     #[must_use]
-    pub fn new(index: u16, sub: u8, value: impl Into<Value>) -> Self {
+    pub fn new(index: u16, sub: u8, value: impl Into<Payload>) -> Self {
         Self { index, sub, value: value.into() }
-    }
-
-    pub(super) fn payload(self) -> Payload {
-        Payload::from(self.value)
     }
 }
 

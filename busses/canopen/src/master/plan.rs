@@ -4,7 +4,7 @@ use super::{ConfigWrite, Expect, MasterConfig, NodeConfig, Step};
 use alloc::vec::Vec;
 
 /// One piece of work; a write is followed by its read-back.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Work {
     Read(Expect),
     Write(ConfigWrite),
@@ -20,7 +20,7 @@ pub(super) fn plan(master: &MasterConfig, node: &NodeConfig) -> Vec<(Step, Work)
     let mut plan = Vec::new();
     plan.push((Step::DeviceType, Work::Read(device_type)));
     plan.extend(node.identity.iter().map(|expect| (Step::Identity, Work::Read(*expect))));
-    plan.extend(node.writes.iter().map(|write| (Step::Configuration, Work::Write(*write))));
+    plan.extend(node.writes.iter().map(|write| (Step::Configuration, Work::Write(write.clone()))));
     for pdo in &node.mappings {
         // The PDO exists (bit 31), has 11 bits (bit 29) and this identifier.
         let cob_id = Expect::masked(pdo.record, 1, 0xBFFF_FFFF, u32::from(pdo.cob_id));

@@ -87,10 +87,10 @@ impl Peer {
 
     pub(super) fn transfer(&mut self, now: Instant, at: usize, verify: bool) {
         self.stats.requests = self.stats.requests.saturating_add(1);
-        match (self.plan[at].1, verify) {
-            (Work::Write(write), false) => self.sdo.write(now, write.index, write.sub, write.payload()),
+        match (&self.plan[at].1, verify) {
+            (Work::Write(write), false) => self.sdo.write(now, write.index, write.sub, write.value.clone()),
             (Work::Write(ConfigWrite { index, sub, .. }) | Work::Read(Expect { index, sub, .. }), _) => {
-                self.sdo.read(now, index, sub)
+                self.sdo.read(now, *index, *sub)
             }
         };
     }
@@ -155,9 +155,9 @@ impl Peer {
             }
             Err(error) => return self.fail(now, shared, BootError::Sdo { index, sub, error }),
         };
-        let mismatch = match self.plan[at].1 {
+        let mismatch = match &self.plan[at].1 {
             Work::Write(_) if !verify => return self.work(now, shared, at, true),
-            Work::Write(write) => (data != write.payload()).then_some((u32::MAX, write.value.bits())),
+            Work::Write(write) => (data != write.value).then_some((u32::MAX, write.value.bits().unwrap_or(0))),
             Work::Read(expect) => {
                 let holds = data.bits().is_some_and(|found| expect.holds(found));
                 (!holds).then_some((expect.mask, expect.min))
