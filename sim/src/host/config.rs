@@ -23,6 +23,9 @@ pub struct Config {
     pub full_duplex: Vec<String>,
     /// Whether who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
     pub can_echo: bool,
+    /// The frame of this number, counted from 1 on each CAN bus as [`Traffic::sent`](super::Traffic::sent) counts, is
+    /// received by nobody, though its sender saw it acknowledged: what a receiver's overrun does, once.
+    pub can_loss: Option<u64>,
 }
 
 impl Default for Config {
@@ -38,6 +41,7 @@ impl Default for Config {
             exit_delay: Duration::from_micros(100),
             full_duplex: Vec::new(),
             can_echo: false,
+            can_loss: None,
         }
     }
 }

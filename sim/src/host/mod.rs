@@ -343,6 +343,10 @@ impl Virtual {
     fn frame_over(&mut self, place: usize, owner: Owner, frame: base::can::Frame) {
         let bus = self.wires[place].bus.clone();
         self.digest.can(self.now, &bus, &frame);
+        if self.config.can_loss == Some(self.wires[place].traffic().sent) {
+            self.news(&News::CanLost { bus: &bus, frame });
+            return;
+        }
         self.news(&News::Can { bus: &bus, frame });
         let echo = self.config.can_echo;
         self.each_port(place, |host, port| {

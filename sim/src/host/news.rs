@@ -22,6 +22,13 @@ pub enum News<'a> {
         /// The frame.
         frame: base::can::Frame,
     },
+    /// A CAN frame has left the wire, and nobody received it ([`Config::can_loss`](super::Config::can_loss)).
+    CanLost {
+        /// The bus.
+        bus: &'a str,
+        /// The frame.
+        frame: base::can::Frame,
+    },
     /// Words have arrived on a serial bus.
     Words {
         /// The bus.

@@ -196,6 +196,25 @@ fn what_was_lost_was_lost_for_one_receiver() {
 }
 
 #[test]
+fn the_frame_of_one_number_is_lost_and_no_other() {
+    let (mut machine, log) = pair(Config { can_loss: Some(3), ..Config::default() });
+    let lost = Log::default();
+    let inner = lost.clone();
+    machine.observe(move |_, news| {
+        if let News::CanLost { bus, frame } = news {
+            inner.borrow_mut().push(format!("{bus} {:?}", frame.data()));
+        }
+    });
+    machine.run_until(ms(135));
+    // The third is ping's second: 1, its answer, 2.
+    assert_eq!(*lost.borrow(), ["can.main [2]"]);
+    let heard: Vec<_> =
+        log.borrow().iter().filter(|line| line.contains("frame")).map(|line| line[10..].into()).collect();
+    let expected = [1, 3, 4].map(|n| [format!("pong frame [{n}]"), format!("ping frame [{n}]")]).concat();
+    assert_eq!((heard, machine.traffic("can.main").unwrap().sent), (expected, 7));
+}
+
+#[test]
 fn a_hung_process_does_nothing_and_finds_its_input_afterwards() {
     let (mut machine, log) = pair(Config::default());
     machine.run_until(ms(105));
