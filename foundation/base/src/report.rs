@@ -103,6 +103,18 @@ faults! {
     CanMalformed = 0x020B, Device;
     /// Another CANopen master with our node id is on the bus: the robot stops.
     SecondMaster = 0x020C, Device;
+    /// The CAN controller is error-passive: much of what it sends or hears is broken.
+    CanPassive = 0x020D, Device;
+    /// Nobody acknowledges what is sent on a CAN bus: the robot stops.
+    CanUnacknowledged = 0x020E, Device;
+    /// Frames with errors on a CAN bus.
+    CanErrors = 0x020F, Device;
+    /// Frames of a CAN bus were lost: they found no room here.
+    CanLost = 0x0210, Resource;
+    /// A node, or somebody whom nobody can name, floods a CAN bus.
+    CanBabble = 0x0211, Device;
+    /// Two nodes of a CAN bus have the same id: the robot stops.
+    NodeClash = 0x0212, Device;
 
     /// A module's process ended unasked and is started again.
     ModuleDied = 0x0301, Unknown;

@@ -11,9 +11,11 @@
 pub mod arbiter;
 pub mod surroundings;
 
+mod bus;
 mod config;
 mod drive;
 mod propulsion;
+mod requests;
 mod steering;
 #[cfg(test)]
 mod tests;
@@ -22,11 +24,13 @@ pub use config::{Config, Limits, PropulsionConfig, SteeringConfig};
 
 use arbiter::{Arbiter, Command, Verdict};
 use base::{Duration, Fault, Instant, Severity, Ticker};
+use bus::Bus;
 use canopen::master::ConfigError;
 use canopen::{Event as Heard, Master, MasterConfig, sdo};
 use messages::{Channel, Message, common, lowlevel};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 use propulsion::Propulsion;
+use requests::{Requests, Whose};
 use steering::Steering;
 use surroundings::{Objection, Surroundings};
 
@@ -55,8 +59,9 @@ pub struct Canbus {
     steering: Steering,
     arbiter: Arbiter,
     around: Surroundings,
+    bus: Bus,
+    requests: Requests,
     state: State,
-    port_up: bool,
     /// What stands against motion, as it was decided last.
     blocked: Option<Blocked>,
     /// A command out of limits stops the robot until it has been absent for its time to live.
@@ -101,9 +106,10 @@ impl Canbus {
             ports,
             propulsion,
             steering,
+            bus: Bus::new(&config.bus, config.bitrate),
+            requests: Requests::default(),
             config,
             state: State::Init,
-            port_up: false,
             blocked: None,
             refused_until: None,
             ignored: None,
@@ -123,6 +129,10 @@ impl Canbus {
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(homing, out),
+            Message::LlCmdSdo(request) => {
+                let whose = self.whose(request.node);
+                self.requests.on_command(now, request, whose, &mut self.master, out);
+            }
             Message::CmDataProcesses(list) => self.around.on_processes(at, list),
             Message::LlEventStop(stop) => self.around.on_stop(at, stop),
             Message::MlDataEstimate(estimate) => self.around.on_estimate(at, estimate),
@@ -208,18 +218,20 @@ impl Canbus {
         }
     }
 
+    /// A node that is not booted does not move: it may be mended.
+    fn whose(&self, node: i32) -> Whose {
+        let ours = [&self.propulsion.drive, &self.steering.drive];
+        match ours.into_iter().find(|drive| i32::from(drive.node) == node) {
+            Some(drive) => Whose::Ours { standing: !drive.is_booted() || self.is_standing() },
+            None => Whose::Others,
+        }
+    }
+
     fn on_port(&mut self, now: Instant, down: Option<&str>, out: &mut Actions) {
-        let bus = self.config.bus.as_str();
-        self.port_up = down.is_none();
+        self.bus.on_port(down, out);
         match down {
-            Some(why) => {
-                self.master.handle_bus_down(now);
-                out.raise(Severity::Error, Fault::PortDown, bus, format!("{bus} is down: {why}; tried again"));
-            }
-            None => {
-                out.clear(Fault::PortDown, bus, format!("{bus} is up"));
-                self.master.handle_timeout(now);
-            }
+            Some(_) => self.master.handle_bus_down(now),
+            None => self.master.handle_timeout(now),
         }
     }
 
@@ -285,6 +297,9 @@ impl Canbus {
                     drive.on_answer(error == sdo::Error::Cancelled, out);
                 }
             }
+            Heard::SdoRead { ticket, ref data, .. } if self.requests.on_end(now, ticket, Ok(data), out) => {}
+            Heard::SdoWritten { ticket, .. } if self.requests.on_end(now, ticket, Ok(&[]), out) => {}
+            Heard::SdoFailed { ticket, error, .. } if self.requests.on_end(now, ticket, Err(error), out) => {}
             Heard::SdoRead { .. } | Heard::SdoWritten { .. } | Heard::SdoFailed { .. } => {
                 self.steering.on_sdo(now, &event);
             }
@@ -339,8 +354,8 @@ impl Canbus {
     /// What stands against any motion, in the order in which an engineer would ask.
     fn objection(&self, now: Instant) -> Option<Blocked> {
         let plain = |reason: String| Some(Blocked { reason, objection: None, only_not_homed: false });
-        if !self.port_up {
-            return plain(format!("{} is down", self.config.bus));
+        if let Some(reason) = self.bus.objection() {
+            return plain(reason);
         }
         if self.second_master.is_some() {
             return plain("another master commands the drives".into());
@@ -509,6 +524,13 @@ impl Canbus {
         let axes = vec![self.propulsion.row(&self.master), self.steering.row(&self.master)];
         out.publish(lowlevel::DataAxes { timestamp: out.timestamp(now), axes });
     }
+
+    fn publish_bus(&mut self, now: Instant, out: &mut Actions) {
+        let mut message = self.bus.message(out.timestamp(now));
+        let drives = [&self.propulsion.drive, &self.steering.drive];
+        message.nodes = drives.map(|drive| bus::node(drive.name, drive.node, &mut self.master)).into();
+        out.publish(message);
+    }
 }
 
 impl Module for Canbus {
@@ -516,6 +538,7 @@ impl Module for Canbus {
         &[
             Channel::LlCmdMotion,
             Channel::LlCmdHoming,
+            Channel::LlCmdSdo,
             Channel::LlEventStop,
             Channel::CmDataProcesses,
             Channel::CmCmdState,
@@ -534,20 +557,29 @@ impl Module for Canbus {
             Event::Start => {
                 self.motion = Ticker::new(now, MOTION_PERIOD);
                 self.axes = Ticker::new(now, AXES_PERIOD);
+                self.bus.start(now);
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
-            Event::Port { input: Input::Can(frame), .. } => self.master.handle_rx(now, &frame),
+            Event::Port { input: Input::Can(frame), .. } => {
+                self.bus.crossed(&frame);
+                self.master.handle_rx(now, &frame);
+            }
+            Event::Port { input: Input::CanNotice(notice), .. } => self.bus.on_notice(now, notice, out),
             Event::Port { input: Input::Up, .. } => self.on_port(now, None, out),
             Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
             Event::State(state) => self.state = state,
-            Event::Timer if self.port_up => self.master.handle_timeout(now),
+            Event::Timer if self.bus.is_up() => self.master.handle_timeout(now),
             Event::Port { .. } | Event::Process(_) | Event::Timer => {}
         }
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
         while let Some(frame) = self.master.poll_tx() {
+            self.bus.crossed(&frame);
             out.send_can(CAN, frame);
+        }
+        if self.bus.handle_timeout(now, out) {
+            self.publish_bus(now, out);
         }
         if self.motion.due(now) {
             self.publish_motion(now, out);
@@ -561,7 +593,8 @@ impl Module for Canbus {
         let own = [
             Some(self.motion.next()),
             Some(self.axes.next()),
-            self.master.poll_timeout().filter(|_| self.port_up),
+            self.master.poll_timeout().filter(|_| self.bus.is_up()),
+            self.bus.poll_timeout(),
             self.propulsion.drive.poll_timeout(),
             self.steering.poll_timeout(),
             self.arbiter.poll_timeout(self.now),
@@ -575,6 +608,6 @@ impl Module for Canbus {
 
     /// The drives hold the robot's last speed until their ramp is done: the process stays, and its heartbeat with it.
     fn finished(&self) -> bool {
-        !self.port_up || !self.propulsion.drive.is_booted() || self.is_standing()
+        !self.bus.is_up() || !self.propulsion.drive.is_booted() || self.is_standing()
     }
 }

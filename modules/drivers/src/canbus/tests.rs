@@ -1,5 +1,6 @@
 //! The module against fake drives, in virtual time: each rule of who may move the robot, and what stops it.
 
+mod bus;
 mod fake;
 mod hostile;
 
@@ -56,6 +57,8 @@ struct Robot {
     missing: &'static str,
     frames: Vec<(Instant, can::Frame)>,
     motion: Option<lowlevel::DataMotion>,
+    bus: Option<lowlevel::DataBus>,
+    answers: Vec<lowlevel::DataSdo>,
     errors: Vec<(Fault, Severity)>,
 }
 
@@ -74,6 +77,8 @@ impl Robot {
             missing: "",
             frames: Vec::new(),
             motion: None,
+            bus: None,
+            answers: Vec::new(),
             errors: Vec::new(),
         };
         robot.bench.start();
@@ -122,6 +127,8 @@ impl Robot {
                         self.icla.handle_rx(now, &frame);
                     }
                     Action::Publish(Message::LlDataMotion(motion)) => self.motion = Some(motion),
+                    Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
+                    Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
                     Action::Report(report) => self.errors.push((report.fault, report.severity)),
                     _ => {}
                 }

@@ -1,0 +1,114 @@
+//! `LL_CMD_SDO`: objects of any node, read and written for engineers while the robot is up.
+//!
+//! What moves a drive, or guards it, belongs to this driver and is not written for anybody; the rest of a drive of
+//! ours is written only while the robot stands.
+
+use base::Instant;
+use canopen::master::{RequestError, Ticket};
+use canopen::{Abort, Master, sdo};
+use messages::lowlevel::{CmdSdo, DataSdo};
+use module::Actions;
+
+/// Requests under way at a time; further ones are refused.
+const MAX: usize = 32;
+
+/// A request under way.
+struct Pending {
+    ticket: Ticket,
+    request: CmdSdo,
+}
+
+/// All of them.
+#[derive(Default)]
+pub(super) struct Requests(Vec<Pending>);
+
+/// What the driver knows of the node that is asked.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Whose {
+    /// A drive of ours; the robot is known to stand, or not.
+    Ours { standing: bool },
+    /// Some other node's.
+    Others,
+}
+
+impl Requests {
+    /// Begins, or answers at once with why not.
+    pub(super) fn on_command(
+        &mut self,
+        now: Instant,
+        request: &CmdSdo,
+        whose: Whose,
+        master: &mut Master,
+        out: &mut Actions,
+    ) {
+        if let Err(abort) = self.begin(now, request, whose, master) {
+            answer(now, request, Err(abort), out);
+        }
+    }
+
+    fn begin(&mut self, now: Instant, request: &CmdSdo, whose: Whose, master: &mut Master) -> Result<(), Abort> {
+        let node = u8::try_from(request.node).ok().filter(|node| (1..=127).contains(node)).ok_or(Abort::NO_RESOURCE)?;
+        let index = u16::try_from(request.index).map_err(|_| Abort::NO_OBJECT)?;
+        let sub = u8::try_from(request.subindex).map_err(|_| Abort::NO_SUB_INDEX)?;
+        if self.0.len() >= MAX {
+            return Err(Abort::OUT_OF_MEMORY);
+        }
+        let data = request.data.as_slice();
+        let ticket = if request.write {
+            may_write(index, whose)?;
+            master.sdo_write(now, node, index, sub, data)
+        } else {
+            master.sdo_read(now, node, index, sub)
+        };
+        let ticket = ticket.map_err(|why| match why {
+            RequestError::UnknownNode => Abort::LOCAL_CONTROL,
+            RequestError::QueueFull => Abort::OUT_OF_MEMORY,
+            RequestError::TooLong => Abort::TOO_LONG,
+        })?;
+        // What was sent once is not kept twice.
+        self.0.push(Pending { ticket, request: CmdSdo { data: Vec::new(), ..request.clone() } });
+        Ok(())
+    }
+
+    /// A transfer ended; false when it was not one of these.
+    pub(super) fn on_end(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        result: Result<&[u8], sdo::Error>,
+        out: &mut Actions,
+    ) -> bool {
+        let Some(place) = self.0.iter().position(|pending| pending.ticket == ticket) else {
+            return false;
+        };
+        let Pending { request, .. } = self.0.swap_remove(place);
+        answer(now, &request, result.map_err(sdo::Error::code), out);
+        true
+    }
+}
+
+/// Whether an object may be written for somebody else.
+fn may_write(index: u16, whose: Whose) -> Result<(), Abort> {
+    match (whose, index) {
+        (Whose::Others, _) => Ok(()),
+        // Identifiers, error control, PDOs; controlword, mode, halt and quick stop reactions, set-points, homing.
+        (Whose::Ours { .. }, 0x1005..=0x1007 | 0x100C | 0x100D | 0x1010..=0x1019 | 0x1029 | 0x1400..=0x1BFF)
+        | (Whose::Ours { .. }, 0x6007 | 0x6040 | 0x605A..=0x6060 | 0x6071 | 0x607A | 0x607C | 0x6098 | 0x60FF) => {
+            Err(Abort::LOCAL_CONTROL)
+        }
+        (Whose::Ours { standing: false }, _) => Err(Abort::DEVICE_STATE),
+        (Whose::Ours { standing: true }, _) => Ok(()),
+    }
+}
+
+fn answer(now: Instant, request: &CmdSdo, result: Result<&[u8], Abort>, out: &mut Actions) {
+    out.publish(DataSdo {
+        timestamp: out.timestamp(now),
+        request: request.request,
+        node: request.node,
+        index: request.index,
+        subindex: request.subindex,
+        abort_code: result.err().map_or(0, |abort| i64::from(abort.0)),
+        data: result.unwrap_or_default().to_vec(),
+    });
+}

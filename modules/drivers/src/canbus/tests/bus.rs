@@ -1,0 +1,160 @@
+//! The bus itself, and the objects that are read and written for engineers.
+
+use super::*;
+use base::can::{BusState, Health, Notice};
+use messages::lowlevel::{CmdSdo, DataBus, DataSdo, Node};
+
+impl Robot {
+    fn notice(&mut self, notice: Notice) {
+        self.bench.event(Event::Port { port: PortId(0), input: Input::CanNotice(notice) });
+        self.exchange();
+    }
+
+    fn bus(&self) -> &DataBus {
+        self.bus.as_ref().expect("1 Hz")
+    }
+
+    fn told(&self, fault: Fault) -> Vec<Severity> {
+        self.errors.iter().filter(|(told, _)| *told == fault).map(|(_, severity)| *severity).collect()
+    }
+
+    fn sdo(&mut self, node: i32, index: i32, subindex: i32, write: Option<&[u8]>) -> DataSdo {
+        self.answers.clear();
+        let data = write.unwrap_or_default().to_vec();
+        self.bench.message(CmdSdo { timestamp: 0, request: 77, node, index, subindex, write: write.is_some(), data });
+        self.pass(2);
+        assert_eq!(self.answers.len(), 1, "one answer to one request");
+        self.answers.remove(0)
+    }
+}
+
+#[test]
+fn the_bus_tells_its_load_its_frames_and_its_nodes_each_second() {
+    let mut robot = Robot::ready();
+    robot.pass(1000);
+    let before = robot.bus().clone();
+    robot.drive(0.4, 1000);
+    let bus = robot.bus();
+    assert_eq!((bus.bus.as_str(), bus.state, bus.errors), ("can.main", DataBus::ACTIVE, 0));
+    // 20 Hz of RPDO4, three heartbeats, and what the drives tell: some 100 frames of 100 bits at 1 Mbit/s.
+    let frames = bus.frames - before.frames;
+    assert!((60..400).contains(&frames), "{frames}");
+    assert!(bus.load > 60e-6 * frames as f64 && bus.load < 135e-6 * frames as f64, "{} of {frames} frames", bus.load);
+    let row = |node: &Node| (node.name.clone(), node.address, node.state, node.timeouts);
+    let rows: Vec<_> = bus.nodes.iter().map(row).collect();
+    assert_eq!(rows, [("propulsion".into(), 1, Node::OK, 0), ("steering".into(), 2, Node::OK, 0)]);
+    assert!(bus.nodes.iter().all(|node| node.requests > 10));
+
+    robot.icla.alive = false;
+    robot.pass(3000);
+    assert_eq!(robot.bus().nodes[1].state, Node::LOST);
+    robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("unplugged") });
+    robot.pass(1000);
+    assert_eq!(robot.bus().state, DataBus::CLOSED);
+}
+
+#[test]
+fn a_passive_controller_is_told_and_told_to_be_well_again() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 300);
+    let health = |state, transmit_errors| Notice::Health(Health { state, transmit_errors, receive_errors: 0 });
+    robot.notice(health(BusState::Warning, 100));
+    robot.pass(1000);
+    assert_eq!((robot.bus().state, robot.told(Fault::CanPassive)), (DataBus::WARNING, vec![]));
+    robot.notice(health(BusState::Passive, 130));
+    robot.notice(health(BusState::Passive, 131));
+    robot.pass(1000);
+    assert_eq!((robot.bus().state, robot.told(Fault::CanPassive)), (DataBus::PASSIVE, vec![Severity::Warning]));
+    robot.notice(health(BusState::Active, 0));
+    robot.pass(1000);
+    let told = vec![Severity::Warning, Severity::Notice];
+    assert_eq!((robot.bus().state, robot.told(Fault::CanPassive)), (DataBus::ACTIVE, told));
+}
+
+#[test]
+fn what_nobody_acknowledges_stops_the_robot_and_nothing_resumes_by_itself() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 300);
+    assert!(robot.moves());
+    robot.notice(Notice::NoAcknowledge);
+    assert!(!robot.moves());
+    robot.drive(0.4, 400);
+    assert_eq!(robot.reason(), "nobody on can.main acknowledges what is sent");
+    robot.drive(0.4, 600);
+    assert!(!robot.moves());
+    assert_eq!(robot.told(Fault::CanUnacknowledged), [Severity::Error, Severity::Notice]);
+    robot.pass(300);
+    robot.drive(0.4, 300);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn errors_and_lost_frames_are_counted_and_told_once() {
+    let mut robot = Robot::ready();
+    robot.pass(1000);
+    for _ in 0..20 {
+        robot.notice(Notice::Errors(5));
+        robot.notice(Notice::Lost(1));
+        robot.pass(100);
+    }
+    assert_eq!(robot.bus().errors, 100);
+    robot.pass(2000);
+    for fault in [Fault::CanErrors, Fault::CanLost] {
+        assert_eq!(robot.told(fault), [Severity::Warning, Severity::Notice], "{fault:?}");
+    }
+    // One now and then is what a CRC is for.
+    robot.notice(Notice::Errors(3));
+    robot.pass(2000);
+    assert_eq!(robot.told(Fault::CanErrors).len(), 2);
+}
+
+#[test]
+fn an_engineer_reads_objects_of_the_drives_and_is_told_why_not() {
+    let mut robot = Robot::ready();
+    let answer = robot.sdo(1, 0x1018, 1, None);
+    assert_eq!((answer.request, answer.node, answer.index, answer.subindex), (77, 1, 0x1018, 1));
+    assert_eq!((answer.abort_code, answer.data), (0, vec![0xFB, 0, 0, 0]));
+    assert_eq!(robot.sdo(2, 0x5FFF, 0, None).abort_code, 0x0602_0000);
+    assert_eq!(robot.sdo(1, 0x6041, 9, None).abort_code, 0x0609_0011);
+    for (node, index, sub) in [(0, 0x1000, 0), (128, 0x1000, 0), (1, 0x1_0000, 0), (1, -1, 0), (1, 0x1000, 256)] {
+        assert!(robot.sdo(node, index, sub, None).abort_code != 0, "{node} {index:x}:{sub}");
+    }
+}
+
+#[test]
+fn an_engineer_writes_what_does_not_move_a_drive_and_only_while_the_robot_stands() {
+    let mut robot = Robot::ready();
+    assert_eq!(robot.sdo(1, 0x6084, 0, Some(&[0x10, 0x27, 0, 0])).abort_code, 0);
+    assert_eq!(robot.epos.node.get(0x6084, 0), Some(10_000));
+    for (node, index, data) in [
+        (1, 0x6040, &[0x0F, 0][..]),
+        (1, 0x60FF, &[0, 1, 0, 0]),
+        (2, 0x607A, &[0, 1, 0, 0]),
+        (2, 0x6060, &[3]),
+        (1, 0x1017, &[0, 0]),
+        (1, 0x1016, &[0, 0, 0, 0]),
+        (2, 0x1401, &[0, 0, 0, 0x80]),
+    ] {
+        assert_eq!(robot.sdo(node, index, 0, Some(data)).abort_code, 0x0800_0021, "0x{index:04X}");
+    }
+    robot.drive(0.4, 500);
+    assert_eq!(robot.sdo(1, 0x6084, 0, Some(&[1, 0, 0, 0])).abort_code, 0x0800_0022);
+    assert_eq!(robot.epos.node.get(0x6084, 0), Some(10_000));
+    assert!(robot.moves(), "asking does not stop the robot: {}", robot.reason());
+}
+
+#[test]
+fn more_requests_than_fit_are_refused_and_each_is_answered_once() {
+    let mut robot = Robot::ready();
+    robot.icla.alive = false;
+    robot.answers.clear();
+    for request in 0..100 {
+        let index = 0x1000;
+        robot.bench.message(CmdSdo { timestamp: 0, request, node: 2, index, ..CmdSdo::default() });
+    }
+    robot.pass(20_000);
+    let mut requests: Vec<_> = robot.answers.iter().map(|answer| answer.request).collect();
+    requests.sort_unstable();
+    assert_eq!(requests, (0..100).collect::<Vec<_>>());
+    assert!(robot.answers.iter().all(|answer| answer.abort_code != 0));
+}
