@@ -4,14 +4,17 @@ mod bus;
 mod doctor;
 mod drive;
 mod fault;
+mod holder;
 mod home;
 mod lcm;
+mod port;
 mod rs485;
 mod run;
 mod state;
 mod up;
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Robot, Rs485Bus};
+use crate::topology::Place;
 use clap::{Args, Parser, Subcommand};
 use std::env;
 use std::fmt::Display;
@@ -168,6 +171,32 @@ impl Common {
 
     fn load(&self, sim: bool) -> Result<Config, ConfigError> {
         Config::load(&self.config_dir(), sim, &self.sets)
+    }
+
+    fn place(&self, sim: bool) -> Place {
+        Place {
+            config: self.config_dir(),
+            run_dir: self.run_dir(),
+            lcm_url: self.lcm_url(),
+            sets: self.sets.clone(),
+            sim,
+            world: None,
+        }
+    }
+
+    /// The robot that runs here: the simulated one while one runs in the run folder, else the configured one.
+    fn robot(&self) -> Result<(Place, Robot), Failed> {
+        let is_offered = |bus: &Rs485Bus| bus.port.is_relative() && self.run_dir().join(&bus.port).exists();
+        let is_here = |running: holder::Running| {
+            let folders = [&running.place.run_dir, &self.run_dir()].map(std::fs::canonicalize);
+            running.place.sim && matches!(folders, [Ok(theirs), Ok(ours)] if theirs == ours)
+        };
+        if let Ok(simulated) = self.load(true)
+            && (simulated.robot.rs485.iter().any(is_offered) || holder::modules().any(is_here))
+        {
+            return Ok((self.place(true), simulated.robot));
+        }
+        Ok((self.place(false), self.load(false)?.robot))
     }
 }
 

@@ -27,15 +27,14 @@ fn first_state(text: &str) -> Result<State, String> {
     state.ok_or_else(|| "expected RUN, PAUSE or STOP".into())
 }
 
+impl Run {
+    /// The robot that the module is of.
+    pub fn place(&self, common: &Common) -> Place {
+        Place { world: self.world.clone(), ..common.place(self.sim) }
+    }
+}
+
 pub fn run(common: &Common, command: &Run) -> Outcome {
-    let place = Place {
-        config: common.config_dir(),
-        run_dir: common.run_dir(),
-        lcm_url: common.lcm_url(),
-        sets: common.sets.clone(),
-        sim: command.sim,
-        world: command.world.clone(),
-    };
-    let (shell, host) = topology::module(&place, &command.module, command.state)?;
+    let (shell, host) = topology::module(&command.place(common), &command.module, command.state)?;
     Ok(ExitCode::from(live::run(shell, host)?))
 }

@@ -426,7 +426,9 @@ impl CanBus {
 }
 
 impl CanInterface {
-    fn parse(text: &str) -> Option<Self> {
+    /// As `robot.toml` and the command line have it; none when it is no interface's name.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Self> {
         let Some(udp) = text.strip_prefix("udp:") else {
             // IFNAMSIZ counts the end of the string.
             let name = !text.is_empty()

@@ -1,25 +1,16 @@
 //! A port of our own with a master on it: one question at a time.
 
 use super::target::{Known, Target};
-use crate::cli::bus::interrupt;
-use crate::cli::{Failed, complain};
+use crate::cli::Failed;
+use crate::cli::port::OpenPort;
 use crate::live::clock;
-use crate::live::ports::{Port, PortConfig, PortState, Received};
+use crate::live::ports::{PortConfig, Received};
 use base::serial::Word;
 use base::{Duration, Instant};
 use module::{Input, Output};
-use nix::errno::Errno;
-use nix::poll::{PollFd, PollFlags, ppoll};
-use nix::sys::signalfd::SignalFd;
-use nix::sys::time::TimeSpec;
 use rs485::boards::psc1;
 use rs485::frame::Status;
 use rs485::master::{self, Event, Master, Request, Why};
-use std::io::{IsTerminal, Write, stderr};
-use std::os::fd::AsFd;
-
-/// A set-up command may have to be waited for.
-const OPEN_WITHIN: Duration = Duration::from_secs(6);
 
 /// What came of a question.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,10 +36,8 @@ pub enum Answer {
 
 /// An opened line.
 pub struct Line {
-    name: String,
-    port: Port,
+    open: OpenPort,
     master: Master,
-    interrupt: SignalFd,
     started: Instant,
     words: Vec<Word>,
 }
@@ -67,9 +56,7 @@ impl Line {
             };
             return Err(format!("{whose}: {help}").into());
         }
-        let interrupt = interrupt()?;
-        // Exact times, not times rounded for the sake of a battery.
-        let _ = nix::sys::prctl::set_timerslack(1);
+        let open = OpenPort::open(&target.name, PortConfig::Terminal(target.terminal.clone()))?;
         let mut master = Master::new(master::Config {
             baud: target.terminal.baud,
             crc: target.crc,
@@ -82,30 +69,7 @@ impl Line {
         for Known { address, timeout, .. } in &target.known {
             master.add_node(*address, *timeout);
         }
-        let port = Port::new(target.name.clone(), PortConfig::Terminal(target.terminal.clone()));
-        let mut line =
-            Self { name: target.name.clone(), port, master, interrupt, started: Instant::ZERO, words: Vec::new() };
-        line.wait_open()?;
-        Ok(line)
-    }
-
-    fn wait_open(&mut self) -> Result<(), Failed> {
-        let until = clock::now() + OPEN_WITHIN;
-        loop {
-            let now = clock::now();
-            match self.port.try_open(now) {
-                Some(Ok(())) => return Ok(()),
-                Some(Err(why)) => return Err(format!("{}: {why}", self.name).into()),
-                None if now >= until => return Err(format!("{}: its set-up command does not end", self.name).into()),
-                None => {}
-            }
-            let PortState::Down { retry, .. } = self.port.state else {
-                return Ok(());
-            };
-            if self.wait(retry)? {
-                return Err("interrupted".into());
-            }
-        }
+        Ok(Self { open, master, started: Instant::ZERO, words: Vec::new() })
     }
 
     /// Lets a board that is not configured take so long to answer.
@@ -116,7 +80,7 @@ impl Line {
     /// Asks, and waits for what comes of it.
     pub fn ask(&mut self, request: Request<'_>) -> Result<Answer, Failed> {
         // Idle: the last question ended with its event. Too long: refused where data is read.
-        self.master.request(request).map_err(|error| format!("{}: {error:?}", self.name))?;
+        self.master.request(request).map_err(|error| format!("{}: {error:?}", self.open.name))?;
         loop {
             let now = clock::now();
             self.receive(now)?;
@@ -124,7 +88,7 @@ impl Line {
             if let Some(transmit) = self.master.poll_tx(now) {
                 self.started = now;
                 let output = Output::Words(transmit.words.to_vec());
-                self.port.device.send(now, &output).map_err(|why| self.lost(&why))?;
+                self.open.port.device.send(now, &output).map_err(|why| self.open.lost(&why))?;
             }
             while let Some(event) = self.master.poll_event() {
                 if let Some(answer) = self.answer(now, event) {
@@ -153,17 +117,17 @@ impl Line {
     }
 
     fn receive(&mut self, now: Instant) -> Result<(), Failed> {
-        while self.port.device.sent_at().is_some_and(|at| at <= now) {
-            self.port.device.sent_told();
+        while self.open.port.device.sent_at().is_some_and(|at| at <= now) {
+            self.open.port.device.sent_told();
             self.master.handle_tx_done(now);
         }
         loop {
-            match self.port.device.receive(now) {
+            match self.open.port.device.receive(now) {
                 Ok(Received::Nothing) => return Ok(()),
                 Ok(Received::Input(Input::Words(words))) => self.master.handle_rx(now, words),
-                Ok(Received::Note(note)) => tell(&self.name, &note),
+                Ok(Received::Note(note)) => self.open.tell(&note),
                 Ok(_) => {}
-                Err(why) => return Err(self.lost(&why)),
+                Err(why) => return Err(self.open.lost(&why)),
             }
         }
     }
@@ -173,12 +137,12 @@ impl Line {
         loop {
             let now = clock::now();
             self.words.clear();
-            match self.port.device.receive(now) {
+            match self.open.port.device.receive(now) {
                 Ok(Received::Nothing) => {}
                 Ok(Received::Input(Input::Words(words))) => self.words.extend_from_slice(words),
-                Ok(Received::Note(note)) => tell(&self.name, &note),
+                Ok(Received::Note(note)) => self.open.tell(&note),
                 Ok(_) => {}
-                Err(why) => return Err(self.lost(&why)),
+                Err(why) => return Err(self.open.lost(&why)),
             }
             if !self.words.is_empty() {
                 return Ok(Some(&self.words));
@@ -189,36 +153,10 @@ impl Line {
         }
     }
 
-    fn lost(&self, why: &str) -> Failed {
-        format!("{} is lost: {why}", self.name).into()
-    }
-
     /// Waits for the port, for the end of a sending, or until `until`; true at Ctrl-C.
     pub fn wait(&mut self, until: Instant) -> Result<bool, Failed> {
-        let now = clock::now();
-        let device = &self.port.device;
-        let until = device.sent_at().map_or(until, |sent| sent.min(until));
-        let mut flags = PollFlags::POLLIN;
-        flags.set(PollFlags::POLLOUT, device.wants_to_write());
-        let mut fds = vec![PollFd::new(self.interrupt.as_fd(), PollFlags::POLLIN)];
-        fds.extend(device.fd().map(|fd| PollFd::new(fd, flags)));
-        match ppoll(&mut fds, Some(TimeSpec::from_duration(until.since(now))), None) {
-            Ok(_) | Err(Errno::EINTR) => {}
-            Err(errno) => return Err(format!("poll: {}", errno.desc()).into()),
-        }
-        if flags.contains(PollFlags::POLLOUT) {
-            self.port.device.on_writable(clock::now()).map_err(|why| self.lost(&why))?;
-        }
-        Ok(matches!(self.interrupt.read_signal(), Ok(Some(_))))
+        self.open.wait(until)
     }
-}
-
-/// A line for people, in place of a line that shows progress.
-fn tell(name: &str, note: &str) {
-    if stderr().is_terminal() {
-        let _ = write!(stderr(), "\r\x1b[K");
-    }
-    complain(&format!("{name}: {note}"));
 }
 
 /// What is wrong with an answer, for people.

@@ -5,7 +5,6 @@
 
 mod ask;
 mod decode;
-mod holder;
 mod line;
 mod monitor;
 mod pairing;

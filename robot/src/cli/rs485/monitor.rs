@@ -2,11 +2,11 @@
 //! module tells it (`LL_DATA_RAW_<BUS>`), else the port is listened to.
 
 use super::decode::{self, Says};
-use super::holder::Holder;
 use super::line::{Line, status_name};
 use super::pairing::{Pairing, Way};
 use super::target::{TIMEOUT, Target, Where};
 use crate::cli::bus::{interrupt, wait};
+use crate::cli::holder::Holder;
 use crate::cli::{Common, Failed, Outcome, print, seconds};
 use crate::config::Transport;
 use crate::live::bus::{Bus, Received};

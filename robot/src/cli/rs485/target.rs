@@ -1,8 +1,8 @@
 //! Which line is meant, and who is known to be on it.
 
-use super::holder::{Holder, holder};
+use crate::cli::holder::{Holder, holder};
 use crate::cli::{Common, Failed};
-use crate::config::{Robot, Rs485Bus, Rs485Driver, Transport};
+use crate::config::{Rs485Bus, Rs485Driver, Transport};
 use crate::live::ports::TerminalConfig;
 use crate::topology::{self, Place};
 use base::Duration;
@@ -73,7 +73,7 @@ impl Where {
         if let Some(port) = &self.port {
             return Ok(self.find_port(common, port));
         }
-        let (place, robot) = configured(common)?;
+        let (place, robot) = common.robot()?;
         let names = robot.rs485.iter().map(|bus| bus.name.as_str()).collect::<Vec<_>>().join(", ");
         let wanted = self.bus.as_ref().map(|name| name.strip_prefix("rs485.").unwrap_or(name));
         let bus = match (wanted, &robot.rs485[..]) {
@@ -89,7 +89,7 @@ impl Where {
     /// A port may be one of the robot's: then its boards are known, too.
     fn find_port(&self, common: &Common, port: &PathBuf) -> Target {
         let device = fs::canonicalize(port).ok();
-        let configured = configured(common).ok().and_then(|(place, robot)| {
+        let configured = common.robot().ok().and_then(|(place, robot)| {
             let mut busses = robot.rs485.iter().map(|bus| Target::of(&place, bus));
             busses.find(|bus| device.is_some() && fs::canonicalize(&bus.terminal.path).ok() == device)
         });
@@ -110,25 +110,6 @@ impl Where {
         };
         target
     }
-}
-
-/// The robot that runs here: the simulated one where its run folder has its lines, else the configured one.
-fn configured(common: &Common) -> Result<(Place, Robot), Failed> {
-    let place = |sim| Place {
-        config: common.config_dir(),
-        run_dir: common.run_dir(),
-        lcm_url: common.lcm_url(),
-        sets: common.sets.clone(),
-        sim,
-        world: None,
-    };
-    let is_offered = |bus: &Rs485Bus| bus.port.is_relative() && common.run_dir().join(&bus.port).exists();
-    if let Ok(simulated) = common.load(true)
-        && simulated.robot.rs485.iter().any(is_offered)
-    {
-        return Ok((place(true), simulated.robot));
-    }
-    Ok((place(false), common.load(false)?.robot))
 }
 
 impl Target {
