@@ -23,6 +23,11 @@ fn unique_port() -> u16 {
     20_000 + (pid.wrapping_mul(31) % 1200) * 16 + NEXT.fetch_add(1, Ordering::Relaxed) % 16
 }
 
+/// A CAN bus over UDP that no other test uses now.
+pub fn can_port() -> u16 {
+    robot::topology::can_port_beside(unique_port())
+}
+
 /// The Python of the test peers; none (and a line that says so) where `make test` has not made it.
 pub fn python() -> Option<PathBuf> {
     let python = std::env::var_os("ADVEE_PYTHON").map_or(workspace().join(".venv/bin/python"), PathBuf::from);
