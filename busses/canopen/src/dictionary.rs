@@ -1,148 +1,25 @@
 //! The object dictionary of a node: what exists, who may do what to it, and the values.
 
+mod data_type;
+mod entry;
+
 use crate::{Abort, Payload};
 use alloc::vec::Vec;
 use core::ops::RangeInclusive;
 
+pub use data_type::{DataType, ParseError};
+pub use entry::{Access, Entry};
+
 /// The longest text or domain a dictionary takes, in bytes.
 pub const MAX_BYTES: usize = 4096;
 
-/// What an object holds (CiA 301, Table 44; 64-bit numbers and floats are not spoken).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // the names are the description
-pub enum DataType {
-    Bool,
-    I8,
-    I16,
-    I32,
-    U8,
-    U16,
-    U32,
-    /// Visible string.
-    Text,
-    /// Anything, up to [`MAX_BYTES`].
-    Domain,
-}
-
-impl DataType {
-    /// Bytes on the wire; `None` when that varies.
-    #[must_use]
-    pub const fn width(self) -> Option<usize> {
-        Some(match self {
-            Self::Bool | Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 => 4,
-            Self::Text | Self::Domain => return None,
-        })
-    }
-
-    const fn range(self) -> (i64, i64) {
-        match self {
-            Self::Bool => (0, 1),
-            Self::I8 => (i8::MIN as i64, i8::MAX as i64),
-            Self::I16 => (i16::MIN as i64, i16::MAX as i64),
-            Self::I32 => (i32::MIN as i64, i32::MAX as i64),
-            Self::U8 => (0, u8::MAX as i64),
-            Self::U16 => (0, u16::MAX as i64),
-            Self::U32 => (0, u32::MAX as i64),
-            Self::Text | Self::Domain => (0, 0),
-        }
-    }
-
-    /// `value` as it reads back from an object of this type: cut to its width, then sign-extended.
-    const fn wrap(self, value: i64) -> i64 {
-        match self {
-            Self::Bool => (value != 0) as i64,
-            Self::I8 => value as i8 as i64,
-            Self::I16 => value as i16 as i64,
-            Self::I32 => value as i32 as i64,
-            Self::U8 => value as u8 as i64,
-            Self::U16 => value as u16 as i64,
-            Self::U32 => value as u32 as i64,
-            Self::Text | Self::Domain => 0,
-        }
-    }
-}
-
-/// Who may do what to an object by SDO and PDO. The application may do everything.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // the names are the description
-pub enum Access {
-    Const,
-    ReadOnly,
-    WriteOnly,
-    ReadWrite,
-}
-
-impl Access {
-    const fn reads(self) -> bool {
-        !matches!(self, Self::WriteOnly)
-    }
-
-    const fn writes(self) -> bool {
-        matches!(self, Self::WriteOnly | Self::ReadWrite)
-    }
-}
-
-/// One object of a static table, built by chained calls.
-#[derive(Clone, Copy, Debug)]
-pub struct Entry {
-    index: u16,
-    sub: u8,
-    data_type: DataType,
-    access: Access,
-    mappable: bool,
-    plus_node_id: bool,
-    value: i64,
-    text: &'static str,
-    low: i64,
-    high: i64,
-}
-
-impl Entry {
-    /// An object with `value` as its default.
-    #[must_use]
-    pub const fn new(index: u16, sub: u8, data_type: DataType, access: Access, value: i64) -> Self {
-        let (low, high) = data_type.range();
-        let value = data_type.wrap(value);
-        Self { index, sub, data_type, access, mappable: false, plus_node_id: false, value, text: "", low, high }
-    }
-
-    /// May be mapped into a PDO, in the directions its access allows.
-    #[must_use]
-    pub const fn mappable(self) -> Self {
-        Self { mappable: true, ..self }
-    }
-
-    /// Writes outside `low..=high` are refused.
-    #[must_use]
-    pub const fn limits(self, low: i64, high: i64) -> Self {
-        Self { low, high, ..self }
-    }
-
-    /// The default is `$NODEID` plus the given value.
-    #[must_use]
-    pub const fn plus_node_id(self) -> Self {
-        Self { plus_node_id: true, ..self }
-    }
-
-    /// The default of a text.
-    #[must_use]
-    pub const fn text(self, text: &'static str) -> Self {
-        Self { text, ..self }
-    }
-
-    /// Index and sub-index.
-    #[must_use]
-    pub const fn key(&self) -> (u16, u8) {
-        (self.index, self.sub)
-    }
-}
-
 struct Slot {
     entry: Entry,
+    /// A number, or the bit pattern of a REAL or a time.
     value: i64,
+    /// What is no number.
     bytes: Payload,
+    default: (i64, Payload),
     /// What a reset brings back: the default, or what was stored.
     power_on: (i64, Payload),
 }
@@ -170,13 +47,21 @@ impl Dictionary {
     #[must_use]
     pub fn with(mut self, entries: &[Entry]) -> Self {
         for entry in entries {
-            let slot = self.fresh(*entry);
-            match self.slots.binary_search_by_key(&entry.key(), |slot| slot.entry.key()) {
-                Ok(at) => self.slots[at] = slot,
-                Err(at) => self.slots.insert(at, slot),
-            }
+            self.add(*entry, Payload::from(entry.text.as_bytes()));
         }
         self
+    }
+
+    /// Adds or replaces an object; `bytes`: the default of what is no number.
+    pub(crate) fn add(&mut self, entry: Entry, bytes: Payload) {
+        let id = if entry.plus_node_id { i64::from(self.node) } else { 0 };
+        let default = (entry.data_type.wrap(entry.value.wrapping_add(id)), bytes);
+        let (value, bytes) = default.clone();
+        let slot = Slot { entry, value, bytes, power_on: default.clone(), default };
+        match self.slots.binary_search_by_key(&entry.key(), |slot| slot.entry.key()) {
+            Ok(at) => self.slots[at] = slot,
+            Err(at) => self.slots.insert(at, slot),
+        }
     }
 
     /// With the records of RPDO `number` (1..=512): COB-ID with the node's id added, type 255, mapping in the form
@@ -216,13 +101,6 @@ impl Dictionary {
         all
     }
 
-    fn fresh(&self, entry: Entry) -> Slot {
-        let id = if entry.plus_node_id { i64::from(self.node) } else { 0 };
-        let value = entry.data_type.wrap(entry.value + id);
-        let bytes = Payload::from(entry.text.as_bytes());
-        Slot { entry, value, bytes: bytes.clone(), power_on: (value, bytes) }
-    }
-
     pub(crate) fn find(&self, index: u16, sub: u8) -> Result<usize, Abort> {
         self.slots.binary_search_by_key(&(index, sub), |slot| slot.entry.key()).map_err(|at| {
             let same = |slot: &Slot| slot.entry.index == index;
@@ -231,7 +109,8 @@ impl Dictionary {
         })
     }
 
-    /// The value of a number, whoever may read it; `None` when there is no such number.
+    /// The value of a number, whoever may read it; `None` when there is no such number. A REAL or a time gives its
+    /// bit pattern, and so does an UNSIGNED64 beyond `i64::MAX`.
     #[must_use]
     pub fn get(&self, index: u16, sub: u8) -> Option<i64> {
         let slot = &self.slots[self.find(index, sub).ok()?];
@@ -299,10 +178,12 @@ impl Dictionary {
         }
         let entry = &self.slots[self.find(index, sub)?].entry;
         let value = entry.data_type.wrap(number(data));
+        let at_most = |a, b| entry.data_type.at_most(a, b);
         match () {
             () if entry.data_type == DataType::Bool && data != [value as u8] => Err(Abort::TOO_HIGH),
-            () if value > entry.high => Err(Abort::TOO_HIGH),
-            () if value < entry.low => Err(Abort::TOO_LOW),
+            () if !at_most(value, value) => Err(Abort::RANGE), // not a number
+            () if !at_most(value, entry.high) => Err(Abort::TOO_HIGH),
+            () if !at_most(entry.low, value) => Err(Abort::TOO_LOW),
             () => Ok(value),
         }
     }
@@ -339,8 +220,8 @@ impl Dictionary {
 
     /// The defaults become the power-on values (0x1011); present values stay until the next reset.
     pub fn restore(&mut self) {
-        for at in 0..self.slots.len() {
-            self.slots[at].power_on = self.fresh(self.slots[at].entry).power_on;
+        for slot in &mut self.slots {
+            slot.power_on = slot.default.clone();
         }
     }
 
@@ -348,8 +229,7 @@ impl Dictionary {
     pub(crate) fn find_mappable(&self, index: u16, sub: u8, len: usize, received: bool) -> Result<usize, Abort> {
         let at = self.find(index, sub)?;
         let entry = &self.slots[at].entry;
-        let direction = if received { entry.access.writes() } else { entry.access.reads() };
-        if entry.mappable && direction && entry.data_type.width() == Some(len) {
+        if entry.mappable && entry.access.maps(received) && entry.data_type.width() == Some(len) {
             Ok(at)
         } else {
             Err(Abort::NOT_MAPPABLE)
@@ -368,7 +248,8 @@ impl Dictionary {
     pub(crate) fn store_at(&mut self, at: usize, data: &[u8]) -> bool {
         let slot = &mut self.slots[at];
         let value = slot.entry.data_type.wrap(number(data));
-        let fits = (slot.entry.low..=slot.entry.high).contains(&value);
+        let data_type = slot.entry.data_type;
+        let fits = data_type.at_most(slot.entry.low, value) && data_type.at_most(value, slot.entry.high);
         if fits {
             slot.value = value;
         }
@@ -388,70 +269,4 @@ fn number(data: &[u8]) -> i64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use Access::{Const, ReadOnly, ReadWrite, WriteOnly};
-    use DataType::{Bool, I8, I32, Text, U8, U16, U32};
-
-    fn dictionary() -> Dictionary {
-        Dictionary::new(5).with(&[
-            Entry::new(0x6060, 0, I8, ReadWrite, 1),
-            Entry::new(0x1008, 0, Text, Const, 0).text("EPOS"),
-            Entry::new(0x1000, 0, U32, ReadOnly, 0x0002_0192),
-            Entry::new(0x1018, 0, U8, ReadOnly, 4),
-            Entry::new(0x1018, 1, U32, ReadOnly, 0xFB),
-            Entry::new(0x2F01, 0, U16, WriteOnly, 0),
-            Entry::new(0x2F02, 0, Bool, ReadWrite, 0),
-            Entry::new(0x607F, 0, U32, ReadWrite, 25000).limits(1, 25000),
-            Entry::new(0x60FF, 0, I32, ReadWrite, 0).mappable(),
-            Entry::new(0x1014, 0, U32, ReadOnly, 0x80).plus_node_id(),
-        ])
-    }
-
-    #[test]
-    fn each_refusal_has_its_abort_code() {
-        let mut objects = dictionary();
-        for (index, sub, data, expected) in [
-            (0x5000, 0, &[1][..], Abort::NO_OBJECT),
-            (0x1018, 9, &[1], Abort::NO_SUB_INDEX),
-            (0x1000, 0, &[1, 0, 0, 0], Abort::READ_ONLY),
-            (0x1008, 0, b"x", Abort::READ_ONLY),
-            (0x6060, 0, &[1, 0], Abort::TOO_LONG),
-            (0x60FF, 0, &[1, 0], Abort::TOO_SHORT),
-            (0x607F, 0, &[0xA9, 0x61, 0, 0], Abort::TOO_HIGH),
-            (0x607F, 0, &[0, 0, 0, 0], Abort::TOO_LOW),
-            (0x2F02, 0, &[2], Abort::TOO_HIGH),
-        ] {
-            assert_eq!(objects.write(index, sub, data), Err(expected), "{index:04X}:{sub}");
-        }
-        assert_eq!(objects.read(0x2F01, 0), Err(Abort::WRITE_ONLY));
-        assert_eq!(objects.read(0x1018, 2), Err(Abort::NO_SUB_INDEX));
-    }
-
-    #[test]
-    fn numbers_keep_their_sign_and_texts_their_bytes() {
-        let mut objects = dictionary();
-        objects.write(0x60FF, 0, &[0x24, 0xFA, 0xFF, 0xFF]).unwrap();
-        assert_eq!(objects.get(0x60FF, 0), Some(-1500));
-        assert_eq!(&*objects.read(0x60FF, 0).unwrap(), &[0x24, 0xFA, 0xFF, 0xFF]);
-        objects.write(0x6060, 0, &[0xFF]).unwrap();
-        assert_eq!(objects.get(0x6060, 0), Some(-1));
-        assert_eq!(&*objects.read(0x1008, 0).unwrap(), b"EPOS");
-        assert_eq!(objects.get(0x1014, 0), Some(0x85));
-        assert!(!objects.set(0x6060, 0, 0xFF) && objects.set(0x6060, 0, 3));
-    }
-
-    #[test]
-    fn stored_values_survive_a_reset_and_defaults_come_back() {
-        let mut objects = dictionary();
-        objects.set(0x607F, 0, 100);
-        objects.store();
-        objects.set(0x607F, 0, 200);
-        objects.reset(0x2000..=0x9FFF);
-        assert_eq!(objects.get(0x607F, 0), Some(100));
-        objects.restore();
-        assert_eq!(objects.get(0x607F, 0), Some(100));
-        objects.reset(0x2000..=0x9FFF);
-        assert_eq!(objects.get(0x607F, 0), Some(25000));
-    }
-}
+mod tests;
