@@ -3,12 +3,16 @@
 //! A node that was lost is booted again for ever, at a calm rate. No PDO leaves for a node before it is Booted, and
 //! what waits for a node that was lost is thrown away: no stale command reaches a drive that comes back.
 
+mod channel;
 mod config;
 mod events;
 mod heartbeat;
+mod outbox;
 mod peer;
 mod plan;
+mod shared;
 mod stats;
+mod strangers;
 #[cfg(test)]
 mod tests;
 
@@ -20,9 +24,12 @@ use crate::wire::{self, NmtCommand, NmtState, Service};
 use crate::{Payload, sdo};
 use alloc::vec::Vec;
 use base::can::Frame;
-use base::{Instant, Queue, Ticker};
+use base::{Instant, Ticker};
+use channel::{Demand, Transfer};
 use heartbeat::OwnHeartbeat;
-use peer::{Peer, Shared};
+use peer::Peer;
+use shared::Shared;
+use strangers::Strangers;
 
 /// Whom an NMT command addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +44,7 @@ pub enum Target {
 pub struct Master {
     shared: Shared,
     peers: Vec<Peer>,
+    strangers: Strangers,
     heartbeat: Option<OwnHeartbeat>,
     sync: Option<Ticker>,
     tickets: u32,
@@ -51,8 +59,8 @@ impl Master {
     pub fn new(config: MasterConfig, nodes: &[NodeConfig]) -> Result<Self, ConfigError> {
         config.check(nodes)?;
         let peers = nodes.iter().map(|node| Peer::new(node.clone(), &config)).collect();
-        let shared = Shared { config, tx: Queue::new(), events: Queue::new() };
-        Ok(Self { shared, peers, heartbeat: None, sync: None, tickets: 0, foreign: 0 })
+        let strangers = Strangers::new(config.sdo_timeout);
+        Ok(Self { shared: Shared::new(config), peers, strangers, heartbeat: None, sync: None, tickets: 0, foreign: 0 })
     }
 
     fn peer(&self, node: u8) -> Option<&Peer> {
@@ -66,6 +74,8 @@ impl Master {
 
     /// A frame from the bus. The master's own frames, where the bus gives them back, do no harm.
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
+        self.shared.outbox.at(now);
+        self.shared.outbox.crossed(frame);
         if frame.is_remote() {
             return;
         }
@@ -75,6 +85,9 @@ impl Master {
             }
             Some(Service::ErrorControl { node }) => {
                 self.to(node, |peer, shared| peer.heartbeat(now, frame, shared));
+            }
+            Some(Service::SdoResponse { node }) if self.strangers.is_asked(node) => {
+                self.strangers.handle_rx(now, node, frame, &mut self.shared);
             }
             Some(Service::SdoResponse { node }) => {
                 self.to(node, |peer, shared| peer.sdo_response(now, frame, shared));
@@ -117,32 +130,50 @@ impl Master {
 
     /// Does what is due at `now`. Late or needless calls do no harm.
     pub fn handle_timeout(&mut self, now: Instant) {
+        self.shared.outbox.at(now);
         let config = &self.shared.config;
         let heartbeat = self.heartbeat.get_or_insert_with(|| OwnHeartbeat::new(now, config));
         if heartbeat.due(now) {
-            self.shared.tx.push(wire::heartbeat(config.id, NmtState::Operational));
+            self.shared.outbox.push(wire::heartbeat(config.id, NmtState::Operational));
         }
         if let Some(period) = config.sync
             && self.sync.get_or_insert_with(|| Ticker::new(now, period)).due(now)
         {
-            self.shared.tx.push(wire::sync());
+            self.shared.outbox.push(wire::sync());
         }
         for peer in &mut self.peers {
             peer.handle_timeout(now, &mut self.shared);
         }
+        self.strangers.handle_timeout(now, &mut self.shared);
     }
 
     /// The bus is down: what waits to be sent is thrown away, all nodes are lost and booted again.
     pub fn handle_bus_down(&mut self, now: Instant) {
-        self.shared.tx.clear();
+        self.shared.outbox.at(now);
+        self.shared.outbox.clear();
         for peer in &mut self.peers {
             peer.bus_down(now, &mut self.shared);
         }
+        self.strangers.forget(&mut self.shared);
     }
 
-    /// A frame to send.
+    /// A frame to send. SDO frames come after all others, and only as many as the wire takes within a moment.
     pub fn poll_tx(&mut self) -> Option<Frame> {
-        self.shared.tx.pop()
+        if let Some(frame) = self.shared.outbox.pop() {
+            return Some(frame);
+        }
+        while let Some(node) = self.shared.outbox.turn() {
+            let said = match self.peers.iter_mut().find(|peer| peer.id() == node) {
+                Some(peer) => peer.poll_tx(),
+                None => self.strangers.poll_tx(node),
+            };
+            if let Some(frame) = said {
+                self.shared.outbox.said(&frame);
+                return Some(frame);
+            }
+            self.shared.outbox.unmark(node);
+        }
+        None
     }
 
     /// What happened. Drain after every call: a full queue loses the newest.
@@ -157,7 +188,9 @@ impl Master {
             return Some(Instant::ZERO);
         };
         let peers = self.peers.iter().filter_map(Peer::poll_timeout).min();
-        [Some(heartbeat.next()), self.sync.map(|ticker| ticker.next()), peers].into_iter().flatten().min()
+        let sync = self.sync.map(|ticker| ticker.next());
+        let channels = [self.strangers.poll_timeout(), self.shared.outbox.poll_timeout()];
+        [Some(heartbeat.next()), sync, peers].into_iter().chain(channels).flatten().min()
     }
 
     /// Sends the data (at most 8 bytes) of an RPDO, numbered 1 to 4 from the node's side.
@@ -172,18 +205,29 @@ impl Master {
             () if data.len() > 8 => Err(PdoError::TooLong),
             () => {
                 let frame = Frame::standard(Service::Rpdo { node, number }.cob_id(), data);
-                if self.shared.tx.push(frame) { Ok(()) } else { Err(PdoError::QueueFull) }
+                if self.shared.outbox.push(frame) { Ok(()) } else { Err(PdoError::QueueFull) }
             }
         }
     }
 
-    /// Asks for an object, as soon as the node's SDO channel is free of boot-up work. The answer is
+    /// Asks any node but this one for an object, as soon as its SDO channel is free of boot-up work. The answer is
     /// [`Event::SdoRead`] or [`Event::SdoFailed`] with the ticket.
+    ///
+    /// Up to 16 requests wait for a node; nodes that are not configured may be asked too, 8 of them at a time.
     ///
     /// # Errors
     /// Why not; nothing was sent.
     pub fn sdo_read(&mut self, now: Instant, node: u8, index: u16, sub: u8) -> Result<Ticket, RequestError> {
-        self.request(now, node, index, sub, None)
+        self.request(now, node, index, sub, Transfer::Read)
+    }
+
+    /// Reads an object as a block transfer, or as another one where the node knows no block transfer; see
+    /// [`Self::sdo_read`].
+    ///
+    /// # Errors
+    /// Why not; nothing was sent.
+    pub fn sdo_read_block(&mut self, now: Instant, node: u8, index: u16, sub: u8) -> Result<Ticket, RequestError> {
+        self.request(now, node, index, sub, Transfer::ReadBlock)
     }
 
     /// Writes an object; see [`Self::sdo_read`]. The answer is [`Event::SdoWritten`] or [`Event::SdoFailed`].
@@ -198,11 +242,23 @@ impl Master {
         sub: u8,
         data: impl Into<Payload>,
     ) -> Result<Ticket, RequestError> {
-        let data = data.into();
-        if data.len() > sdo::MAX_LEN {
-            return Err(RequestError::TooLong);
-        }
-        self.request(now, node, index, sub, Some(data))
+        self.request(now, node, index, sub, Transfer::Write(data.into()))
+    }
+
+    /// Writes an object as a block transfer, or as another one where the node knows no block transfer; see
+    /// [`Self::sdo_write`].
+    ///
+    /// # Errors
+    /// Why not; nothing was sent.
+    pub fn sdo_write_block(
+        &mut self,
+        now: Instant,
+        node: u8,
+        index: u16,
+        sub: u8,
+        data: impl Into<Payload>,
+    ) -> Result<Ticket, RequestError> {
+        self.request(now, node, index, sub, Transfer::WriteBlock(data.into()))
     }
 
     fn request(
@@ -211,11 +267,23 @@ impl Master {
         node: u8,
         index: u16,
         sub: u8,
-        write: Option<Payload>,
+        transfer: Transfer,
     ) -> Result<Ticket, RequestError> {
+        self.shared.outbox.at(now);
+        if !(1..=127).contains(&node) || node == self.shared.config.id {
+            return Err(RequestError::UnknownNode);
+        }
+        if let Transfer::Write(data) | Transfer::WriteBlock(data) = &transfer
+            && data.len() > sdo::MAX_LEN
+        {
+            return Err(RequestError::TooLong);
+        }
         let ticket = Ticket(self.tickets);
-        let (peer, shared) = self.peer_mut(node).ok_or(RequestError::UnknownNode)?;
-        peer.request(now, peer::Demand { ticket, index, sub, write }, shared)?;
+        let demand = Demand { ticket, index, sub, transfer };
+        match self.peer_mut(node) {
+            Some((peer, shared)) => peer.request(now, demand, shared)?,
+            None => self.strangers.request(now, node, demand, &mut self.shared)?,
+        }
         self.tickets = self.tickets.wrapping_add(1);
         Ok(ticket)
     }
@@ -227,7 +295,7 @@ impl Master {
             Target::All => 0,
             Target::Node(node) => node,
         };
-        self.shared.tx.push(wire::nmt(command, node));
+        self.shared.outbox.push(wire::nmt(command, node));
     }
 
     /// Boots a node anew, from its reset; false when it is not configured. Stop a drive first: what it does when it
@@ -273,6 +341,6 @@ impl Master {
     /// Frames and events lost because nobody drained them.
     #[must_use]
     pub fn dropped(&self) -> u32 {
-        self.shared.tx.dropped().saturating_add(self.shared.events.dropped())
+        self.shared.outbox.dropped().saturating_add(self.shared.events.dropped())
     }
 }

@@ -11,6 +11,9 @@ use core::fmt;
 pub struct MasterConfig {
     /// Its node id, 1..=127; default 127.
     pub id: u8,
+    /// Bits per second of the bus, at least 1; default 1 000 000. SDO frames are handed out no faster than it takes
+    /// them, so that a set-point never waits behind many.
+    pub bit_rate: u32,
     /// Period of its heartbeat, at least 1 ms; default 50 ms.
     pub heartbeat: Duration,
     /// Period of SYNC; default none.
@@ -30,6 +33,7 @@ impl Default for MasterConfig {
     fn default() -> Self {
         Self {
             id: 127,
+            bit_rate: 1_000_000,
             heartbeat: Duration::from_millis(50),
             sync: None,
             sdo_timeout: sdo::TIMEOUT,

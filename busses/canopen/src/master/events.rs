@@ -161,9 +161,9 @@ pub enum PdoError {
 /// Why an SDO request was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RequestError {
-    /// No such node is configured.
+    /// The node id is not within 1..=127, or the master's own.
     UnknownNode,
-    /// Too many requests wait for this node.
+    /// Too many requests wait for this node, or too many nodes that are not configured are asked.
     QueueFull,
     /// More than [`sdo::MAX_LEN`] bytes.
     TooLong,

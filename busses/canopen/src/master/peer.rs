@@ -2,13 +2,14 @@
 
 mod boot;
 
+use super::channel::{Channel, Demand};
 use super::plan::{Work, plan};
-use super::{BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, State, Stats, Step, Ticket};
+use super::shared::Shared;
+use super::{BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, State, Stats, Step};
 use crate::wire::{self, Emergency, NmtState};
-use crate::{Payload, sdo};
 use alloc::vec::Vec;
 use base::can::Frame;
-use base::{Duration, Instant, Queue};
+use base::{Duration, Instant};
 
 /// Emergencies are reported this often at most.
 const EMERGENCY_EVERY: Duration = Duration::from_millis(100);
@@ -17,31 +18,6 @@ const EMERGENCY_EVERY: Duration = Duration::from_millis(100);
 const RESTLESS: u8 = 2;
 /// NMT starts sent before an attempt fails.
 const STARTS: u8 = 3;
-
-/// What all nodes of a master share.
-pub(super) struct Shared {
-    pub(super) config: MasterConfig,
-    pub(super) tx: Queue<Frame, 64>,
-    pub(super) events: Queue<Event, 128>,
-}
-
-/// An SDO request on demand that has the channel.
-#[derive(Clone, Copy)]
-struct Active {
-    ticket: Ticket,
-    index: u16,
-    sub: u8,
-    write: bool,
-}
-
-/// An SDO request on demand.
-pub(super) struct Demand {
-    pub(super) ticket: Ticket,
-    pub(super) index: u16,
-    pub(super) sub: u8,
-    /// `None`: read.
-    pub(super) write: Option<Payload>,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
@@ -85,10 +61,7 @@ pub(super) struct Peer {
     plan: Vec<(Step, Work)>,
     phase: Phase,
     nmt_state: Option<NmtState>,
-    sdo: sdo::Client,
-    /// The on-demand request under way, and those that wait.
-    demand: Option<Active>,
-    demands: Queue<Demand, 16>,
+    channel: Channel,
     boot_ups: u8,
     reported: Option<(Step, BootError)>,
     emergencies: Emergencies,
@@ -99,12 +72,10 @@ impl Peer {
     pub(super) fn new(config: NodeConfig, master: &MasterConfig) -> Self {
         Self {
             plan: plan(master, &config),
+            channel: Channel::new(config.id, master.sdo_timeout),
             config,
             phase: Phase::Resting { until: Instant::ZERO },
             nmt_state: None,
-            sdo: sdo::Client::new(master.sdo_timeout),
-            demand: None,
-            demands: Queue::new(),
             boot_ups: 0,
             reported: None,
             emergencies: Emergencies::default(),
@@ -166,8 +137,7 @@ impl Peer {
         if frame.data().len() != 8 {
             return self.malformed(shared);
         }
-        self.sdo.handle_rx(now, frame.data());
-        self.stats.ignored = self.sdo.ignored();
+        self.channel.handle_rx(now, frame.data(), shared);
         self.advance(now, shared);
     }
 
@@ -210,10 +180,10 @@ impl Peer {
     }
 
     pub(super) fn handle_timeout(&mut self, now: Instant, shared: &mut Shared) {
-        self.sdo.handle_timeout(now);
+        self.channel.handle_timeout(now, shared);
         self.advance(now, shared);
         match self.phase {
-            Phase::Resting { until } if until <= now && self.sdo.is_idle() => {
+            Phase::Resting { until } if until <= now && self.channel.is_idle() => {
                 self.first(now, shared);
             }
             Phase::Resetting { until } if until <= now => self.work(now, shared, 0, false),
@@ -238,10 +208,10 @@ impl Peer {
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        let sdo = self.sdo.poll_timeout();
+        let sdo = self.channel.poll_timeout();
         let phase = match self.phase {
             // The channel's own deadline comes first while a request on demand is under way.
-            Phase::Resting { until } => self.sdo.is_idle().then_some(until),
+            Phase::Resting { until } => self.channel.is_idle().then_some(until),
             Phase::Working { .. } => None,
             Phase::Resetting { until } | Phase::Listening { until } => Some(until),
             Phase::Starting { until, .. } | Phase::Running { until } => Some(until),
@@ -250,8 +220,12 @@ impl Peer {
         [sdo, phase, emergency].into_iter().flatten().min()
     }
 
+    pub(super) fn poll_tx(&mut self) -> Option<Frame> {
+        self.channel.poll_tx()
+    }
+
     pub(super) fn request(&mut self, now: Instant, demand: Demand, shared: &mut Shared) -> Result<(), RequestError> {
-        if !self.demands.push(demand) {
+        if !self.channel.push(demand) {
             return Err(RequestError::QueueFull);
         }
         self.pump(now, shared);
@@ -271,7 +245,7 @@ impl Peer {
             self.stats.losses = self.stats.losses.saturating_add(1);
             shared.events.push(Event::Lost { node: self.id(), reason: LostReason::BusDown });
         }
-        self.forget_demands(shared);
+        self.channel.forget(shared);
         self.nmt_state = None;
         self.phase = Phase::Resting { until: now + shared.config.retry };
     }

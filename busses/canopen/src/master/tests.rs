@@ -294,7 +294,9 @@ fn objects_are_read_and_written_on_demand() {
     let name = bus.master.sdo_read(now, 2, 0x1008, 0).unwrap();
     let ramp = bus.master.sdo_write(now, 2, 0x6083, 0, crate::Value::U32(500)).unwrap();
     let none = bus.master.sdo_read(now, 2, 0x5000, 0).unwrap();
-    assert_eq!(bus.master.sdo_read(now, 9, 0x1000, 0), Err(RequestError::UnknownNode));
+    for node in [0, 127, 128, 255] {
+        assert_eq!(bus.master.sdo_read(now, node, 0x1000, 0), Err(RequestError::UnknownNode));
+    }
     bus.run(50);
     let mut sdo =
         bus.events.iter().map(|(_, event)| event.clone()).filter(|event| {
@@ -321,6 +323,43 @@ fn objects_are_read_and_written_on_demand() {
         *at > now && matches!(event, Event::SdoRead { .. } | Event::SdoFailed { error: sdo::Error::Cancelled, .. })
     });
     assert_eq!(answered.count(), 17);
+}
+
+#[test]
+fn nodes_that_are_not_configured_answer_too_eight_at_a_time() {
+    let mut bus = booted();
+    for id in 10..30 {
+        let mut node = Node::new(epos::dictionary(id), Duration::from_millis(5));
+        node.power_on(bus.now);
+        bus.nodes.push(node);
+    }
+    bus.run(10);
+    for round in 0..3 {
+        let (now, from) = (bus.now, bus.events.len());
+        let ids = 10 + round * 5..18 + round * 5;
+        for id in ids.clone() {
+            bus.master.sdo_read(now, id, 0x1018, 1).unwrap();
+            bus.master.sdo_write(now, id, 0x6083, 0, 500_u32 + u32::from(id)).unwrap();
+        }
+        assert_eq!(bus.master.sdo_read(now, 100, 0x1018, 1), Err(RequestError::QueueFull));
+        bus.run(20);
+        for id in ids {
+            let events = || bus.events[from..].iter().map(|(_, event)| event);
+            let vendor = Payload::from(0xFB_u32);
+            assert!(
+                events()
+                    .any(|event| matches!(event, Event::SdoRead { node, data, .. } if *node == id && *data == vendor))
+            );
+            assert!(events().any(|event| matches!(event, Event::SdoWritten { node, .. } if *node == id)));
+            assert_eq!(bus.nodes[usize::from(id) - 8].get(0x6083, 0), Some(500 + i64::from(id)));
+        }
+    }
+    // One that is not there costs its time limit, and leaves room again.
+    let ticket = bus.master.sdo_read(bus.now, 100, 0x1000, 0).unwrap();
+    bus.run_to(600, |event| {
+        matches!(event, Event::SdoFailed { node: 100, ticket: failed, error: sdo::Error::Timeout, .. } if *failed == ticket)
+    });
+    assert!(bus.master.foreign_frames() < 30, "{}", bus.master.foreign_frames());
 }
 
 #[test]
