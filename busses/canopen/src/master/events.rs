@@ -73,6 +73,15 @@ pub enum BootError {
     },
     /// Boot-up messages came that nobody asked for: it keeps resetting, or two nodes have the same id.
     Restless,
+    /// Two nodes have the same id: requests are answered twice, or heartbeats come twice as often as they may.
+    DuplicateId,
+    /// An object of more than four bytes does not hold what was written.
+    Differs {
+        /// The object's index.
+        index: u16,
+        /// The object's sub-index.
+        sub: u8,
+    },
 }
 
 impl fmt::Display for BootError {
@@ -85,6 +94,8 @@ impl fmt::Display for BootError {
             Self::NoHeartbeat => f.write_str("no heartbeat"),
             Self::NotStarted { state } => write!(f, "does not start, stays {state:?}"),
             Self::Restless => f.write_str("boots again and again, or two nodes have this id"),
+            Self::DuplicateId => f.write_str("two nodes have this id"),
+            Self::Differs { index, sub } => write!(f, "0x{index:04X}:{sub} does not hold what was written"),
         }
     }
 }
@@ -102,6 +113,10 @@ pub enum LostReason {
     BusDown,
     /// [`Master::reboot`](super::Master::reboot) was called.
     Reboot,
+    /// It did not answer the guarding of the master.
+    Guarding,
+    /// Two nodes have this id.
+    DuplicateId,
 }
 
 impl fmt::Display for LostReason {
@@ -112,6 +127,8 @@ impl fmt::Display for LostReason {
             Self::State(state) => write!(f, "went to {state:?}"),
             Self::BusDown => f.write_str("bus down"),
             Self::Reboot => f.write_str("reboot commanded"),
+            Self::Guarding => f.write_str("guarding not answered"),
+            Self::DuplicateId => f.write_str("two nodes have its id"),
         }
     }
 }
@@ -141,6 +158,21 @@ pub enum Event {
     Malformed { node: u8, count: u32 },
     /// A heartbeat with the master's own id: two masters are on the bus. Told at most every 10 s.
     SecondMaster,
+    /// All mandatory nodes are Operational.
+    Ready,
+    /// A mandatory node was lost after [`Event::Ready`].
+    NotReady,
+    /// A node that is not configured was heard for the first time.
+    Stranger { node: u8 },
+    /// Another device answers with this id: its serial number is not the one seen before. It is configured like any
+    /// other before it counts as booted.
+    Swapped { node: u8, serial: u32 },
+    /// Two nodes have this id: see [`BootError::DuplicateId`]. Told once until the node has booted again.
+    DuplicateId { node: u8 },
+    /// Frames of one node take more of the bus than they may; `rate` a second. Node 0: of no known identifier.
+    Babbling { node: u8, rate: u32 },
+    /// It does so no more.
+    BabblingOver { node: u8 },
 }
 
 /// Why a PDO was not sent.

@@ -313,6 +313,13 @@ impl Canbus {
                 out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
                 self.second_master = Some(now + SECOND_MASTER);
             }
+            Heard::Ready
+            | Heard::NotReady
+            | Heard::Stranger { .. }
+            | Heard::Swapped { .. }
+            | Heard::DuplicateId { .. }
+            | Heard::Babbling { .. }
+            | Heard::BabblingOver { .. } => {}
         }
     }
 
