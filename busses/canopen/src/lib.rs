@@ -16,8 +16,11 @@ mod abort;
 pub mod axis;
 pub mod dictionary;
 pub mod drives;
+mod eds;
+pub mod lss;
 pub mod master;
 pub mod node;
+pub mod pdo;
 pub mod sdo;
 #[cfg(test)]
 mod testing;
