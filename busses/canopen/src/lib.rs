@@ -17,11 +17,9 @@ pub mod axis;
 pub mod dictionary;
 pub mod drives;
 pub mod eds;
-mod eds;
 pub mod lss;
 pub mod master;
 pub mod node;
-pub mod pdo;
 pub mod pdo;
 pub mod sdo;
 #[cfg(test)]
