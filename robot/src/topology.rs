@@ -325,6 +325,7 @@ fn canbus(config: &Config) -> Result<canbus::Canbus, ConfigError> {
         bus: format!("can.{}", bus.name),
         bitrate: bus.bitrate,
         node_id: bus.master,
+        sync: bus.sync_s.map(Duration::from_secs_f64),
         wheelbase: robot.geometry.wheelbase_m,
         limits: canbus::Limits {
             speed: limits.speed_mps,
@@ -357,18 +358,25 @@ fn propulsion(robot: &Robot, bus: &CanBus) -> Option<canbus::PropulsionConfig> {
 
 fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
     bus.nodes.iter().find_map(|node| match node.driver {
-        CanDriver::Icla { gear, counts_per_turn, switch_rad, homing_method, homing_speed_radps, homing_timeout_s } => {
-            Some(canbus::SteeringConfig {
-                node: node.id,
-                counts_per_turn,
-                gear,
-                switch: switch_rad,
-                homing_method,
-                homing_speed: homing_speed_radps,
-                homing_timeout: Duration::from_secs_f64(homing_timeout_s),
-                speed: robot.limits.steering_rate_radps,
-            })
-        }
+        CanDriver::Icla {
+            gear,
+            counts_per_turn,
+            switch_rad,
+            homing_method,
+            homing_speed_radps,
+            homing_timeout_s,
+            remap,
+        } => Some(canbus::SteeringConfig {
+            node: node.id,
+            counts_per_turn,
+            gear,
+            switch: switch_rad,
+            homing_method,
+            homing_speed: homing_speed_radps,
+            homing_timeout: Duration::from_secs_f64(homing_timeout_s),
+            speed: robot.limits.steering_rate_radps,
+            remap,
+        }),
         CanDriver::Epos { .. } => None,
     })
 }

@@ -88,6 +88,8 @@ pub struct CanBus {
     pub bitrate: u32,
     /// CANopen node of the master, 1..=127; default 127.
     pub master: u8,
+    /// Period of SYNC, 0.001..=10 s; default none.
+    pub sync_s: Option<f64>,
     /// Whether every frame is sent as `LL_DATA_RAW_<BUS>`; default false.
     pub raw: bool,
     /// What is on it.
@@ -144,6 +146,8 @@ pub enum CanDriver {
         homing_speed_radps: f64,
         /// Homing takes at most this long, 1..=120 s; default 15.
         homing_timeout_s: f64,
+        /// Maps the PDOs as the driver needs them where the drive has others; default false: such a drive is refused.
+        remap: bool,
     },
 }
 
@@ -407,6 +411,11 @@ impl CanBus {
         });
         let bitrate = table.integer("bitrate", Some(500_000), 10_000..=1_000_000);
         let master = table.integer("master", Some(127), 1..=127);
+        let sync_s = table.number("sync_s", Some(0.0), 0.0..=10.0);
+        if sync_s > 0.0 && sync_s < 0.001 {
+            table.refuse("sync_s", "0 (none), or 0.001 to 10");
+        }
+        let sync_s = (sync_s > 0.0).then_some(sync_s);
         let raw = table.boolean("raw", false);
         let mut nodes: Vec<CanNode> = Vec::new();
         for mut item in table.tables("nodes") {
@@ -421,7 +430,7 @@ impl CanBus {
             nodes.push(node);
         }
         table.end();
-        Self { name, interface, bitrate, master, raw, nodes }
+        Self { name, interface, bitrate, master, sync_s, raw, nodes }
     }
 }
 
@@ -461,6 +470,7 @@ impl CanNode {
                     homing_method: table.integer("homing_method", Some(27), -128..=127),
                     homing_speed_radps: table.number("homing_speed_radps", None, 0.001..=10.0),
                     homing_timeout_s: table.number("homing_timeout_s", Some(15.0), 1.0..=120.0),
+                    remap: table.boolean("remap", false),
                 },
             },
         };

@@ -69,7 +69,7 @@ impl Bus {
         self.health = Health::default();
         match down {
             Some(why) => {
-                out.raise(Severity::Error, Fault::PortDown, name, format!("{name} is down: {why}; tried again"))
+                out.raise(Severity::Error, Fault::PortDown, name, format!("{name} is down: {why}; tried again"));
             }
             None => out.clear(Fault::PortDown, name, format!("{name} is up")),
         }

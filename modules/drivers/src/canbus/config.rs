@@ -11,6 +11,8 @@ pub struct Config {
     pub bitrate: u32,
     /// Node id of this master, 1..=127.
     pub node_id: u8,
+    /// Period of SYNC, if any drive needs it.
+    pub sync: Option<Duration>,
     /// Front to rear axle, m.
     pub wheelbase: f64,
     /// Bounds on commands and on what is done.
@@ -76,4 +78,6 @@ pub struct SteeringConfig {
     pub homing_timeout: Duration,
     /// Speed of the steering, rad/s.
     pub speed: f64,
+    /// Maps the drive's PDOs as they must be; else a drive with others is refused.
+    pub remap: bool,
 }

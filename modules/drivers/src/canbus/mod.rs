@@ -98,7 +98,8 @@ impl Canbus {
         let propulsion = Propulsion::new(&config);
         let steering = Steering::new(&config);
         let nodes = [propulsion.node_config(), steering.node_config()];
-        let master = Master::new(MasterConfig { id: config.node_id, ..MasterConfig::default() }, &nodes)?;
+        let master = MasterConfig { id: config.node_id, sync: config.sync, ..MasterConfig::default() };
+        let master = Master::new(master, &nodes)?;
         Ok(Self {
             master,
             arbiter: Arbiter::new(config.ttl),

@@ -20,6 +20,7 @@ fn config() -> Config {
         bus: "can.main".into(),
         bitrate: 1_000_000,
         node_id: 127,
+        sync: None,
         wheelbase: 0.6,
         limits: Limits {
             speed: 1.2,
@@ -44,6 +45,7 @@ fn config() -> Config {
             homing_speed: 0.17,
             homing_timeout: Duration::from_secs(15),
             speed: 0.7,
+            remap: false,
         },
     }
 }

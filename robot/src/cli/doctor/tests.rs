@@ -245,7 +245,7 @@ fn a_serial_port_must_be_a_device_that_may_be_opened() {
 fn a_can_interface_must_be_up_at_the_bit_rate_asked() {
     let interface = CanInterface::Socket("can0".into());
     let nodes = Vec::new();
-    let bus = CanBus { name: "main".into(), interface, bitrate: 500_000, master: 127, raw: false, nodes };
+    let bus = CanBus { name: "main".into(), interface, bitrate: 500_000, master: 127, sync_s: None, raw: false, nodes };
     let state = Some("ERROR-ACTIVE".into());
     let good = Can { there: true, can: true, up: true, bitrate: Some(500_000), state };
     let check = |can: Can| devices::can(&bus, &can).unwrap();
