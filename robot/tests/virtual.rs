@@ -1,6 +1,8 @@
 //! The whole robot in virtual time: the same modules, the watchdog among them, on modelled busses. What live tests can
 //! only bound, this one knows to the nanosecond.
 
+#[path = "virtual/loss.rs"]
+mod loss;
 #[path = "virtual/power.rs"]
 mod power;
 #[path = "virtual/storm.rs"]
@@ -36,6 +38,10 @@ fn at(seconds: f64) -> Instant {
 
 impl Robot {
     fn new(seed: u64) -> Self {
+        Self::with(Config { seed, lcm_jitter: Duration::from_micros(200), ..Config::default() })
+    }
+
+    fn with(config: Config) -> Self {
         let place = Place {
             config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
             run_dir: "/run/advee".into(),
@@ -44,7 +50,6 @@ impl Robot {
             sim: true,
             world: None,
         };
-        let config = Config { seed, lcm_jitter: Duration::from_micros(200), ..Config::default() };
         let mut machine = virtual_machine(&place, config).expect("the shipped configuration");
         let seen = Rc::new(RefCell::new(Seen::default()));
         let keep = seen.clone();
