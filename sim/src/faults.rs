@@ -18,11 +18,23 @@
 //! | a power controller | `power_off` | the main switch is turned: the supply is cut in `value` s (0: 30) |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |
 //! | a drive | `fault` | emergency `value` (0: 0x1000, generic), and the fault state |
+//! | a drive | `babble` | frames of the identifier `value` (0: that of its TPDO2) take half of the bus |
+//! | a drive | `clash` | a second node has its number, boots up, and answers too |
 //! | a drive | `reboot` | as after a short loss of its supply |
+//! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
+//! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
+//! | a CAN bus | `lose` | the frame of number `value` from now on (0: 1) is received by nobody |
+//! | a CAN bus | `bus_off` | the master's controller goes bus-off |
+//! | a CAN bus | `cut` | the master is cut off the others |
 //! | any | `none` | its faults are over |
 //!
-//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset` and `power_off` are of the
-//! moment; `none` gives a power controller its supply again.
+//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off` and `lose` are of
+//! the moment; so is `bus_off` without a duration, and with one a restarted controller goes off again till then. `none`
+//! gives a power controller its supply again.
+//!
+//! Where there is no CAN wire (live, over UDP multicast) the simulator loses frames instead: each one with the probability
+//! that `noise` hits it, all of them both ways while the bus is `cut`, and for 0.1 s or longer at `bus_off`; nobody sends
+//! them again there, and no controller tells of them.
 
 use base::{Duration, Instant};
 
@@ -43,6 +55,8 @@ pub enum Ailment {
     Babble {
         /// Words that are no frames.
         noise: bool,
+        /// The identifier of a drive's frames, 0 for one of its own.
+        id: u16,
     },
     /// Another board has its address.
     Clash,
@@ -64,6 +78,16 @@ pub enum Ailment {
     Fault(u16),
     /// It starts anew.
     Reboot,
+    /// Each bit on the bus is wrong with this probability.
+    Noise(f64),
+    /// Each frame whose number this divides is destroyed.
+    Corrupt(u64),
+    /// The frame of this number from now on is received by nobody.
+    Lose(u64),
+    /// The master's controller leaves the bus.
+    BusOff,
+    /// The master is cut off the others.
+    Cut,
     /// Nothing.
     None,
 }
@@ -78,7 +102,7 @@ impl Ailment {
             "garbled" => Some(Self::Garbled(or(value, 0.1).min(1.0))),
             "bad_crc" => Some(Self::BadCrc),
             "bad_length" => Some(Self::BadLength),
-            "babble" => Some(Self::Babble { noise: value > 0.0 }),
+            "babble" => Some(Self::Babble { noise: value > 0.0, id: value as u16 & 0x7FF }),
             "clash" => Some(Self::Clash),
             "reset" => Some(Self::Reset),
             "bumper" => (1..=8).find(|number| f64::from(*number) == value).map(Self::Bumper),
@@ -90,6 +114,11 @@ impl Ailment {
             // As casts saturate, no value is out of range.
             "fault" => Some(Self::Fault(if value > 0.0 { value as u16 } else { 0x1000 })),
             "reboot" => Some(Self::Reboot),
+            "noise" => Some(Self::Noise(or(value, 1e-4).min(1.0))),
+            "corrupt" => Some(Self::Corrupt((or(value, 10.0) as u64).max(1))),
+            "lose" => Some(Self::Lose((or(value, 1.0) as u64).max(1))),
+            "bus_off" => Some(Self::BusOff),
+            "cut" => Some(Self::Cut),
             "none" => Some(Self::None),
             _ => None,
         }
@@ -137,5 +166,9 @@ mod tests {
         assert_eq!(Ailment::from_name("slow", 1e300), Some(Ailment::Slow(Duration::from_secs(1))));
         assert_eq!(Ailment::from_name("garbled", f64::NAN), Some(Ailment::Garbled(0.1)));
         assert_eq!(Ailment::from_name("power_off", 1e9), Some(Ailment::PowerOff(255)));
+        assert_eq!(Ailment::from_name("noise", 7.0), Some(Ailment::Noise(1.0)));
+        assert_eq!(Ailment::from_name("lose", 0.1), Some(Ailment::Lose(1)));
+        assert_eq!(Ailment::from_name("corrupt", f64::NAN), Some(Ailment::Corrupt(10)));
+        assert_eq!(Ailment::from_name("babble", 129.0), Some(Ailment::Babble { noise: true, id: 0x81 }));
     }
 }

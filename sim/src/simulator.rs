@@ -1,6 +1,7 @@
 //! The simulator: a module that sits on the robot's busses and answers as its boards would.
 
 use crate::boards::battery::BatteryConfig;
+use crate::boards::can_line::CanLine;
 use crate::boards::drive::{self, Drive};
 use crate::boards::icla::Gearing;
 use crate::boards::line::{Board, Kind, SerialLine};
@@ -10,6 +11,7 @@ use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
 use crate::boards::so1::So1;
 use crate::body::{Parameters, STEP};
 use crate::faults::{self, Ailment};
+use crate::random::Random;
 use crate::scene::Scene;
 use crate::sonar::Sonar;
 use crate::world::World;
@@ -121,6 +123,7 @@ pub struct Simulator {
     ports: Vec<PortSpec>,
     scene: Scene,
     drives: Vec<Drive>,
+    can: CanLine,
     lines: Vec<SerialLine>,
     truth: Ticker,
     clock: Ticker,
@@ -146,6 +149,7 @@ impl Simulator {
         Self {
             scene: scene(&config, Instant::ZERO),
             drives: Vec::new(),
+            can: can_line(&config),
             lines: Vec::new(),
             config,
             ports,
@@ -168,6 +172,7 @@ impl Simulator {
         self.motors = true;
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         let body = self.scene.body();
+        self.can = can_line(&self.config);
         self.drives = match &self.config.can {
             Some(can) => {
                 vec![Drive::propulsion(can.propulsion), Drive::steering(can.steering, can.gearing, body)]
@@ -303,6 +308,7 @@ impl Simulator {
         for drive in &mut self.drives {
             drive.handle_timeout(now, self.scene.body());
         }
+        self.can.handle_timeout(now);
         for line in &mut self.lines {
             line.handle_timeout(now);
         }
@@ -341,12 +347,21 @@ impl Simulator {
         if let Some(drive) = self.drives.iter_mut().find(|drive| drive.name == target) {
             match ailment {
                 Ailment::Silent => drive.silent_until = until,
-                Ailment::None => drive.silent_until = now,
+                Ailment::None => {
+                    drive.silent_until = now;
+                    self.can.heal_node(drive.id);
+                }
                 Ailment::Fault(code) => drive.fault(now, code, self.scene.body()),
                 Ailment::Reboot => drive.power_on(now, self.scene.body()),
-                _ => return false,
+                ailment => {
+                    let dictionary = || drive::dictionary(&drive.kind, drive.id);
+                    return self.can.suffer_node(now, drive.id, ailment, until, dictionary);
+                }
             }
             return true;
+        }
+        if self.config.can.as_ref().is_some_and(|can| can.bus == target) {
+            return self.can.suffer(now, ailment, until);
         }
         let board = boards(&mut self.lines).find(|board| board.name == target);
         board.is_some_and(|board| board.suffer(now, ailment, until, &self.scene))
@@ -355,6 +370,13 @@ impl Simulator {
     fn drain(&mut self, now: Instant, out: &mut Actions) {
         for drive in &mut self.drives {
             while let Some(frame) = drive.poll_tx() {
+                if self.can.passes(now, &frame) {
+                    out.send_can(PortId(0), frame);
+                }
+            }
+        }
+        while let Some(frame) = self.can.poll_tx(now) {
+            if self.can.passes(now, &frame) {
                 out.send_can(PortId(0), frame);
             }
         }
@@ -369,6 +391,11 @@ impl Simulator {
 
 fn boards(lines: &mut [SerialLine]) -> impl Iterator<Item = &mut Board> {
     lines.iter_mut().flat_map(|line| &mut line.boards)
+}
+
+fn can_line(config: &Config) -> CanLine {
+    let bitrate = config.can.as_ref().map_or(1, |can| can.bitrate);
+    CanLine::new(bitrate, config.wire_time, Random::stream(config.seed, u64::from_le_bytes(*b"can line")))
 }
 
 fn scene(config: &Config, start: Instant) -> Scene {
@@ -397,7 +424,8 @@ impl Module for Simulator {
                 }
             }
             Event::Port { port, input: Input::Up | Input::Down(_) } => self.on_port_state(port, out),
-            Event::Port { input: Input::Can(frame), .. } => {
+            Event::Port { input: Input::Can(frame), .. } if self.can.passes(now, &frame) => {
+                self.can.handle_rx(now, &frame);
                 for drive in &mut self.drives {
                     drive.handle_rx(now, &frame, self.scene.body());
                 }
@@ -414,7 +442,7 @@ impl Module for Simulator {
         let lines = self.lines.iter().filter_map(SerialLine::poll_timeout);
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
         let own = [self.truth.next(), self.clock.next(), self.rangers.next()];
-        own.into_iter().chain(step).chain(lines).chain(drives).min()
+        own.into_iter().chain(step).chain(lines).chain(drives).chain(self.can.poll_timeout()).min()
     }
 }
 

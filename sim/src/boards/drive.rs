@@ -6,7 +6,7 @@ use crate::body::Body;
 use base::can::Frame;
 use base::{Duration, Instant};
 use canopen::drives;
-use canopen::{NmtState, Node, NodeEvent};
+use canopen::{Dictionary, NmtState, Node, NodeEvent};
 
 /// From power or reset to the boot-up message.
 const BOOT_TIME: Duration = Duration::from_millis(100);
@@ -18,11 +18,20 @@ pub(crate) enum Kind {
     Icla(Icla, Gearing),
 }
 
+/// The objects of such a drive.
+pub(crate) fn dictionary(kind: &Kind, id: u8) -> Dictionary {
+    match kind {
+        Kind::Epos(_) => drives::epos::dictionary(id),
+        Kind::Icla(..) => drives::icla::dictionary(id),
+    }
+}
+
 /// A drive and what ails it.
 pub(crate) struct Drive {
     /// Its axis: `propulsion`, `steering`.
     pub name: &'static str,
     pub kind: Kind,
+    pub id: u8,
     node: Node,
     /// It neither hears nor speaks until then.
     pub silent_until: Instant,
@@ -33,17 +42,18 @@ pub(crate) struct Drive {
 impl Drive {
     /// The propulsion, switched off.
     pub fn propulsion(id: u8) -> Self {
-        Self::new("propulsion", Kind::Epos(Epos::new()), Node::new(drives::epos::dictionary(id), BOOT_TIME))
+        Self::new("propulsion", Kind::Epos(Epos::new()), id)
     }
 
     /// The steering, switched off.
     pub fn steering(id: u8, gearing: Gearing, body: &Body) -> Self {
         let kind = Kind::Icla(Icla::new(gearing, body), gearing);
-        Self::new("steering", kind, Node::new(drives::icla::dictionary(id), BOOT_TIME))
+        Self::new("steering", kind, id)
     }
 
-    fn new(name: &'static str, kind: Kind, node: Node) -> Self {
-        Self { name, kind, node, silent_until: Instant::ZERO, now: Instant::ZERO, turned: 0.0 }
+    fn new(name: &'static str, kind: Kind, id: u8) -> Self {
+        let node = Node::new(dictionary(&kind, id), BOOT_TIME);
+        Self { name, kind, id, node, silent_until: Instant::ZERO, now: Instant::ZERO, turned: 0.0 }
     }
 
     /// Switches it on, or off and on again.

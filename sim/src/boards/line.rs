@@ -92,7 +92,7 @@ impl Board {
             (Ailment::Slow(late), _) => self.ails.slow = (until, late),
             (Ailment::Garbled(probability), _) => self.ails.garbled = (until, probability),
             (Ailment::Clash, _) => self.ails.clash = until,
-            (Ailment::Babble { noise }, _) => {
+            (Ailment::Babble { noise, .. }, _) => {
                 self.ails.babble = (until, noise);
                 self.babbles = now;
             }

@@ -1,6 +1,7 @@
 //! The robot's boards and drives as they are on the wire (`docs/facts/boards.md`), each with the scene behind it.
 
 pub mod battery;
+pub(crate) mod can_line;
 pub(crate) mod drive;
 pub mod epos;
 pub mod icla;

@@ -1,7 +1,7 @@
 //! What is to happen, in a total order: by moment, then by who asked first.
 
 use base::Instant;
-use base::can::Frame;
+use base::can::{Frame, Notice};
 use base::serial::Word;
 use messages::Message;
 use module::{ExitStatus, PortId};
@@ -12,6 +12,9 @@ use std::rc::Rc;
 pub(super) enum Waiting {
     Message(Instant, Rc<Message>),
     Can(PortId, Frame),
+    Notice(PortId, Notice),
+    Down(PortId),
+    Up(PortId),
     Words(PortId, Rc<[Word]>),
     Sent(PortId),
     Exited(u32, ExitStatus),

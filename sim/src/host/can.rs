@@ -1,13 +1,36 @@
-//! A CAN wire: exact frame lengths, arbitration, one frame at a time (ISO 11898-1).
+//! A CAN wire: exact frame lengths, arbitration, one frame at a time, and what happens when frames go wrong (ISO 11898-1):
+//! error frames, error counters, retransmission, no acknowledge, bus-off and the way back.
+//!
+//! A port is a controller. An error is seen by all of them, as an error flag makes it: there are no local errors, and
+//! none that no CRC finds. While all is well nothing of this takes time or chance.
+
+mod controller;
+#[cfg(test)]
+mod tests;
 
 use super::Owner;
 use super::news::Traffic;
-use base::can::{Frame, INTERMISSION, Id, frame_bits};
+use crate::faults::Ailment;
+use crate::random::Random;
+use base::can::{Frame, INTERMISSION, Id, Notice, frame_bits};
 use base::{Duration, Instant};
+use controller::{Controller, Queued};
 use std::collections::VecDeque;
+use std::rc::Rc;
 
-/// Frames that an interface queues; further ones are lost, as with a short transmit queue in the kernel.
-const QUEUE: usize = 128;
+/// An error flag, those of the others, which begin when they see it, and the delimiter.
+const ERROR_FRAME: u32 = 6 + 6 + 8;
+/// The same when nobody else is there.
+const LONE_ERROR_FRAME: u32 = 6 + 8;
+/// From the acknowledge slot to the end of a frame: what a frame lacks that nobody acknowledges.
+const AFTER_ACKNOWLEDGE: u32 = 8;
+/// An error-passive transmitter waits so long after the intermission.
+const SUSPEND: u32 = 8;
+/// Recessive bits to be seen before taking part again after bus-off; here an idle bus is taken for granted.
+const RECOVERY: u32 = 128 * 11;
+/// What is not a change of state is told this often at most.
+const NEWS: Duration = Duration::from_millis(100);
+
 /// Base frames win over extended ones of the same first 11 bits, data over remote.
 fn rank(frame: &Frame) -> u64 {
     let remote = u64::from(frame.is_remote());
@@ -17,30 +40,89 @@ fn rank(frame: &Frame) -> u64 {
     }
 }
 
-/// One wire. Each port sends its own frames in order; among the ports' first ones the lowest identifier wins.
+/// What the wire has to tell.
+#[derive(Debug, PartialEq)]
+pub(super) enum Told {
+    /// A frame has left the wire, and is for all other ports that are on it.
+    Frame(Owner, Frame),
+    /// A frame has left the wire, and nobody received it.
+    Lost(Frame),
+    /// A port is bus-off.
+    Off(Owner),
+    /// A port takes part again.
+    Back(Owner),
+    /// News of a port's controller.
+    Notice(Owner, Notice),
+}
+
+/// What becomes of the frame on the wire.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Outcome {
+    Sent,
+    Unacknowledged,
+    Destroyed,
+}
+
 #[derive(Debug)]
-pub(super) struct CanWire {
-    pub bitrate: u32,
-    pub ports: Vec<Owner>,
-    queues: Vec<(Owner, VecDeque<Frame>)>,
-    sending: Option<(Instant, Owner, Frame)>,
+struct Sending {
+    end: Instant,
+    by: usize,
+    queued: Queued,
+    outcome: Outcome,
+}
+
+/// A piece of cable.
+#[derive(Debug, Default)]
+struct Segment {
+    sending: Option<Sending>,
     /// When the intermission is over.
     free: Instant,
     /// When the next arbitration begins; frames handed over at the same moment take part.
     start: Option<Instant>,
+}
+
+/// One wire. Each port sends its own frames in order; among the ports' first ones the lowest identifier wins.
+#[derive(Debug)]
+pub(super) struct CanWire {
+    pub bitrate: u32,
+    /// The ports of living processes, to which frames go.
+    pub ports: Vec<Owner>,
     pub traffic: Traffic,
+    controllers: Vec<Controller>,
+    /// The wire itself, then for each controller its end of the cable when that is cut.
+    segments: Vec<Segment>,
+    told: VecDeque<Told>,
+    /// When small news are told next, and before when not.
+    news: Option<Instant>,
+    quiet: Instant,
+    random: Random,
+    noise: (Instant, f64),
+    corrupt: (Instant, u64),
+    /// Frames that were begun.
+    tries: u64,
+    /// The number of a frame, as [`Traffic::sent`] counts, that nobody will receive.
+    lose: Option<u64>,
+    /// Until then a controller that comes back goes off again.
+    off: Instant,
 }
 
 impl CanWire {
-    pub fn new(bitrate: u32) -> Self {
+    pub fn new(bitrate: u32, random: Random, lose: Option<u64>) -> Self {
         Self {
             bitrate: bitrate.max(1),
             ports: Vec::new(),
-            queues: Vec::new(),
-            sending: None,
-            free: Instant::ZERO,
-            start: None,
             traffic: Traffic::default(),
+            controllers: Vec::new(),
+            segments: vec![Segment::default()],
+            told: VecDeque::new(),
+            news: None,
+            quiet: Instant::ZERO,
+            random,
+            noise: (Instant::ZERO, 0.0),
+            corrupt: (Instant::ZERO, 0),
+            tries: 0,
+            lose,
+            off: Instant::ZERO,
         }
     }
 
@@ -48,110 +130,277 @@ impl CanWire {
         Duration::from_nanos(u64::from(bits) * 1_000_000_000 / u64::from(self.bitrate))
     }
 
-    pub fn send(&mut self, now: Instant, owner: Owner, frame: Frame) {
-        let place = self.queues.iter().position(|(other, _)| *other == owner).unwrap_or_else(|| {
-            self.queues.push((owner, VecDeque::new()));
-            self.queues.len() - 1
-        });
-        let queue = &mut self.queues[place].1;
-        if queue.len() >= QUEUE {
-            self.traffic.dropped += 1;
-            return;
+    /// A port of a module is opened; false while its controller is bus-off. `many`: it stands for several nodes, which
+    /// acknowledge each other's frames.
+    pub fn join(&mut self, owner: Owner, module: &Rc<str>, many: bool) -> bool {
+        self.ports.push(owner);
+        let left = |controller: &&mut Controller| {
+            controller.module == *module
+                && controller.owner.port == owner.port
+                && !self.ports.contains(&controller.owner)
+        };
+        if let Some(controller) = self.controllers.iter_mut().find(left) {
+            controller.owner = owner;
+            return controller.back.is_none();
         }
-        queue.push_back(frame);
-        if self.sending.is_none() && self.start.is_none() {
-            self.start = Some(self.free.max(now));
+        self.controllers.push(Controller::new(owner, module.clone(), many));
+        self.segments.push(Segment::default());
+        true
+    }
+
+    /// Whether a port's controller takes part, and hears what passes on the wire.
+    pub fn hears(&self, now: Instant, owner: Owner) -> bool {
+        self.place(owner).is_some_and(|place| self.takes_part(now, place, 0))
+    }
+
+    fn place(&self, owner: Owner) -> Option<usize> {
+        self.controllers.iter().position(|controller| controller.owner == owner)
+    }
+
+    /// The piece of cable that a controller is at.
+    fn segment(&self, now: Instant, place: usize) -> usize {
+        if now < self.controllers[place].cut { place + 1 } else { 0 }
+    }
+
+    fn takes_part(&self, now: Instant, place: usize, segment: usize) -> bool {
+        self.controllers[place].back.is_none() && self.segment(now, place) == segment
+    }
+
+    pub fn send(&mut self, now: Instant, owner: Owner, frame: Frame) {
+        let Some(place) = self.place(owner) else { return };
+        if self.controllers[place].push(now, frame) {
+            self.kick(now, self.segment(now, place));
+        } else {
+            self.traffic.dropped += 1;
+        }
+    }
+
+    /// Someone wants to send: an arbitration begins as soon as the segment is free.
+    fn kick(&mut self, now: Instant, segment: usize) {
+        let segment = &mut self.segments[segment];
+        if segment.sending.is_none() {
+            let at = segment.free.max(now);
+            segment.start = Some(segment.start.map_or(at, |start| start.min(at)));
         }
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {
-        self.sending.as_ref().map(|(end, ..)| *end).or(self.start)
+        let segment = |segment: &Segment| segment.sending.as_ref().map(|sending| sending.end).or(segment.start);
+        let segments = self.segments.iter().filter_map(segment);
+        let back = self.controllers.iter().filter_map(|controller| controller.back);
+        segments.chain(back).chain(self.news).min()
     }
 
-    /// Serves what is due; answers a frame whose end has come.
-    pub fn handle_timeout(&mut self, now: Instant) -> Option<(Owner, Frame)> {
-        if let Some((_, owner, frame)) = self.sending.take() {
-            self.free = now + self.time(INTERMISSION);
-            let waiting = self.queues.iter().any(|(_, queue)| !queue.is_empty());
-            self.start = waiting.then_some(self.free);
-            self.traffic.sent += 1;
-            return Some((owner, frame));
+    /// Serves what is due.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        for place in 0..self.controllers.len() {
+            if self.controllers[place].back.is_some_and(|back| back <= now) {
+                self.come_back(now, place);
+            }
         }
-        self.start = None;
-        let heads = self.queues.iter_mut().filter(|(_, queue)| !queue.is_empty());
-        let winner = heads.min_by_key(|(owner, queue)| (queue.front().map(rank), *owner))?;
-        let (owner, frame) = (winner.0, winner.1.pop_front()?);
-        let time = self.time(frame_bits(&frame));
-        self.traffic.busy += time;
-        self.sending = Some((now + time, owner, frame));
-        None
+        for number in 0..self.segments.len() {
+            let segment = &mut self.segments[number];
+            if let Some(sending) = segment.sending.take_if(|sending| sending.end <= now) {
+                self.end(now, number, sending);
+            } else if segment.start.take_if(|start| *start <= now).is_some() {
+                self.arbitrate(now, number);
+            }
+        }
+        self.tell(now);
+    }
+
+    /// What there is to tell.
+    pub fn poll_told(&mut self) -> Option<Told> {
+        self.told.pop_front()
+    }
+
+    fn arbitrate(&mut self, now: Instant, number: usize) {
+        let (mut winner, mut later) = (None, None);
+        for place in 0..self.controllers.len() {
+            let segment = self.segment(now, place);
+            let controller = &mut self.controllers[place];
+            self.traffic.dropped += controller.forget(now);
+            if !controller.waits() || controller.back.is_some() {
+                continue;
+            }
+            if segment != number {
+                // Its cable was cut, or mended, while it waited.
+                self.kick(now, segment);
+                continue;
+            }
+            if controller.suspended > now {
+                later = Some(later.map_or(controller.suspended, |at: Instant| at.min(controller.suspended)));
+                continue;
+            }
+            let key = (controller.head().map(rank), controller.owner);
+            if winner.is_none_or(|(best, _)| key < best) {
+                winner = Some((key, place));
+            }
+        }
+        let begun = winner.and_then(|(_, by)| Some((by, self.controllers[by].pop()?)));
+        match begun {
+            Some((by, queued)) => self.begin(now, number, by, queued),
+            None => self.segments[number].start = later,
+        }
+    }
+
+    fn begin(&mut self, now: Instant, number: usize, by: usize, queued: Queued) {
+        let bits = frame_bits(&queued.frame);
+        let heard = self.controllers[by].many
+            || (0..self.controllers.len()).any(|place| place != by && self.takes_part(now, place, number));
+        let (outcome, bits) = match self.destroyed_at(now, bits) {
+            Some(bit) => (Outcome::Destroyed, bit + if heard { ERROR_FRAME } else { LONE_ERROR_FRAME }),
+            None if heard => (Outcome::Sent, bits),
+            None => (Outcome::Unacknowledged, bits - AFTER_ACKNOWLEDGE + LONE_ERROR_FRAME),
+        };
+        let time = self.time(bits);
+        if number == 0 {
+            self.traffic.busy += time;
+        }
+        self.segments[number].sending = Some(Sending { end: now + time, by, queued, outcome });
+    }
+
+    /// After which bit the frame that begins now is destroyed, if it is.
+    fn destroyed_at(&mut self, now: Instant, bits: u32) -> Option<u32> {
+        self.tries += 1;
+        let every = self.corrupt.1;
+        let hit = now < self.corrupt.0 && every > 0 && self.tries.is_multiple_of(every);
+        let noise = if now < self.noise.0 { 1.0 - libm::pow(1.0 - self.noise.1, f64::from(bits)) } else { 0.0 };
+        (self.random.chance(noise) || hit).then(|| 1 + (self.random.bits() % u64::from(bits)) as u32)
+    }
+
+    fn end(&mut self, now: Instant, number: usize, sending: Sending) {
+        let Sending { by, queued, outcome, .. } = sending;
+        match outcome {
+            Outcome::Sent => self.sent(now, number, by, queued.frame),
+            Outcome::Unacknowledged => self.controllers[by].no_acknowledge(),
+            Outcome::Destroyed => {
+                self.controllers[by].transmit_error();
+                self.others(now, number, by, Controller::receive_error);
+                self.traffic.errors += 1;
+            }
+        }
+        let free = now + self.time(INTERMISSION);
+        self.segments[number].free = free;
+        if self.controllers[by].is_over() {
+            self.go_off(now, by);
+        } else if outcome != Outcome::Sent {
+            self.controllers[by].again(queued);
+        }
+        if self.controllers[by].is_passive() {
+            self.controllers[by].suspended = free + self.time(SUSPEND);
+        }
+        if self.controllers.iter().any(Controller::waits) {
+            self.kick(now, number);
+        }
+    }
+
+    fn sent(&mut self, now: Instant, number: usize, by: usize, frame: Frame) {
+        self.controllers[by].sent();
+        self.others(now, number, by, Controller::received);
+        self.traffic.sent += 1;
+        self.told.push_back(match self.lose.take_if(|lose| *lose == self.traffic.sent) {
+            Some(_) => Told::Lost(frame),
+            None => Told::Frame(self.controllers[by].owner, frame),
+        });
+    }
+
+    /// What the frame of one is for all others that take part.
+    fn others(&mut self, now: Instant, number: usize, by: usize, each: fn(&mut Controller)) {
+        for place in (0..self.controllers.len()).filter(|place| *place != by) {
+            if self.takes_part(now, place, number) {
+                each(&mut self.controllers[place]);
+            }
+        }
+    }
+
+    fn go_off(&mut self, now: Instant, place: usize) {
+        let recovery = self.time(RECOVERY);
+        let controller = &mut self.controllers[place];
+        self.traffic.dropped += controller.go_off(now, recovery);
+        let owner = controller.owner;
+        self.told.extend(controller.poll_state().map(|notice| Told::Notice(owner, notice)));
+        self.told.push_back(Told::Off(owner));
+    }
+
+    fn come_back(&mut self, now: Instant, place: usize) {
+        let recovery = self.time(RECOVERY);
+        let controller = &mut self.controllers[place];
+        controller.come_back(now);
+        if now < self.off && !controller.many {
+            controller.go_off(now, recovery);
+            return;
+        }
+        self.told.push_back(Told::Back(controller.owner));
+    }
+
+    /// Tells changes of state at once, the rest now and then.
+    fn tell(&mut self, now: Instant) {
+        let due = self.news.take_if(|at| *at <= now).is_some();
+        for controller in &mut self.controllers {
+            let owner = controller.owner;
+            self.told.extend(controller.poll_state().map(|notice| Told::Notice(owner, notice)));
+            if due {
+                self.quiet = now + NEWS;
+                self.told
+                    .extend(std::iter::from_fn(|| controller.poll_news()).map(|notice| Told::Notice(owner, notice)));
+            }
+        }
+        if self.news.is_none() && self.controllers.iter().any(Controller::has_news) {
+            self.news = Some(self.quiet.max(now));
+        }
+    }
+
+    /// Lets a fault come over the wire; false when that is no fault of a wire. What is done to a port is done to those
+    /// that do not stand for many nodes: the masters.
+    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
+        match ailment {
+            Ailment::Noise(rate) => self.noise = (until, rate),
+            Ailment::Corrupt(every) => self.corrupt = (until, every),
+            Ailment::Lose(nth) => self.lose = Some(self.traffic.sent.saturating_add(nth)),
+            Ailment::Cut => self.cut(now, until),
+            Ailment::BusOff => {
+                // Once, unless it is said how long.
+                self.off = if until == Instant::NEVER { now } else { until };
+                self.masters(now, Self::go_off);
+            }
+            Ailment::None => {
+                (self.noise.0, self.corrupt.0, self.off, self.lose) = (now, now, now, None);
+                self.cut(now, now);
+            }
+            _ => return false,
+        }
+        self.tell(now);
+        true
+    }
+
+    fn cut(&mut self, now: Instant, until: Instant) {
+        self.masters(now, |wire, now, place| {
+            wire.controllers[place].cut = until;
+            let segment = wire.segment(now, place);
+            wire.kick(now, segment);
+        });
+    }
+
+    /// Does something to all masters that are not off; what one of them was sending is destroyed.
+    fn masters(&mut self, now: Instant, each: impl Fn(&mut Self, Instant, usize)) {
+        for number in 0..self.segments.len() {
+            let many = |sending: &mut Sending| !self.controllers[sending.by].many;
+            if let Some(sending) = self.segments[number].sending.take_if(many) {
+                self.segments[number].free = now + self.time(ERROR_FRAME + INTERMISSION);
+                self.controllers[sending.by].again(sending.queued);
+                self.kick(now, number);
+            }
+        }
+        for place in 0..self.controllers.len() {
+            if !self.controllers[place].many && self.controllers[place].back.is_none() {
+                each(self, now, place);
+            }
+        }
     }
 
     /// The process is gone; what it had handed over is still sent, as the kernel does.
     pub fn close(&mut self, pid: u32) {
         self.ports.retain(|owner| owner.pid != pid);
-        self.queues.retain(|(owner, queue)| owner.pid != pid || !queue.is_empty());
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use module::PortId;
-
-    fn frame(id: u16, data: &[u8]) -> Frame {
-        Frame::standard(id, data)
-    }
-
-    #[test]
-    fn frames_are_as_long_as_their_content_makes_them() {
-        // docs/facts/canopen.md 7, with 3 bits of gap: 8 bytes 111 at best, 135 at worst; 0 bytes 47 to 55.
-        for seed in 0..20_000u64 {
-            let mut random = crate::random::Random::new(seed);
-            let n = (random.bits() % 9) as usize;
-            let data = random.bits().to_le_bytes();
-            let bits = frame_bits(&frame(random.bits() as u16, &data[..n])) + INTERMISSION;
-            let (best, worst) = (47 + 8 * n as u32, 47 + 8 * n as u32 + (34 + 8 * n as u32 - 1) / 4);
-            assert!((best..=worst).contains(&bits), "{n} bytes: {bits}");
-        }
-        assert!(frame_bits(&frame(0, &[0; 8])) > frame_bits(&frame(0x555, &[0x55; 8])));
-        let extended = Frame::new(Id::Extended(0x1234_5678), &[]).unwrap();
-        assert!((64..=64 + 13).contains(&frame_bits(&extended)));
-    }
-
-    #[test]
-    fn the_lowest_identifier_wins_and_each_port_keeps_its_order() {
-        let mut wire = CanWire::new(1_000_000);
-        let owner = |pid| Owner { pid, port: PortId(0) };
-        let now = Instant::from_millis(1);
-        wire.send(now, owner(1), frame(0x700, &[]));
-        wire.send(now, owner(1), frame(0x001, &[]));
-        wire.send(now, owner(2), frame(0x300, &[]));
-        wire.send(now, owner(3), frame(0x200, &[]));
-        let mut order = Vec::new();
-        while let Some(due) = wire.poll_timeout() {
-            if let Some((owner, frame)) = wire.handle_timeout(due) {
-                order.push((owner.pid, frame.id()));
-            }
-        }
-        let ids = [(3, 0x200), (2, 0x300), (1, 0x700), (1, 0x001)];
-        assert_eq!(order, ids.map(|(pid, id)| (pid, Id::Standard(id))));
-    }
-
-    #[test]
-    fn frames_follow_each_other_with_three_bits_between() {
-        let mut wire = CanWire::new(500_000);
-        let owner = Owner { pid: 1, port: PortId(0) };
-        let (a, b) = (frame(0x181, &[1, 2, 3]), frame(0x182, &[]));
-        wire.send(Instant::ZERO, owner, a);
-        wire.send(Instant::ZERO, owner, b);
-        let mut ends = Vec::new();
-        while let Some(due) = wire.poll_timeout() {
-            if wire.handle_timeout(due).is_some() {
-                ends.push(due.as_nanos());
-            }
-        }
-        let (a, b) = (u64::from(frame_bits(&a)) * 2000, u64::from(frame_bits(&b)) * 2000);
-        assert_eq!(ends, [a, a + 3 * 2000 + b]);
     }
 }

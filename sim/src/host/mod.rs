@@ -5,7 +5,7 @@
 //! the same run to the last bit, which [`Virtual::digest`] proves.
 //!
 //! What is modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN
-//! with exact frame lengths and arbitration ([`can`]); serial lines with 11 bits a word and collisions ([`serial`]);
+//! with exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits a word and collisions ([`serial`]);
 //! processes that are started, ended, killed, hung. What is not: computing time (an event is served at once),
 //! resource usage ([`module::ProcessEvent::Usage`] is never sent).
 
@@ -22,12 +22,14 @@ mod wire;
 pub use config::Config;
 pub use news::{News, Traffic};
 
+use crate::faults::{self, Ailment};
 use crate::random::Random;
 use agenda::{Entry, Happening, Waiting};
 use base::serial::Word;
 use base::{Duration, Instant};
+use can::Told;
 use digest::Digest;
-use messages::Message;
+use messages::{Channel, Message};
 use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell, State};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
@@ -37,6 +39,8 @@ use wire::{Kind, Owner, Wire, open};
 
 /// SIGKILL's number.
 const SIGKILL: i32 = 9;
+/// Why a port is down whose CAN controller has left the bus.
+const BUS_OFF: &str = "bus-off";
 /// Processes are numbered from here.
 const FIRST_PID: u32 = 1000;
 /// What waits for a hung process; further input is lost, as full socket buffers lose it.
@@ -208,6 +212,22 @@ impl Virtual {
         self.schedule(at.max(self.now), Happening::Inject(message.into()));
     }
 
+    /// Lets a fault come over a CAN bus for so many seconds, as `SIM_CMD_FAULT` with the bus's name as its target does;
+    /// false when there is no such bus, or that is no fault of a bus ([`crate::faults`]).
+    pub fn can_fault(&mut self, bus: &str, ailment: Ailment, lasts: f64) -> bool {
+        let Some(place) = self.wires.iter().position(|wire| &*wire.bus == bus) else {
+            return false;
+        };
+        let until = faults::until(self.now, lasts);
+        let known = match &mut self.wires[place].kind {
+            Kind::Can(wire) => wire.suffer(self.now, ailment, until),
+            Kind::Serial(_) => false,
+        };
+        self.pass_told(place);
+        self.arm_wire(place);
+        known
+    }
+
     /// Lets everything happen that happens up to and at `end`.
     ///
     /// # Panics
@@ -298,12 +318,22 @@ impl Virtual {
         for port in (0..ports).map(|port| PortId(port as u8)) {
             let Some(place) = self.place(pid) else { return };
             let wire = self.processes[place].wires[usize::from(port.0)];
-            self.wires[wire].ports().push(Owner { pid, port });
-            self.handle(pid, Event::Port { port, input: Input::Up });
+            // Who can be told of faults emulates what they are of.
+            let emulates = self.processes[place].shell.wants(Channel::SimCmdFault);
+            let module = self.processes[place].module.clone();
+            let up = self.wires[wire].join(Owner { pid, port }, &module, emulates);
+            let input = if up { Input::Up } else { Input::Down(BUS_OFF) };
+            self.handle(pid, Event::Port { port, input });
         }
     }
 
     fn deliver(&mut self, message: &Rc<Message>) {
+        if let Message::SimCmdFault(command) = &**message
+            && let Some(ailment) = Ailment::from_name(&command.fault, command.value)
+        {
+            // What is no fault of a bus is one of the simulator's, or the simulator says that it is none.
+            self.can_fault(&command.target, ailment, command.duration);
+        }
         let mut pid = 0;
         // By number, not by place: serving one may end or start others.
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
@@ -327,9 +357,8 @@ impl Virtual {
         let now = self.now;
         match &mut self.wires[place].kind {
             Kind::Can(wire) => {
-                if let Some((owner, frame)) = wire.handle_timeout(now) {
-                    self.frame_over(place, owner, frame);
-                }
+                wire.handle_timeout(now);
+                self.pass_told(place);
             }
             Kind::Serial(wire) => {
                 if let Some(arrival) = wire.handle_timeout(now) {
@@ -340,17 +369,36 @@ impl Virtual {
         self.arm_wire(place);
     }
 
+    /// Passes on what a CAN wire tells.
+    fn pass_told(&mut self, place: usize) {
+        while let Kind::Can(wire) = &mut self.wires[place].kind
+            && let Some(told) = wire.poll_told()
+        {
+            match told {
+                Told::Frame(owner, frame) => self.frame_over(place, owner, frame),
+                Told::Lost(frame) => {
+                    let bus = self.wires[place].bus.clone();
+                    self.digest.can(self.now, &bus, &frame);
+                    self.news(&News::CanLost { bus: &bus, frame });
+                }
+                Told::Off(owner) => self.tell(owner.pid, Waiting::Down(owner.port)),
+                Told::Back(owner) => self.tell(owner.pid, Waiting::Up(owner.port)),
+                Told::Notice(owner, notice) => self.tell(owner.pid, Waiting::Notice(owner.port, notice)),
+            }
+        }
+    }
+
     fn frame_over(&mut self, place: usize, owner: Owner, frame: base::can::Frame) {
         let bus = self.wires[place].bus.clone();
         self.digest.can(self.now, &bus, &frame);
-        if self.config.can_loss == Some(self.wires[place].traffic().sent) {
-            self.news(&News::CanLost { bus: &bus, frame });
-            return;
-        }
         self.news(&News::Can { bus: &bus, frame });
         let echo = self.config.can_echo;
         self.each_port(place, |host, port| {
-            if port != owner || echo {
+            let hears = match &host.wires[place].kind {
+                Kind::Can(wire) => wire.hears(host.now, port),
+                Kind::Serial(_) => false,
+            };
+            if hears && (port != owner || echo) {
                 host.tell(port.pid, Waiting::Can(port.port, frame));
             }
         });
@@ -395,6 +443,9 @@ impl Virtual {
         match waiting {
             Waiting::Message(at, message) => self.handle(pid, Event::Message { at, message: &message }),
             Waiting::Can(port, frame) => self.handle(pid, Event::Port { port, input: Input::Can(frame) }),
+            Waiting::Notice(port, notice) => self.handle(pid, Event::Port { port, input: Input::CanNotice(notice) }),
+            Waiting::Down(port) => self.handle(pid, Event::Port { port, input: Input::Down(BUS_OFF) }),
+            Waiting::Up(port) => self.handle(pid, Event::Port { port, input: Input::Up }),
             Waiting::Words(port, words) => self.handle(pid, Event::Port { port, input: Input::Words(&words) }),
             Waiting::Sent(port) => self.handle(pid, Event::Port { port, input: Input::Sent }),
             Waiting::Exited(pid_ended, status) => {

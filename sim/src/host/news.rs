@@ -22,7 +22,7 @@ pub enum News<'a> {
         /// The frame.
         frame: base::can::Frame,
     },
-    /// A CAN frame has left the wire, and nobody received it ([`Config::can_loss`](super::Config::can_loss)).
+    /// A CAN frame has left the wire, and nobody received it ([`Config::can_loss`](super::Config::can_loss), fault `lose`).
     CanLost {
         /// The bus.
         bus: &'a str,
@@ -82,8 +82,10 @@ pub enum News<'a> {
 pub struct Traffic {
     /// CAN frames that left the wire, or words that were put on it.
     pub sent: u64,
-    /// CAN frames that found the sender's queue full.
+    /// CAN frames that found the sender's queue full, grew old in it, or were in it when the sender went bus-off.
     pub dropped: u64,
+    /// CAN frames that were destroyed by an error on the wire; they are sent again.
+    pub errors: u64,
     /// Serial talk that began while another talked.
     pub collisions: u64,
     /// How long the wire was taken.

@@ -51,10 +51,21 @@ impl Wire {
         }
     }
 
-    pub fn ports(&mut self) -> &mut Vec<Owner> {
+    pub fn ports(&self) -> &[Owner] {
+        match &self.kind {
+            Kind::Can(wire) => &wire.ports,
+            Kind::Serial(wire) => &wire.ports,
+        }
+    }
+
+    /// Opens a port of a module, which may be the one that emulates the boards; false while its controller is bus-off.
+    pub fn join(&mut self, owner: Owner, module: &Rc<str>, emulates: bool) -> bool {
         match &mut self.kind {
-            Kind::Can(wire) => &mut wire.ports,
-            Kind::Serial(wire) => &mut wire.ports,
+            Kind::Can(wire) => wire.join(owner, module, emulates),
+            Kind::Serial(wire) => {
+                wire.ports.push(owner);
+                true
+            }
         }
     }
 }
@@ -65,10 +76,10 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         let there = wires[place].rate();
         return if there == line { Ok(place) } else { Err(format!("bus {bus} is {there:?}, not {line:?}")) };
     }
+    let random = Random::stream(config.seed, 16 + wires.len() as u64);
     let kind = match line {
-        Line::Can { bitrate } => Kind::Can(CanWire::new(bitrate)),
+        Line::Can { bitrate } => Kind::Can(CanWire::new(bitrate, random, config.can_loss)),
         Line::Serial { baud } => {
-            let random = Random::stream(config.seed, 16 + wires.len() as u64);
             Kind::Serial(SerialWire::new(baud, config.full_duplex.iter().any(|name| name == bus), random))
         }
     };

@@ -26,11 +26,15 @@ fn text(frame: &Frame) -> String {
 
 impl Bus {
     fn new() -> Self {
+        Self::with(false)
+    }
+
+    fn with(wire_time: bool) -> Self {
         let gearing = Gearing::default();
         let can = CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing };
         let mut world = World::hall(200.0, 200.0);
         world.start = navitools::Pose::new(100.0, 100.0, 0.0);
-        let config = Config { can: Some(can), world, ..Config::default() };
+        let config = Config { can: Some(can), world, wire_time, ..Config::default() };
         let mut bench = Bench::new(Shell::new(ShellConfig::new("simulator"), Box::new(Simulator::new(config))));
         bench.start();
         Self { bench, truth: simulation::DataTruth::default() }
@@ -63,6 +67,11 @@ impl Bus {
     fn sdo(&mut self, request: &str, answer: &str) {
         let answers = self.send(request);
         assert!(answers.iter().any(|text| text.starts_with(answer)), "{request}: {answers:?}");
+    }
+
+    fn fault(&mut self, target: &str, fault: &str, value: f64, duration: f64) {
+        let (target, fault) = (target.into(), fault.into());
+        self.bench.message(simulation::CmdFault { timestamp: 0, target, fault, value, duration });
     }
 
     fn boot(&mut self) {
@@ -312,4 +321,61 @@ fn standing_still_it_wakes_for_the_truth_and_the_heartbeats_alone() {
         wakes += 1;
     }
     assert!(wakes <= 10 * 23, "{wakes} in 10 s");
+}
+
+#[test]
+fn a_babbling_drive_takes_half_of_the_bus_until_it_is_well() {
+    let mut bus = Bus::new();
+    bus.boot();
+    bus.fault("propulsion", "babble", 0.0, 0.1);
+    let sent = bus.pass(200);
+    let count = sent.iter().filter(|(_, text)| text.starts_with("281 00 00")).count();
+    // A frame in 262 us.
+    assert_eq!(count, 382);
+    bus.fault("steering", "babble", 130.0, 0.0);
+    assert!(bus.pass(10).iter().filter(|(_, text)| text.starts_with("082 00")).count() >= 38);
+    bus.fault("steering", "none", 0.0, 0.0);
+    assert_eq!(bus.pass(10), []);
+}
+
+#[test]
+fn a_second_node_with_a_drive_s_number_boots_up_and_answers_too() {
+    let mut bus = Bus::new();
+    bus.boot();
+    bus.fault("steering", "clash", 0.0, 0.0);
+    let sent: Vec<_> = bus.pass(1).into_iter().map(|(_, text)| text).collect();
+    assert!(sent.contains(&"702 00".to_string()), "{sent:?}");
+    let ask = |bus: &mut Bus| {
+        let answers = bus.send("602 40 00 10 00 00 00 00 00");
+        answers.iter().filter(|text| text.starts_with("582 43 00 10 00")).count()
+    };
+    assert_eq!(ask(&mut bus), 2);
+    bus.fault("steering", "none", 0.0, 0.0);
+    assert_eq!(ask(&mut bus), 1);
+}
+
+#[test]
+fn without_a_wire_its_faults_are_lost_frames_and_with_one_they_are_the_wire_s() {
+    let ask = |bus: &mut Bus| bus.send("601 40 00 10 00 00 00 00 00").len();
+    for imitates in [true, false] {
+        let mut bus = Bus::with(imitates);
+        bus.boot();
+        bus.fault("can.main", "cut", 0.0, 0.05);
+        assert_eq!(ask(&mut bus), usize::from(!imitates));
+        bus.pass(60);
+        assert_eq!(ask(&mut bus), 1);
+        bus.fault("can.main", "bus_off", 0.0, 0.0);
+        assert_eq!(ask(&mut bus), usize::from(!imitates));
+        bus.pass(110);
+        // The second from now on is the answer.
+        bus.fault("can.main", "lose", 2.0, 0.0);
+        assert_eq!([ask(&mut bus), ask(&mut bus)], [usize::from(!imitates), 1]);
+        bus.fault("can.main", "noise", 1e-3, 0.0);
+        let answers: usize = (0..1000).map(|_| ask(&mut bus)).sum();
+        // Request and answer, some 125 bits each, must get through.
+        assert!(if imitates { (700..850).contains(&answers) } else { answers == 1000 }, "{answers}");
+        bus.fault("can.main", "none", 0.0, 0.0);
+        bus.fault("can.main", "corrupt", 2.0, 0.0);
+        assert_eq!((0..10).map(|_| ask(&mut bus)).sum::<usize>(), if imitates { 0 } else { 10 });
+    }
 }

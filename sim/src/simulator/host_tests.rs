@@ -18,6 +18,7 @@ struct Script {
     ticks: Rc<Cell<i16>>,
     asked: Instant,
     round_trip: Rc<Cell<u64>>,
+    told: Rc<RefCell<Vec<String>>>,
 }
 
 impl Script {
@@ -47,6 +48,9 @@ impl Module for Script {
                 self.ticks.set(i16::from_le_bytes([words[4].byte, words[5].byte]));
                 self.round_trip.set(now.since(self.asked).as_nanos() as u64);
             }
+            Event::Port { port: PortId(0), input: input @ (Input::Up | Input::Down(_) | Input::CanNotice(_)) } => {
+                self.told.borrow_mut().push(format!("{} {input:?}", now.as_nanos() / 1_000_000));
+            }
             Event::Timer => {
                 if self.beat.due(now) {
                     self.frames().into_iter().for_each(|frame| out.send_can(PortId(0), frame));
@@ -71,6 +75,8 @@ struct Run {
     ticks: Rc<Cell<i16>>,
     round_trip: Rc<Cell<u64>>,
     truth: Rc<RefCell<simulation::DataTruth>>,
+    /// What the script's CAN port said besides frames: ms, what.
+    told: Rc<RefCell<Vec<String>>>,
 }
 
 fn config() -> Config {
@@ -92,7 +98,8 @@ fn run(seed: u64) -> Run {
 
 fn run_in(seed: u64, change: impl Fn(&mut Config) + 'static) -> Run {
     let (ticks, round_trip) = (Rc::new(Cell::new(0)), Rc::new(Cell::new(0)));
-    let inner = (ticks.clone(), round_trip.clone());
+    let told = Rc::new(RefCell::new(Vec::new()));
+    let inner = (ticks.clone(), round_trip.clone(), told.clone());
     let factory = move |name: &str, wanted| {
         let module: Box<dyn Module> = match name {
             "simulator" => {
@@ -111,6 +118,7 @@ fn run_in(seed: u64, change: impl Fn(&mut Config) + 'static) -> Run {
                 ticks: inner.0.clone(),
                 asked: Instant::ZERO,
                 round_trip: inner.1.clone(),
+                told: inner.2.clone(),
             }),
         };
         Ok(Shell::new(ShellConfig { wanted, ..ShellConfig::new(name) }, module))
@@ -125,7 +133,7 @@ fn run_in(seed: u64, change: impl Fn(&mut Config) + 'static) -> Run {
     });
     machine.spawn("simulator", State::Run).unwrap();
     machine.spawn("script", State::Run).unwrap();
-    Run { machine, ticks, round_trip, truth }
+    Run { machine, ticks, round_trip, truth, told }
 }
 
 #[test]
@@ -154,6 +162,58 @@ fn it_drives_and_stops_when_its_master_dies_and_repeats_to_the_bit() {
     };
     let digest = go(1);
     assert!(digest == go(1) && digest != go(2));
+}
+
+fn fault(fault: &str, value: f64, duration: f64) -> simulation::CmdFault {
+    simulation::CmdFault { timestamp: 0, target: "can.main".into(), fault: fault.into(), value, duration }
+}
+
+#[test]
+fn a_master_that_is_bus_off_is_told_so_stops_the_robot_and_comes_back() {
+    let mut run = run(1);
+    run.machine.inject(Instant::from_millis(10_000), fault("bus_off", 0.0, 0.5));
+    run.machine.run_until(Instant::from_millis(10_140));
+    assert!(run.truth.borrow().speed > 0.49, "the heartbeat is not yet missed");
+    run.machine.run_until(Instant::from_millis(12_000));
+    assert_eq!(run.truth.borrow().speed, 0.0);
+    let health =
+        |state: &str| format!("CanNotice(Health(Health {{ state: {state}, transmit_errors: 0, receive_errors: 0 }}))");
+    // 100, 200 and 400 ms, and each time 1.408 ms of silence on the bus.
+    let expected = [
+        "20 Up".to_string(),
+        format!("10000 {}", health("Off")),
+        "10000 Down(\"bus-off\")".into(),
+        "10704 Up".into(),
+        format!("10704 {}", health("Active")),
+    ];
+    assert_eq!(*run.told.borrow(), expected);
+    assert!(run.machine.traffic("can.main").unwrap().dropped > 0, "what was sent in between");
+}
+
+#[test]
+fn a_master_that_is_cut_off_learns_that_nobody_hears_it() {
+    let mut run = run(1);
+    run.machine.inject(Instant::from_millis(10_000), fault("cut", 0.0, 0.3));
+    run.machine.run_until(Instant::from_millis(11_000));
+    assert_eq!(run.truth.borrow().speed, 0.0);
+    let told = run.told.borrow();
+    let position =
+        |what: &str| told.iter().position(|line| line.contains(what)).unwrap_or_else(|| panic!("{what} {told:?}"));
+    assert!(position("NoAcknowledge") < position("Passive, transmit_errors: 128"), "{told:?}");
+    assert!(!told.iter().any(|line| line.contains("Down")), "{told:?}");
+    // It is heard again: its counter goes down by the frame.
+    assert!(told.last().unwrap().contains("Warning") || told.last().unwrap().contains("Active"), "{told:?}");
+}
+
+#[test]
+fn noise_costs_time_and_no_frame() {
+    let mut run = run(1);
+    run.machine.inject(Instant::from_millis(1), fault("noise", 1e-3, 0.0));
+    run.machine.run_until(Instant::from_millis(10_000));
+    assert!((run.truth.borrow().speed - 0.5).abs() < 0.001, "{:?}", run.truth);
+    let traffic = run.machine.traffic("can.main").unwrap();
+    assert!(traffic.errors > 15 && traffic.dropped == 0, "{traffic:?}");
+    assert!(run.told.borrow().iter().any(|line| line.contains("Errors(")), "{:?}", run.told);
 }
 
 #[test]
