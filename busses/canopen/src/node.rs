@@ -89,6 +89,12 @@ impl Node {
         }
     }
 
+    /// Without SDO block transfers, as the drives of the robot.
+    #[must_use]
+    pub fn without_block(self) -> Self {
+        Self { server: self.server.without_block(), ..self }
+    }
+
     /// The node id.
     #[must_use]
     pub fn id(&self) -> u8 {
@@ -354,9 +360,10 @@ impl Node {
         }
     }
 
-    /// A frame to send.
+    /// A frame to send. The segments of a block that is read come last, one by one.
     pub fn poll_tx(&mut self) -> Option<Frame> {
-        self.tx.pop()
+        let segment = |data: [u8; 8]| Frame::standard(Service::SdoResponse { node: self.dictionary.node() }.cob_id(), &data);
+        self.tx.pop().or_else(|| self.server.poll_tx().map(segment))
     }
 
     /// What happened.

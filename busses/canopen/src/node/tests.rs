@@ -83,7 +83,7 @@ fn refusals_carry_their_codes() {
         19ms < 581 80 03 10 00 12 00 07 06
         20ms > 601 2F 03 10 00 01 00 00 00      # only 0 clears the history
         20ms < 581 80 03 10 00 30 00 09 06
-        21ms > 601 C0 00 2F 00 00 00 00 00      # block transfer
+        21ms > 601 E0 00 2F 00 00 00 00 00      # a reserved specifier
         21ms < 581 80 00 2F 00 01 00 04 05
         22ms > 601 40 41 60                     # too short: no answer
         23ms > 602 40 41 60 00 00 00 00 00      # not for us

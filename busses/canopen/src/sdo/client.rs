@@ -1,6 +1,9 @@
 //! The client: one transfer at a time.
 
+mod block;
+
 use super::MAX_LEN;
+use super::block::{BLOCK_SIZE, Receiver, Sender, Strays};
 use crate::wire::sdo::{Initiate, Malformed, Request, Response, Segment};
 use crate::{Abort, Payload};
 use base::{Duration, Instant, Queue};
@@ -72,6 +75,15 @@ enum Wait {
         data: Payload,
         sent: usize,
     },
+    BlockUpload,
+    /// Segments, then the end.
+    BlockReceive(Receiver),
+    BlockDownload {
+        data: Payload,
+    },
+    /// Acknowledges.
+    BlockSend(Sender),
+    BlockDownloadEnd,
 }
 
 /// The rest of a transfer.
@@ -81,14 +93,30 @@ struct Transfer {
     since: Instant,
     until: Instant,
     wait: Wait,
+    /// The last answer taken. It can come twice.
+    heard: [u8; 8],
+    /// It came twice since: a server that does not toggle looks so.
+    repeated: bool,
+}
+
+impl Transfer {
+    fn due(&self) -> Instant {
+        match &self.wait {
+            Wait::BlockReceive(receiver) => receiver.due(),
+            Wait::BlockSend(sender) => sender.due(),
+            _ => self.until,
+        }
+    }
 }
 
 /// One SDO channel to one node. Feed it the data of the node's responses, send what it gives to the node.
 pub struct Client {
     timeout: Duration,
+    blksize: u8,
     transfer: Option<Transfer>,
     tx: Queue<[u8; 8], 4>,
     done: Option<Done>,
+    strays: Strays,
     ignored: u32,
 }
 
@@ -96,7 +124,22 @@ impl Client {
     /// Idle; each answer may take `timeout`.
     #[must_use]
     pub fn new(timeout: Duration) -> Self {
-        Self { timeout, transfer: None, tx: Queue::new(), done: None, ignored: 0 }
+        Self {
+            timeout,
+            blksize: BLOCK_SIZE,
+            transfer: None,
+            tx: Queue::new(),
+            done: None,
+            strays: Strays::default(),
+            ignored: 0,
+        }
+    }
+
+    /// With blocks of at most `blksize` segments (1..=127, kept in that range) when it reads: what a receiver with a
+    /// small buffer can take at once.
+    #[must_use]
+    pub fn with_block_size(self, blksize: u8) -> Self {
+        Self { blksize: blksize.clamp(1, BLOCK_SIZE), ..self }
     }
 
     /// Whether a transfer can begin: none runs and the last one's end was taken.
@@ -118,21 +161,16 @@ impl Client {
 
     /// Begins to write; false when busy.
     pub fn write(&mut self, now: Instant, index: u16, sub: u8, data: Payload) -> bool {
-        let mut bytes = [0; 4];
-        let (initiate, data) = match data.len() {
-            len @ 1..=4 => {
-                bytes[..len].copy_from_slice(&data);
-                (Initiate::Expedited { data: bytes, len: Some(len as u8) }, None)
-            }
-            len => (Initiate::Segmented { size: Some(len as u32) }, Some(data)),
-        };
-        self.begin(now, index, sub, Wait::Download { data }, Request::Download { index, sub, initiate })
+        let (wait, request) = download(index, sub, data);
+        self.begin(now, index, sub, wait, request)
     }
 
     fn begin(&mut self, now: Instant, index: u16, sub: u8, wait: Wait, request: Request) -> bool {
         let idle = self.is_idle();
         if idle {
-            self.transfer = Some(Transfer { index, sub, since: now, until: now + self.timeout, wait });
+            let until = now + self.timeout;
+            let transfer = Transfer { index, sub, since: now, until, wait, heard: [0; 8], repeated: false };
+            self.transfer = Some(transfer);
             self.tx.push(request.encode());
         }
         idle
@@ -140,27 +178,44 @@ impl Client {
 
     /// Gives up what runs, without a word to the node: it was reset, or is gone.
     pub fn cancel(&mut self) {
-        self.transfer = None;
+        if let Some(Transfer { wait: Wait::BlockReceive(receiver), .. }) = self.transfer.take() {
+            self.strays.expect(receiver.awaited(), receiver.until());
+        }
         self.done = None;
         self.tx.clear();
     }
 
     /// The data of a response.
     pub fn handle_rx(&mut self, now: Instant, data: &[u8]) {
-        let Some(transfer) = self.transfer.take() else {
+        let Ok(frame) = <[u8; 8]>::try_from(data) else {
             self.ignored = self.ignored.saturating_add(1);
             return;
         };
+        match self.transfer.take() {
+            Some(transfer) if !self.strays.swallow(now, frame) => self.response(now, transfer, frame),
+            transfer => {
+                self.transfer = transfer;
+                self.ignored = self.ignored.saturating_add(1);
+            }
+        }
+    }
+
+    fn response(&mut self, now: Instant, transfer: Transfer, frame: [u8; 8]) {
         let here = (transfer.index, transfer.sub);
-        match Response::decode(data) {
-            Ok(Response::Abort { index, sub, code }) if here == (index, sub) => {
-                self.finish(now, transfer, Err(Error::Refused(code)));
+        match Response::decode(&frame) {
+            // An abort begins with 0x80, which no segment of a block does.
+            Ok(Response::Abort { index, sub, code }) if frame[0] == 0x80 && here == (index, sub) => {
+                self.refused(now, transfer, code);
             }
-            Ok(Response::Upload { index, sub, .. } | Response::Download { index, sub }) if here != (index, sub) => {
-                self.ignore(transfer);
-            }
-            Ok(response) => self.answer(now, transfer, response),
-            // Block transfer was not asked for, so an answer of its kind to our object is nonsense.
+            _ if matches!(transfer.wait, Wait::BlockReceive(_)) => self.block_receive(now, transfer, frame),
+            Ok(
+                Response::Upload { index, sub, .. }
+                | Response::Download { index, sub }
+                | Response::BlockUpload { index, sub, .. }
+                | Response::BlockDownload { index, sub, .. },
+            ) if here != (index, sub) => self.ignore(transfer),
+            Ok(response) => self.answer(now, transfer, response, frame),
+            // A specifier that the standard reserves, of our object.
             Err(Malformed::Command { index, sub, .. }) if here == (index, sub) => {
                 self.give_up(now, transfer, Abort::UNKNOWN_COMMAND);
             }
@@ -168,18 +223,29 @@ impl Client {
         }
     }
 
-    fn answer(&mut self, now: Instant, mut transfer: Transfer, response: Response) {
+    fn answer(&mut self, now: Instant, mut transfer: Transfer, response: Response, frame: [u8; 8]) {
+        let in_step = match (&transfer.wait, response) {
+            (Wait::UploadSegment { toggle, .. }, Response::UploadSegment(segment)) => *toggle == segment.toggle,
+            (Wait::DownloadSegment { toggle, .. }, Response::DownloadSegment { toggle: answered }) => {
+                *toggle == answered
+            }
+            _ => true,
+        };
+        if !in_step {
+            return self.out_of_step(now, transfer, frame);
+        }
+        let before = mem::replace(&mut transfer.heard, frame);
         match (mem::replace(&mut transfer.wait, Wait::Upload), response) {
-            (Wait::Upload, Response::Upload { initiate: Initiate::Expedited { data, len }, .. }) => {
-                let data = Payload::from(&data[..usize::from(len.unwrap_or(4))]);
-                self.finish(now, transfer, Ok(data));
-            }
-            (Wait::Upload, Response::Upload { initiate: Initiate::Segmented { size }, .. }) => {
-                if size.is_some_and(|size| size as usize > MAX_LEN) {
-                    return self.give_up(now, transfer, Abort::OUT_OF_MEMORY);
+            (Wait::Upload | Wait::BlockUpload, Response::Upload { initiate, .. }) => match initiate {
+                Initiate::Expedited { data, len } => {
+                    let data = Payload::from(&data[..usize::from(len.unwrap_or(4))]);
+                    self.finish(now, transfer, Ok(data));
                 }
-                self.ask_segment(now, transfer, false, size, Payload::EMPTY);
-            }
+                Initiate::Segmented { size: Some(size) } if size as usize > MAX_LEN => {
+                    self.give_up(now, transfer, Abort::OUT_OF_MEMORY);
+                }
+                Initiate::Segmented { size } => self.ask_segment(now, transfer, false, size, Payload::EMPTY),
+            },
             (Wait::UploadSegment { toggle, size, data }, Response::UploadSegment(segment)) => {
                 self.take_segment(now, transfer, segment, (toggle, size, data));
             }
@@ -189,17 +255,33 @@ impl Client {
             (Wait::Download { data: Some(data) }, Response::Download { .. }) => {
                 self.send_segment(now, transfer, false, data, 0);
             }
-            (Wait::DownloadSegment { toggle, data, sent }, Response::DownloadSegment { toggle: answered }) => {
-                if answered != toggle {
-                    return self.give_up(now, transfer, Abort::TOGGLE);
-                }
-                if sent == data.len() {
-                    return self.finish(now, transfer, Ok(Payload::EMPTY));
-                }
+            (Wait::DownloadSegment { data, sent, .. }, Response::DownloadSegment { .. }) if sent == data.len() => {
+                self.finish(now, transfer, Ok(Payload::EMPTY));
+            }
+            (Wait::DownloadSegment { toggle, data, sent }, Response::DownloadSegment { .. }) => {
                 self.send_segment(now, transfer, !toggle, data, sent);
             }
+            (Wait::BlockUpload, Response::BlockUpload { crc, size, .. }) => {
+                self.block_upload(now, transfer, (crc, size), frame);
+            }
+            (Wait::BlockDownload { data }, Response::BlockDownload { crc, blksize, .. }) => {
+                self.block_download(now, transfer, data, (crc, blksize));
+            }
+            (Wait::BlockSend(sender), Response::BlockDownloadAck { ackseq, blksize }) => {
+                self.acknowledged(now, transfer, sender, (ackseq, blksize));
+            }
+            (Wait::BlockDownloadEnd, Response::BlockDownloadEnd) => self.finish(now, transfer, Ok(Payload::EMPTY)),
             // An answer that belongs to an earlier request: go on waiting.
-            (wait, _) => self.ignore(Transfer { wait, ..transfer }),
+            (wait, _) => self.ignore(Transfer { wait, heard: before, ..transfer }),
+        }
+    }
+
+    /// A toggle that did not alternate; the last answer, come twice, looks like it.
+    fn out_of_step(&mut self, now: Instant, transfer: Transfer, frame: [u8; 8]) {
+        if transfer.heard == frame {
+            self.ignore(Transfer { repeated: true, ..transfer });
+        } else {
+            self.give_up(now, transfer, Abort::TOGGLE);
         }
     }
 
@@ -210,9 +292,6 @@ impl Client {
         segment: Segment,
         (toggle, size, mut data): (bool, Option<u32>, Payload),
     ) {
-        if segment.toggle != toggle {
-            return self.give_up(now, transfer, Abort::TOGGLE);
-        }
         data.extend(segment.data());
         let limit = size.map_or(MAX_LEN, |size| size as usize);
         match () {
@@ -220,6 +299,8 @@ impl Client {
                 self.give_up(now, transfer, Abort::OUT_OF_MEMORY);
             }
             () if data.len() > limit => self.give_up(now, transfer, Abort::TOO_LONG),
+            // Nothing, and more to follow: that could go on for ever.
+            () if !segment.last && segment.data().is_empty() => self.give_up(now, transfer, Abort::TOO_SHORT),
             () if !segment.last => self.ask_segment(now, transfer, !toggle, size, data),
             () if size.is_some() && data.len() < limit => {
                 self.give_up(now, transfer, Abort::TOO_SHORT);
@@ -242,7 +323,7 @@ impl Client {
 
     fn go_on(&mut self, now: Instant, transfer: Transfer, request: Request) {
         self.tx.push(request.encode());
-        self.transfer = Some(Transfer { until: now + self.timeout, ..transfer });
+        self.transfer = Some(Transfer { until: now + self.timeout, repeated: false, ..transfer });
     }
 
     fn ignore(&mut self, transfer: Transfer) {
@@ -262,16 +343,26 @@ impl Client {
         self.done = Some(Done { index, sub, result, took: now.since(since) });
     }
 
-    /// Gives up what has waited too long.
+    /// Gives up what has waited too long, and asks again for what was lost of a block. Late or needless calls do no
+    /// harm.
     pub fn handle_timeout(&mut self, now: Instant) {
-        if let Some(transfer) = self.transfer.take_if(|transfer| transfer.until <= now) {
-            self.give_up(now, transfer, Abort::TIMEOUT);
+        let Some(transfer) = self.transfer.take_if(|transfer| transfer.due() <= now) else {
+            return;
+        };
+        match transfer.wait {
+            Wait::BlockReceive(_) | Wait::BlockSend(_) => self.block_timeout(now, transfer),
+            _ if transfer.repeated => self.give_up(now, transfer, Abort::TOGGLE),
+            _ => self.give_up(now, transfer, Abort::TIMEOUT),
         }
     }
 
-    /// The data of a request to send.
+    /// The data of a request to send. A block is made segment by segment as it is asked for here, so who sends slowly
+    /// needs no queue; its acknowledge is awaited for the time-out since segments were last seen to leave.
     pub fn poll_tx(&mut self) -> Option<[u8; 8]> {
-        self.tx.pop()
+        self.tx.pop().or_else(|| match &mut self.transfer.as_mut()?.wait {
+            Wait::BlockSend(sender) => sender.segment(),
+            _ => None,
+        })
     }
 
     /// A transfer that ended.
@@ -282,6 +373,19 @@ impl Client {
     /// When to call [`Self::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        self.transfer.as_ref().map(|transfer| transfer.until)
+        self.transfer.as_ref().map(Transfer::due)
     }
+}
+
+/// A normal write: at once when it fits, else in segments.
+fn download(index: u16, sub: u8, data: Payload) -> (Wait, Request) {
+    let mut bytes = [0; 4];
+    let (initiate, data) = match data.len() {
+        len @ 1..=4 => {
+            bytes[..len].copy_from_slice(&data);
+            (Initiate::Expedited { data: bytes, len: Some(len as u8) }, None)
+        }
+        len => (Initiate::Segmented { size: Some(len as u32) }, Some(data)),
+    };
+    (Wait::Download { data }, Request::Download { index, sub, initiate })
 }

@@ -1,4 +1,7 @@
-//! SDO frames, expedited and segmented (CiA 301, 9.2.2.2). Always 8 bytes; block transfer is not spoken.
+//! SDO frames, expedited, segmented and block (CiA 301, 9.2.2.2). Always 8 bytes.
+//!
+//! A segment of a block transfer has no command specifier: its first byte may be that of any other frame. Only who
+//! knows that one is due can tell it, so [`BlockSegment`] stands apart from [`Request`] and [`Response`].
 
 use crate::Abort;
 
@@ -60,6 +63,53 @@ impl Segment {
     }
 }
 
+/// Seven bytes of a block transfer, in either direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlockSegment {
+    /// Whether it is the last of the whole transfer.
+    pub last: bool,
+    /// Its number in the sub-block, 1..=127; 0 is none ([`Request::Abort`] begins so, with `last`).
+    pub seqno: u8,
+    /// The data; how many of the last segment's bytes count is said by [`BlockEnd`].
+    pub data: [u8; 7],
+}
+
+impl BlockSegment {
+    /// The data of the frame.
+    #[must_use]
+    pub const fn encode(self) -> [u8; 8] {
+        let [a, b, c, d, e, f, g] = self.data;
+        [(self.last as u8) << 7 | self.seqno & 0x7F, a, b, c, d, e, f, g]
+    }
+
+    /// From the data of a frame that is known to be a segment.
+    #[must_use]
+    pub const fn decode(frame: [u8; 8]) -> Self {
+        let [first, data @ ..] = frame;
+        Self { last: first & 0x80 != 0, seqno: first & 0x7F, data }
+    }
+}
+
+/// What ends a block transfer, from who sent the data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlockEnd {
+    /// Bytes of the last segment that do not count, 0..=7.
+    pub unused: u8,
+    /// CRC of all data; means nothing unless both sides announced that they can do it.
+    pub crc: u16,
+}
+
+impl BlockEnd {
+    const fn encode(self) -> [u8; 8] {
+        let [low, high] = self.crc.to_le_bytes();
+        [0xC1 | (self.unused & 7) << 2, low, high, 0, 0, 0, 0, 0]
+    }
+
+    const fn decode([command, low, high, ..]: [u8; 8]) -> Self {
+        Self { unused: command >> 2 & 7, crc: u16::from_le_bytes([low, high]) }
+    }
+}
+
 /// From client to server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)] // index and sub: the object
@@ -72,6 +122,19 @@ pub enum Request {
     Upload { index: u16, sub: u8 },
     /// Go on reading.
     UploadSegment { toggle: bool },
+    /// Begin to write an object in blocks; `crc`: the client can do it.
+    BlockDownload { index: u16, sub: u8, crc: bool, size: Option<u32> },
+    /// All of it was sent and acknowledged.
+    BlockDownloadEnd(BlockEnd),
+    /// Begin to read an object in blocks of `blksize` segments; up to `threshold` bytes (0: none) the server may
+    /// answer with a normal upload. `crc`: the client can do it.
+    BlockUpload { index: u16, sub: u8, crc: bool, blksize: u8, threshold: u8 },
+    /// Send the first block.
+    BlockUploadStart,
+    /// Segments up to `ackseq` came; the next block has `blksize` segments.
+    BlockUploadAck { ackseq: u8, blksize: u8 },
+    /// All of it arrived.
+    BlockUploadEnd,
     /// Give up.
     Abort { index: u16, sub: u8, code: Abort },
 }
@@ -88,6 +151,16 @@ pub enum Response {
     Upload { index: u16, sub: u8, initiate: Initiate },
     /// A segment.
     UploadSegment(Segment),
+    /// Writing in blocks begun, the first of `blksize` segments; `crc`: the server can do it.
+    BlockDownload { index: u16, sub: u8, crc: bool, blksize: u8 },
+    /// Segments up to `ackseq` came; the next block has `blksize` segments.
+    BlockDownloadAck { ackseq: u8, blksize: u8 },
+    /// All of it arrived and is written.
+    BlockDownloadEnd,
+    /// Reading in blocks begun; `crc`: the server can do it.
+    BlockUpload { index: u16, sub: u8, crc: bool, size: Option<u32> },
+    /// All of it was sent and acknowledged.
+    BlockUploadEnd(BlockEnd),
     /// Refused.
     Abort { index: u16, sub: u8, code: Abort },
 }
@@ -97,7 +170,7 @@ pub enum Response {
 pub enum Malformed {
     /// It does not have 8 bytes.
     Length,
-    /// The command specifier is reserved, or one of block transfer. Index and sub-index where such frames have them.
+    /// The command specifier is reserved. Index and sub-index where most frames have them.
     Command {
         /// Byte 0.
         command: u8,
@@ -141,6 +214,20 @@ fn decode_initiate(command: u8, data: [u8; 4]) -> Initiate {
     }
 }
 
+/// Whoever sends data in blocks begins so.
+fn block_of_data(index: u16, sub: u8, crc: bool, size: Option<u32>) -> [u8; 8] {
+    let command = 0xC0 | u8::from(crc) << 2 | u8::from(size.is_some()) << 1;
+    object(command, index, sub, size.unwrap_or(0).to_le_bytes())
+}
+
+fn decode_size(command: u8, data: [u8; 4]) -> Option<u32> {
+    (command & 2 != 0).then_some(u32::from_le_bytes(data))
+}
+
+const fn has_crc(command: u8) -> bool {
+    command & 4 != 0
+}
+
 /// An object's address and the four bytes behind it.
 type Parts = ([u8; 8], u8, u16, u8, [u8; 4]);
 
@@ -159,6 +246,14 @@ impl Request {
             Self::DownloadSegment(segment) => segment.encode(),
             Self::Upload { index, sub } => object(0x40, index, sub, [0; 4]),
             Self::UploadSegment { toggle } => [0x60 | toggle_bit(toggle), 0, 0, 0, 0, 0, 0, 0],
+            Self::BlockDownload { index, sub, crc, size } => block_of_data(index, sub, crc, size),
+            Self::BlockDownloadEnd(end) => end.encode(),
+            Self::BlockUpload { index, sub, crc, blksize, threshold } => {
+                object(0xA0 | u8::from(crc) << 2, index, sub, [blksize, threshold, 0, 0])
+            }
+            Self::BlockUploadStart => [0xA3, 0, 0, 0, 0, 0, 0, 0],
+            Self::BlockUploadAck { ackseq, blksize } => [0xA2, ackseq, blksize, 0, 0, 0, 0, 0],
+            Self::BlockUploadEnd => [0xA1, 0, 0, 0, 0, 0, 0, 0],
             Self::Abort { index, sub, code } => object(0x80, index, sub, code.0.to_le_bytes()),
         }
     }
@@ -175,9 +270,15 @@ impl Request {
             2 => Self::Upload { index, sub },
             3 => Self::UploadSegment { toggle: is_toggled(command) },
             4 => Self::Abort { index, sub, code: Abort(u32::from_le_bytes(rest)) },
-            _ => {
-                return Err(Malformed::Command { command, index, sub });
-            }
+            5 => match command & 3 {
+                0 => Self::BlockUpload { index, sub, crc: has_crc(command), blksize: rest[0], threshold: rest[1] },
+                1 => Self::BlockUploadEnd,
+                2 => Self::BlockUploadAck { ackseq: frame[1], blksize: frame[2] },
+                _ => Self::BlockUploadStart,
+            },
+            6 if command & 1 != 0 => Self::BlockDownloadEnd(BlockEnd::decode(frame)),
+            6 => Self::BlockDownload { index, sub, crc: has_crc(command), size: decode_size(command, rest) },
+            _ => return Err(Malformed::Command { command, index, sub }),
         })
     }
 }
@@ -191,6 +292,13 @@ impl Response {
             Self::DownloadSegment { toggle } => [0x20 | toggle_bit(toggle), 0, 0, 0, 0, 0, 0, 0],
             Self::Upload { index, sub, initiate: how } => initiate(0x40, index, sub, how),
             Self::UploadSegment(segment) => segment.encode(),
+            Self::BlockDownload { index, sub, crc, blksize } => {
+                object(0xA0 | u8::from(crc) << 2, index, sub, [blksize, 0, 0, 0])
+            }
+            Self::BlockDownloadAck { ackseq, blksize } => [0xA2, ackseq, blksize, 0, 0, 0, 0, 0],
+            Self::BlockDownloadEnd => [0xA1, 0, 0, 0, 0, 0, 0, 0],
+            Self::BlockUpload { index, sub, crc, size } => block_of_data(index, sub, crc, size),
+            Self::BlockUploadEnd(end) => end.encode(),
             Self::Abort { index, sub, code } => object(0x80, index, sub, code.0.to_le_bytes()),
         }
     }
@@ -207,9 +315,12 @@ impl Response {
             2 => Self::Upload { index, sub, initiate: decode_initiate(command, rest) },
             3 => Self::Download { index, sub },
             4 => Self::Abort { index, sub, code: Abort(u32::from_le_bytes(rest)) },
-            _ => {
-                return Err(Malformed::Command { command, index, sub });
-            }
+            5 if command & 3 == 0 => Self::BlockDownload { index, sub, crc: has_crc(command), blksize: rest[0] },
+            5 if command & 3 == 1 => Self::BlockDownloadEnd,
+            5 if command & 3 == 2 => Self::BlockDownloadAck { ackseq: frame[1], blksize: frame[2] },
+            6 if command & 1 != 0 => Self::BlockUploadEnd(BlockEnd::decode(frame)),
+            6 => Self::BlockUpload { index, sub, crc: has_crc(command), size: decode_size(command, rest) },
+            _ => return Err(Malformed::Command { command, index, sub }),
         })
     }
 }
@@ -236,20 +347,53 @@ mod tests {
     }
 
     #[test]
+    fn the_block_commands_are_those_of_the_standard() {
+        let (index, sub) = (0x1008, 0);
+        let request = |request: Request, frame: [u8; 8]| {
+            assert_eq!(request.encode(), frame);
+            assert_eq!(Request::decode(&frame), Ok(request));
+        };
+        request(Request::BlockDownload { index, sub, crc: true, size: Some(50) }, [0xC6, 0x08, 0x10, 0, 50, 0, 0, 0]);
+        request(Request::BlockDownload { index, sub, crc: false, size: None }, [0xC0, 0x08, 0x10, 0, 0, 0, 0, 0]);
+        request(Request::BlockDownloadEnd(BlockEnd { unused: 6, crc: 0x6A15 }), [0xD9, 0x15, 0x6A, 0, 0, 0, 0, 0]);
+        let upload = Request::BlockUpload { index, sub, crc: true, blksize: 127, threshold: 28 };
+        request(upload, [0xA4, 0x08, 0x10, 0, 127, 28, 0, 0]);
+        request(Request::BlockUploadStart, [0xA3, 0, 0, 0, 0, 0, 0, 0]);
+        request(Request::BlockUploadAck { ackseq: 8, blksize: 127 }, [0xA2, 8, 127, 0, 0, 0, 0, 0]);
+        request(Request::BlockUploadEnd, [0xA1, 0, 0, 0, 0, 0, 0, 0]);
+        let response = |response: Response, frame: [u8; 8]| {
+            assert_eq!(response.encode(), frame);
+            assert_eq!(Response::decode(&frame), Ok(response));
+        };
+        let download = Response::BlockDownload { index, sub, crc: true, blksize: 127 };
+        response(download, [0xA4, 0x08, 0x10, 0, 127, 0, 0, 0]);
+        response(Response::BlockDownloadAck { ackseq: 8, blksize: 1 }, [0xA2, 8, 1, 0, 0, 0, 0, 0]);
+        response(Response::BlockDownloadEnd, [0xA1, 0, 0, 0, 0, 0, 0, 0]);
+        response(Response::BlockUpload { index, sub, crc: true, size: Some(50) }, [0xC6, 0x08, 0x10, 0, 50, 0, 0, 0]);
+        response(Response::BlockUploadEnd(BlockEnd { unused: 6, crc: 0x6A15 }), [0xD9, 0x15, 0x6A, 0, 0, 0, 0, 0]);
+        let segment = BlockSegment { last: true, seqno: 8, data: [b'e', 0, 0, 0, 0, 0, 0] };
+        assert_eq!(segment.encode(), [0x88, b'e', 0, 0, 0, 0, 0, 0]);
+        assert_eq!(BlockSegment::decode(segment.encode()), segment);
+    }
+
+    #[test]
     fn what_is_decoded_encodes_to_itself() {
-        for command in 0..=0x9F_u8 {
+        for command in 0..=0xFF_u8 {
             let frame = [command, 0x34, 0x12, 5, 6, 7, 8, 9];
-            let request = Request::decode(&frame).unwrap();
-            assert_eq!(Request::decode(&request.encode()), Ok(request));
-            let response = Response::decode(&frame).unwrap();
-            assert_eq!(Response::decode(&response.encode()), Ok(response));
+            let request = Request::decode(&frame);
+            assert_eq!(request.is_err(), command >= 0xE0);
+            assert!(request.is_err() || Request::decode(&request.unwrap().encode()) == request);
+            let response = Response::decode(&frame);
+            assert_eq!(response.is_err(), command >= 0xE0 || command & 0xE3 == 0xA3);
+            assert!(response.is_err() || Response::decode(&response.unwrap().encode()) == response);
+            assert_eq!(BlockSegment::decode(frame).encode(), frame);
         }
     }
 
     #[test]
-    fn block_transfer_and_short_frames_are_refused_with_their_object() {
-        let refused = Err(Malformed::Command { command: 0xC6, index: 0x1F50, sub: 1 });
-        assert_eq!(Request::decode(&[0xC6, 0x50, 0x1F, 1, 0, 0, 0, 0]), refused);
+    fn reserved_commands_and_short_frames_are_refused_with_their_object() {
+        let refused = Err(Malformed::Command { command: 0xE6, index: 0x1F50, sub: 1 });
+        assert_eq!(Request::decode(&[0xE6, 0x50, 0x1F, 1, 0, 0, 0, 0]), refused);
         assert_eq!(Request::decode(&[0x40; 7]), Err(Malformed::Length));
         assert_eq!(Response::decode(&[]), Err(Malformed::Length));
     }
