@@ -1,33 +1,38 @@
-//! The master: heartbeat, NMT, the boot-up of each node by itself (thin after CiA 302-2), SDO on demand, PDOs.
+//! The master: heartbeat, guarding, NMT, SYNC and TIME, the boot-up of each node after CiA 302-2, SDO on demand, PDOs.
 //!
 //! A node that was lost is booted again for ever, at a calm rate. No PDO leaves for a node before it is Booted, and
 //! what waits for a node that was lost is thrown away: no stale command reaches a drive that comes back.
 
+mod census;
 mod channel;
 mod config;
+mod doubt;
 mod events;
 mod heartbeat;
 mod outbox;
 mod peer;
 mod plan;
+mod producers;
 mod shared;
 mod stats;
 mod strangers;
 #[cfg(test)]
 mod tests;
 
-pub use config::{ConfigError, ConfigWrite, Expect, MasterConfig, NodeConfig, PdoMapping};
+pub use config::{ConfigError, ConfigWrite, Expect, Guarding, How, MasterConfig, NodeConfig, PdoMapping, Stamp};
 pub use events::{BootError, Event, LostReason, PdoError, RequestError, State, Step, Ticket};
-pub use stats::{RoundTrip, Stats};
+pub use stats::{Jitter, RoundTrip, Spread, Stats};
 
 use crate::wire::{self, NmtCommand, NmtState, Service};
 use crate::{Payload, sdo};
 use alloc::vec::Vec;
+use base::Instant;
 use base::can::Frame;
-use base::{Instant, Ticker};
+use census::Census;
 use channel::{Demand, Transfer};
 use heartbeat::OwnHeartbeat;
 use peer::Peer;
+use producers::{Sync, Time};
 use shared::Shared;
 use strangers::Strangers;
 
@@ -45,8 +50,11 @@ pub struct Master {
     shared: Shared,
     peers: Vec<Peer>,
     strangers: Strangers,
+    census: Census,
+    state: NmtState,
     heartbeat: Option<OwnHeartbeat>,
-    sync: Option<Ticker>,
+    sync: Option<Sync>,
+    time: Option<Time>,
     tickets: u32,
     foreign: u32,
 }
@@ -59,8 +67,19 @@ impl Master {
     pub fn new(config: MasterConfig, nodes: &[NodeConfig]) -> Result<Self, ConfigError> {
         config.check(nodes)?;
         let peers = nodes.iter().map(|node| Peer::new(node.clone(), &config)).collect();
-        let strangers = Strangers::new(config.sdo_timeout);
-        Ok(Self { shared: Shared::new(config), peers, strangers, heartbeat: None, sync: None, tickets: 0, foreign: 0 })
+        let mandatory = nodes.iter().filter(|node| node.mandatory).count();
+        Ok(Self {
+            peers,
+            strangers: Strangers::new(config.sdo_timeout),
+            census: Census::new(&config),
+            state: NmtState::Operational,
+            heartbeat: None,
+            sync: None,
+            time: Time::new(&config),
+            tickets: 0,
+            foreign: 0,
+            shared: Shared::new(config, mandatory),
+        })
     }
 
     fn peer(&self, node: u8) -> Option<&Peer> {
@@ -79,11 +98,16 @@ impl Master {
         if frame.is_remote() {
             return;
         }
-        match Service::of(frame) {
+        let service = Service::of(frame);
+        self.count(service, frame);
+        match service {
             Some(Service::ErrorControl { node }) if node == self.shared.config.id => {
                 self.own_heartbeat(now);
             }
             Some(Service::ErrorControl { node }) => {
+                if let Some(state) = wire::decode_heartbeat(frame.data()) {
+                    self.named(node, state);
+                }
                 self.to(node, |peer, shared| peer.heartbeat(now, frame, shared));
             }
             Some(Service::SdoResponse { node }) if self.strangers.is_asked(node) => {
@@ -98,6 +122,12 @@ impl Master {
             Some(Service::Tpdo { node, number }) => {
                 self.to(node, |peer, shared| peer.tpdo(number, frame, shared));
             }
+            Some(Service::SdoRequest { node }) if !self.shared.config.own_frames_return => {
+                self.foreign = self.foreign.saturating_add(1);
+                if let Some((peer, _)) = self.peer_mut(node) {
+                    peer.asked_by_others();
+                }
+            }
             // NMT, SYNC, RPDO and SDO requests are our own frames come back, or another master's.
             Some(
                 Service::Nmt
@@ -110,6 +140,46 @@ impl Master {
             )
             | None => self.foreign = self.foreign.saturating_add(1),
         }
+        self.settle(now);
+    }
+
+    /// Counts what each node sends, without what it was asked for.
+    fn count(&mut self, service: Option<Service>, frame: &Frame) {
+        let node = match service {
+            Some(Service::SdoResponse { node })
+                if self.strangers.is_asked(node) || self.peer(node).is_some_and(Peer::is_asked) =>
+            {
+                return;
+            }
+            Some(
+                Service::Emergency { node }
+                | Service::Tpdo { node, .. }
+                | Service::SdoResponse { node }
+                | Service::ErrorControl { node },
+            ) => node,
+            None => 0,
+            Some(_) if self.shared.config.own_frames_return => return,
+            Some(_) => 0,
+        };
+        self.census.count(node, frame);
+    }
+
+    /// A node named its state.
+    fn named(&mut self, node: u8, state: NmtState) {
+        self.census.named(node, state);
+        if self.peer(node).is_none() && self.census.is_new(node) {
+            self.shared.events.push(Event::Stranger { node });
+        }
+    }
+
+    /// What follows for all nodes from what one did.
+    fn settle(&mut self, now: Instant) {
+        if core::mem::take(&mut self.shared.release) {
+            for peer in &mut self.peers {
+                peer.release(now, &mut self.shared);
+            }
+        }
+        self.census.judge(now, &mut self.shared);
     }
 
     fn to(&mut self, node: u8, act: impl FnOnce(&mut Peer, &mut Shared)) {
@@ -132,19 +202,25 @@ impl Master {
     pub fn handle_timeout(&mut self, now: Instant) {
         self.shared.outbox.at(now);
         let config = &self.shared.config;
+        if self.heartbeat.is_none() {
+            self.sync = Sync::new(now, config);
+        }
         let heartbeat = self.heartbeat.get_or_insert_with(|| OwnHeartbeat::new(now, config));
         if heartbeat.due(now) {
-            self.shared.outbox.push(wire::heartbeat(config.id, NmtState::Operational));
+            self.shared.outbox.push(wire::heartbeat(config.id, self.state));
         }
-        if let Some(period) = config.sync
-            && self.sync.get_or_insert_with(|| Ticker::new(now, period)).due(now)
-        {
-            self.shared.outbox.push(wire::sync());
+        let sync = self.sync.as_mut().and_then(|sync| sync.due(now));
+        let time = self.time.as_mut().and_then(|time| time.due(now));
+        if self.state != NmtState::Stopped {
+            for frame in [sync, time].into_iter().flatten() {
+                self.shared.outbox.push(frame);
+            }
         }
         for peer in &mut self.peers {
             peer.handle_timeout(now, &mut self.shared);
         }
         self.strangers.handle_timeout(now, &mut self.shared);
+        self.settle(now);
     }
 
     /// The bus is down: what waits to be sent is thrown away, all nodes are lost and booted again.
@@ -188,9 +264,9 @@ impl Master {
             return Some(Instant::ZERO);
         };
         let peers = self.peers.iter().filter_map(Peer::poll_timeout).min();
-        let sync = self.sync.map(|ticker| ticker.next());
+        let producers = [self.sync.as_ref().map(Sync::next), self.time.as_ref().and_then(Time::next)];
         let channels = [self.strangers.poll_timeout(), self.shared.outbox.poll_timeout()];
-        [Some(heartbeat.next()), sync, peers].into_iter().chain(channels).flatten().min()
+        [Some(heartbeat.next()), peers].into_iter().chain(producers).chain(channels).flatten().min()
     }
 
     /// Sends the data (at most 8 bytes) of an RPDO, numbered 1 to 4 from the node's side.
@@ -200,7 +276,7 @@ impl Master {
     pub fn send_pdo(&mut self, node: u8, number: u8, data: &[u8]) -> Result<(), PdoError> {
         let peer = self.peer(node).ok_or(PdoError::UnknownNode)?;
         match () {
-            () if !peer.is_operational() => Err(PdoError::NotOperational),
+            () if !peer.is_operational() || self.state != NmtState::Operational => Err(PdoError::NotOperational),
             () if !(1..=4).contains(&number) => Err(PdoError::Number),
             () if data.len() > 8 => Err(PdoError::TooLong),
             () => {
@@ -314,10 +390,40 @@ impl Master {
         self.peer(node).map(Peer::state)
     }
 
-    /// The NMT state that a node last named; `None` when it was not heard since it was lost.
+    /// The NMT state that a node, configured or not, last named; `None` when it was not heard, or not since it was
+    /// lost.
     #[must_use]
     pub fn nmt_state(&self, node: u8) -> Option<NmtState> {
-        self.peer(node)?.nmt_state()
+        self.peer(node).map_or_else(|| self.census.state(node), Peer::nmt_state)
+    }
+
+    /// The master's own NMT state, as its heartbeat names it: Operational, until it is changed. What it tells its
+    /// nodes, a reset of all among it, does not change it.
+    #[must_use]
+    pub fn own_state(&self) -> NmtState {
+        self.state
+    }
+
+    /// Changes the master's own NMT state: PDOs are sent only while it is Operational, SYNC and TIME not while it is
+    /// Stopped (CiA 301, Table 37). As [`NmtState::Initialising`] nobody can run; that changes nothing.
+    pub fn set_own_state(&mut self, state: NmtState) {
+        if state != NmtState::Initialising {
+            self.state = state;
+        }
+    }
+
+    /// How late SYNC was served, since the master began.
+    #[must_use]
+    pub fn sync_jitter(&self) -> Jitter {
+        self.sync.as_ref().map(Sync::jitter).unwrap_or_default()
+    }
+
+    /// Tells the wall clock: it is `unix_us` now, in microseconds since 1970-01-01 UTC. TIME begins with the first
+    /// call, where it is configured; call again when the wall clock was set.
+    pub fn set_time(&mut self, now: Instant, unix_us: i64) {
+        if let Some(time) = &mut self.time {
+            time.set(now, unix_us);
+        }
     }
 
     /// A node's configuration.

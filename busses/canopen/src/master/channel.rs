@@ -33,6 +33,13 @@ struct Active {
     write: bool,
 }
 
+/// How a transfer ended.
+pub(super) enum End {
+    /// It was asked for on demand, and was told.
+    Told,
+    Given(sdo::Done),
+}
+
 pub(super) struct Channel {
     node: u8,
     client: sdo::Client,
@@ -116,7 +123,7 @@ impl Channel {
     }
 
     /// Takes the end of a transfer. One on demand is told; another one is given.
-    pub(super) fn poll_done(&mut self, stats: &mut Stats, shared: &mut Shared) -> Option<sdo::Done> {
+    pub(super) fn poll_done(&mut self, stats: &mut Stats, shared: &mut Shared) -> Option<End> {
         stats.ignored = self.client.ignored();
         let done = self.client.poll_done()?;
         match done.result {
@@ -125,7 +132,7 @@ impl Channel {
             Err(_) => {}
         }
         let Some(Active { ticket, index, sub, write }) = self.active.take() else {
-            return Some(done);
+            return Some(End::Given(done));
         };
         let node = self.node;
         shared.events.push(match done.result {
@@ -133,7 +140,7 @@ impl Channel {
             Ok(data) => Event::SdoRead { node, ticket, index, sub, data },
             Err(error) => Event::SdoFailed { node, ticket, index, sub, error },
         });
-        None
+        Some(End::Told)
     }
 
     /// Gives up the transfer under way; one on demand is told so. The last word of one that has ended still leaves.

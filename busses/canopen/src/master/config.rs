@@ -18,6 +18,17 @@ pub struct MasterConfig {
     pub heartbeat: Duration,
     /// Period of SYNC; default none.
     pub sync: Option<Duration>,
+    /// Up to what SYNC counts, 2..=240 (0x1019); default none: it carries no counter.
+    pub sync_overflow: Option<u8>,
+    /// Period of TIME, at least 1 ms; default none. It begins with [`Master::set_time`](super::Master::set_time).
+    pub time: Option<Duration>,
+    /// Whether no node is started before all mandatory ones are configured; default false.
+    pub together: bool,
+    /// Frames per second, over a tenth of a second, from which a node is called babbling; default 2000. Answers to our
+    /// own requests do not count.
+    pub babbling: u32,
+    /// Share of the bus in percent from which a node is called babbling, however few its frames; default 50.
+    pub babbling_share: u8,
     /// How long an SDO answer may take; default 500 ms.
     pub sdo_timeout: Duration,
     /// How often a boot-up step that was not answered is tried again at once; default 2.
@@ -36,6 +47,11 @@ impl Default for MasterConfig {
             bit_rate: 1_000_000,
             heartbeat: Duration::from_millis(50),
             sync: None,
+            sync_overflow: None,
+            time: None,
+            together: false,
+            babbling: 2000,
+            babbling_share: 50,
             sdo_timeout: sdo::TIMEOUT,
             sdo_retries: 2,
             retry: Duration::from_secs(1),
@@ -44,7 +60,23 @@ impl Default for MasterConfig {
     }
 }
 
-/// An object to write at boot-up; it is read back.
+/// How an object is written at boot-up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum How {
+    /// It is read first, written only when it differs, and read back.
+    #[default]
+    WhereDifferent,
+    /// Written at each boot-up, and read back: for objects whose writing does something.
+    Always,
+    /// Written at each boot-up, never read: for objects that cannot be read, or read as something else, like 0x1010.
+    Blindly,
+}
+
+/// An object to write at boot-up.
+///
+/// Where one object is written more than once, as the remapping of a PDO does, its order matters: everything between
+/// its first and its last writing is done in full, or not at all when each object holds already what it shall in the
+/// end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigWrite {
     /// The object's index.
@@ -53,13 +85,27 @@ pub struct ConfigWrite {
     pub sub: u8,
     /// What it shall hold, of any type.
     pub value: Payload,
+    /// Whether it is compared before and after.
+    pub how: How,
 }
 
 impl ConfigWrite {
-    /// Write `value` to an object: a number of the object's width, or its bytes.
+    /// Write `value` to an object, where it differs: a number of the object's width, or its bytes.
     #[must_use]
     pub fn new(index: u16, sub: u8, value: impl Into<Payload>) -> Self {
-        Self { index, sub, value: value.into() }
+        Self { index, sub, value: value.into(), how: How::WhereDifferent }
+    }
+
+    /// The same, [`How::Always`].
+    #[must_use]
+    pub fn always(self) -> Self {
+        Self { how: How::Always, ..self }
+    }
+
+    /// The same, [`How::Blindly`].
+    #[must_use]
+    pub fn blindly(self) -> Self {
+        Self { how: How::Blindly, ..self }
     }
 }
 
@@ -112,6 +158,10 @@ pub struct PdoMapping {
     pub cob_id: u16,
     /// Mapping entries in the form of 0x1600.
     pub entries: Vec<u32>,
+    /// Whether the node may be changed to it, by the procedure of CiA 301; default false: another layout is refused.
+    pub adjust: bool,
+    /// The transmission type that it gets when it is changed; default 255. Its times stay as they are.
+    pub kind: u8,
 }
 
 impl PdoMapping {
@@ -119,15 +169,47 @@ impl PdoMapping {
     #[must_use]
     pub fn rpdo(node: u8, number: u8, entries: &[u32]) -> Self {
         let cob_id = crate::wire::Service::Rpdo { node, number }.cob_id();
-        Self { record: 0x13FF + u16::from(number), cob_id, entries: entries.to_vec() }
+        Self { record: 0x13FF + u16::from(number), cob_id, entries: entries.to_vec(), adjust: false, kind: 255 }
     }
 
     /// TPDO `number` (1..=4) with its identifier of the pre-defined connection set.
     #[must_use]
     pub fn tpdo(node: u8, number: u8, entries: &[u32]) -> Self {
         let cob_id = crate::wire::Service::Tpdo { node, number }.cob_id();
-        Self { record: 0x17FF + u16::from(number), cob_id, entries: entries.to_vec() }
+        Self { record: 0x17FF + u16::from(number), cob_id, entries: entries.to_vec(), adjust: false, kind: 255 }
     }
+
+    /// The same, to which the node is changed where it differs.
+    #[must_use]
+    pub fn adjusted(self) -> Self {
+        Self { adjust: true, ..self }
+    }
+}
+
+/// Node guarding by the master, the older way to watch a node (CiA 301, 7.2.8.2.2.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Guarding {
+    /// Period of the requests, 1 ms to 65 s; written to 0x100C.
+    pub period: Duration,
+    /// Requests without an answer until the node is lost, at least 1; written to 0x100D.
+    pub factor: u8,
+}
+
+impl Guarding {
+    pub(super) fn limit(self) -> Duration {
+        self.period.saturating_mul(u32::from(self.factor) + 1)
+    }
+}
+
+/// When a configuration was made, as 0x1020 keeps it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
+    /// 0x1020:1, days since 1984-01-01.
+    pub date: u32,
+    /// 0x1020:2, ms after midnight.
+    pub time: u32,
+    /// Whether the node stores what was written, by 0x1010:1: it keeps it through its next reset.
+    pub store: bool,
 }
 
 /// What a node must be and how it is set up.
@@ -137,6 +219,8 @@ pub struct NodeConfig {
     pub id: u8,
     /// Its name, for people.
     pub name: String,
+    /// Whether [`Event::Ready`](super::Event::Ready) waits for it; default true.
+    pub mandatory: bool,
     /// Whether an attempt begins with NMT reset communication; default true.
     pub reset: bool,
     /// How long it may take from the reset to its boot-up message; default 1 s. After that it is asked anyway.
@@ -145,12 +229,17 @@ pub struct NodeConfig {
     pub device_type: Option<u32>,
     /// What 0x1018, or a firmware version elsewhere, must be.
     pub identity: Vec<Expect>,
-    /// Objects to write, in this order; each is read back.
+    /// Objects to write, in this order.
     pub writes: Vec<ConfigWrite>,
+    /// When these were put together. A node whose 0x1020 says the same is left as it is, but for its PDOs and its
+    /// error control; another one is told when it is configured. Default none: each object is compared.
+    pub stamp: Option<Stamp>,
     /// PDOs as they must stand then.
     pub mappings: Vec<PdoMapping>,
     /// What is written to 0x1016:1, the node's watch over the master's heartbeat; `None`: the node does not watch.
     pub master_limit: Option<Duration>,
+    /// Whether it is guarded by requests; default none: it sends its heartbeat.
+    pub guarding: Option<Guarding>,
     /// What is written to 0x1017, the period of the node's heartbeat: 1 ms to 65 s; default 100 ms.
     pub heartbeat: Duration,
     /// How long the node's heartbeat may be missing; more than its period; default 200 ms.
@@ -164,13 +253,16 @@ impl NodeConfig {
         Self {
             id,
             name: String::from(name),
+            mandatory: true,
             reset: true,
             boot_timeout: Duration::from_secs(1),
             device_type: None,
             identity: Vec::new(),
             writes: Vec::new(),
+            stamp: None,
             mappings: Vec::new(),
             master_limit: None,
+            guarding: None,
             heartbeat: Duration::from_millis(100),
             heartbeat_limit: Duration::from_millis(200),
         }
@@ -185,10 +277,13 @@ pub enum ConfigError {
     NodeId { node: u8 },
     /// Two nodes, or a node and the master, have the same id.
     SameId { node: u8 },
-    /// A period or a limit is shorter than 1 ms or does not fit the object that holds it.
+    /// A period or a limit is shorter than 1 ms (SYNC: 1 µs) or does not fit the object that holds it, or the bus has
+    /// no bit rate.
     Period { node: u8 },
-    /// A limit is not longer than the heartbeat it watches.
+    /// A limit is not longer than the heartbeat it watches, or a guarding has no factor.
     Limit { node: u8 },
+    /// SYNC cannot count up to that.
+    SyncOverflow { overflow: u8 },
 }
 
 impl fmt::Display for ConfigError {
@@ -197,9 +292,10 @@ impl fmt::Display for ConfigError {
             Self::NodeId { node } => write!(f, "node id {node} is not within 1..=127"),
             Self::SameId { node } => write!(f, "node id {node} is given twice"),
             Self::Period { node } => {
-                write!(f, "node {node}: a heartbeat period or limit is not within 1 ms..=65535 ms")
+                write!(f, "node {node}: a heartbeat, guarding or TIME period or limit is not within 1 ms..=65535 ms")
             }
             Self::Limit { node } => write!(f, "node {node}: a heartbeat limit is not longer than the heartbeat"),
+            Self::SyncOverflow { overflow } => write!(f, "SYNC cannot count up to {overflow}, only to 2..=240"),
         }
     }
 }
@@ -214,13 +310,22 @@ impl MasterConfig {
         if let Some(node) = ids().find(|id| ids().filter(|other| other == id).count() > 1) {
             return Err(ConfigError::SameId { node });
         }
-        if !fits(self.heartbeat) || self.sync.is_some_and(|period| period.is_zero()) {
+        let short = |period: Option<Duration>, least| period.is_some_and(|period| period < least);
+        let (us, ms) = (Duration::from_micros(1), Duration::from_millis(1));
+        if !fits(self.heartbeat) || short(self.sync, us) || short(self.time, ms) || self.bit_rate == 0 {
             return Err(ConfigError::Period { node: self.id });
+        }
+        if let Some(overflow) = self.sync_overflow.filter(|overflow| !(2..=240).contains(overflow)) {
+            return Err(ConfigError::SyncOverflow { overflow });
         }
         nodes.iter().try_for_each(|node| {
             let id = node.id;
-            if !fits(node.heartbeat) || node.master_limit.is_some_and(|limit| !fits(limit)) {
+            let guarded = node.guarding.map(|guarding| guarding.period);
+            if [Some(node.heartbeat), node.master_limit, guarded].into_iter().flatten().any(|period| !fits(period)) {
                 return Err(ConfigError::Period { node: id });
+            }
+            if node.guarding.is_some_and(|guarding| guarding.factor == 0) {
+                return Err(ConfigError::Limit { node: id });
             }
             let watched = node.master_limit.is_none_or(|limit| limit > self.heartbeat);
             if watched && node.heartbeat_limit > node.heartbeat { Ok(()) } else { Err(ConfigError::Limit { node: id }) }

@@ -75,7 +75,7 @@ pub enum BootError {
     Restless,
     /// Two nodes have the same id: requests are answered twice, or heartbeats come twice as often as they may.
     DuplicateId,
-    /// An object of more than four bytes does not hold what was written.
+    /// An object of more than four bytes, or of another length, does not hold what was written.
     Differs {
         /// The object's index.
         index: u16,
@@ -180,7 +180,7 @@ pub enum Event {
 pub enum PdoError {
     /// No such node is configured.
     UnknownNode,
-    /// The node is not booted, or lost.
+    /// The node is not booted, or lost; or the master itself is not Operational.
     NotOperational,
     /// Only PDOs 1 to 4 have identifiers.
     Number,

@@ -1,8 +1,11 @@
 //! One node, as the master sees it: its state, what it sends, what time does to it.
 
 mod boot;
+mod guard;
+mod work;
 
 use super::channel::{Channel, Demand};
+use super::doubt::Doubt;
 use super::plan::{Work, plan};
 use super::shared::Shared;
 use super::{BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, State, Stats, Step};
@@ -10,6 +13,7 @@ use crate::wire::{self, Emergency, NmtState};
 use alloc::vec::Vec;
 use base::can::Frame;
 use base::{Duration, Instant};
+use guard::Guard;
 
 /// Emergencies are reported this often at most.
 const EMERGENCY_EVERY: Duration = Duration::from_millis(100);
@@ -18,6 +22,16 @@ const EMERGENCY_EVERY: Duration = Duration::from_millis(100);
 const RESTLESS: u8 = 2;
 /// NMT starts sent before an attempt fails.
 const STARTS: u8 = 3;
+
+/// What is done with an object now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    /// It is read, to see whether it must be written.
+    Compare,
+    Write,
+    /// It is read, to see whether it holds what it must.
+    Verify,
+}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
@@ -29,14 +43,18 @@ enum Phase {
     Resetting {
         until: Instant,
     },
-    /// Work `at` of the plan is under way on the SDO channel; `verify`: its read-back.
+    /// Work `at` of the plan is under way on the SDO channel.
     Working {
         at: usize,
-        verify: bool,
+        stage: Stage,
         retries_left: u8,
     },
     /// Configured; its heartbeat is awaited.
     Listening {
+        until: Instant,
+    },
+    /// Heard; the other nodes are awaited.
+    Held {
         until: Instant,
     },
     /// NMT start was sent.
@@ -47,6 +65,16 @@ enum Phase {
     Running {
         until: Instant,
     },
+}
+
+impl Phase {
+    fn is_configured(self) -> bool {
+        matches!(self, Self::Held { .. } | Self::Starting { .. } | Self::Running { .. })
+    }
+
+    fn is_running(self) -> bool {
+        matches!(self, Self::Running { .. })
+    }
 }
 
 #[derive(Default)]
@@ -62,7 +90,13 @@ pub(super) struct Peer {
     phase: Phase,
     nmt_state: Option<NmtState>,
     channel: Channel,
+    guard: Option<Guard>,
+    /// The serial number that was read last.
+    serial: Option<u32>,
+    /// Another device than before: nothing that it says of its configuration counts.
+    swapped: bool,
     boot_ups: u8,
+    doubt: Doubt,
     reported: Option<(Step, BootError)>,
     emergencies: Emergencies,
     stats: Stats,
@@ -76,7 +110,11 @@ impl Peer {
             config,
             phase: Phase::Resting { until: Instant::ZERO },
             nmt_state: None,
+            guard: None,
+            serial: None,
+            swapped: false,
             boot_ups: 0,
+            doubt: Doubt::default(),
             reported: None,
             emergencies: Emergencies::default(),
             stats: Stats::default(),
@@ -100,7 +138,12 @@ impl Peer {
     }
 
     pub(super) fn is_operational(&self) -> bool {
-        matches!(self.phase, Phase::Running { .. })
+        self.phase.is_running()
+    }
+
+    /// Whether an SDO answer is awaited.
+    pub(super) fn is_asked(&self) -> bool {
+        !self.channel.is_idle()
     }
 
     pub(super) fn state(&self) -> State {
@@ -111,24 +154,44 @@ impl Peer {
         }
     }
 
+    /// How long it may be silent.
+    fn limit(&self) -> Duration {
+        self.config.guarding.map_or(self.config.heartbeat_limit, super::Guarding::limit)
+    }
+
     pub(super) fn heartbeat(&mut self, now: Instant, frame: &Frame, shared: &mut Shared) {
         let Some(state) = wire::decode_heartbeat(frame.data()) else {
             return self.malformed(shared);
         };
+        if state != NmtState::Initialising
+            && let Some(guard) = &mut self.guard
+        {
+            let answer = guard.answered(wire::guard_toggle(frame.data()));
+            match answer {
+                guard::Answer::Good => {}
+                guard::Answer::Odd => return,
+                guard::Answer::Two => return self.two(now, shared),
+            }
+        }
         self.nmt_state = Some(state);
         match (state, self.phase) {
             (NmtState::Initialising, Phase::Running { .. }) => {
                 self.lose(now, shared, LostReason::BootUp);
             }
-            (NmtState::Initialising, Phase::Resetting { .. }) => self.work(now, shared, 0, false),
+            (NmtState::Initialising, Phase::Resetting { .. }) => self.work(now, shared, 0),
             (NmtState::Initialising, Phase::Resting { .. }) => self.first(now, shared),
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { .. }) => {
-                self.phase = Phase::Running { until: now + self.config.heartbeat_limit };
+                let two = self.guard.is_none() && self.doubt.beat(now, self.config.heartbeat);
+                self.phase = Phase::Running { until: now + self.limit() };
+                if two {
+                    self.two(now, shared);
+                }
             }
             (NmtState::Operational, Phase::Starting { .. }) => self.booted(now, shared),
             (state, Phase::Running { .. }) => self.lose(now, shared, LostReason::State(state)),
-            (_, Phase::Listening { .. }) => self.start(now, shared, STARTS),
+            (_, Phase::Listening { .. }) => self.configured(now, shared),
+            (_, Phase::Held { .. }) => self.phase = Phase::Held { until: now + self.limit() },
             (_, Phase::Starting { .. } | Phase::Working { .. } | Phase::Resetting { .. } | Phase::Resting { .. }) => {}
         }
     }
@@ -139,6 +202,11 @@ impl Peer {
         }
         self.channel.handle_rx(now, frame.data(), shared);
         self.advance(now, shared);
+    }
+
+    /// Another client asks this node: its answers are not for us.
+    pub(super) fn asked_by_others(&mut self) {
+        self.doubt.forgive(self.stats.ignored);
     }
 
     pub(super) fn emergency(&mut self, now: Instant, frame: &Frame, shared: &mut Shared) {
@@ -182,12 +250,13 @@ impl Peer {
     pub(super) fn handle_timeout(&mut self, now: Instant, shared: &mut Shared) {
         self.channel.handle_timeout(now, shared);
         self.advance(now, shared);
+        self.watch(now, shared);
         match self.phase {
             Phase::Resting { until } if until <= now && self.channel.is_idle() => {
                 self.first(now, shared);
             }
-            Phase::Resetting { until } if until <= now => self.work(now, shared, 0, false),
-            Phase::Listening { until } if until <= now => {
+            Phase::Resetting { until } if until <= now => self.work(now, shared, 0),
+            Phase::Listening { until } | Phase::Held { until } if until <= now => {
                 self.fail(now, shared, BootError::NoHeartbeat);
             }
             Phase::Starting { until, starts_left } if until <= now => match (starts_left, self.nmt_state) {
@@ -196,7 +265,8 @@ impl Peer {
                 (left, _) => self.start(now, shared, left),
             },
             Phase::Running { until } if until <= now => {
-                self.lose(now, shared, LostReason::Heartbeat);
+                let reason = if self.guard.is_some() { LostReason::Guarding } else { LostReason::Heartbeat };
+                self.lose(now, shared, reason);
             }
             _ => {}
         }
@@ -213,11 +283,12 @@ impl Peer {
             // The channel's own deadline comes first while a request on demand is under way.
             Phase::Resting { until } => self.channel.is_idle().then_some(until),
             Phase::Working { .. } => None,
-            Phase::Resetting { until } | Phase::Listening { until } => Some(until),
+            Phase::Resetting { until } | Phase::Listening { until } | Phase::Held { until } => Some(until),
             Phase::Starting { until, .. } | Phase::Running { until } => Some(until),
         };
         let emergency = self.emergencies.last.map(|_| self.emergencies.quiet_until);
-        [sdo, phase, emergency].into_iter().flatten().min()
+        let guard = self.guard.as_ref().map(Guard::next);
+        [sdo, phase, emergency, guard].into_iter().flatten().min()
     }
 
     pub(super) fn poll_tx(&mut self) -> Option<Frame> {
@@ -247,6 +318,6 @@ impl Peer {
         }
         self.channel.forget(shared);
         self.nmt_state = None;
-        self.phase = Phase::Resting { until: now + shared.config.retry };
+        self.rest(now, shared);
     }
 }

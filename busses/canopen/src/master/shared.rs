@@ -8,10 +8,17 @@ pub(super) struct Shared {
     pub(super) config: MasterConfig,
     pub(super) outbox: Outbox,
     pub(super) events: Queue<Event, 256>,
+    /// Mandatory nodes that are not configured, and those that are not Operational.
+    pub(super) unconfigured: usize,
+    pub(super) missing: usize,
+    /// Nodes that were held back may start.
+    pub(super) release: bool,
 }
 
 impl Shared {
-    pub(super) fn new(config: MasterConfig) -> Self {
-        Self { outbox: Outbox::new(config.bit_rate), config, events: Queue::new() }
+    pub(super) fn new(config: MasterConfig, mandatory: usize) -> Self {
+        let outbox = Outbox::new(config.bit_rate);
+        let events = Queue::new();
+        Self { config, outbox, events, unconfigured: mandatory, missing: mandatory, release: false }
     }
 }

@@ -2,9 +2,9 @@
 
 use base::Duration;
 
-/// Times from an SDO request to its last answer.
+/// How a time spreads: from an SDO request to its last answer ([`RoundTrip`]), or how late SYNC was ([`Jitter`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RoundTrip {
+pub struct Spread {
     /// The shortest.
     pub min: Duration,
     /// The longest.
@@ -15,14 +15,19 @@ pub struct RoundTrip {
     pub count: u32,
 }
 
-impl RoundTrip {
+/// Times from an SDO request to its last answer.
+pub type RoundTrip = Spread;
+/// How much later than due SYNC was served.
+pub type Jitter = Spread;
+
+impl Spread {
     /// The mean; zero when there was none.
     #[must_use]
     pub fn mean(&self) -> Duration {
         self.sum.checked_div(self.count).unwrap_or_default()
     }
 
-    fn add(&mut self, took: Duration) {
+    pub(super) fn add(&mut self, took: Duration) {
         self.min = if self.count == 0 { took } else { self.min.min(took) };
         self.max = self.max.max(took);
         self.sum = self.sum.saturating_add(took);

@@ -70,7 +70,11 @@ fn a_boot_up_on_the_wire() {
           6ms > 581 43 00 10 00 92 01 02 00
           6ms < 601 40 18 10 01 00 00 00 00
           7ms > 581 43 18 10 01 FB 00 00 00
-          7ms < 601 2F 60 60 00 03 00 00 00
+          7ms < 601 40 18 10 04 00 00 00 00     # the one that was here before?
+          7ms > 581 43 18 10 04 55 44 33 22
+          7ms < 601 40 60 60 00 00 00 00 00     # as it shall be?
+          8ms > 581 4F 60 60 00 01 00 00 00
+          8ms < 601 2F 60 60 00 03 00 00 00
           8ms > 581 60 60 60 00 00 00 00 00
           8ms < 601 40 60 60 00 00 00 00 00     # read back
           9ms > 581 4F 60 60 00 03 00 00 00
@@ -80,20 +84,21 @@ fn a_boot_up_on_the_wire() {
          11ms > 581 4F 03 16 00 01 00 00 00
          11ms < 601 40 03 16 01 00 00 00 00
          12ms > 581 43 03 16 01 10 00 40 60
+         12ms < 601 40 16 10 01 00 00 00 00
+         12ms > 581 43 16 10 01 00 00 00 00
          12ms < 601 23 16 10 01 C8 00 7F 00     # watch us
          13ms > 581 60 16 10 01 00 00 00 00
          13ms < 601 40 16 10 01 00 00 00 00
          14ms > 581 43 16 10 01 C8 00 7F 00
-         14ms < 601 2B 17 10 00 64 00 00 00
-         15ms > 581 60 17 10 00 00 00 00 00
-         15ms < 601 40 17 10 00 00 00 00 00
-         16ms > 581 4B 17 10 00 64 00 00 00
+         14ms < 601 40 17 10 00 00 00 00 00
+         16ms > 581 4B 17 10 00 64 00 00 00     # is sent already
          20ms > 701 7F
          20ms < 000 01 01
          50ms < 77F 05
         100ms < 77F 05
         120ms > 701 05
         120ms < booted 1
+        120ms < Ready
         150ms < 77F 05
         200ms < 77F 05
         220ms > 701 05
@@ -103,6 +108,7 @@ fn a_boot_up_on_the_wire() {
         400ms < 77F 05
         420ms < 000 82 01
         420ms < lost 1: heartbeat missing
+        420ms < NotReady
         450ms < 77F 05
         ",
     );
@@ -273,7 +279,9 @@ fn own_frames_come_back_without_harm_and_a_second_master_is_told() {
     let mut bus = robot(MasterConfig { own_frames_return: true, ..MasterConfig::default() });
     bus.echo = true;
     bus.run(2000);
-    assert!(bus.events.iter().all(|(_, event)| matches!(event, Event::Booted { .. } | Event::Pdo { .. })));
+    assert!(
+        bus.events.iter().all(|(_, event)| matches!(event, Event::Booted { .. } | Event::Pdo { .. } | Event::Ready))
+    );
     for _ in 0..20 {
         bus.put(usize::MAX, wire::heartbeat(127, NmtState::Operational));
         bus.run(50);
@@ -476,7 +484,7 @@ fn no_frames_panic_and_nothing_stays_due() {
 const WAY_UP: [(&str, &[&str]); 5] = [
     ("resetting", &[]),
     ("working", &["701 00"]),
-    ("listening", &["581 43 00 10 00 92 01 02 00", "581 60 17 10 00 00 00 00 00", "581 4B 17 10 00 64 00 00 00"]),
+    ("listening", &["581 43 00 10 00 92 01 02 00", "581 80 18 10 04 11 00 09 06", "581 4B 17 10 00 64 00 00 00"]),
     ("starting", &["701 7F"]),
     ("running", &["701 05"]),
 ];
@@ -528,12 +536,12 @@ listening, 701 05: (Start) 000 01 01
 listening, 701 04: (Start) 000 01 01
 listening, time: Resting failed 1 error control: no heartbeat
 starting, 701 00: (BootUp) 000 82 01
-starting, 701 05: Operational booted 1
+starting, 701 05: Operational booted 1; Ready
 starting, time: (Start) 000 01 01
-running, 701 00: (BootUp) 000 82 01; lost 1: booted by itself
-running, 701 7F: (BootUp) 000 82 01; lost 1: went to PreOperational
-running, 701 04: (BootUp) 000 82 01; lost 1: went to Stopped
-running, time: (BootUp) 000 82 01; lost 1: heartbeat missing
+running, 701 00: (BootUp) 000 82 01; lost 1: booted by itself; NotReady
+running, 701 7F: (BootUp) 000 82 01; lost 1: went to PreOperational; NotReady
+running, 701 04: (BootUp) 000 82 01; lost 1: went to Stopped; NotReady
+running, time: (BootUp) 000 82 01; lost 1: heartbeat missing; NotReady
 ";
     assert_eq!(table.join("\n"), expected.trim());
 }
