@@ -7,6 +7,7 @@ use crate::{Abort, Payload};
 use alloc::vec::Vec;
 use core::ops::RangeInclusive;
 
+pub(crate) use data_type::integer;
 pub use data_type::{DataType, ParseError};
 pub use entry::{Access, Entry};
 

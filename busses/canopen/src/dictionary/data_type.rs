@@ -247,7 +247,7 @@ fn is_hex(text: &str) -> bool {
 }
 
 /// A decimal or hexadecimal number of up to 64 bits, signed.
-fn integer(text: &str) -> Option<i128> {
+pub(crate) fn integer(text: &str) -> Option<i128> {
     let negative = text.starts_with('-');
     let digits = text.strip_prefix(['-', '+']).unwrap_or(text);
     let (digits, radix) = match digits.get(..2) {

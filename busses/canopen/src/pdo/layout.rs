@@ -2,8 +2,8 @@
 
 use super::{MAX_ENTRIES, Mapped};
 use crate::dictionary::DataType;
-use crate::eds::same_name;
-use alloc::string::String;
+use crate::eds::{Eds, same_name};
+use alloc::string::{String, ToString};
 use alloc::vec::Vec;
 use core::fmt;
 
@@ -193,6 +193,19 @@ impl Layout {
         if let Some(item) = self.items.iter_mut().find(|item| (item.mapped.index, item.mapped.sub) == key) {
             item.name = String::from(name);
             item.data_type = Some(data_type);
+        }
+        self
+    }
+
+    /// With names and types from a data sheet, where it has the object.
+    #[must_use]
+    pub fn with_names(mut self, eds: &Eds) -> Self {
+        for item in &mut self.items {
+            let Mapped { index, sub, .. } = item.mapped;
+            if let Some((name, object)) = eds.name(index, sub).zip(eds.object(index, sub)) {
+                item.name = name.to_string();
+                item.data_type = Some(object.data_type);
+            }
         }
         self
     }

@@ -1,0 +1,443 @@
+//! From lines to objects.
+
+use super::ini::{Ini, Line, Section};
+use super::number::{number, setting};
+use super::{Device, Eds, Error, Group, MAX_NAME, MAX_OBJECTS, MAX_WARNINGS, Note, Object, ObjectType, Setting};
+use crate::Payload;
+use crate::dictionary::{Access, DataType};
+use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::format;
+use alloc::string::String;
+use alloc::vec::Vec;
+
+/// The warnings so far.
+#[derive(Default)]
+pub(super) struct Notes(Vec<Note>);
+
+impl Notes {
+    pub(super) fn push(&mut self, line: &Line<'_>, text: &'static str) {
+        self.at(line.number, line.value, text);
+    }
+
+    fn at(&mut self, number: u32, found: &str, text: &'static str) {
+        if self.0.len() < MAX_WARNINGS {
+            self.0.push(Note::new(number, found, text));
+        }
+    }
+
+    /// A value as a name.
+    pub(super) fn name(&mut self, line: &Line<'_>) -> String {
+        let end = (0..=MAX_NAME.min(line.value.len())).rev().find(|at| line.value.is_char_boundary(*at));
+        let name = &line.value[..end.unwrap_or(0)];
+        if name.len() < line.value.len() {
+            self.push(line, "a name this long is cut off");
+        }
+        String::from(name)
+    }
+}
+
+/// What a section of an object dictionary is about.
+enum Part {
+    Head,
+    Sub(u8),
+    Names,
+    Values,
+    Denotations,
+}
+
+/// `1018`, `1018sub1` (hexadecimal), `1003Name`, …
+fn part(name: &str) -> Option<(u16, Part)> {
+    let (index, rest) = name.split_at_checked(4)?;
+    let hex = |text: &str| text.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let index = hex(index).then(|| u16::from_str_radix(index, 16).ok()).flatten()?;
+    let rest = rest.trim();
+    let part = match rest.get(..3) {
+        _ if rest.is_empty() => Part::Head,
+        Some(sub) if sub.eq_ignore_ascii_case("sub") => {
+            let digits = rest[3..].trim();
+            Part::Sub(hex(digits).then(|| u8::from_str_radix(digits, 16).ok()).flatten()?)
+        }
+        _ if rest.eq_ignore_ascii_case("name") => Part::Names,
+        _ if rest.eq_ignore_ascii_case("value") => Part::Values,
+        _ if rest.eq_ignore_ascii_case("denotation") => Part::Denotations,
+        _ => return None,
+    };
+    Some((index, part))
+}
+
+/// The sections of one index.
+#[derive(Default)]
+struct Parts<'a> {
+    head: Option<&'a Section<'a>>,
+    subs: BTreeMap<u8, &'a Section<'a>>,
+    names: Option<&'a Section<'a>>,
+    values: Option<&'a Section<'a>>,
+    denotations: Option<&'a Section<'a>>,
+}
+
+#[derive(Clone, Copy)]
+enum Key {
+    Name,
+    ObjectType,
+    DataType,
+    Access,
+    Default,
+    Parameter,
+    Low,
+    High,
+    Mapping,
+    Flags,
+    Compact,
+    Denotation,
+    File,
+}
+
+const KEYS: [&str; 13] = [
+    "parametername",
+    "objecttype",
+    "datatype",
+    "accesstype",
+    "defaultvalue",
+    "parametervalue",
+    "lowlimit",
+    "highlimit",
+    "pdomapping",
+    "objflags",
+    "compactsubobj",
+    "denotation",
+    "downloadfile",
+];
+
+/// The lines of one section that mean something here.
+struct Fields<'a> {
+    number: u32,
+    title: &'a str,
+    lines: [Option<Line<'a>>; KEYS.len()],
+}
+
+impl<'a> Fields<'a> {
+    fn read(ini: &Ini<'a>, section: &Section<'a>, notes: &mut Notes) -> Self {
+        let mut lines = [None; KEYS.len()];
+        for line in ini.lines(section) {
+            if let Some(at) = KEYS.iter().position(|key| line.is(key)) {
+                match lines[at] {
+                    Some(_) => notes.push(line, "a second value; the first one counts"),
+                    None => lines[at] = Some(*line),
+                }
+            }
+        }
+        Self { number: section.number, title: section.name, lines }
+    }
+
+    /// The line of a key that has a value.
+    fn get(&self, key: Key) -> Option<&Line<'a>> {
+        self.lines[key as usize].as_ref().filter(|line| !line.value.is_empty())
+    }
+
+    fn name(&self, key: Key, notes: &mut Notes) -> String {
+        self.get(key).map_or_else(String::new, |line| notes.name(line))
+    }
+
+    fn number(&self, key: Key, notes: &mut Notes) -> Option<i128> {
+        let line = self.get(key)?;
+        match number(line.value) {
+            Ok((number, note)) => {
+                note.into_iter().for_each(|note| notes.push(line, note));
+                Some(number.value)
+            }
+            Err(_) => {
+                notes.push(line, "expected a number; left out");
+                None
+            }
+        }
+    }
+
+    fn object_type(&self, notes: &mut Notes) -> Option<ObjectType> {
+        let code = self.number(Key::ObjectType, notes)?;
+        Some(match code {
+            0 => ObjectType::Null,
+            2 => ObjectType::Domain,
+            5 => ObjectType::DefType,
+            6 => ObjectType::DefStruct,
+            7 => ObjectType::Var,
+            8 => ObjectType::Array,
+            9 => ObjectType::Record,
+            _ => {
+                notes.at(self.number, self.title, "no object type of CiA 301; left out");
+                return None;
+            }
+        })
+    }
+
+    /// The type, and whether it was said.
+    fn data_type(&self, is_domain: bool, notes: &mut Notes) -> (DataType, bool) {
+        let code = self.number(Key::DataType, notes).and_then(|code| u16::try_from(code).ok());
+        match code.and_then(DataType::from_code) {
+            Some(data_type) => (data_type, true),
+            None if is_domain && self.get(Key::DataType).is_none() => (DataType::Domain, true),
+            None => {
+                notes.at(self.number, self.title, "no data type of CiA 301; taken as DOMAIN");
+                (DataType::Domain, false)
+            }
+        }
+    }
+
+    fn access(&self, is_domain: bool, notes: &mut Notes) -> Access {
+        let written = self.get(Key::Access).map_or("", |line| line.value);
+        let all = [
+            ("ro", Access::ReadOnly),
+            ("wo", Access::WriteOnly),
+            ("rw", Access::ReadWrite),
+            ("rwr", Access::ReadWriteTransmit),
+            ("rww", Access::ReadWriteReceive),
+            ("const", Access::Const),
+        ];
+        let access = all.iter().find(|(word, _)| word.eq_ignore_ascii_case(written));
+        match access {
+            Some((_, access)) => *access,
+            None if is_domain && written.is_empty() => Access::ReadWrite,
+            None => {
+                notes.at(self.number, self.title, "no AccessType of CiA 306; taken as ro");
+                Access::ReadOnly
+            }
+        }
+    }
+
+    /// A default: what is none is left out.
+    fn default(&self, data_type: DataType, notes: &mut Notes) -> Option<Setting> {
+        let line = self.get(Key::Default)?;
+        match (setting(line.value, data_type), data_type) {
+            (Ok((setting, note)), _) => {
+                note.into_iter().for_each(|note| notes.push(line, note));
+                Some(setting)
+            }
+            (Err(_), DataType::Octets | DataType::Domain) => {
+                notes.push(line, "not hexadecimal bytes; taken as text");
+                Some(Setting::fixed(Payload::from(line.value.as_bytes())))
+            }
+            (Err(_), _) => {
+                notes.push(line, "not a value of its data type; no default is taken");
+                None
+            }
+        }
+    }
+
+    fn limits(&self, data_type: DataType, notes: &mut Notes) -> (Option<Setting>, Option<Setting>) {
+        let mut limit = |key| {
+            let line = self.get(key).filter(|_| data_type.width().is_some())?;
+            let limit = setting(line.value, data_type);
+            if limit.is_err() {
+                notes.push(line, "not a value of its data type; no limit is taken");
+            }
+            limit.ok().map(|(limit, _)| limit)
+        };
+        let (low, high) = (limit(Key::Low), limit(Key::High));
+        let both = low.as_ref().zip(high.as_ref());
+        if both.is_some_and(|(low, high)| !data_type.at_most(low.number(data_type, 1), high.number(data_type, 1))) {
+            notes.at(self.number, self.title, "its LowLimit is above its HighLimit; neither is taken");
+            return (None, None);
+        }
+        (low, high)
+    }
+}
+
+/// What shall be configured is never guessed at.
+fn parameter(line: &Line<'_>, data_type: DataType, is_known: bool, notes: &mut Notes) -> Result<Setting, Error> {
+    let error = |text| Note::new(line.number, line.value, text);
+    if !is_known {
+        return Err(error("a value to be configured, but no data type of CiA 301"));
+    }
+    let (setting, note) = setting(line.value, data_type).map_err(|_| error("expected a value of its data type"))?;
+    note.into_iter().for_each(|note| notes.push(line, note));
+    Ok(setting)
+}
+
+fn object(fields: &Fields<'_>, (index, sub): (u16, u8), notes: &mut Notes) -> Result<Object, Error> {
+    let is_domain = matches!(fields.number(Key::ObjectType, &mut Notes::default()), Some(2));
+    let (data_type, is_known) = fields.data_type(is_domain, notes);
+    let (low, high) = fields.limits(data_type, notes);
+    let flags = fields.number(Key::Flags, notes).unwrap_or(0);
+    let parameter = fields.get(Key::Parameter).map(|line| parameter(line, data_type, is_known, notes));
+    Ok(Object {
+        index,
+        sub,
+        name: fields.name(Key::Name, notes),
+        denotation: fields.name(Key::Denotation, notes),
+        data_type,
+        access: fields.access(is_domain, notes),
+        mappable: fields.number(Key::Mapping, notes).is_some_and(|value| value != 0),
+        default: fields.default(data_type, notes),
+        parameter: parameter.transpose()?,
+        low,
+        high,
+        refuses_write: flags & 1 != 0,
+        refuses_read: flags & 2 != 0,
+        file: fields.name(Key::File, notes),
+    })
+}
+
+struct Builder<'a, 'b> {
+    ini: &'b Ini<'a>,
+    notes: Notes,
+    groups: Vec<Group>,
+    objects: Vec<Object>,
+}
+
+pub(super) fn build(ini: &Ini<'_>) -> Result<Eds, Error> {
+    let mut notes = Notes::default();
+    let device = Device::read(ini, &mut notes);
+    if let Some(section) = ini.section("supportedmodules") {
+        notes.at(section.number, section.name, "modules are not read");
+    }
+    let mut parts = BTreeMap::<u16, Parts<'_>>::new();
+    for section in &ini.sections {
+        let Some((index, part)) = part(section.name) else {
+            continue;
+        };
+        let parts = parts.entry(index).or_default();
+        let before = match part {
+            Part::Sub(sub) => parts.subs.insert(sub, section),
+            Part::Head => parts.head.replace(section),
+            Part::Names => parts.names.replace(section),
+            Part::Values => parts.values.replace(section),
+            Part::Denotations => parts.denotations.replace(section),
+        };
+        if before.is_some() {
+            return Err(Note::new(section.number, section.name, "a second section of this name"));
+        }
+    }
+    let mut builder = Builder { ini, notes, groups: Vec::new(), objects: Vec::new() };
+    builder.compare_lists(&parts);
+    for (index, parts) in &parts {
+        builder.group(*index, parts)?;
+    }
+    if builder.objects.is_empty() {
+        return Err(Note::new(0, "the file", "describes no object"));
+    }
+    let Builder { notes, groups, objects, .. } = builder;
+    Ok(Eds { device, groups, objects, warnings: notes.0 })
+}
+
+impl<'a> Builder<'a, '_> {
+    /// The three lists against what is described.
+    fn compare_lists(&mut self, parts: &BTreeMap<u16, Parts<'_>>) {
+        let mut listed = BTreeSet::new();
+        for name in ["mandatoryobjects", "optionalobjects", "manufacturerobjects"] {
+            let Some(section) = self.ini.section(name) else {
+                continue;
+            };
+            for line in self.ini.lines(section).iter().filter(|line| !line.is("supportedobjects")) {
+                match number(line.value).ok().and_then(|(number, _)| u16::try_from(number.value).ok()) {
+                    Some(index) if parts.contains_key(&index) => drop(listed.insert(index)),
+                    Some(_) => self.notes.push(line, "listed, but not described"),
+                    None => self.notes.push(line, "expected an index"),
+                }
+            }
+        }
+        let heads = parts.iter().filter(|(index, _)| **index >= 0x1000 && !listed.contains(*index));
+        for section in heads.filter_map(|(_, parts)| parts.head) {
+            self.notes.at(section.number, section.name, "described, but not listed");
+        }
+    }
+
+    fn group(&mut self, index: u16, parts: &Parts<'a>) -> Result<(), Error> {
+        let Some(head) = parts.head.or(parts.subs.values().next().copied()) else {
+            return Ok(()); // names of nothing
+        };
+        let mut fields = Fields::read(self.ini, head, &mut self.notes);
+        if parts.head.is_none() {
+            self.notes.at(head.number, head.name, "its index has no section of its own");
+            fields.lines = [None; KEYS.len()];
+        }
+        let compact = fields.number(Key::Compact, &mut self.notes).unwrap_or(0);
+        let has_subs = !parts.subs.is_empty() || compact > 0;
+        let said = fields.object_type(&mut self.notes);
+        let object_type = match said.unwrap_or(if has_subs { ObjectType::Record } else { ObjectType::Var }) {
+            ObjectType::Var | ObjectType::Domain | ObjectType::Null if has_subs => {
+                self.notes.at(head.number, head.name, "has sub-indices; taken as a record");
+                ObjectType::Record
+            }
+            object_type => object_type,
+        };
+        let name = fields.name(Key::Name, &mut self.notes);
+        self.groups.push(Group { index, name, object_type });
+        match object_type {
+            ObjectType::Var | ObjectType::Domain => {
+                let object = object(&fields, (index, 0), &mut self.notes)?;
+                return self.push(object, head.number);
+            }
+            ObjectType::Array | ObjectType::Record if !has_subs => {
+                self.notes.at(head.number, head.name, "has no sub-indices");
+            }
+            _ => {}
+        }
+        // Subs that are described stand in for those of the compact form.
+        let mut all = BTreeMap::new();
+        if compact > 0 {
+            let compact = u8::try_from(compact).ok().filter(|count| *count < u8::MAX);
+            let error = || Note::new(head.number, head.name, "CompactSubObj: expected 1 to 254");
+            let objects = self.compact(&fields, index, compact.ok_or_else(error)?, parts)?;
+            all.extend(objects.into_iter().map(|object| (object.sub, object)));
+        }
+        for (sub, section) in &parts.subs {
+            let fields = Fields::read(self.ini, section, &mut self.notes);
+            all.insert(*sub, object(&fields, (index, *sub), &mut self.notes)?);
+        }
+        all.into_values().try_for_each(|object| self.push(object, head.number))
+    }
+
+    fn push(&mut self, object: Object, line: u32) -> Result<(), Error> {
+        if self.objects.len() == MAX_OBJECTS {
+            return Err(Note::new(line, &object.name, "more than 65536 objects"));
+        }
+        self.objects.push(object);
+        Ok(())
+    }
+
+    /// An array described by its index alone, with names, values and denotations of its elements apart.
+    fn compact(&mut self, head: &Fields<'a>, index: u16, count: u8, parts: &Parts<'a>) -> Result<Vec<Object>, Error> {
+        let mut template = object(head, (index, 1), &mut self.notes)?;
+        if template.default.as_ref().is_some_and(|default| default.data(1).len() > 8) {
+            self.notes.at(head.number, head.title, "a long default for each element is left out");
+            template.default = None;
+        }
+        template.parameter = None;
+        template.file.clear();
+        // The numbers of the history and of mappings are written; others only say how many there are.
+        let is_written = matches!(index, 0x1003 | 0x1600..=0x17FF | 0x1A00..=0x1BFF) && template.access.writes();
+        let number = Object {
+            sub: 0,
+            name: String::from("NrOfObjects"),
+            denotation: String::new(),
+            data_type: DataType::U8,
+            access: if is_written { Access::ReadWrite } else { Access::ReadOnly },
+            mappable: false,
+            default: Some(Setting::fixed(Payload::from(count))),
+            low: None,
+            high: None,
+            ..template.clone()
+        };
+        let element = |sub| Object { sub, name: format!("{}{sub}", template.name), ..template.clone() };
+        let mut objects: Vec<Object> = core::iter::once(number).chain((1..=count).map(element)).collect();
+        for (section, key) in
+            [(parts.names, Key::Name), (parts.values, Key::Parameter), (parts.denotations, Key::Denotation)]
+        {
+            let lines = section.map_or(&[][..], |section| self.ini.lines(section));
+            for line in lines.iter().filter(|line| !line.is("nrofentries") && !line.value.is_empty()) {
+                let Some(object) = line.key.parse().ok().and_then(|sub: usize| objects.get_mut(sub)) else {
+                    self.notes.push(line, "no such element; left out");
+                    continue;
+                };
+                match key {
+                    Key::Parameter => {
+                        let value = parameter(line, object.data_type, true, &mut self.notes)?;
+                        object.parameter = Some(value);
+                    }
+                    Key::Denotation => object.denotation = self.notes.name(line),
+                    _ => object.name = self.notes.name(line),
+                }
+            }
+        }
+        Ok(objects)
+    }
+}

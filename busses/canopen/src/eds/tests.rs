@@ -1,0 +1,1 @@
+//! The files of others, and what they taught.
