@@ -226,14 +226,34 @@ impl Dictionary {
         }
     }
 
-    /// Where an object is that may be mapped with `len` bytes; `received`: into an RPDO.
-    pub(crate) fn find_mappable(&self, index: u16, sub: u8, len: usize, received: bool) -> Result<usize, Abort> {
+    /// Where an object is that may be mapped with so many bits; `received`: into an RPDO. A BOOLEAN takes one bit, or
+    /// as in many devices a byte.
+    pub(crate) fn find_mappable(&self, index: u16, sub: u8, bits: u8, received: bool) -> Result<usize, Abort> {
         let at = self.find(index, sub)?;
         let entry = &self.slots[at].entry;
-        if entry.mappable && entry.access.maps(received) && entry.data_type.width() == Some(len) {
-            Ok(at)
-        } else {
-            Err(Abort::NOT_MAPPABLE)
+        let whole = entry.data_type.width().map(|width| width * 8) == Some(usize::from(bits));
+        let fits = whole || entry.data_type == DataType::Bool && bits == 1;
+        if entry.mappable && entry.access.maps(received) && fits { Ok(at) } else { Err(Abort::NOT_MAPPABLE) }
+    }
+
+    /// Whether it is process data: an object that may be mapped.
+    pub(crate) fn is_mappable(&self, index: u16, sub: u8) -> bool {
+        self.find(index, sub).is_ok_and(|at| self.slots[at].entry.mappable)
+    }
+
+    /// The node has another id (1..=127, kept in that range): defaults that contain it follow, and so do values and
+    /// power-on values that are still the default.
+    pub(crate) fn renumber(&mut self, node: u8) {
+        self.node = node.clamp(1, 127);
+        for slot in self.slots.iter_mut().filter(|slot| slot.entry.plus_node_id) {
+            let entry = &slot.entry;
+            let fresh = entry.data_type.wrap(entry.value.wrapping_add(i64::from(self.node)));
+            let old = core::mem::replace(&mut slot.default.0, fresh);
+            for value in [&mut slot.value, &mut slot.power_on.0] {
+                if *value == old {
+                    *value = fresh;
+                }
+            }
         }
     }
 

@@ -1,22 +1,29 @@
-//! The node side of CiA 301: NMT slave, SDO server, heartbeats, emergencies and PDOs, driven by its object
-//! dictionary. What an emulated drive is made of.
+//! The node side of CiA 301: NMT slave, SDO server, heartbeats or guarding, emergencies, SYNC, TIME and PDOs, driven by
+//! its object dictionary, and if wanted a slave of CiA 305. What an emulated drive is made of.
 //!
 //! The application sets objects as its device changes and reads them when [`NodeEvent::ObjectWritten`] says so;
 //! after setting, call [`Node::handle_timeout`]: what was set together leaves together.
 
+mod emergency;
+mod guard;
 mod heartbeat;
 mod objects;
 mod pdo;
+mod sync;
 #[cfg(test)]
 mod tests;
 
-use crate::wire::{self, Emergency, NmtCommand, NmtState, Service};
+use crate::lss::{self, Address, BitRate, SlaveConfig, SlaveEvent};
+use crate::wire::{self, Emergency, NmtCommand, NmtState, Service, TimeOfDay};
 use crate::{Dictionary, sdo};
 use base::can::{Frame, Id};
 use base::{Duration, Instant, Queue};
+use emergency::Emergencies;
+use guard::Guard;
 use heartbeat::{Consumers, Producer};
 use objects::Guarded;
 use pdo::Pdos;
+use sync::Sync;
 
 /// What happened to a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,13 +55,44 @@ pub enum NodeEvent {
         /// 1 for the PDO of 0x1400.
         number: u16,
     },
+    /// A received PDO is longer than its mapping: its first bytes were taken, and an emergency 0x8220 was sent. Told
+    /// once until one fits.
+    PdoTooLong {
+        /// 1 for the PDO of 0x1400.
+        number: u16,
+    },
+    /// A received PDO has not come within its event timer (0x1400:5); an emergency 0x8250 was sent. Told once until it
+    /// comes again.
+    PdoLate {
+        /// 1 for the PDO of 0x1400.
+        number: u16,
+    },
+    /// The master has not asked for the state within the life time (0x100C, 0x100D).
+    GuardLost,
+    /// It asks again.
+    GuardBack,
+    /// The time of day, when 0x1012 consumes it.
+    Time(TimeOfDay),
+    /// LSS: switch the controller to this bit rate now. The node sends nothing for a while before and after.
+    BitRate(BitRate),
+    /// LSS: node id (`None`: none) and bit rate are to be kept over power-off. The node does, while it lives.
+    LssStored {
+        /// 1 to 127.
+        node_id: Option<u8>,
+        /// The bit rate.
+        bit_rate: BitRate,
+    },
 }
 
 /// Where the node is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Off,
-    Booting { until: Instant },
+    Booting {
+        until: Instant,
+    },
+    /// Without node id: hears nothing but LSS.
+    Unconfigured,
     Running(NmtState),
 }
 
@@ -66,7 +104,11 @@ pub struct Node {
     server: sdo::Server,
     producer: Producer,
     consumers: Consumers,
+    guard: Guard,
+    sync: Sync,
+    emergencies: Emergencies,
     pdos: Pdos,
+    lss: Option<lss::Slave>,
     tx: Queue<Frame, 64>,
     events: Queue<NodeEvent, 64>,
 }
@@ -83,7 +125,11 @@ impl Node {
             server: sdo::Server::new(Duration::from_secs(2)),
             producer: Producer::default(),
             consumers: Consumers::default(),
+            guard: Guard::default(),
+            sync: Sync::default(),
+            emergencies: Emergencies::default(),
             pdos,
+            lss: None,
             tx: Queue::new(),
             events: Queue::new(),
         }
@@ -95,10 +141,19 @@ impl Node {
         Self { server: self.server.without_block(), ..self }
     }
 
-    /// The node id.
+    /// With an LSS slave, whose address is the identity object 0x1018. `node_id` is that of the first power-on: `None`,
+    /// and the node is silent until it is given one. `bit_rates`: what it can be set to.
+    #[must_use]
+    pub fn with_lss(mut self, node_id: Option<u8>, bit_rate: BitRate, bit_rates: &'static [BitRate]) -> Self {
+        let address = Address::from_words([1, 2, 3, 4].map(|sub| self.number(0x1018, sub) as u32));
+        self.lss = Some(lss::Slave::new(SlaveConfig { address, node_id, bit_rate, bit_rates, stores: true }));
+        self
+    }
+
+    /// The node id; [`lss::UNCONFIGURED`] when it has none.
     #[must_use]
     pub fn id(&self) -> u8 {
-        self.dictionary.node()
+        self.lss.as_ref().map_or(Some(self.dictionary.node()), lss::Slave::node_id).unwrap_or(lss::UNCONFIGURED)
     }
 
     /// The NMT state; `None` when switched off.
@@ -106,7 +161,7 @@ impl Node {
     pub fn nmt_state(&self) -> Option<NmtState> {
         match self.phase {
             Phase::Off => None,
-            Phase::Booting { .. } => Some(NmtState::Initialising),
+            Phase::Booting { .. } | Phase::Unconfigured => Some(NmtState::Initialising),
             Phase::Running(state) => Some(state),
         }
     }
@@ -114,6 +169,9 @@ impl Node {
     /// Switches the node on: all objects get their power-on values, the boot-up message follows.
     pub fn power_on(&mut self, now: Instant) {
         self.power_off();
+        if let Some(lss) = &mut self.lss {
+            lss.power_on();
+        }
         self.dictionary.reset(0x0000..=0xFFFF);
         self.boot(now);
     }
@@ -124,6 +182,7 @@ impl Node {
         self.tx.clear();
         self.events.clear();
         self.server.reset();
+        self.emergencies.clear();
     }
 
     fn boot(&mut self, now: Instant) {
@@ -131,6 +190,14 @@ impl Node {
         self.server.reset();
         self.producer.stop();
         self.consumers.stop();
+        self.sync.stop();
+        self.emergencies.clear();
+        // A node id that was set by LSS comes into use here, and with it the identifiers.
+        match self.lss.as_mut().map(lss::Slave::activate_node_id) {
+            Some(Some(node)) => self.dictionary.renumber(node),
+            Some(None) => self.phase = Phase::Unconfigured,
+            None => {}
+        }
         self.pdos.reload(&self.dictionary);
         self.events.push(NodeEvent::NmtState(NmtState::Initialising));
     }
@@ -139,32 +206,53 @@ impl Node {
         self.tx.push(wire::heartbeat(self.id(), NmtState::Initialising));
         self.producer.configure(self.number(0x1017, 0), now, false);
         self.consumers.configure(&self.dictionary);
+        self.guard.restart(&self.dictionary);
         self.enter(now, NmtState::PreOperational);
+        // CiA 302-2, 0x1F80: bit 2 keeps a slave from starting itself.
+        if self.get(0x1F80, 0).is_some_and(|startup| startup & 1 << 2 == 0) {
+            self.enter(now, NmtState::Operational);
+        }
     }
 
     fn enter(&mut self, now: Instant, state: NmtState) {
         if self.phase == Phase::Running(state) {
             return;
         }
+        let silent = !matches!(self.phase, Phase::Running(NmtState::PreOperational | NmtState::Operational));
         self.phase = Phase::Running(state);
-        if state == NmtState::Stopped {
-            self.server.reset();
+        match state {
+            NmtState::Stopped => {
+                self.server.reset();
+                self.sync.stop();
+                self.emergencies.clear();
+            }
+            _ if silent => self.sync.configure(&self.dictionary, now),
+            _ => {}
         }
         if state == NmtState::Operational {
-            self.pdos.start(now);
+            self.pdos.start(now, &self.dictionary);
         }
         self.events.push(NodeEvent::NmtState(state));
     }
 
     /// A frame from the bus. Its own frames and those of others do no harm.
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
-        let Phase::Running(state) = self.phase else {
-            return;
-        };
-        let (Id::Standard(id), false) = (frame.id(), frame.is_remote()) else {
-            return;
-        };
         let service = Service::of(frame);
+        if service == Some(Service::LssRequest) {
+            return self.layer_setting(now, frame);
+        }
+        let (Phase::Running(state), Id::Standard(id)) = (self.phase, frame.id()) else {
+            return;
+        };
+        if frame.is_remote() {
+            self.remote(now, state, service, id);
+        } else {
+            self.serve(now, state, service, id, frame);
+        }
+        self.hush(now);
+    }
+
+    fn serve(&mut self, now: Instant, state: NmtState, service: Option<Service>, id: u16, frame: &Frame) {
         // CiA 301, Table 37: which services live in which state.
         match (service, state) {
             (Some(Service::Nmt), _) => self.nmt(now, frame.data()),
@@ -175,9 +263,73 @@ impl Node {
             (Some(Service::SdoRequest { node }), _) if node == self.id() => {
                 self.sdo(now, frame.data());
             }
-            (Some(Service::Sync), _) => self.sync(now, state),
-            (_, NmtState::Operational) => self.rpdo(id, frame.data()),
+            _ if id == self.sync.cob_id() => self.receive_sync(now, state, frame.data()),
+            _ if self.consumes_time(id) => {
+                if let Some(time) = TimeOfDay::decode(frame.data()) {
+                    self.events.push(NodeEvent::Time(time));
+                }
+            }
+            (_, NmtState::Operational) => self.rpdo(now, id, frame.data()),
             (_, NmtState::PreOperational) => {}
+        }
+    }
+
+    fn consumes_time(&self, id: u16) -> bool {
+        let cob_id = self.number(0x1012, 0);
+        cob_id & 1 << 31 != 0 && cob_id & 0x7FF == i64::from(id)
+    }
+
+    /// Remote frames ask for the state (node guarding) or a PDO.
+    fn remote(&mut self, now: Instant, state: NmtState, service: Option<Service>, id: u16) {
+        match service {
+            // Heartbeats exclude guarding.
+            Some(Service::ErrorControl { node }) if node == self.id() && self.number(0x1017, 0) == 0 => {
+                let (toggle, back) = self.guard.asked(now);
+                self.tx.push(wire::guard_answer(node, state, toggle));
+                if back {
+                    self.events.push(NodeEvent::GuardBack);
+                }
+            }
+            _ if state == NmtState::Operational => self.pdos.remote(now, id, &self.dictionary, &mut self.tx),
+            _ => {}
+        }
+    }
+
+    /// A frame for the LSS slave.
+    fn layer_setting(&mut self, now: Instant, frame: &Frame) {
+        if matches!(self.phase, Phase::Unconfigured | Phase::Running(_))
+            && let Some(lss) = &mut self.lss
+        {
+            lss.handle_rx(now, frame);
+        }
+        self.obey_lss(now);
+        self.hush(now);
+    }
+
+    fn obey_lss(&mut self, now: Instant) {
+        while let Some((lss, event)) = self.lss.as_mut().and_then(|lss| lss.poll_event().map(|event| (lss, event))) {
+            match event {
+                SlaveEvent::NodeIdAssigned => {
+                    self.dictionary.reset(0x1000..=0x1FFF);
+                    self.boot(now);
+                    self.handle_timeout(now);
+                }
+                SlaveEvent::BitRate(rate) => {
+                    self.events.push(NodeEvent::BitRate(rate));
+                }
+                SlaveEvent::Store { node_id, bit_rate } => {
+                    lss.stored(true);
+                    self.events.push(NodeEvent::LssStored { node_id, bit_rate });
+                }
+            }
+        }
+    }
+
+    /// Around a change of the bit rate nothing is sent, not even later.
+    fn hush(&mut self, now: Instant) {
+        if self.lss.as_ref().is_some_and(|lss| lss.is_quiet(now)) {
+            self.tx.clear();
+            self.server.reset();
         }
     }
 
@@ -216,8 +368,7 @@ impl Node {
     }
 
     fn sdo(&mut self, now: Instant, data: &[u8]) {
-        let mut guarded =
-            Guarded { dictionary: &mut self.dictionary, phase: self.phase, pdos: &self.pdos, written: None };
+        let mut guarded = Guarded { dictionary: &mut self.dictionary, phase: self.phase, written: None };
         let answer = self.server.handle_rx(now, data, &mut guarded);
         let written = guarded.written;
         if let Some(answer) = answer {
@@ -231,7 +382,9 @@ impl Node {
     /// What the node itself does when an object was written; then the application is told.
     fn written(&mut self, now: Instant, index: u16, sub: u8) {
         match (index, sub) {
-            (0x1003, 0) => self.clear_history(),
+            (0x1003, 0) => emergency::clear_history(&mut self.dictionary),
+            (0x1005 | 0x1006 | 0x1019, 0) => self.sync.configure(&self.dictionary, now),
+            (0x100C | 0x100D, 0) => self.guard.configure(&self.dictionary),
             (0x1010, _) => {
                 self.dictionary.set(index, sub, 1);
                 self.dictionary.store();
@@ -241,15 +394,31 @@ impl Node {
                 self.dictionary.restore();
             }
             (0x1016, _) => self.consumers.configure(&self.dictionary),
-            (0x1017, _) => self.producer.configure(self.number(0x1017, 0), now, true),
+            (0x1017, _) => {
+                self.producer.configure(self.number(0x1017, 0), now, true);
+                self.guard.configure(&self.dictionary);
+            }
             (0x1400..=0x1BFF, _) => self.pdos.configure(&self.dictionary, index, now),
             _ => {}
+        }
+        // 0x1020 names a configuration: another one has no name. Process data are none.
+        if !matches!(index, 0x1003 | 0x1010 | 0x1011 | 0x1020) && !self.dictionary.is_mappable(index, sub) {
+            self.dictionary.set(0x1020, 1, 0);
+            self.dictionary.set(0x1020, 2, 0);
         }
         self.pdos.touch(&self.dictionary, index, sub);
         self.events.push(NodeEvent::ObjectWritten { index, sub });
     }
 
-    fn sync(&mut self, now: Instant, state: NmtState) {
+    fn receive_sync(&mut self, now: Instant, state: NmtState, data: &[u8]) {
+        let (counter, unexpected) = self.sync.receive(data);
+        if unexpected {
+            self.communication_emergency(0x8240);
+        }
+        self.synchronise(now, state, counter);
+    }
+
+    fn synchronise(&mut self, now: Instant, state: NmtState, counter: u8) {
         if state != NmtState::Operational {
             return;
         }
@@ -257,19 +426,26 @@ impl Node {
         while let Some(number) = self.pdos.take_buffered() {
             self.apply(number);
         }
-        self.pdos.sync(now, &self.dictionary, &mut self.tx);
+        self.pdos.sync(now, counter, &self.dictionary, &mut self.tx);
     }
 
-    fn rpdo(&mut self, id: u16, data: &[u8]) {
-        while let Some(outcome) = self.pdos.receive(id, data) {
-            match outcome {
-                pdo::Received::Apply(number) => self.apply(number),
-                pdo::Received::Buffered => {}
+    fn rpdo(&mut self, now: Instant, id: u16, data: &[u8]) {
+        while let Some(outcome) = self.pdos.receive(now, id, data) {
+            let too_long = match outcome {
+                pdo::Received::Apply(number, too_long) => {
+                    self.apply(number);
+                    too_long
+                }
+                pdo::Received::Buffered(too_long) => too_long,
                 pdo::Received::TooShort(number) => {
                     self.events.push(NodeEvent::PdoTooShort { number });
-                    let register = self.number(0x1001, 0) as u8 | 0x10;
-                    self.emergency(0x8210, register, [0; 5]);
+                    self.communication_emergency(0x8210);
+                    None
                 }
+            };
+            if let Some(number) = too_long {
+                self.events.push(NodeEvent::PdoTooLong { number });
+                self.communication_emergency(0x8220);
             }
         }
     }
@@ -280,53 +456,56 @@ impl Node {
         for key in keys() {
             self.pdos.touch(&self.dictionary, key.0, key.1);
         }
-        let (last, first): (heapless::Vec<_, 8>, heapless::Vec<_, 8>) =
+        let (last, first): (heapless::Vec<_, 64>, heapless::Vec<_, 64>) =
             (keys().filter(|key| key.0 == 0x6040).collect(), keys().filter(|key| key.0 != 0x6040).collect());
         for (index, sub) in first.into_iter().chain(last) {
             self.events.push(NodeEvent::ObjectWritten { index, sub });
         }
     }
 
+    /// What the node itself has to tell of its communication.
+    fn communication_emergency(&mut self, code: u16) {
+        let register = self.number(0x1001, 0) as u8 | 0x10;
+        self.emergency(code, register, [0; 5]);
+    }
+
     /// Sends an emergency and remembers it in 0x1003; `code` 0: an error went away. `register` becomes 0x1001.
-    /// Nothing is sent where the NMT state forbids it.
+    /// Nothing is sent where the NMT state forbids it; with an inhibit time (0x1015) it leaves at
+    /// [`Self::handle_timeout`].
     pub fn emergency(&mut self, code: u16, register: u8, info: [u8; 5]) {
         self.dictionary.set(0x1001, 0, i64::from(register));
         self.pdos.touch(&self.dictionary, 0x1001, 0);
         if code != 0 {
-            self.remember(code, info);
+            emergency::remember(&mut self.dictionary, code, info);
         }
         let talks = matches!(self.phase, Phase::Running(NmtState::Operational | NmtState::PreOperational));
-        let cob_id = self.dictionary.get(0x1014, 0).unwrap_or(0x80 + i64::from(self.id()));
-        if talks && cob_id & 1 << 31 == 0 {
-            let data = Emergency { code, register, info }.encode();
-            self.tx.push(Frame::standard(cob_id as u16, &data));
+        let data = Emergency { code, register, info }.encode();
+        if talks && let Some(data) = self.emergencies.push(&self.dictionary, data) {
+            self.send_emergency(&data);
         }
     }
 
-    /// The newest error moves to the front of 0x1003.
-    fn remember(&mut self, code: u16, info: [u8; 5]) {
-        let room = (1..=254).take_while(|sub| self.dictionary.get(0x1003, *sub).is_some()).count() as u8;
-        for sub in (1..room).rev() {
-            let older = self.number(0x1003, sub);
-            self.dictionary.set(0x1003, sub + 1, older);
-        }
-        let [low, high, ..] = info;
-        self.dictionary.set(0x1003, 1, i64::from(u16::from_le_bytes([low, high])) << 16 | i64::from(code));
-        let count = self.number(0x1003, 0) + 1;
-        self.dictionary.set(0x1003, 0, count.min(i64::from(room)));
-    }
-
-    fn clear_history(&mut self) {
-        for sub in 1..=254 {
-            if self.dictionary.get(0x1003, sub).is_none() {
-                break;
-            }
-            self.dictionary.set(0x1003, sub, 0);
+    fn send_emergency(&mut self, data: &[u8]) {
+        let cob_id = self.get(0x1014, 0).unwrap_or(0x80 + i64::from(self.id()));
+        if cob_id & 1 << 31 == 0 {
+            self.tx.push(Frame::standard(cob_id as u16, data));
         }
     }
 
-    /// Does what is due at `now`: boot-up, heartbeats, PDOs, lost heartbeats. Late or needless calls do no harm.
+    /// Does what is due at `now`: boot-up, heartbeats, SYNC, PDOs, emergencies, and what has not come in its time. Late
+    /// or needless calls do no harm.
     pub fn handle_timeout(&mut self, now: Instant) {
+        if self.phase != Phase::Off
+            && let Some(lss) = &mut self.lss
+        {
+            lss.handle_timeout(now);
+            self.obey_lss(now);
+        }
+        self.serve_timers(now);
+        self.hush(now);
+    }
+
+    fn serve_timers(&mut self, now: Instant) {
         if let Phase::Booting { until } = self.phase
             && until <= now
         {
@@ -342,11 +521,26 @@ impl Node {
             self.events.push(NodeEvent::HeartbeatLost { node });
             self.communication_error(now);
         }
+        if self.guard.take_lost(now) {
+            self.events.push(NodeEvent::GuardLost);
+            self.communication_error(now);
+        }
         if let Some(answer) = self.server.handle_timeout(now) {
             self.tx.push(Frame::standard(Service::SdoResponse { node: self.id() }.cob_id(), &answer));
         }
+        if let Some((sync, counter)) = self.sync.due(now) {
+            self.tx.push(sync);
+            self.synchronise(now, state, counter);
+        }
         if self.phase == Phase::Running(NmtState::Operational) {
+            while let Some(number) = self.pdos.take_late(now) {
+                self.events.push(NodeEvent::PdoLate { number });
+                self.communication_emergency(0x8250);
+            }
             self.pdos.send_due(now, &self.dictionary, &mut self.tx);
+        }
+        while let Some(data) = self.emergencies.due(now, &self.dictionary) {
+            self.send_emergency(&data);
         }
     }
 
@@ -362,8 +556,11 @@ impl Node {
 
     /// A frame to send. The segments of a block that is read come last, one by one.
     pub fn poll_tx(&mut self) -> Option<Frame> {
-        let segment = |data: [u8; 8]| Frame::standard(Service::SdoResponse { node: self.dictionary.node() }.cob_id(), &data);
-        self.tx.pop().or_else(|| self.server.poll_tx().map(segment))
+        if let Some(frame) = self.lss.as_mut().and_then(lss::Slave::poll_tx).or_else(|| self.tx.pop()) {
+            return Some(frame);
+        }
+        let segment = self.server.poll_tx()?;
+        Some(Frame::standard(Service::SdoResponse { node: self.id() }.cob_id(), &segment))
     }
 
     /// What happened.
@@ -374,13 +571,17 @@ impl Node {
     /// When to call [`Self::handle_timeout`]; a past moment means at once.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
+        let lss = self.lss.as_ref().and_then(lss::Slave::poll_timeout);
         let state = match self.phase {
             Phase::Off => return None,
-            Phase::Booting { until } => return Some(until),
+            Phase::Booting { until } => return Some(lss.map_or(until, |lss| lss.min(until))),
+            Phase::Unconfigured => return lss,
             Phase::Running(state) => state,
         };
         let pdos = (state == NmtState::Operational).then(|| self.pdos.poll_timeout()).flatten();
-        [self.producer.next(), self.consumers.next(), self.server.poll_timeout(), pdos].into_iter().flatten().min()
+        let watched = [self.consumers.next(), self.guard.next(), self.server.poll_timeout()];
+        let sent = [self.producer.next(), self.sync.next(), self.emergencies.next(), pdos];
+        watched.into_iter().chain(sent).chain([lss]).flatten().min()
     }
 
     /// The value of a number; `None` when there is no such number.

@@ -1,5 +1,6 @@
 //! A simulated wire between engines: in order, with latency, loss and duplication from a seed.
 
+use crate::wire::TimeOfDay;
 use crate::{Event, Master, Node, NodeEvent};
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
@@ -209,6 +210,9 @@ fn tell(engine: &mut impl Engine, now: Instant, actual: &mut Vec<String>) {
 /// A frame of a transcript.
 pub(crate) fn parse(words: &[&str]) -> Frame {
     let id = u16::from_str_radix(words[0], 16).expect("an identifier");
+    if words[1..] == ["rtr"] {
+        return Frame::standard_remote(id, 0);
+    }
     let data: Vec<_> = words[1..].iter().map(|word| u8::from_str_radix(word, 16).expect("a byte")).collect();
     Frame::new(Id::Standard(id), &data).expect("a frame")
 }
@@ -223,7 +227,7 @@ fn print(frame: &Frame) -> String {
 }
 
 impl Engine for Node {
-    /// `on`, `set INDEX SUB VALUE`, or a frame.
+    /// `on`, `set INDEX SUB VALUE`, or a frame; `ID rtr` is a remote one.
     fn input(&mut self, now: Instant, words: &[&str]) {
         let number = |word: &str| u16::from_str_radix(word, 16).expect("a number");
         match words {
@@ -252,6 +256,13 @@ impl Engine for Node {
                 NodeEvent::HeartbeatBack { node } => format!("back {node}"),
                 NodeEvent::ResetApplication => String::from("reset"),
                 NodeEvent::PdoTooShort { number } => format!("short {number}"),
+                NodeEvent::PdoTooLong { number } => format!("long {number}"),
+                NodeEvent::PdoLate { number } => format!("late {number}"),
+                NodeEvent::GuardLost => String::from("guard lost"),
+                NodeEvent::GuardBack => String::from("guard back"),
+                NodeEvent::Time(TimeOfDay { millis, days }) => format!("time {days} {millis}"),
+                NodeEvent::BitRate(rate) => format!("rate {rate:?}"),
+                NodeEvent::LssStored { node_id, bit_rate } => format!("stored {node_id:?} {bit_rate:?}"),
             });
         }
         all

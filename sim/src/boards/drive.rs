@@ -123,13 +123,20 @@ impl Drive {
             match event {
                 NodeEvent::ObjectWritten { index: 0x6040, .. } => self.written(now, body),
                 NodeEvent::ResetApplication => self.renew(body),
-                NodeEvent::HeartbeatLost { .. } => self.heartbeat_lost(now),
+                NodeEvent::HeartbeatLost { .. } | NodeEvent::GuardLost => self.heartbeat_lost(now),
                 NodeEvent::NmtState(state) => match &mut self.kind {
                     Kind::Epos(epos) => epos.set_remote(state == NmtState::Operational),
                     Kind::Icla(icla, _) => icla.set_remote(state == NmtState::Operational),
                 },
                 NodeEvent::PdoTooShort { .. } => self.pdo_too_short(),
-                NodeEvent::ObjectWritten { .. } | NodeEvent::HeartbeatBack { .. } => {}
+                NodeEvent::ObjectWritten { .. }
+                | NodeEvent::HeartbeatBack { .. }
+                | NodeEvent::GuardBack
+                | NodeEvent::PdoTooLong { .. }
+                | NodeEvent::PdoLate { .. }
+                | NodeEvent::Time(_)
+                | NodeEvent::BitRate(_)
+                | NodeEvent::LssStored { .. } => {}
             }
         }
         if news && let Kind::Epos(epos) = &mut self.kind {

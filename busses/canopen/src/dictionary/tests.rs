@@ -99,7 +99,7 @@ fn every_type_is_held_within_its_limits() {
         }
     }
     assert_eq!((objects.get(0x2000, 0), objects.get(0x2002, 0)), (Some(-2), Some(-5)));
-    let maps = |index, len, received| objects.find_mappable(index, 0, len, received).is_ok();
-    assert_eq!([maps(0x2005, 3, true), maps(0x2005, 3, false)], [true, false]);
-    assert_eq!([maps(0x2006, 8, true), maps(0x2006, 8, false)], [false, true]);
+    let maps = |index, bits, received| objects.find_mappable(index, 0, bits, received).is_ok();
+    assert_eq!([maps(0x2005, 24, true), maps(0x2005, 24, false)], [true, false]);
+    assert_eq!([maps(0x2006, 64, true), maps(0x2006, 64, false)], [false, true]);
 }

@@ -64,7 +64,7 @@ fn compare(dictionary: &Dictionary, eds: &str) {
                 assert!(data(number(limit)).is_ok(), "{at} {limit}");
                 assert!(data(number(limit) + beyond).is_err(), "{at} {limit}");
             }
-            let received = dictionary.find_mappable(index, sub, width, true).is_ok();
+            let received = dictionary.find_mappable(index, sub, width as u8 * 8, true).is_ok();
             assert_eq!(received, number(&lines["PDOMapping"]) == 1, "{at}");
         }
     }

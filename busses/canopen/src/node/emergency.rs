@@ -1,0 +1,70 @@
+//! Emergencies: when they leave (0x1015) and what is remembered of them (0x1003).
+
+use crate::Dictionary;
+use base::{Duration, Instant, Queue};
+
+/// Emergencies that wait for the inhibit time; more than these are not sent, but remembered.
+#[derive(Default)]
+pub(super) struct Emergencies {
+    waiting: Queue<[u8; 8], 16>,
+    until: Instant,
+}
+
+fn inhibit(dictionary: &Dictionary) -> Duration {
+    Duration::from_micros(dictionary.get(0x1015, 0).unwrap_or(0).unsigned_abs() * 100)
+}
+
+impl Emergencies {
+    /// Those that wait are never sent.
+    pub(super) fn clear(&mut self) {
+        self.waiting.clear();
+        self.until = Instant::ZERO;
+    }
+
+    /// Gives it back when it may leave at once.
+    pub(super) fn push(&mut self, dictionary: &Dictionary, data: [u8; 8]) -> Option<[u8; 8]> {
+        if inhibit(dictionary).is_zero() && self.waiting.is_empty() {
+            return Some(data);
+        }
+        self.waiting.push(data);
+        None
+    }
+
+    /// The one that may leave now.
+    pub(super) fn due(&mut self, now: Instant, dictionary: &Dictionary) -> Option<[u8; 8]> {
+        if now < self.until {
+            return None;
+        }
+        let data = self.waiting.pop()?;
+        self.until = now + inhibit(dictionary);
+        Some(data)
+    }
+
+    pub(super) fn next(&self) -> Option<Instant> {
+        (!self.waiting.is_empty()).then_some(self.until)
+    }
+}
+
+/// The newest error moves to the front of 0x1003.
+pub(super) fn remember(dictionary: &mut Dictionary, code: u16, info: [u8; 5]) {
+    let number = |dictionary: &Dictionary, sub| dictionary.get(0x1003, sub).unwrap_or(0);
+    let room = (1..=254).take_while(|sub| dictionary.get(0x1003, *sub).is_some()).count() as u8;
+    for sub in (1..room).rev() {
+        let older = number(dictionary, sub);
+        dictionary.set(0x1003, sub + 1, older);
+    }
+    let [low, high, ..] = info;
+    dictionary.set(0x1003, 1, i64::from(u16::from_le_bytes([low, high])) << 16 | i64::from(code));
+    let count = number(dictionary, 0) + 1;
+    dictionary.set(0x1003, 0, count.min(i64::from(room)));
+}
+
+/// Sub-index 0 was written 0.
+pub(super) fn clear_history(dictionary: &mut Dictionary) {
+    for sub in 1..=254 {
+        if dictionary.get(0x1003, sub).is_none() {
+            break;
+        }
+        dictionary.set(0x1003, sub, 0);
+    }
+}
