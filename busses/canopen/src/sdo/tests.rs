@@ -1,5 +1,9 @@
 //! Client against server, and both against literal frames.
 
+mod block;
+mod faults;
+mod line;
+
 use super::*;
 use crate::dictionary::{Access, DataType, Entry};
 use crate::testing::Random;
@@ -168,6 +172,48 @@ fn answers_to_what_was_not_asked_are_ignored() {
 }
 
 #[test]
+fn what_comes_late_of_a_transfer_that_was_given_up_is_not_of_the_next_one() {
+    let begin = [0x41, 0x00, 0x2F, 0, 10, 0, 0, 0];
+    let segment = [0x00, 1, 2, 3, 4, 5, 6, 7];
+    let aborted = [0x80, 0x00, 0x2F, 0, 0, 0, 0x04, 0x05];
+    for (heard, late) in [
+        (&[][..], &[begin, segment][..]),
+        (&[begin], &[segment, aborted]),
+        (&[begin, segment], &[[0x19, 8, 9, 10, 0, 0, 0, 0]]),
+    ] {
+        let mut client = Client::new(TIMEOUT);
+        client.read(NOW, 0x2F00, 0);
+        heard.iter().for_each(|frame| client.handle_rx(NOW, frame));
+        let then = NOW + TIMEOUT;
+        client.handle_timeout(then);
+        assert_eq!(client.poll_done().map(|done| done.result), Some(Err(Error::Timeout)));
+        client.read(then, 0x6083, 0);
+        late.iter().for_each(|frame| client.handle_rx(then, frame));
+        assert_eq!((client.poll_done(), client.ignored()), (None, late.len() as u32));
+        client.handle_rx(then, &[0x43, 0x83, 0x60, 0, 1, 2, 3, 4]);
+        assert_eq!(client.poll_done().map(|done| done.result), Some(Ok(Payload::from(&[1, 2, 3, 4][..]))));
+    }
+}
+
+#[test]
+fn an_answer_that_comes_twice_is_no_toggle_error_until_nothing_else_comes() {
+    let begin = [0x41, 0x00, 0x2F, 0, 10, 0, 0, 0];
+    let (first, last) = ([0x00, 1, 2, 3, 4, 5, 6, 7], [0x19, 8, 9, 10, 0, 0, 0, 0]);
+    let read = Payload::from(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10][..]);
+    assert_eq!(answered(&[begin, begin, first, first, last]).0, Some(Ok(read)));
+    assert_eq!(answered(&[begin, first, [0x00, 7, 6, 5, 4, 3, 2, 1]]).1, abort(Abort::TOGGLE));
+    // A server that answers every segment alike.
+    let mut client = Client::new(TIMEOUT);
+    client.write(NOW, 0x2F00, 0, Payload::from(&[1; 20][..]));
+    for answer in [[0x60, 0x00, 0x2F, 0, 0, 0, 0, 0], [0x20, 0, 0, 0, 0, 0, 0, 0], [0x20, 0, 0, 0, 0, 0, 0, 0]] {
+        client.handle_rx(NOW, &answer);
+    }
+    assert_eq!(client.poll_done(), None);
+    client.handle_timeout(NOW + TIMEOUT);
+    assert_eq!(client.poll_done().map(|done| done.result), Some(Err(Error::Protocol(Abort::TOGGLE))));
+}
+
+#[test]
 fn silence_is_aborted_once_and_the_channel_is_free_again() {
     let mut client = Client::new(TIMEOUT);
     assert!(client.read(NOW, 0x2F00, 0) && !client.read(NOW, 0x2F00, 0));
@@ -188,21 +234,32 @@ fn silence_is_aborted_once_and_the_channel_is_free_again() {
 fn no_bytes_in_any_state_panic() {
     let mut random = Random::new(7);
     let (mut client, mut server, mut objects) = pair();
-    for round in 0..200_000_u64 {
+    for round in 0..300_000_u64 {
         let now = Instant::from_millis(round);
-        let len = random.below(10).min(8) as usize;
+        let len = if random.below(10) == 0 { random.below(9) } else { 8 } as usize;
         let mut data = random.next().to_le_bytes();
         if random.below(2) == 0 {
             data[1..4].copy_from_slice(&[0x00, 0x2F, 0]);
         }
+        match random.below(4) {
+            // Often what a block needs to go on.
+            0 => data[0] = [0xA0, 0xA1, 0xA2, 0xA3, 0xC0, 0xC1, 0xC6, 0x80][random.below(8) as usize],
+            1 => data[0] = random.below(4) as u8,
+            _ => {}
+        }
         client.handle_rx(now, &data[..len]);
         server.handle_rx(now, &data[..len], &mut objects);
         client.handle_timeout(now);
-        while client.poll_tx().is_some() {}
+        server.handle_timeout(now);
+        let drained =
+            core::iter::from_fn(|| client.poll_tx()).count() + core::iter::from_fn(|| server.poll_tx()).count();
+        assert!(drained <= 2 * 127 + 4);
         client.poll_done();
-        match random.below(3) {
+        match random.below(20) {
             0 => client.read(now, 0x2F00, 0),
             1 => client.write(now, 0x2F00, 0, Payload::from(&[1; 20][..])),
+            2 => client.read_block(now, 0x2F00, 0),
+            3 => client.write_block(now, 0x2F00, 0, Payload::from(&[1; 2000][..])),
             _ => false,
         };
     }
