@@ -204,8 +204,8 @@ impl<'a> Fields<'a> {
     }
 
     /// A default: what is none is left out.
-    fn default(&self, data_type: DataType, notes: &mut Notes) -> Option<Setting> {
-        let line = self.get(Key::Default)?;
+    fn default(&self, data_type: DataType, is_known: bool, notes: &mut Notes) -> Option<Setting> {
+        let line = self.get(Key::Default).filter(|_| is_known)?;
         match (setting(line.value, data_type), data_type) {
             (Ok((setting, note)), _) => {
                 note.into_iter().for_each(|note| notes.push(line, note));
@@ -266,7 +266,7 @@ fn object(fields: &Fields<'_>, (index, sub): (u16, u8), notes: &mut Notes) -> Re
         data_type,
         access: fields.access(is_domain, notes),
         mappable: fields.number(Key::Mapping, notes).is_some_and(|value| value != 0),
-        default: fields.default(data_type, notes),
+        default: fields.default(data_type, is_known, notes),
         parameter: parameter.transpose()?,
         low,
         high,
@@ -349,6 +349,7 @@ impl<'a> Builder<'a, '_> {
             self.notes.at(head.number, head.name, "its index has no section of its own");
             fields.lines = [None; KEYS.len()];
         }
+        let mut quiet = Notes::default();
         let compact = fields.number(Key::Compact, &mut self.notes).unwrap_or(0);
         let has_subs = !parts.subs.is_empty() || compact > 0;
         let said = fields.object_type(&mut self.notes);
@@ -359,7 +360,9 @@ impl<'a> Builder<'a, '_> {
             }
             object_type => object_type,
         };
-        let name = fields.name(Key::Name, &mut self.notes);
+        // An object of this section says it again.
+        let again = compact > 0 || matches!(object_type, ObjectType::Var | ObjectType::Domain);
+        let name = fields.name(Key::Name, if again { &mut quiet } else { &mut self.notes });
         self.groups.push(Group { index, name, object_type });
         match object_type {
             ObjectType::Var | ObjectType::Domain => {

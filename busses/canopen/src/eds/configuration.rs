@@ -31,11 +31,18 @@ fn change(object: &Object, node: u8) -> Option<Payload> {
     (writable && differs).then_some(wanted)
 }
 
+fn write(object: &Object, node: u8) -> Option<ConfigWrite> {
+    let write = ConfigWrite::new(object.index, object.sub, change(object, node)?);
+    let compared = object.access.reads() && !object.refuses_read;
+    Some(if compared { write } else { write.blindly() })
+}
+
 impl Eds {
     /// What turns a new device with this node id into the one that the DCF describes: each ParameterValue that is not
     /// the DefaultValue, ascending, where it may be written. A PDO of which anything differs is remapped by the
     /// procedure of CiA 301, 9.5.4, at the place of its communication record. Commands are left out: 0x1003, 0x1010,
-    /// 0x1011, 0x1F51, and the controlword. Empty for an EDS.
+    /// 0x1011, 0x1F51, and the controlword. Empty for an EDS. A DCF is of one device: `node` is the one of
+    /// [`Commissioning`](super::Commissioning), since a ParameterValue may contain it without saying so.
     #[must_use]
     pub fn configuration(&self, node: u8) -> Vec<ConfigWrite> {
         let mut writes = Vec::new();
@@ -44,8 +51,7 @@ impl Eds {
             if is_record(index) {
                 self.configure_pdo(index, node, &mut writes);
             } else if !(is_mapping(index) && self.group(index & !0x0200).is_some()) {
-                let changes = objects.iter().filter_map(|object| Some((object, change(object, node)?)));
-                writes.extend(changes.map(|(object, value)| ConfigWrite::new(index, object.sub, value)));
+                writes.extend(objects.iter().filter_map(|object| write(object, node)));
             }
         }
         writes
@@ -75,11 +81,12 @@ impl Eds {
             for sub in (1..=MAX_ENTRIES as u8).take(count) {
                 writes.extend(known(map, sub).map(|entry| ConfigWrite::new(map, sub, entry)));
             }
-            writes.push(ConfigWrite::new(map, 0, count as u8));
+            if count > 0 {
+                writes.push(ConfigWrite::new(map, 0, count as u8));
+            }
         }
         let others = self.of(record).iter().filter(|object| object.sub > 1);
-        let changes = others.filter_map(|object| Some((object.sub, change(object, node)?)));
-        writes.extend(changes.map(|(sub, value)| ConfigWrite::new(record, sub, value)));
+        writes.extend(others.filter_map(|object| write(object, node)));
         let on = cob_id.filter(|cob_id| cob_id & INVALID == 0);
         writes.extend(on.map(|cob_id| ConfigWrite::new(record, 1, cob_id)));
     }

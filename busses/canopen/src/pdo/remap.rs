@@ -65,7 +65,9 @@ pub fn remap(
     writes.push(ConfigWrite::new(record, 1, cob_id | INVALID));
     writes.push(ConfigWrite::new(map, 0, 0_u8));
     writes.extend(entries.iter().zip(1..=MAX_ENTRIES as u8).map(|(entry, sub)| ConfigWrite::new(map, sub, *entry)));
-    writes.push(ConfigWrite::new(map, 0, entries.len().min(MAX_ENTRIES) as u8));
+    if !entries.is_empty() {
+        writes.push(ConfigWrite::new(map, 0, entries.len().min(MAX_ENTRIES) as u8));
+    }
     writes.push(ConfigWrite::new(record, 2, kind));
     writes.extend(inhibit.map(|inhibit| ConfigWrite::new(record, 3, inhibit)));
     writes.extend(event_timer.map(|timer| ConfigWrite::new(record, 5, timer)));
