@@ -44,6 +44,8 @@ pub(crate) struct Bus {
     /// Of 1000 frames, lost and doubled.
     pub(crate) loss: u64,
     pub(crate) doubling: u64,
+    /// The frame that is lost, by its number, the first one being 0.
+    pub(crate) lost: Option<usize>,
     /// Whether senders get their own frames back.
     pub(crate) echo: bool,
     random: Random,
@@ -62,6 +64,7 @@ impl Bus {
             sent: Vec::new(),
             loss: 0,
             doubling: 0,
+            lost: None,
             echo: false,
             random: Random::new(1),
             wire: VecDeque::new(),
@@ -93,6 +96,9 @@ impl Bus {
     /// Puts a frame on the wire, as sender `from`; `usize::MAX`: as somebody else.
     pub(crate) fn put(&mut self, from: usize, frame: Frame) {
         self.sent.push((self.now, frame));
+        if self.lost == Some(self.sent.len() - 1) {
+            return;
+        }
         let copies = match self.random.below(1000) {
             draw if draw < self.loss => 0,
             draw if draw < self.loss + self.doubling => 2,
@@ -207,11 +213,11 @@ fn tell(engine: &mut impl Engine, now: Instant, actual: &mut Vec<String>) {
     actual.extend(engine.outputs().into_iter().map(|output| format!("{millis}ms < {output}")));
 }
 
-/// A frame of a transcript.
+/// A frame of a transcript; `R` in place of its data: a remote frame that asks for one byte.
 pub(crate) fn parse(words: &[&str]) -> Frame {
     let id = u16::from_str_radix(words[0], 16).expect("an identifier");
-    if words[1..] == ["rtr"] {
-        return Frame::standard_remote(id, 0);
+    if words[1..] == ["R"] {
+        return Frame::standard_remote(id, 1);
     }
     let data: Vec<_> = words[1..].iter().map(|word| u8::from_str_radix(word, 16).expect("a byte")).collect();
     Frame::new(Id::Standard(id), &data).expect("a frame")
@@ -220,6 +226,9 @@ pub(crate) fn parse(words: &[&str]) -> Frame {
 fn print(frame: &Frame) -> String {
     let Id::Standard(id) = frame.id() else { panic!("29 bits") };
     let mut text = format!("{id:03X}");
+    if frame.is_remote() {
+        text += " R";
+    }
     for byte in frame.data() {
         text += &format!(" {byte:02X}");
     }
@@ -227,7 +236,7 @@ fn print(frame: &Frame) -> String {
 }
 
 impl Engine for Node {
-    /// `on`, `set INDEX SUB VALUE`, or a frame; `ID rtr` is a remote one.
+    /// `on`, `set INDEX SUB VALUE`, or a frame.
     fn input(&mut self, now: Instant, words: &[&str]) {
         let number = |word: &str| u16::from_str_radix(word, 16).expect("a number");
         match words {

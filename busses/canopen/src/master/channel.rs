@@ -95,8 +95,10 @@ impl Channel {
     ) {
         stats.requests = stats.requests.saturating_add(1);
         match transfer {
-            Transfer::Read | Transfer::ReadBlock => self.client.read(now, index, sub),
-            Transfer::Write(data) | Transfer::WriteBlock(data) => self.client.write(now, index, sub, data),
+            Transfer::Read => self.client.read(now, index, sub),
+            Transfer::ReadBlock => self.client.read_block(now, index, sub),
+            Transfer::Write(data) => self.client.write(now, index, sub, data),
+            Transfer::WriteBlock(data) => self.client.write_block(now, index, sub, data),
         };
         shared.outbox.mark(self.node);
     }

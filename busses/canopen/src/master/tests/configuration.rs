@@ -1,0 +1,181 @@
+//! What a node is told, and what it is not.
+
+use super::*;
+use crate::dictionary::{Access, DataType, Entry};
+
+/// A node's objects as it keeps them through a reset.
+fn kept(objects: Dictionary, entries: &[(u16, u8, DataType, i64)]) -> Dictionary {
+    let entries: Vec<_> = entries
+        .iter()
+        .map(|(index, sub, data_type, value)| Entry::new(*index, *sub, *data_type, Access::ReadWrite, *value))
+        .collect();
+    objects.with(&entries)
+}
+
+fn serial(number: i64) -> Entry {
+    Entry::new(0x1018, 4, DataType::U32, Access::ReadOnly, number)
+}
+
+#[test]
+fn what_a_node_holds_already_is_not_written() {
+    let config = NodeConfig {
+        writes: [ConfigWrite::new(0x6060, 0, 3_i8), ConfigWrite::new(0x6083, 0, 777_u32)].into(),
+        master_limit: Some(Duration::from_millis(200)),
+        ..NodeConfig::new(1, "a")
+    };
+    let mut bus = one(MasterConfig::default(), config.clone(), epos::dictionary(1));
+    bus.run_to(500, is_booted(1));
+    assert_eq!(written(&bus, 1, 0), [(0x6060, 0), (0x6083, 0), (0x1016, 1), (0x1017, 0)]);
+    // Booted again without a power cycle: of its own profile it has forgotten nothing.
+    let from = bus.sent.len();
+    bus.master.reboot(bus.now, 1);
+    bus.run_to(1000, is_booted(1));
+    assert_eq!(written(&bus, 1, from), [(0x1016, 1), (0x1017, 0)]);
+    // And one that kept everything is told nothing.
+    let objects = kept(
+        epos::dictionary(1),
+        &[
+            (0x6060, 0, DataType::I8, 3),
+            (0x6083, 0, DataType::U32, 777),
+            (0x1016, 1, DataType::U32, 0x007F_00C8),
+            (0x1017, 0, DataType::U16, 100),
+        ],
+    );
+    let mut bus = one(MasterConfig::default(), config, objects);
+    bus.run_to(500, is_booted(1));
+    assert_eq!(written(&bus, 1, 0), []);
+}
+
+#[test]
+fn what_is_written_in_order_is_written_in_full_or_not_at_all() {
+    let cob_id = 0x4000_0481_u32;
+    let writes: Vec<_> = [
+        ConfigWrite::new(0x1803, 1, cob_id | 1 << 31),
+        ConfigWrite::new(0x1803, 2, 255_u8),
+        ConfigWrite::new(0x1803, 3, 100_u16),
+        ConfigWrite::new(0x1803, 1, cob_id),
+        ConfigWrite::new(0x6083, 0, 777_u32),
+    ]
+    .into();
+    let config = NodeConfig { writes, ..NodeConfig::new(1, "a") };
+    let mut bus = one(MasterConfig::default(), config.clone(), epos::dictionary(1));
+    bus.run_to(500, is_booted(1));
+    let pdo = [(0x1803, 1), (0x1803, 2), (0x1803, 3), (0x1803, 1)];
+    assert_eq!(written(&bus, 1, 0)[..4], pdo);
+    assert_eq!(bus.nodes[0].get(0x1803, 1), Some(i64::from(cob_id)));
+    // A node that keeps it is left alone; where one object of them differs, all are written.
+    for (inhibit, expected) in [(100, &[][..]), (99, &pdo)] {
+        let config = NodeConfig { reset: false, ..config.clone() };
+        let mut bus = one(MasterConfig::default(), config, epos::dictionary(1));
+        bus.nodes[0].set(0x1803, 3, inhibit);
+        bus.nodes[0].set(0x1803, 1, i64::from(cob_id));
+        bus.nodes[0].set(0x6083, 0, 777);
+        bus.run_to(500, is_booted(1));
+        let written = written(&bus, 1, 0);
+        assert_eq!(written[..written.len() - 1], *expected, "{inhibit}");
+    }
+}
+
+#[test]
+fn objects_that_cannot_be_read_are_written_all_the_same() {
+    let hidden = Entry::new(0x2F00, 1, DataType::U32, Access::WriteOnly, 0);
+    let writes = [
+        ConfigWrite::new(0x2F00, 1, 5_u32),
+        ConfigWrite::new(0x6083, 0, 10_000_u32).always(),
+        ConfigWrite::new(0x6084, 0, 4_000_u32).blindly(),
+    ];
+    let config = NodeConfig { writes: writes.into(), ..NodeConfig::new(1, "a") };
+    let mut bus = one(MasterConfig::default(), config, epos::dictionary(1).with(&[hidden]));
+    bus.run_to(500, is_booted(1));
+    assert_eq!(written(&bus, 1, 0)[..3], [(0x2F00, 1), (0x6083, 0), (0x6084, 0)]);
+    assert_eq!((bus.nodes[0].get(0x2F00, 1), bus.nodes[0].get(0x6084, 0)), (Some(5), Some(4_000)));
+    let read_6084 = Frame::standard(0x601, &[0x40, 0x84, 0x60, 0, 0, 0, 0, 0]);
+    assert!(!bus.sent.iter().any(|(_, frame)| *frame == read_6084));
+}
+
+#[test]
+fn long_values_are_configured_and_compared_too() {
+    let text = Entry::new(0x2F01, 0, DataType::Text, Access::ReadWrite, 0);
+    let writes = [ConfigWrite::new(0x2F01, 0, &b"a name of some length"[..])];
+    let config = NodeConfig { writes: writes.into(), ..NodeConfig::new(1, "a") };
+    let mut bus = one(MasterConfig::default(), config, epos::dictionary(1).with(&[text]));
+    bus.run_to(500, is_booted(1));
+    let from = bus.sent.len();
+    bus.master.reboot(bus.now, 1);
+    bus.run_to(1000, is_booted(1));
+    assert_eq!(written(&bus, 1, from), [(0x1017, 0)]);
+}
+
+#[test]
+fn a_mapping_is_changed_by_the_procedure_where_that_is_allowed() {
+    // RPDO2 of the twin carries controlword and mode.
+    let mapping = PdoMapping::rpdo(1, 2, &[0x6040_0010, 0x607A_0020]);
+    let config = |mapping| NodeConfig { mappings: [mapping].into(), ..NodeConfig::new(1, "a") };
+    let mut bus = one(MasterConfig::default(), config(mapping.clone()), epos::dictionary(1));
+    bus.run(500);
+    let error = BootError::Mismatch { index: 0x1601, sub: 2, expected: 0x607A_0020, found: 0x6060_0008 };
+    assert_eq!(told(&bus, 0), [Event::BootFailed { node: 1, step: Step::Mapping, reason: error }]);
+
+    let mut bus = one(MasterConfig::default(), config(mapping.clone().adjusted()), epos::dictionary(1));
+    bus.run_to(500, is_booted(1));
+    let procedure = [(0x1401, 1), (0x1601, 0), (0x1601, 1), (0x1601, 2), (0x1601, 0), (0x1401, 2), (0x1401, 1)];
+    assert_eq!(written(&bus, 1, 0)[..7], procedure);
+    bus.master.send_pdo(1, 2, &[0x06, 0, 0x39, 0x30, 0, 0]).unwrap();
+    bus.run(1);
+    assert_eq!(bus.nodes[0].get(0x607A, 0), Some(12345));
+
+    // What is right already is left alone.
+    let right = PdoMapping::rpdo(1, 4, &[0x6040_0010, 0x60FF_0020]).adjusted();
+    let mut bus = one(MasterConfig::default(), config(right), epos::dictionary(1));
+    bus.run_to(500, is_booted(1));
+    assert_eq!(written(&bus, 1, 0), [(0x1017, 0)]);
+}
+
+#[test]
+fn a_stamp_that_is_right_saves_the_configuration() {
+    let stamp = Stamp { date: 10_013, time: 43_200_000, store: true };
+    let writes = [ConfigWrite::new(0x6060, 0, 3_i8), ConfigWrite::new(0x6083, 0, 777_u32)];
+    let config = NodeConfig { writes: writes.into(), stamp: Some(stamp), ..NodeConfig::new(1, "a") };
+    let mut bus = one(MasterConfig::default(), config, epos::dictionary(1));
+    bus.run_to(500, is_booted(1));
+    let all = [(0x6060, 0), (0x6083, 0), (0x1020, 1), (0x1020, 2), (0x1010, 1), (0x1017, 0)];
+    assert_eq!(written(&bus, 1, 0), all);
+    // It was stored: a power cycle changes nothing.
+    let from = bus.sent.len();
+    bus.nodes[0].power_on(bus.now);
+    bus.run_to(1000, is_booted(1));
+    assert_eq!(written(&bus, 1, from), [(0x1017, 0)]);
+    let reads = |index: u16| {
+        bus.sent[from..].iter().filter(move |(_, frame)| frame.data().get(1..3) == Some(&index.to_le_bytes()))
+    };
+    assert_eq!(reads(0x6060).count(), 0);
+    // Another device with the same stamp is not trusted.
+    let stamps = [(0x1020, 1, DataType::U32, 10_013), (0x1020, 2, DataType::U32, 43_200_000)];
+    let other = kept(epos::dictionary(1), &stamps).with(&[serial(99)]);
+    bus.nodes[0] = Node::new(other, Duration::from_millis(5));
+    let from = bus.sent.len();
+    bus.nodes[0].power_on(bus.now);
+    bus.run_to(1000, |event| *event == Event::Swapped { node: 1, serial: 99 });
+    bus.run_to(1000, is_booted(1));
+    assert_eq!(written(&bus, 1, from), all);
+}
+
+#[test]
+fn a_node_that_is_swapped_between_two_boots_is_told_and_configured() {
+    let mut bus = booted();
+    let other = epos::dictionary(1).with(&[serial(4711)]);
+    bus.nodes[0].power_off();
+    bus.run(1000);
+    bus.nodes[0] = Node::new(other, Duration::from_millis(5));
+    bus.nodes[0].power_on(bus.now);
+    assert_eq!(bus.nodes[0].get(0x6060, 0), Some(1));
+    let from = bus.events.len();
+    let swapped = bus.run_to(5000, |event| *event == Event::Swapped { node: 1, serial: 4711 });
+    let again = bus.run_to(5000, is_booted(1));
+    assert!(swapped < again);
+    assert_eq!((bus.nodes[0].get(0x6060, 0), bus.nodes[0].get(0x1803, 1)), (Some(3), Some(0x4000_0481)));
+    // Told once.
+    bus.master.reboot(bus.now, 1);
+    bus.run_to(1000, is_booted(1));
+    assert_eq!(told(&bus, from).iter().filter(|event| matches!(event, Event::Swapped { .. })).count(), 1);
+}
