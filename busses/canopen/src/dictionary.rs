@@ -102,6 +102,18 @@ impl Dictionary {
         all
     }
 
+    /// Everything about every object but its present value, to be compared.
+    #[cfg(test)]
+    pub(crate) fn described(&self) -> Vec<alloc::string::String> {
+        let slots = self.slots.iter();
+        let describe = |slot: &Slot| {
+            let Entry { index, sub, data_type, access, mappable, low, high, .. } = slot.entry;
+            let default = &slot.default;
+            alloc::format!("{index:04X}:{sub} {data_type:?} {access:?} {mappable} {low}..={high} {default:?}")
+        };
+        slots.map(describe).collect()
+    }
+
     pub(crate) fn find(&self, index: u16, sub: u8) -> Result<usize, Abort> {
         self.slots.binary_search_by_key(&(index, sub), |slot| slot.entry.key()).map_err(|at| {
             let same = |slot: &Slot| slot.entry.index == index;
