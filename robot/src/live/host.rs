@@ -12,7 +12,7 @@ use super::processes::{Launch, Processes};
 use super::raw::Tap;
 use base::{Duration, Fault, Instant, Report, Severity};
 use messages::{Message, Raw};
-use module::{Action, Actions, Event, Input, Output, PortId, Shell};
+use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, Shell};
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::signal::{SigSet, Signal};
@@ -90,8 +90,11 @@ impl Host {
         let bus = Bus::open(&config.lcm_url, &channels)?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
-        let ports: Vec<Port> =
-            specs.iter().zip(config.ports).map(|(spec, config)| Port::new(spec.bus.clone(), config)).collect();
+        let taps = taps(config.raw, specs.len());
+        let port = |((spec, config), tap): ((&PortSpec, PortConfig), &Option<_>)| {
+            Port::new(spec.bus.clone(), config).expecting(spec.line, tap.is_some())
+        };
+        let ports: Vec<Port> = specs.iter().zip(config.ports).zip(&taps).map(port).collect();
         let polled = |errno: Errno| format!("epoll: {}", errno.desc());
         let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(polled)?;
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC)
@@ -111,7 +114,7 @@ impl Host {
             lost: (0, None),
             bad: BadInput::default(),
             notes: vec![String::new(); ports.len()],
-            taps: taps(config.raw, ports.len()),
+            taps,
             ports,
             processes: config.launch.map(|launch| Processes::new(clock::now(), launch)),
             epoll,
@@ -506,6 +509,14 @@ impl Host {
             let now = clock::now();
             match port.device.receive(now) {
                 Ok(Received::Nothing) => port.more = false,
+                Ok(Received::Input(Input::Can(frame))) => {
+                    // The record knows when it came; the module's time goes on from when it is told.
+                    let at = port.device.arrived().unwrap_or(now);
+                    if let Some((_, tap)) = &mut self.taps[index] {
+                        tap.received(at, &Input::Can(frame));
+                    }
+                    self.shell.handle(now, Event::Port { port: id, input: Input::Can(frame) }, &mut self.out);
+                }
                 Ok(Received::Input(input)) => {
                     if let Some((_, tap)) = &mut self.taps[index] {
                         tap.received(now, &input);

@@ -131,8 +131,9 @@ pub fn die_with_parent(command: &mut Command) {
 }
 
 /// A raw CAN socket on an interface: non-blocking, frames of the error classes `errors` delivered (linux/can/error.h),
-/// and a send buffer that holds a few frames only, so that none of them gets old in it.
-pub fn open_can(interface: &str, errors: u32) -> io::Result<OwnedFd> {
+/// those with long identifiers only when `extended`, and a send buffer that holds a few frames only, so that none of them
+/// gets old in it.
+pub fn open_can(interface: &str, errors: u32, extended: bool) -> io::Result<OwnedFd> {
     let flags = libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC;
     // SAFETY: plain numbers in, a new descriptor or -1 out.
     let fd = unsafe { libc::socket(libc::AF_CAN, flags, libc::CAN_RAW) };
@@ -140,6 +141,10 @@ pub fn open_can(interface: &str, errors: u32) -> io::Result<OwnedFd> {
     // SAFETY: `fd` was just opened and belongs to nobody else.
     let socket = unsafe { OwnedFd::from_raw_fd(fd) };
     set_option(&socket, libc::SOL_CAN_RAW, libc::CAN_RAW_ERR_FILTER, &errors)?;
+    if !extended {
+        let short = libc::can_filter { can_id: 0, can_mask: libc::CAN_EFF_FLAG };
+        set_option(&socket, libc::SOL_CAN_RAW, libc::CAN_RAW_FILTER, &short)?;
+    }
     // The kernel takes no less than SOCK_MIN_SNDBUF, room for six frames.
     set_option(&socket, libc::SOL_SOCKET, libc::SO_SNDBUF, &(0 as libc::c_int))?;
     let index = nix::net::if_::if_nametoindex(interface)?;

@@ -296,7 +296,7 @@ impl CanWire {
     }
 
     fn sent(&mut self, now: Instant, number: usize, by: usize, frame: Frame) {
-        self.controllers[by].sent();
+        self.controllers[by].sent(now);
         self.others(now, number, by, Controller::received);
         self.traffic.sent += 1;
         self.told.push_back(match self.lose.take_if(|lose| *lose == self.traffic.sent) {

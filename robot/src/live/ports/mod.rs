@@ -2,13 +2,14 @@
 
 mod can_socket;
 mod can_udp;
+mod queue;
 mod serial;
 
 pub use can_udp::codec as can_udp_codec;
 pub use serial::{Driver, TerminalConfig};
 
 use base::{Duration, Fault, Instant};
-use module::{Input, Output};
+use module::{Input, Line, Output};
 use std::net::SocketAddrV4;
 use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
@@ -54,6 +55,9 @@ pub type Lost = String;
 
 /// One kind of port. All calls are non-blocking. `Err` says that the device is lost: it is closed and opened again.
 pub trait Device {
+    /// Says before it is opened what line the module expects here, and whether it wants everything that passes on it or
+    /// only what such a module can use. Unless told it hands out everything.
+    fn expect(&mut self, _line: Line, _everything: bool) {}
     /// Opens it; a device that was open is closed first.
     fn open(&mut self) -> Result<(), Lost>;
     /// Whether opening failed only because something that it needs is still being done: tried again soon, no news.
@@ -70,6 +74,11 @@ pub trait Device {
     }
     /// Takes one input.
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost>;
+    /// When the kernel received what [`Device::receive`] gave last, where it says so; never after that call's `now`, and
+    /// not always after the one before.
+    fn arrived(&self) -> Option<Instant> {
+        None
+    }
     /// Sends, or queues; what there is no room for is dropped, and false returned.
     fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost>;
     /// Whether something waits for the device to become writable.
@@ -138,6 +147,13 @@ impl Port {
         };
         let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
         Self { name, device, state, more: false, overrun: false, polls_write: false, why: Lost::new() }
+    }
+
+    /// Says what the module expects of it; see [`Device::expect`].
+    #[must_use]
+    pub fn expecting(mut self, line: Line, everything: bool) -> Self {
+        self.device.expect(line, everything);
+        self
     }
 
     /// Closes the device, to be tried again soon.

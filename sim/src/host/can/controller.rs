@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 /// Frames that a port queues; further ones are dropped. One SDO block fits.
 const QUEUE: usize = 128;
-/// What has waited so long is old and not sent any more, as in the live ports.
+/// Once nothing has left for so long, what has waited that long is dropped, as in the live ports.
 const QUEUE_AGE: Duration = Duration::from_millis(50);
 /// A port restarts its controller after bus-off so late, twice as late each time, and no later than the second.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
@@ -36,6 +36,8 @@ pub(super) struct Controller {
     queue: VecDeque<Queued>,
     transmit_errors: u16,
     receive_errors: u16,
+    /// When its last frame left.
+    left: Instant,
     /// A passive transmitter lets others begin first.
     pub suspended: Instant,
     /// Until then it is alone at its end of a cable.
@@ -58,6 +60,7 @@ impl Controller {
             queue: VecDeque::new(),
             transmit_errors: 0,
             receive_errors: 0,
+            left: Instant::ZERO,
             suspended: Instant::ZERO,
             cut: Instant::ZERO,
             back: None,
@@ -82,8 +85,9 @@ impl Controller {
     pub fn forget(&mut self, now: Instant) -> u64 {
         let before = self.queue.len();
         // The oldest are in front, but for one that was tried.
-        if self.queue.iter().take(2).any(|queued| now.since(queued.since) > QUEUE_AGE) {
-            self.queue.retain(|queued| queued.tried || now.since(queued.since) <= QUEUE_AGE);
+        let old = |queued: &Queued| now.since(queued.since) > QUEUE_AGE;
+        if now.since(self.left) > QUEUE_AGE && self.queue.iter().take(2).any(old) {
+            self.queue.retain(|queued| queued.tried || !old(queued));
         }
         (before - self.queue.len()) as u64
     }
@@ -117,7 +121,8 @@ impl Controller {
     }
 
     /// A frame was sent well.
-    pub fn sent(&mut self) {
+    pub fn sent(&mut self, now: Instant) {
+        self.left = now;
         self.transmit_errors = self.transmit_errors.saturating_sub(1);
     }
 
