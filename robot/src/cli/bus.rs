@@ -31,9 +31,14 @@ pub enum Heard {
 impl Tool {
     /// Joins the bus as the tool `name` and listens to `channels`. Ctrl-C is heard by [`Tool::hear`] from now on.
     pub fn join(common: &Common, name: &str, channels: &[Channel]) -> Result<Self, Failed> {
+        Self::join_at(&common.lcm_url(), name, channels)
+    }
+
+    /// The same on the bus of a robot that runs.
+    pub fn join_at(lcm_url: &str, name: &str, channels: &[Channel]) -> Result<Self, Failed> {
         let interrupt = interrupt()?;
         let names: Vec<&str> = channels.iter().map(|channel| channel.name()).collect();
-        let bus = Bus::open(&common.lcm_url(), &names)?;
+        let bus = Bus::open(lcm_url, &names)?;
         let host = nix::unistd::gethostname().ok().and_then(|host| host.into_string().ok()).unwrap_or_default();
         let source = format!("{name}@{host}:{}", std::process::id());
         Ok(Self { bus, epoch: clock::epoch(), interrupt, source })

@@ -117,10 +117,14 @@ mod tests {
     #[test]
     fn the_robot_of_a_module_is_read_from_how_it_was_started() {
         let place = |command: &str| place_of(command.replace(' ', "\0").as_bytes());
-        let command = "advee run driver_canbus --state RUN --config /c --run-dir /r --lcm-url memq:// --set a.b=1 --sim ";
+        let command =
+            "advee run driver_canbus --state RUN --config /c --run-dir /r --lcm-url memq:// --set a.b=1 --sim ";
         let told = place(command).unwrap();
         assert_eq!((told.config.as_path(), told.run_dir.as_path()), (Path::new("/c"), Path::new("/r")));
-        assert_eq!((told.lcm_url.as_str(), told.sets.as_slice(), told.sim), ("memq://", &["a.b=1".to_string()][..], true));
+        assert_eq!(
+            (told.lcm_url.as_str(), told.sets.as_slice(), told.sim),
+            ("memq://", &["a.b=1".to_string()][..], true)
+        );
         assert!(place("advee run driver_canbus --no-such").is_none() && place("advee up").is_none());
     }
 

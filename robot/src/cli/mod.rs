@@ -1,6 +1,7 @@
 //! The command line: one file per command. Exit 0 only on success; an error is one clear line on stderr.
 
 mod bus;
+mod can;
 mod doctor;
 mod drive;
 mod fault;
@@ -75,6 +76,9 @@ enum Command {
     /// See the LCM bus
     #[command(subcommand)]
     Lcm(lcm::Lcm),
+    /// Commission CANopen nodes
+    #[command(subcommand)]
+    Can(can::Can),
     /// Commission the boards on EIA-485
     #[command(subcommand)]
     Rs485(rs485::Rs485),
@@ -104,6 +108,7 @@ pub fn main() -> ExitCode {
         Command::Fault(command) => fault::fault(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),
+        Command::Can(command) => can::can(&common, &command),
         Command::Rs485(command) => rs485::rs485(&common, &command),
     };
     result.unwrap_or_else(|Failed { code, why }| {

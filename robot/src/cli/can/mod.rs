@@ -1,0 +1,46 @@
+//! `advee can …`: commissioning of CANopen nodes, on a bus of the configuration or on any interface.
+//!
+//! A bus that a module holds is its own: what reads and writes objects then goes through the module (`LL_CMD_SDO`), what
+//! commands nodes is refused and names it, and `monitor` only listens, which harms nobody.
+
+mod access;
+mod book;
+mod decode;
+mod link;
+mod lss;
+mod monitor;
+mod nmt;
+mod scan;
+mod sdo;
+mod standard;
+mod target;
+mod value;
+
+use super::{Common, Outcome};
+use clap::Subcommand;
+
+#[derive(Subcommand)]
+pub enum Can {
+    /// Ask every node id who is there
+    Scan(scan::Scan),
+    /// Start, stop or reset nodes
+    Nmt(nmt::Nmt),
+    /// Read and write objects of a node
+    #[command(subcommand)]
+    Sdo(sdo::Sdo),
+    /// Show what crosses the bus, decoded, with times and names
+    Monitor(monitor::Monitor),
+    /// Find nodes without node id, give node ids and bit rates
+    #[command(subcommand)]
+    Lss(lss::Lss),
+}
+
+pub fn can(common: &Common, command: &Can) -> Outcome {
+    match command {
+        Can::Scan(command) => scan::scan(common, command),
+        Can::Nmt(command) => nmt::nmt(common, command),
+        Can::Sdo(command) => sdo::sdo(common, command),
+        Can::Monitor(command) => monitor::monitor(common, command),
+        Can::Lss(command) => lss::lss(common, command),
+    }
+}
