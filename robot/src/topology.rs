@@ -4,6 +4,7 @@ use crate::config::{
     self, CanBus, CanDriver, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
 use crate::live::HostConfig;
+use crate::live::beats;
 use crate::live::ports::{PortConfig, TerminalConfig};
 use crate::live::processes::Launch;
 use base::Duration;
@@ -51,7 +52,9 @@ pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostCo
         watchdog::NAME => Some(launcher(place, &config)?),
         _ => None,
     };
-    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, raw, launch };
+    // Without a folder for their pages modules are judged by their announcements.
+    let beats = launch.as_ref().and_then(|_| beats::folder(&place.run_dir).ok());
+    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, raw, launch, beats };
     Ok((shell, host))
 }
 
@@ -171,6 +174,7 @@ fn watchdog(config: &Config) -> watchdog::Config {
     let modules = config.modules.iter().map(|module| watchdog::ModuleConfig {
         name: module.name.clone(),
         depends: module.depends.clone(),
+        beat_timeout: Duration::from_secs_f64(module.beat_timeout_s),
         restart: module.restart,
     });
     watchdog::Config { modules: modules.collect(), ..watchdog::Config::default() }

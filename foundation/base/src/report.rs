@@ -122,6 +122,8 @@ faults! {
     ModuleHung = 0x0302, Timeout;
     /// A module's process could not be started.
     ModuleUnstartable = 0x0303, Resource;
+    /// A module's page of beats cannot be read: it is judged by its announcements.
+    BeatsBad = 0x0304, Unknown;
 
     /// A simulated fault was asked for that the simulator does not know.
     FaultUnknown = 0x0401, Unknown;

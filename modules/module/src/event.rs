@@ -104,6 +104,27 @@ pub enum ProcessEvent<'a> {
         /// How it ended.
         status: ExitStatus,
     },
+    /// A process has begun to beat: from now on its silence is a hang long before it would be missed on the bus.
+    Beating {
+        /// Which.
+        pid: u32,
+    },
+    /// A thread of a process that beats is late by a beat or more; told at each look while that lasts.
+    Silent {
+        /// Which process.
+        pid: u32,
+        /// The thread that was silent longest, for people.
+        thread: &'a str,
+        /// When it last beat.
+        last: Instant,
+    },
+    /// What a process beats with cannot be, so it is judged by its announcements; told once.
+    BadBeats {
+        /// Which.
+        pid: u32,
+        /// One line why.
+        why: &'a str,
+    },
     /// What a process uses; about once a second.
     Usage {
         /// Which.

@@ -80,6 +80,11 @@ impl Guard {
         }
     }
 
+    /// Whether this process is its own, and was not asked to end.
+    pub(crate) fn is_running(&self, pid: u32) -> bool {
+        matches!(self.phase, Phase::Running { pid: own, .. } if own == pid)
+    }
+
     /// Whether it is wanted, down and not delayed.
     pub(crate) fn may_start(&self, now: Instant) -> bool {
         let again = !self.launched || self.config.restart;

@@ -1,8 +1,9 @@
 //! The module that starts all modules, guards them, and keeps the state that an operator wants of each.
 //!
 //! Policy only: it asks its host for processes ([`module::ProcessCommand`]) and hears what became of them, so the live
-//! and the virtual host run the same watchdog. A module is judged by its announcement (`CM_DATA_STATE`), as in 2011:
-//! two seconds without one, checked every 200 ms, is a hang.
+//! and the virtual host run the same watchdog. A module whose threads beat is judged by their beats: 200 ms of silence
+//! of any of them is a hang. All are judged by their announcement (`CM_DATA_STATE`) besides, as in 2011: two seconds
+//! without one, checked every 200 ms, is a hang; for foreign modules that do not beat it is all there is.
 #![forbid(unsafe_code)]
 
 mod guard;
@@ -53,6 +54,8 @@ pub struct ModuleConfig {
     pub name: String,
     /// Modules that must have come up before it is started.
     pub depends: Vec<String>,
+    /// A thread of it that beats no more for this long hangs; 200 ms where nothing else is asked for.
+    pub beat_timeout: Duration,
     /// Whether it is started again when it ends unasked.
     pub restart: bool,
 }
@@ -169,6 +172,31 @@ impl Watchdog {
                 }
             }
             ProcessEvent::Exited { pid, status } => self.on_exited(now, pid, status, out),
+            ProcessEvent::Silent { pid, thread, last } => {
+                if let Some(guard) = self.guards.iter_mut().find(|guard| guard.is_running(pid))
+                    && now.since(last) >= guard.config.beat_timeout
+                {
+                    let ms = now.since(last).as_millis();
+                    hangs(now, guard, &format!("its thread {thread} has not beaten for {ms} ms"), out);
+                    self.changed = true;
+                }
+                return;
+            }
+            ProcessEvent::BadBeats { pid, why } => {
+                if let Some(guard) = self.guards.iter().find(|guard| guard.is_running(pid)) {
+                    let name = &guard.config.name;
+                    let message = format!("{name}: its page of beats {why}: it is judged by its announcements");
+                    out.raise(Severity::Warning, Fault::BeatsBad, name.as_str(), message);
+                }
+                return;
+            }
+            ProcessEvent::Beating { pid } => {
+                if let Some(guard) = self.guards.iter().find(|guard| guard.is_running(pid)) {
+                    let name = &guard.config.name;
+                    out.clear(Fault::BeatsBad, name.as_str(), format!("{name} beats"));
+                }
+                return;
+            }
             ProcessEvent::Usage { pid, cpu, rss } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.phase.pid() == Some(pid)) {
                     (guard.cpu, guard.rss) = (cpu, rss);
@@ -209,12 +237,8 @@ impl Watchdog {
         for guard in &mut self.guards {
             match guard.phase {
                 Phase::Running { .. } if check && now.since(guard.heard) >= self.config.announce_timeout => {
-                    let name = &guard.config.name;
                     let silent = now.since(guard.heard).as_secs_f64();
-                    let message = format!("{name} has not announced itself for {silent:.1} s: it is ended");
-                    out.raise(Severity::Error, Fault::ModuleHung, name.as_str(), message);
-                    guard.end(now, HANG_GRACE, out);
-                    guard.state = State::Unknown;
+                    hangs(now, guard, &format!("it has not announced itself for {silent:.1} s"), out);
                     self.changed = true;
                 }
                 Phase::Spawning { until } if until <= now => {
@@ -282,6 +306,14 @@ impl Watchdog {
         let processes = self.guards.iter().map(|guard| guard.process(now)).collect();
         out.publish(common::DataProcesses { timestamp: out.timestamp(now), processes });
     }
+}
+
+/// A process hangs: it is told, then ended, whatever it says.
+fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
+    let name = &guard.config.name;
+    out.raise(Severity::Error, Fault::ModuleHung, name.as_str(), format!("{name} hangs, {why}: it is ended"));
+    guard.end(now, HANG_GRACE, out);
+    guard.state = State::Unknown;
 }
 
 fn unstartable(now: Instant, guard: &mut Guard, reason: &str, out: &mut Actions) {

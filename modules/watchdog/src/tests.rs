@@ -12,6 +12,7 @@ fn bench() -> Bench {
     let module = |name: &str, depends: &[&str]| ModuleConfig {
         name: name.into(),
         depends: depends.iter().map(ToString::to_string).collect(),
+        beat_timeout: Duration::from_millis(200),
         restart: true,
     };
     let modules = vec![module("nerves", &[]), module("eyes", &["nerves"])];
@@ -63,6 +64,13 @@ fn feed(bench: &mut Bench, words: &[&str]) {
             let status = ExitStatus::Signal(9);
             bench.event(Event::Process(ProcessEvent::Exited { pid: pid.parse().unwrap(), status }));
         }
+        ["silent", pid, thread, ms] => {
+            let last = bench.now() - Duration::from_millis(ms.parse().unwrap());
+            bench.event(Event::Process(ProcessEvent::Silent { pid: pid.parse().unwrap(), thread, last }));
+        }
+        ["bad-beats", pid] => {
+            bench.event(Event::Process(ProcessEvent::BadBeats { pid: pid.parse().unwrap(), why: "is torn" }));
+        }
         ["command", module, state, ref manual @ ..] => {
             let (module, source) = (module.into(), "test".into());
             let (state, manual) = (State::from_name(state).unwrap() as i8, manual == ["manual"]);
@@ -95,6 +103,47 @@ fn log(bench: &mut Bench, seen: &mut String) {
         };
         writeln!(seen, "{}ms < {line}", at.as_nanos() / 1_000_000).unwrap();
     }
+}
+
+#[test]
+fn a_thread_that_does_not_beat_is_a_hang_however_well_the_others_talk() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         50ms > says nerves RUN
+         50ms < spawn eyes RUN
+         51ms > pid eyes 8
+         90ms > says eyes RUN
+         300ms > silent 7 worker 199
+         320ms > silent 9 nobody 900
+         340ms > says nerves RUN
+         340ms > silent 7 worker 200
+         340ms < report ModuleHung nerves
+         340ms < sigterm 7
+         360ms > silent 7 worker 220
+         540ms < sigkill 7
+         540ms > end
+         541ms > killed 7
+         541ms < spawn nerves RUN
+         542ms > pid nerves 10
+         590ms > says nerves RUN
+         590ms < notice nerves",
+    );
+}
+
+#[test]
+fn a_bad_page_of_beats_is_told_and_hurts_nobody() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         50ms > says nerves RUN
+         50ms < spawn eyes RUN
+         60ms > bad-beats 7
+         60ms < report BeatsBad nerves
+         70ms > bad-beats 99",
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::bus::wait;
 use super::{Common, Failed, Outcome};
 use crate::config::{self, Config};
 use crate::live::log::Log;
-use crate::live::{clock, sys};
+use crate::live::{beats, clock, sys};
 use crate::run_folder::RunFolder;
 use base::{Duration, Instant};
 use nix::errno::Errno;
@@ -70,7 +70,12 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     let parent = Parent::new(log)?;
     let folder = RunFolder::take(&common.run_dir())?;
     let result = parent.run(&watchdog);
+    let beats = beats::folder(folder.path());
     clean(&folder, &config);
+    // Also what one that was killed has left there.
+    if let Ok(beats) = beats {
+        let _ = std::fs::remove_dir_all(beats);
+    }
     folder.give_back();
     result
 }

@@ -13,7 +13,7 @@ pub struct ModuleEntry {
     pub args: Vec<String>,
     /// Modules that must have come up before.
     pub depends: Vec<String>,
-    /// Silence of its beat that counts as a hang, 0.02..=60 s; default 0.2. Not acted upon yet.
+    /// Silence of its beat that counts as a hang, 0.02..=60 s; default 0.2.
     pub beat_timeout_s: f64,
     /// `SCHED_FIFO` priority, 1..=99; none: the normal scheduler. Not acted upon yet.
     pub rt_priority: Option<u8>,

@@ -4,6 +4,7 @@
 //! them delays the others by a turn at most.
 
 use super::bad_input::{self, BadInput};
+use super::beats::{Beat, Beats};
 use super::bus::{Bus, Received as FromBus};
 use super::clock;
 use super::log::Log;
@@ -21,6 +22,7 @@ use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
 use std::mem;
 use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 /// Inputs taken from one source in one turn.
@@ -47,6 +49,8 @@ pub struct HostConfig {
     pub raw: Vec<Option<String>>,
     /// For the watchdog: how a module is started.
     pub launch: Option<Launch>,
+    /// For the watchdog: the folder of the pages that modules beat in.
+    pub beats: Option<PathBuf>,
 }
 
 /// Runs a module until it ends; its exit code. An error says what the machine refused at the start, in one line.
@@ -77,6 +81,8 @@ struct Host {
     timer: TimerFd,
     armed: Option<Instant>,
     signals: SignalFd,
+    /// What tells the watchdog that this loop goes round.
+    beat: Option<Beat>,
     end: Option<(u8, Instant)>,
 }
 
@@ -103,6 +109,8 @@ impl Host {
         epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
         epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
         let epoch = clock::epoch();
+        let beats = Beats::open().map_err(|error| format!("the page of beats: {error}"))?;
+        let beat = beats.map(|mut beats| beats.thread(clock::now(), "main")).transpose();
         Ok(Self {
             log: Log::new(shell.name()),
             shell,
@@ -116,11 +124,12 @@ impl Host {
             notes: vec![String::new(); ports.len()],
             taps,
             ports,
-            processes: config.launch.map(|launch| Processes::new(clock::now(), launch)),
+            processes: config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)),
             epoll,
             timer,
             armed: None,
             signals,
+            beat: beat.map_err(|error| format!("the page of beats: {error}"))?,
             end: None,
         })
     }
@@ -173,7 +182,8 @@ impl Host {
         let processes = self.processes.as_ref().and_then(Processes::poll_timeout);
         let taps = self.taps.iter().flatten().filter_map(|(_, tap)| tap.poll_timeout()).min();
         let end = self.end.map(|(_, until)| until);
-        let due = [shell, ports, taps, processes, end].into_iter().flatten().min();
+        let beat = self.beat.as_ref().map(Beat::next);
+        let due = [shell, ports, taps, processes, end, beat].into_iter().flatten().min();
         if due == self.armed && due.is_none_or(|due| due > now) {
             return Ok(());
         }
@@ -197,6 +207,9 @@ impl Host {
     /// Whatever is due by the clock.
     fn serve_time(&mut self) {
         let now = clock::now();
+        if let Some(beat) = &mut self.beat {
+            beat.beat(now);
+        }
         if self.shell.poll_timeout().is_some_and(|due| due <= now) {
             self.feed(Event::Timer);
         }

@@ -3,6 +3,7 @@
 //! Read [`host`] first. Nothing here knows what a module does.
 
 mod bad_input;
+pub mod beats;
 pub mod bus;
 pub mod clock;
 mod host;

@@ -4,6 +4,7 @@
 //! its watchdog. An end is told by SIGCHLD through the host's signalfd, which is as quick as a pidfd for one's own
 //! children and needs no descriptor for each.
 
+use super::beats::{self, Page, Reading};
 use super::sys;
 use base::{Duration, Instant, Ticker};
 use module::{ExitStatus, ProcessCommand, ProcessEvent, State};
@@ -13,10 +14,15 @@ use nix::unistd::{Pid, SysconfVar, sysconf};
 use std::collections::VecDeque;
 use std::fs;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
 /// How often it is measured what processes use.
 const USAGE: Duration = Duration::from_secs(1);
+/// How often it is looked whether they beat.
+const LOOK: Duration = Duration::from_millis(20);
+/// Beats are missing when a thread is this late.
+const LATE: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
 
 /// Makes the command that runs a module, first state included.
 pub type Launch = Box<dyn Fn(&str, State) -> Command>;
@@ -26,6 +32,10 @@ pub struct Processes {
     launch: Launch,
     running: Vec<Process>,
     usage: Ticker,
+    /// Where their pages are; none: they are judged by their announcements alone.
+    beats: Option<PathBuf>,
+    looks: Ticker,
+    looked: Instant,
     news: VecDeque<News>,
     ticks_per_second: f64,
     page: f64,
@@ -33,6 +43,8 @@ pub struct Processes {
 
 struct Process {
     child: Child,
+    page: Option<Page>,
+    beats: bool,
     /// Processor time at the last measurement, and when that was.
     ticks: u64,
     measured: Instant,
@@ -45,17 +57,23 @@ enum News {
     Unstartable { module: String, reason: String },
     Exited { pid: u32, status: ExitStatus },
     Usage { pid: u32, cpu: f64, rss: i64 },
+    Beating { pid: u32 },
+    Silent { pid: u32, thread: String, last: Instant },
+    BadBeats { pid: u32, why: String },
 }
 
 impl Processes {
-    /// None yet.
+    /// None yet. Their pages of beats are in the folder `beats`.
     #[must_use]
-    pub fn new(now: Instant, launch: Launch) -> Self {
+    pub fn new(now: Instant, launch: Launch, beats: Option<PathBuf>) -> Self {
         let value = |name, usual| sysconf(name).ok().flatten().map_or(usual, |value| value as f64);
         Self {
             launch,
             running: Vec::new(),
             usage: Ticker::new(now + USAGE, USAGE),
+            beats,
+            looks: Ticker::new(now + LOOK, LOOK),
+            looked: now,
             news: VecDeque::new(),
             ticks_per_second: value(SysconfVar::CLK_TCK, 100.0),
             page: value(SysconfVar::PAGE_SIZE, 4096.0),
@@ -75,17 +93,26 @@ impl Processes {
         let mut command = (self.launch)(&module, wanted);
         command.stdin(Stdio::null()).process_group(0);
         sys::die_with_parent(&mut command);
-        self.news.push_back(match command.spawn() {
+        let page = self.beats.as_ref().map(|folder| {
+            let path = folder.join(&module);
+            command.env(beats::VARIABLE, &path);
+            Page::create(&path)
+        });
+        match command.spawn() {
             Ok(child) => {
                 let pid = child.id();
-                self.running.push(Process { child, ticks: 0, measured: now });
-                News::Started { module, pid }
+                self.news.push_back(News::Started { module, pid });
+                let (page, refused) = page.transpose().map_or_else(|error| (None, Some(error)), |page| (page, None));
+                if let Some(error) = refused {
+                    self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
+                }
+                self.running.push(Process { child, page, beats: false, ticks: 0, measured: now });
             }
             Err(error) => {
                 let reason = format!("{}: {error}", command.get_program().display());
-                News::Unstartable { module, reason }
+                self.news.push_back(News::Unstartable { module, reason });
             }
-        });
+        }
     }
 
     /// To a group of ours; a pid that is none of ours is left alone.
@@ -106,8 +133,11 @@ impl Processes {
         });
     }
 
-    /// Measures when that is due.
+    /// Looks and measures when that is due.
     pub fn handle_timeout(&mut self, now: Instant) {
+        if self.looks.due(now) {
+            self.look(now);
+        }
         if !self.usage.due(now) {
             return;
         }
@@ -123,10 +153,38 @@ impl Processes {
         }
     }
 
-    /// When to measure next.
+    /// Whether they beat.
+    fn look(&mut self, now: Instant) {
+        let held_up = now.since(self.looked + LOOK);
+        // A look that is a little late is no excuse for them.
+        let held_up = if held_up < LATE { Duration::ZERO } else { held_up };
+        self.looked = now;
+        for process in &mut self.running {
+            let (Some(page), pid) = (&mut process.page, process.child.id()) else { continue };
+            match page.read(now, pid, held_up) {
+                Reading::Blank => {}
+                Reading::Oldest { thread, last } => {
+                    if !std::mem::replace(&mut process.beats, true) {
+                        self.news.push_back(News::Beating { pid });
+                    }
+                    if now.since(last) >= LATE {
+                        self.news.push_back(News::Silent { pid, thread: thread.into(), last });
+                    }
+                }
+                Reading::Bad(why) => {
+                    self.news.push_back(News::BadBeats { pid, why: why.into() });
+                    process.page = None;
+                }
+            }
+        }
+    }
+
+    /// When to look or to measure next.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        (!self.running.is_empty()).then(|| self.usage.next())
+        let looks = self.running.iter().any(|process| process.page.is_some()).then(|| self.looks.next());
+        let usage = (!self.running.is_empty()).then(|| self.usage.next());
+        looks.into_iter().chain(usage).min()
     }
 
     /// Takes the oldest news and hands it to `take`; false when there is none.
@@ -139,6 +197,9 @@ impl Processes {
             News::Unstartable { module, reason } => ProcessEvent::Unstartable { module, reason },
             News::Exited { pid, status } => ProcessEvent::Exited { pid: *pid, status: *status },
             News::Usage { pid, cpu, rss } => ProcessEvent::Usage { pid: *pid, cpu: *cpu, rss: *rss },
+            News::Beating { pid } => ProcessEvent::Beating { pid: *pid },
+            News::Silent { pid, thread, last } => ProcessEvent::Silent { pid: *pid, thread, last: *last },
+            News::BadBeats { pid, why } => ProcessEvent::BadBeats { pid: *pid, why },
         });
         true
     }
@@ -185,7 +246,7 @@ mod tests {
             command.args(["-c", script]);
             command
         });
-        let mut processes = Processes::new(clock::now(), launch);
+        let mut processes = Processes::new(clock::now(), launch, None);
         let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
         processes.command(clock::now(), spawn);
         let mut started = 0;
@@ -295,7 +356,7 @@ mod tests {
     #[test]
     fn a_command_that_is_not_there_is_told() {
         let launch: Launch = Box::new(|_, _| Command::new("/nonexistent/module"));
-        let mut processes = Processes::new(clock::now(), launch);
+        let mut processes = Processes::new(clock::now(), launch, None);
         let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
         processes.command(clock::now(), spawn);
         let mut told = String::new();
