@@ -438,6 +438,11 @@ impl Master {
         self.peer(node).map(Peer::stats)
     }
 
+    /// The times of a node's SDO transfers since the last call.
+    pub fn take_round_trips(&mut self, node: u8) -> RoundTrip {
+        self.peer_mut(node).map(|(peer, _)| peer.take_round_trips()).unwrap_or_default()
+    }
+
     /// Frames that are no business of ours: of other nodes, other masters, or our own come back.
     #[must_use]
     pub fn foreign_frames(&self) -> u32 {

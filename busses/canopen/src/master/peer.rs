@@ -8,7 +8,7 @@ use super::channel::{Channel, Demand};
 use super::doubt::Doubt;
 use super::plan::{Work, plan};
 use super::shared::Shared;
-use super::{BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, State, Stats, Step};
+use super::{BootError, Event, LostReason, MasterConfig, NodeConfig, RequestError, RoundTrip, State, Stats, Step};
 use crate::wire::{self, Emergency, NmtState};
 use alloc::vec::Vec;
 use base::can::Frame;
@@ -131,6 +131,10 @@ impl Peer {
 
     pub(super) fn stats(&self) -> &Stats {
         &self.stats
+    }
+
+    pub(super) fn take_round_trips(&mut self) -> RoundTrip {
+        core::mem::take(&mut self.stats.round_trip)
     }
 
     pub(super) fn nmt_state(&self) -> Option<NmtState> {

@@ -56,7 +56,7 @@ pub struct Stats {
     pub boots: u32,
     /// Times lost.
     pub losses: u32,
-    /// SDO transfers that succeeded.
+    /// SDO transfers that succeeded, since [`Master::take_round_trips`](super::Master::take_round_trips) was called.
     pub round_trip: RoundTrip,
 }
 

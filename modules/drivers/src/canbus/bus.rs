@@ -195,7 +195,7 @@ impl Bus {
 /// A node's row in `LL_DATA_BUS`: its SDO transfers, as these alone are asked and answered.
 pub(super) fn node(name: &str, id: u8, master: &mut Master) -> Node {
     let stats = master.stats(id).copied().unwrap_or_default();
-    let recent = stats.round_trip;
+    let recent = master.take_round_trips(id);
     let seconds = |time: Duration| if recent.count == 0 { f64::NAN } else { time.as_secs_f64() };
     let state = match (master.state(id), master.nmt_state(id)) {
         (Some(State::Operational), _) => Node::OK,

@@ -251,6 +251,8 @@ impl Canbus {
     fn on_heard(&mut self, now: Instant, event: Heard, out: &mut Actions) {
         match event {
             Heard::Booted { node } => {
+                let (subject, name) = self.name_of(node);
+                out.clear(Fault::NodeClash, subject, format!("{name} answers once"));
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_booted(now, out);
                 }
@@ -314,13 +316,29 @@ impl Canbus {
                 out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
                 self.second_master = Some(now + SECOND_MASTER);
             }
-            Heard::Ready
-            | Heard::NotReady
-            | Heard::Stranger { .. }
-            | Heard::Swapped { .. }
-            | Heard::DuplicateId { .. }
-            | Heard::Babbling { .. }
-            | Heard::BabblingOver { .. } => {}
+            Heard::DuplicateId { node } => {
+                let (subject, name) = self.name_of(node);
+                let message =
+                    format!("{name} answers twice: two nodes of {} have its id; the robot stops", self.config.bus);
+                out.raise(Severity::Error, Fault::NodeClash, subject, message);
+            }
+            Heard::Babbling { node, rate } => {
+                let (subject, name) = self.name_of(node);
+                let message = format!("{name} floods {}: {rate} frames/s", self.config.bus);
+                out.raise(Severity::Error, Fault::CanBabble, subject, message);
+            }
+            Heard::BabblingOver { node } => {
+                let (subject, name) = self.name_of(node);
+                out.clear(Fault::CanBabble, subject, format!("{name} is quiet on {} again", self.config.bus));
+            }
+            Heard::Swapped { node, serial } => {
+                out.note(format!("{} is another device now, serial number {serial:#x}", self.name_of(node).1));
+            }
+            Heard::Stranger { node } => {
+                out.note(format!("node {node} on {} is not in the configuration", self.config.bus));
+            }
+            // The drives tell it one by one.
+            Heard::Ready | Heard::NotReady => {}
         }
     }
 
@@ -347,6 +365,16 @@ impl Canbus {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// A node for reports' subjects, and for people.
+    fn name_of(&self, node: u8) -> (String, String) {
+        let drives = [&self.propulsion.drive, &self.steering.drive];
+        match (drives.into_iter().find(|drive| drive.node == node), node) {
+            (Some(drive), _) => (drive.name.into(), format!("{} drive (node {node})", drive.name)),
+            (None, 0) => (self.config.bus.clone(), "somebody".into()),
+            (None, _) => (format!("node {node}"), format!("node {node}")),
         }
     }
 

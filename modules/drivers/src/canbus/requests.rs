@@ -12,6 +12,9 @@ use module::Actions;
 /// Requests under way at a time; further ones are refused.
 const MAX: usize = 32;
 
+/// Longer data is written by block transfer, where the node knows that.
+const BLOCK: usize = 128;
+
 /// A request under way.
 struct Pending {
     ticket: Ticket,
@@ -56,7 +59,8 @@ impl Requests {
         let data = request.data.as_slice();
         let ticket = if request.write {
             may_write(index, whose)?;
-            master.sdo_write(now, node, index, sub, data)
+            let write = if data.len() > BLOCK { Master::sdo_write_block } else { Master::sdo_write };
+            write(master, now, node, index, sub, data)
         } else {
             master.sdo_read(now, node, index, sub)
         };
