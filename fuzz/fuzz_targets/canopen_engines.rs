@@ -5,8 +5,8 @@
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use canopen::drives::{epos, icla};
-use canopen::master::{Event, Master, MasterConfig, State, Target};
-use canopen::{NmtCommand, Node};
+use canopen::master::{Event, Guarding, Master, MasterConfig, Stamp, State, Target};
+use canopen::{NmtCommand, NmtState, Node};
 
 /// What one call may bring forth.
 const BURST: usize = 64;
@@ -92,13 +92,31 @@ impl Bus {
     }
 }
 
-libfuzzer_sys::fuzz_target!(|input: (bool, Vec<(u8, u16, [u8; 8])>)| {
-    let (booted, steps) = input;
-    let configs = [
+libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, [u8; 8])>)| {
+    let (options, steps) = input;
+    let option = |bit: u8| options >> bit & 1 == 1;
+    let booted = option(0);
+    let mut configs = [
         epos::node_config("propulsion", &epos::Parameters::new(1)),
         icla::node_config("steering", &icla::Parameters::new(2)),
     ];
-    let config = MasterConfig { sync: Some(Duration::from_millis(100)), ..MasterConfig::default() };
+    if option(1) {
+        configs[1].stamp = Some(Stamp { date: 1, time: 2, store: option(2) });
+        configs[1].mappings.iter_mut().for_each(|mapping| mapping.adjust = true);
+        configs[1].mandatory = option(3);
+    }
+    if option(4) && !booted {
+        configs[1].guarding = Some(Guarding { period: Duration::from_millis(70), factor: 1 + (options >> 5) });
+    }
+    let config = MasterConfig {
+        sync: Some(Duration::from_millis(100)),
+        sync_overflow: option(2).then_some(5),
+        time: option(3).then_some(Duration::from_millis(300)),
+        together: option(5),
+        own_frames_return: option(6),
+        bit_rate: if option(7) { 1_000_000 } else { 20_000 },
+        ..MasterConfig::default()
+    };
     let mut bus = Bus {
         now: Instant::from_millis(1000),
         master: Master::new(config, &configs).expect("two good nodes"),
@@ -114,7 +132,7 @@ libfuzzer_sys::fuzz_target!(|input: (bool, Vec<(u8, u16, [u8; 8])>)| {
     for (what, number, data) in steps.into_iter().take(300) {
         let node = (number % 3) as u8;
         let (index, sub) = (u16::from_le_bytes([data[0], data[1]]), data[2]);
-        match what % 20 {
+        match what % 23 {
             0 => bus.receive(&Frame::standard(number, &data[..usize::from(data[7] % 9)])),
             // Of the two nodes.
             1..=3 => bus.receive(&Frame::standard(number & 0x780 | 1 + (number & 1), &data)),
@@ -131,6 +149,20 @@ libfuzzer_sys::fuzz_target!(|input: (bool, Vec<(u8, u16, [u8; 8])>)| {
                 let len = usize::from(data[3]);
                 bus.open += u32::from(bus.master.sdo_write(bus.now, node, index, sub, &vec![data[4]; len][..]).is_ok());
             }
+            // Of nodes that nobody configured, too; in blocks.
+            20 => {
+                bus.open += u32::from(bus.master.sdo_read_block(bus.now, (number & 0x0F) as u8, index, sub).is_ok());
+            }
+            21 => {
+                let (node, len) = ((number & 0x0F) as u8, 4 * usize::from(data[3]));
+                let data = vec![data[4]; len];
+                bus.open += u32::from(bus.master.sdo_write_block(bus.now, node, index, sub, &data[..]).is_ok());
+            }
+            22 => match data[0] % 3 {
+                0 => bus.master.set_time(bus.now, i64::from_le_bytes(data)),
+                1 => bus.master.set_own_state([NmtState::Operational, NmtState::Stopped][usize::from(data[1] & 1)]),
+                _ => bus.receive(&Frame::standard(number & 0x780 | u16::from(data[1] & 0x0F), &data[2..])),
+            },
             9 => drop(bus.master.send_pdo(node, data[0] % 6, &data[..usize::from(data[1] % 9)])),
             10 => {
                 let commands = [
@@ -159,6 +191,6 @@ libfuzzer_sys::fuzz_target!(|input: (bool, Vec<(u8, u16, [u8; 8])>)| {
     }
     // Left alone, everything that was asked ends.
     bus.frames.clear();
-    bus.pass(Duration::from_secs(60), 3_000, 0xFF);
+    bus.pass(Duration::from_secs(90), 6_000, 0xFF);
     assert_eq!(bus.open, 0, "SDO requests that never end");
 });
