@@ -5,12 +5,14 @@
 
 mod census;
 mod channel;
+mod commands;
 mod config;
 mod doubt;
 mod events;
 mod heartbeat;
 mod outbox;
 mod peer;
+mod peers;
 mod plan;
 mod producers;
 mod shared;
@@ -23,15 +25,13 @@ pub use config::{ConfigError, ConfigWrite, Expect, Guarding, How, MasterConfig, 
 pub use events::{BootError, Event, LostReason, PdoError, RequestError, State, Step, Ticket};
 pub use stats::{Jitter, RoundTrip, Spread, Stats};
 
-use crate::wire::{self, NmtCommand, NmtState, Service};
-use crate::{Payload, sdo};
-use alloc::vec::Vec;
+use crate::wire::{self, NmtState, Service};
 use base::Instant;
 use base::can::Frame;
 use census::Census;
-use channel::{Demand, Transfer};
 use heartbeat::OwnHeartbeat;
 use peer::Peer;
+use peers::Peers;
 use producers::{Sync, Time};
 use shared::Shared;
 use strangers::Strangers;
@@ -48,7 +48,7 @@ pub enum Target {
 /// A CANopen master. Its first [`Self::handle_timeout`] starts it.
 pub struct Master {
     shared: Shared,
-    peers: Vec<Peer>,
+    peers: Peers,
     strangers: Strangers,
     census: Census,
     state: NmtState,
@@ -66,10 +66,9 @@ impl Master {
     /// What is wrong with the configuration.
     pub fn new(config: MasterConfig, nodes: &[NodeConfig]) -> Result<Self, ConfigError> {
         config.check(nodes)?;
-        let peers = nodes.iter().map(|node| Peer::new(node.clone(), &config)).collect();
         let mandatory = nodes.iter().filter(|node| node.mandatory).count();
         Ok(Self {
-            peers,
+            peers: Peers::new(&config, nodes),
             strangers: Strangers::new(config.sdo_timeout),
             census: Census::new(&config),
             state: NmtState::Operational,
@@ -80,15 +79,6 @@ impl Master {
             foreign: 0,
             shared: Shared::new(config, mandatory),
         })
-    }
-
-    fn peer(&self, node: u8) -> Option<&Peer> {
-        self.peers.iter().find(|peer| peer.id() == node)
-    }
-
-    fn peer_mut(&mut self, node: u8) -> Option<(&mut Peer, &mut Shared)> {
-        let peer = self.peers.iter_mut().find(|peer| peer.id() == node)?;
-        Some((peer, &mut self.shared))
     }
 
     /// A frame from the bus. The master's own frames, where the bus gives them back, do no harm.
@@ -124,9 +114,7 @@ impl Master {
             }
             Some(Service::SdoRequest { node }) if !self.shared.config.own_frames_return => {
                 self.foreign = self.foreign.saturating_add(1);
-                if let Some((peer, _)) = self.peer_mut(node) {
-                    peer.asked_by_others();
-                }
+                let _known = self.peers.with(node, Peer::asked_by_others);
             }
             // NMT, SYNC, RPDO and SDO requests are our own frames come back, or another master's.
             Some(
@@ -147,7 +135,7 @@ impl Master {
     fn count(&mut self, service: Option<Service>, frame: &Frame) {
         let node = match service {
             Some(Service::SdoResponse { node })
-                if self.strangers.is_asked(node) || self.peer(node).is_some_and(Peer::is_asked) =>
+                if self.strangers.is_asked(node) || self.peers.get(node).is_some_and(Peer::is_asked) =>
             {
                 return;
             }
@@ -167,7 +155,7 @@ impl Master {
     /// A node named its state.
     fn named(&mut self, node: u8, state: NmtState) {
         self.census.named(node, state);
-        if self.peer(node).is_none() && self.census.is_new(node) {
+        if self.peers.get(node).is_none() && self.census.is_new(node) {
             self.shared.events.push(Event::Stranger { node });
         }
     }
@@ -175,17 +163,14 @@ impl Master {
     /// What follows for all nodes from what one did.
     fn settle(&mut self, now: Instant) {
         if core::mem::take(&mut self.shared.release) {
-            for peer in &mut self.peers {
-                peer.release(now, &mut self.shared);
-            }
+            self.peers.each(|peer| peer.release(now, &mut self.shared));
         }
         self.census.judge(now, &mut self.shared);
     }
 
     fn to(&mut self, node: u8, act: impl FnOnce(&mut Peer, &mut Shared)) {
-        match self.peer_mut(node) {
-            Some((peer, shared)) => act(peer, shared),
-            None => self.foreign = self.foreign.saturating_add(1),
+        if self.peers.with(node, |peer| act(peer, &mut self.shared)).is_none() {
+            self.foreign = self.foreign.saturating_add(1);
         }
     }
 
@@ -216,9 +201,7 @@ impl Master {
                 self.shared.outbox.push(frame);
             }
         }
-        for peer in &mut self.peers {
-            peer.handle_timeout(now, &mut self.shared);
-        }
+        self.peers.handle_timeout(now, &mut self.shared);
         self.strangers.handle_timeout(now, &mut self.shared);
         self.settle(now);
     }
@@ -227,9 +210,7 @@ impl Master {
     pub fn handle_bus_down(&mut self, now: Instant) {
         self.shared.outbox.at(now);
         self.shared.outbox.clear();
-        for peer in &mut self.peers {
-            peer.bus_down(now, &mut self.shared);
-        }
+        self.peers.each(|peer| peer.bus_down(now, &mut self.shared));
         self.strangers.forget(&mut self.shared);
     }
 
@@ -239,10 +220,7 @@ impl Master {
             return Some(frame);
         }
         while let Some(node) = self.shared.outbox.turn() {
-            let said = match self.peers.iter_mut().find(|peer| peer.id() == node) {
-                Some(peer) => peer.poll_tx(),
-                None => self.strangers.poll_tx(node),
-            };
+            let said = self.peers.with(node, Peer::poll_tx).unwrap_or_else(|| self.strangers.poll_tx(node));
             if let Some(frame) = said {
                 self.shared.outbox.said(&frame);
                 return Some(frame);
@@ -263,138 +241,22 @@ impl Master {
         let Some(heartbeat) = &self.heartbeat else {
             return Some(Instant::ZERO);
         };
-        let peers = self.peers.iter().filter_map(Peer::poll_timeout).min();
         let producers = [self.sync.as_ref().map(Sync::next), self.time.as_ref().and_then(Time::next)];
         let channels = [self.strangers.poll_timeout(), self.shared.outbox.poll_timeout()];
-        [Some(heartbeat.next()), peers].into_iter().chain(producers).chain(channels).flatten().min()
-    }
-
-    /// Sends the data (at most 8 bytes) of an RPDO, numbered 1 to 4 from the node's side.
-    ///
-    /// # Errors
-    /// Why not; nothing was sent.
-    pub fn send_pdo(&mut self, node: u8, number: u8, data: &[u8]) -> Result<(), PdoError> {
-        let peer = self.peer(node).ok_or(PdoError::UnknownNode)?;
-        match () {
-            () if !peer.is_operational() || self.state != NmtState::Operational => Err(PdoError::NotOperational),
-            () if !(1..=4).contains(&number) => Err(PdoError::Number),
-            () if data.len() > 8 => Err(PdoError::TooLong),
-            () => {
-                let frame = Frame::standard(Service::Rpdo { node, number }.cob_id(), data);
-                if self.shared.outbox.push(frame) { Ok(()) } else { Err(PdoError::QueueFull) }
-            }
-        }
-    }
-
-    /// Asks any node but this one for an object, as soon as its SDO channel is free of boot-up work. The answer is
-    /// [`Event::SdoRead`] or [`Event::SdoFailed`] with the ticket.
-    ///
-    /// Up to 16 requests wait for a node; nodes that are not configured may be asked too, 8 of them at a time.
-    ///
-    /// # Errors
-    /// Why not; nothing was sent.
-    pub fn sdo_read(&mut self, now: Instant, node: u8, index: u16, sub: u8) -> Result<Ticket, RequestError> {
-        self.request(now, node, index, sub, Transfer::Read)
-    }
-
-    /// Reads an object as a block transfer, or as another one where the node knows no block transfer; see
-    /// [`Self::sdo_read`].
-    ///
-    /// # Errors
-    /// Why not; nothing was sent.
-    pub fn sdo_read_block(&mut self, now: Instant, node: u8, index: u16, sub: u8) -> Result<Ticket, RequestError> {
-        self.request(now, node, index, sub, Transfer::ReadBlock)
-    }
-
-    /// Writes an object; see [`Self::sdo_read`]. The answer is [`Event::SdoWritten`] or [`Event::SdoFailed`].
-    ///
-    /// # Errors
-    /// Why not; nothing was sent.
-    pub fn sdo_write(
-        &mut self,
-        now: Instant,
-        node: u8,
-        index: u16,
-        sub: u8,
-        data: impl Into<Payload>,
-    ) -> Result<Ticket, RequestError> {
-        self.request(now, node, index, sub, Transfer::Write(data.into()))
-    }
-
-    /// Writes an object as a block transfer, or as another one where the node knows no block transfer; see
-    /// [`Self::sdo_write`].
-    ///
-    /// # Errors
-    /// Why not; nothing was sent.
-    pub fn sdo_write_block(
-        &mut self,
-        now: Instant,
-        node: u8,
-        index: u16,
-        sub: u8,
-        data: impl Into<Payload>,
-    ) -> Result<Ticket, RequestError> {
-        self.request(now, node, index, sub, Transfer::WriteBlock(data.into()))
-    }
-
-    fn request(
-        &mut self,
-        now: Instant,
-        node: u8,
-        index: u16,
-        sub: u8,
-        transfer: Transfer,
-    ) -> Result<Ticket, RequestError> {
-        self.shared.outbox.at(now);
-        if !(1..=127).contains(&node) || node == self.shared.config.id {
-            return Err(RequestError::UnknownNode);
-        }
-        if let Transfer::Write(data) | Transfer::WriteBlock(data) = &transfer
-            && data.len() > sdo::MAX_LEN
-        {
-            return Err(RequestError::TooLong);
-        }
-        let ticket = Ticket(self.tickets);
-        let demand = Demand { ticket, index, sub, transfer };
-        match self.peer_mut(node) {
-            Some((peer, shared)) => peer.request(now, demand, shared)?,
-            None => self.strangers.request(now, node, demand, &mut self.shared)?,
-        }
-        self.tickets = self.tickets.wrapping_add(1);
-        Ok(ticket)
-    }
-
-    /// Sends an NMT command. A running node that is told to stop, or to reset, counts as lost when its heartbeat
-    /// or boot-up message says so, and is booted again.
-    pub fn nmt(&mut self, target: Target, command: NmtCommand) {
-        let node = match target {
-            Target::All => 0,
-            Target::Node(node) => node,
-        };
-        self.shared.outbox.push(wire::nmt(command, node));
-    }
-
-    /// Boots a node anew, from its reset; false when it is not configured. Stop a drive first: what it does when it
-    /// is reset while it turns is its own affair.
-    pub fn reboot(&mut self, now: Instant, node: u8) -> bool {
-        let known = self.peer_mut(node);
-        known.is_some_and(|(peer, shared)| {
-            peer.reboot(now, shared);
-            true
-        })
+        [Some(heartbeat.next()), self.peers.poll_timeout()].into_iter().chain(producers).chain(channels).flatten().min()
     }
 
     /// How far a node is; `None` when it is not configured.
     #[must_use]
     pub fn state(&self, node: u8) -> Option<State> {
-        self.peer(node).map(Peer::state)
+        self.peers.get(node).map(Peer::state)
     }
 
     /// The NMT state that a node, configured or not, last named; `None` when it was not heard, or not since it was
     /// lost.
     #[must_use]
     pub fn nmt_state(&self, node: u8) -> Option<NmtState> {
-        self.peer(node).map_or_else(|| self.census.state(node), Peer::nmt_state)
+        self.peers.get(node).map_or_else(|| self.census.state(node), Peer::nmt_state)
     }
 
     /// The master's own NMT state, as its heartbeat names it: Operational, until it is changed. What it tells its
@@ -429,18 +291,18 @@ impl Master {
     /// A node's configuration.
     #[must_use]
     pub fn config(&self, node: u8) -> Option<&NodeConfig> {
-        self.peer(node).map(Peer::config)
+        self.peers.get(node).map(Peer::config)
     }
 
     /// What was counted for a node.
     #[must_use]
     pub fn stats(&self, node: u8) -> Option<&Stats> {
-        self.peer(node).map(Peer::stats)
+        self.peers.get(node).map(Peer::stats)
     }
 
     /// The times of a node's SDO transfers since the last call.
     pub fn take_round_trips(&mut self, node: u8) -> RoundTrip {
-        self.peer_mut(node).map(|(peer, _)| peer.take_round_trips()).unwrap_or_default()
+        self.peers.with(node, Peer::take_round_trips).unwrap_or_default()
     }
 
     /// Frames that are no business of ours: of other nodes, other masters, or our own come back.

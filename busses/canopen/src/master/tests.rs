@@ -14,10 +14,10 @@ mod together;
 mod troubles;
 
 use super::*;
-use crate::Node;
 use crate::drives::{epos, icla};
 use crate::testing::{Bus, Engine, Random, check, parse};
 use crate::{Dictionary, Event};
+use crate::{NmtCommand, Node, Payload, sdo};
 use base::Duration;
 use std::vec;
 use std::vec::Vec;
