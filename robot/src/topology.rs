@@ -3,11 +3,11 @@
 use crate::config::{
     self, CanBus, CanDriver, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
-use crate::live::HostConfig;
-use crate::live::beats;
 use crate::live::ports::{PortConfig, TerminalConfig};
 use crate::live::processes::Launch;
+use crate::live::{HostConfig, beats};
 use base::Duration;
+use canopen::eds::Eds;
 use drivers::{canbus, power, rs485a, rs485b};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
@@ -74,7 +74,7 @@ fn shell(place: &Place, config: &Config, name: &str, wanted: State, wire_time: b
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
         rs485b::NAME => Box::new(rs485b(&config.robot)?),
         power::NAME => Box::new(power(place, config)?),
-        canbus::NAME => Box::new(canbus(config)?),
+        canbus::NAME => Box::new(canbus(place, config)?),
         SIMULATOR if place.sim => {
             let config = simulator(place, &config.robot, wire_time)?;
             Box::new(sim::Simulator::new(config))
@@ -317,7 +317,7 @@ fn power(place: &Place, config: &Config) -> Result<power::Power, ConfigError> {
 }
 
 /// `driver_canbus`: the CAN bus that both drives are on.
-fn canbus(config: &Config) -> Result<canbus::Canbus, ConfigError> {
+fn canbus(place: &Place, config: &Config) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
     let found = robot.can.iter().find_map(|bus| Some((bus, propulsion(robot, bus)?, steering(robot, bus)?)));
     let Some((bus, propulsion, steering)) = found else {
@@ -347,7 +347,24 @@ fn canbus(config: &Config) -> Result<canbus::Canbus, ConfigError> {
         propulsion,
         steering,
     };
-    canbus::Canbus::new(config).map_err(|error| ConfigError(vec![format!("driver_canbus: {error}")]))
+    let driver = canbus::Canbus::new(config).map_err(|error| ConfigError(vec![format!("driver_canbus: {error}")]))?;
+    check_sheets(place, bus, &driver)?;
+    Ok(driver)
+}
+
+/// A data sheet that the configuration names must be one of a device that the driver can set up.
+fn check_sheets(place: &Place, bus: &CanBus, driver: &canbus::Canbus) -> Result<(), ConfigError> {
+    for node in &bus.nodes {
+        let (Some(path), Some(setup)) = (&node.eds, driver.nodes().find(|setup| setup.id == node.id)) else { continue };
+        let path = place.config.join(path);
+        let named = |why: String| ConfigError(vec![format!("{}: {why}", path.display())]);
+        let file = std::fs::read(&path).map_err(|error| named(error.to_string()))?;
+        let sheet = Eds::parse(&file).map_err(|error| named(error.to_string()))?;
+        if let Some(objection) = sheet.objection(setup) {
+            return Err(named(format!("not the sheet of a drive for the {}: {objection}", setup.name)));
+        }
+    }
+    Ok(())
 }
 
 fn propulsion(robot: &Robot, bus: &CanBus) -> Option<canbus::PropulsionConfig> {
@@ -492,6 +509,21 @@ mod tests {
         assert_eq!(ports.len(), usize::from(u16::MAX));
         assert!(!ports.contains(&0));
         assert!((1024..=u16::MAX).all(|lcm| can_port_beside(lcm) >= 1024));
+    }
+
+    #[test]
+    fn a_data_sheet_of_another_device_is_refused_before_anything_starts() {
+        let place = shipped(true);
+        let mut config = Config::load(&place.config, true, &[]).unwrap();
+        let mut with = |sheet: &str| {
+            let sheet = Path::new(env!("CARGO_MANIFEST_DIR")).join("../busses/canopen/eds").join(sheet);
+            config.robot.can[0].nodes[1].eds = Some(sheet);
+            shell(&place, &config, canbus::NAME, State::Run, false).map(|_| ()).map_err(|error| error.to_string())
+        };
+        assert_eq!(with("icla_sim.eds"), Ok(()));
+        let refused = with("epos_sim.eds").unwrap_err();
+        assert!(refused.ends_with("not the sheet of a drive for the steering: it has no object 0x605A:0"), "{refused}");
+        assert!(with("no.eds").unwrap_err().contains("no.eds: "));
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //!
 //! Read `ini` first for the lines, then `build` for what they mean.
 
+mod agrees;
 mod build;
 mod concise;
 mod configuration;

@@ -26,7 +26,7 @@ use arbiter::{Arbiter, Command, Verdict};
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use bus::Bus;
 use canopen::master::ConfigError;
-use canopen::{Event as Heard, Master, MasterConfig, sdo};
+use canopen::{Event as Heard, Master, MasterConfig, NodeConfig, sdo};
 use messages::{Channel, Message, common, lowlevel};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 use propulsion::Propulsion;
@@ -122,6 +122,12 @@ impl Canbus {
             axes: Ticker::new(Instant::NEVER, AXES_PERIOD),
             now: Instant::ZERO,
         })
+    }
+
+    /// How its nodes are set up, drive by drive.
+    pub fn nodes(&self) -> impl Iterator<Item = &NodeConfig> {
+        let ids = [self.propulsion.drive.node, self.steering.drive.node];
+        ids.into_iter().filter_map(|id| self.master.config(id))
     }
 
     fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
