@@ -241,7 +241,7 @@ impl Simulator {
             let demand = drive.step(at, self.scene.body(), dt);
             match drive.kind {
                 drive::Kind::Epos(_) => self.scene.demand.speed = demand,
-                drive::Kind::Icla(..) => self.scene.demand.steering = demand,
+                drive::Kind::Icla(_) => self.scene.demand.steering = demand,
             }
         }
         let before = self.scene.body().steering_output();

@@ -1,12 +1,18 @@
-//! CiA 402 power state machine: what a statusword says, the master's walk through it, and the drive's own side
-//! ([`drive`]). Tables: CiA 402-2 (IEC 61800-7-201), 6.1 to 6.4.
+//! CiA 402: what a statusword says, the master's walk through the power state machine ([`Axis`]) and its modes of
+//! operation ([`modes`]), units ([`Units`]), and the drive's own side ([`drive`], [`servo`]). Tables: CiA 402-2
+//! (IEC 61800-7-201), 6.1 to 6.4.
 
 pub mod drive;
+pub mod modes;
+pub mod options;
+pub mod servo;
 #[cfg(test)]
 mod tests;
+mod units;
 mod walk;
 
-pub use walk::{Axis, AxisConfig, AxisEvent, Goal};
+pub use units::{Factors, Rate, Units};
+pub use walk::{Axis, AxisConfig, AxisEvent, Goal, Why};
 
 use core::fmt;
 
@@ -44,14 +50,41 @@ pub mod control {
     pub const QUICK_STOP: u16 = 0x02;
     /// Its rising edge resets a fault.
     pub const FAULT_RESET: u16 = 0x80;
-    /// Profile position: new set-point. Homing: start.
-    pub const MODE_4: u16 = 1 << 4;
+    /// Profile position: new set-point.
+    pub const NEW_SETPOINT: u16 = 1 << 4;
+    /// Homing: start.
+    pub const START_HOMING: u16 = 1 << 4;
+    /// Interpolated position: enable.
+    pub const ENABLE_IP: u16 = 1 << 4;
     /// Profile position: change at once.
     pub const CHANGE_AT_ONCE: u16 = 1 << 5;
     /// Profile position: relative.
     pub const RELATIVE: u16 = 1 << 6;
-    /// Halt by the ramp.
+    /// Halt as 0x605D says.
     pub const HALT: u16 = 1 << 8;
+    /// Profile position: change when the set-point before is passed.
+    pub const CHANGE_ON_SETPOINT: u16 = 1 << 9;
+}
+
+/// The bits of a statusword that are the same in all modes, by name, but for those of the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StatusBits(pub u16);
+
+impl fmt::Display for StatusBits {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = [
+            (status::VOLTAGE, "voltage"),
+            (status::WARNING, "warning"),
+            (status::REMOTE, "remote"),
+            (status::TARGET_REACHED, "target reached"),
+            (status::LIMIT, "internal limit"),
+            (status::MODE_12, "bit 12"),
+            (status::MODE_13, "bit 13"),
+        ];
+        let mut set = names.iter().filter(|(bit, _)| self.0 & bit != 0).map(|(_, name)| *name);
+        f.write_str(set.next().unwrap_or("no bit"))?;
+        set.try_for_each(|name| write!(f, ", {name}"))
+    }
 }
 
 /// A state of the power state machine.

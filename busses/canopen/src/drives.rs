@@ -4,10 +4,8 @@
 
 pub mod epos;
 mod epos_objects;
-pub mod homing;
 pub mod icla;
 mod icla_objects;
-pub mod pp;
 #[cfg(test)]
 mod tests;
 

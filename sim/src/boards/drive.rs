@@ -15,14 +15,14 @@ const BOOT_TIME: Duration = Duration::from_millis(100);
 #[derive(Debug)]
 pub(crate) enum Kind {
     Epos(Epos),
-    Icla(Icla, Gearing),
+    Icla(Icla),
 }
 
 /// The objects of such a drive.
 pub(crate) fn dictionary(kind: &Kind, id: u8) -> Dictionary {
     match kind {
         Kind::Epos(_) => drives::epos::dictionary(id),
-        Kind::Icla(..) => drives::icla::dictionary(id),
+        Kind::Icla(_) => drives::icla::dictionary(id),
     }
 }
 
@@ -42,13 +42,12 @@ pub(crate) struct Drive {
 impl Drive {
     /// The propulsion, switched off.
     pub fn propulsion(id: u8) -> Self {
-        Self::new("propulsion", Kind::Epos(Epos::new()), id)
+        Self::new("propulsion", Kind::Epos(Epos::new(epos::ENABLING)), id)
     }
 
     /// The steering, switched off.
     pub fn steering(id: u8, gearing: Gearing, body: &Body) -> Self {
-        let kind = Kind::Icla(Icla::new(gearing, body), gearing);
-        Self::new("steering", kind, id)
+        Self::new("steering", Kind::Icla(Icla::new(gearing, body)), id)
     }
 
     fn new(name: &'static str, kind: Kind, id: u8) -> Self {
@@ -65,8 +64,8 @@ impl Drive {
 
     fn renew(&mut self, body: &Body) {
         match &mut self.kind {
-            Kind::Epos(epos) => epos.renew(),
-            Kind::Icla(icla, gearing) => *icla = Icla::new(*gearing, body),
+            Kind::Epos(epos) => epos.renew(self.node.dictionary()),
+            Kind::Icla(icla) => icla.renew(self.node.dictionary(), body),
         }
     }
 
@@ -90,7 +89,7 @@ impl Drive {
     pub fn fault(&mut self, now: Instant, code: u16, body: &Body) {
         let emergency = match &mut self.kind {
             Kind::Epos(epos) => epos.fault(code),
-            Kind::Icla(icla, _) => icla.fault(code),
+            Kind::Icla(icla) => icla.fault(code),
         };
         self.report(emergency);
         self.stepped(now, body, self.turned);
@@ -121,16 +120,12 @@ impl Drive {
         while let Some(event) = self.node.poll_event() {
             news = true;
             match event {
-                NodeEvent::ObjectWritten { index: 0x6040, .. } => self.written(now, body),
+                NodeEvent::ObjectWritten { index, .. } => self.written(now, index, body),
                 NodeEvent::ResetApplication => self.renew(body),
-                NodeEvent::HeartbeatLost { .. } | NodeEvent::GuardLost => self.heartbeat_lost(now),
-                NodeEvent::NmtState(state) => match &mut self.kind {
-                    Kind::Epos(epos) => epos.set_remote(state == NmtState::Operational),
-                    Kind::Icla(icla, _) => icla.set_remote(state == NmtState::Operational),
-                },
+                NodeEvent::HeartbeatLost { .. } | NodeEvent::GuardLost => self.heartbeat_lost(),
+                NodeEvent::NmtState(state) => self.nmt_state(state),
                 NodeEvent::PdoTooShort { .. } => self.pdo_too_short(),
-                NodeEvent::ObjectWritten { .. }
-                | NodeEvent::HeartbeatBack { .. }
+                NodeEvent::HeartbeatBack { .. }
                 | NodeEvent::GuardBack
                 | NodeEvent::PdoTooLong { .. }
                 | NodeEvent::PdoLate { .. }
@@ -139,24 +134,39 @@ impl Drive {
                 | NodeEvent::LssStored { .. } => {}
             }
         }
-        if news && let Kind::Epos(epos) = &mut self.kind {
-            epos.configure(self.node.dictionary());
-        }
         news
     }
 
-    fn written(&mut self, now: Instant, body: &Body) {
+    fn nmt_state(&mut self, state: NmtState) {
+        let (operational, initialised) = (state == NmtState::Operational, state != NmtState::Initialising);
+        match &mut self.kind {
+            Kind::Epos(epos) => {
+                epos.set_remote(operational);
+                if initialised {
+                    epos.initialised();
+                }
+            }
+            Kind::Icla(icla) => {
+                icla.set_remote(operational);
+                if initialised {
+                    icla.initialised();
+                }
+            }
+        }
+    }
+
+    fn written(&mut self, now: Instant, index: u16, body: &Body) {
         let emergency = match &mut self.kind {
-            Kind::Epos(epos) => epos.written(now, self.node.dictionary()),
-            Kind::Icla(icla, _) => icla.written(now, self.node.dictionary(), body),
+            Kind::Epos(epos) => epos.written(now, index, self.node.dictionary()),
+            Kind::Icla(icla) => icla.written(now, index, self.node.dictionary(), body),
         };
         self.report(emergency);
     }
 
-    fn heartbeat_lost(&mut self, now: Instant) {
+    fn heartbeat_lost(&mut self) {
         let emergency = match &mut self.kind {
             Kind::Epos(epos) => epos.fault(epos::HEARTBEAT),
-            Kind::Icla(icla, _) => Some(icla.heartbeat_lost(now, self.node.dictionary())),
+            Kind::Icla(icla) => Some(icla.heartbeat_lost()),
         };
         self.report(emergency);
     }
@@ -179,7 +189,7 @@ impl Drive {
     pub fn rests(&self) -> bool {
         match &self.kind {
             Kind::Epos(epos) => epos.rests(),
-            Kind::Icla(icla, _) => icla.rests(self.node.dictionary()),
+            Kind::Icla(icla) => icla.rests(),
         }
     }
 
@@ -190,7 +200,7 @@ impl Drive {
                 let rpm = epos.step(now, dt)?;
                 Some(rpm / 60.0 / body.parameters().motor_turns_per_metre())
             }
-            Kind::Icla(icla, _) => icla.step(now, self.node.dictionary(), body, dt),
+            Kind::Icla(icla) => icla.step(now, body, dt),
         }
     }
 
@@ -198,6 +208,10 @@ impl Drive {
     pub fn stepped(&mut self, now: Instant, body: &Body, turned: f64) {
         self.now = now;
         self.turned = turned;
+        if let Kind::Epos(epos) = &mut self.kind {
+            let emergency = epos.poll_fault();
+            self.report(emergency);
+        }
         self.measure(body);
         self.node.handle_timeout(now);
         self.serve(now, body);
@@ -206,8 +220,8 @@ impl Drive {
     /// What the drive measures goes to the node's objects.
     fn measure(&mut self, body: &Body) {
         match &mut self.kind {
-            Kind::Epos(epos) => epos.feedback(self.now, &mut self.node, body),
-            Kind::Icla(icla, _) => icla.feedback(&mut self.node, body, self.turned),
+            Kind::Epos(epos) => epos.feedback(&mut self.node, body),
+            Kind::Icla(icla) => icla.feedback(&mut self.node, body, self.turned),
         }
     }
 

@@ -7,8 +7,6 @@ pub mod epos;
 pub mod icla;
 pub(crate) mod line;
 mod mirror;
-pub mod motion;
-pub mod power;
 pub mod psc1;
 pub mod sbs1;
 pub mod sd1;

@@ -45,10 +45,10 @@ fn drive_in(state: PowerState, option: i16) -> Drive {
     let mut drive = Drive::new(option, false);
     let words: &[u16] = match state {
         NotReady => panic!("left by itself"),
-        SwitchOnDisabled | FaultReactionActive | Fault => &[],
+        SwitchOnDisabled => &[],
         ReadyToSwitchOn => &[6],
         SwitchedOn => &[6, 7],
-        OperationEnabled => &[6, 7, 15],
+        OperationEnabled | FaultReactionActive | Fault => &[6, 7, 15],
         QuickStopActive => &[6, 7, 15, 2],
     };
     for word in words {
@@ -99,7 +99,7 @@ fn options_of_quick_stop_and_faults_are_obeyed() {
     assert!(drive.apply(0x0F).is_empty(), "option 2 does not resume");
     assert_eq!((drive.stands(), drive.state()), (Some(12), PowerState::SwitchOnDisabled));
     assert_eq!(drive_in(PowerState::QuickStopActive, 6).stands(), None);
-    assert_eq!(drive_in(PowerState::OperationEnabled, 0).apply(0x02).as_slice(), [9]);
+    assert_eq!(drive_in(PowerState::OperationEnabled, 0).apply(0x02).as_slice(), [11, 12]);
 
     let mut drive = drive_in(PowerState::OperationEnabled, 6);
     assert_eq!((drive.fault(), drive.fault()), (Some(13), None));
@@ -109,9 +109,9 @@ fn options_of_quick_stop_and_faults_are_obeyed() {
     drive.apply(0x00);
     assert_eq!(drive.apply(0x8F).as_slice(), [15]);
 
-    let mut epos = Drive::new(6, true);
-    epos.apply(6);
-    assert_eq!(epos.apply(0x0F).as_slice(), [3, 4]);
+    let mut quick = Drive::new(6, true);
+    quick.apply(6);
+    assert_eq!(quick.apply(0x0F).as_slice(), [3, 4]);
 }
 
 /// What a master commands for goal and state.
@@ -250,7 +250,8 @@ fn a_transition_that_does_not_come_is_named_once() {
     axis.handle_timeout(until + MS);
     let events: Vec<_> = core::iter::from_fn(|| axis.poll_event()).collect();
     let state = Some(PowerState::ReadyToSwitchOn);
-    let stuck = AxisEvent::Stuck { state, goal: Goal::Enabled, statusword: 0x0221, controlword: 7 };
+    let stuck =
+        AxisEvent::Stuck { state, goal: Goal::Enabled, statusword: 0x0221, controlword: 7, why: Why::NoVoltage };
     assert_eq!(events.iter().filter(|event| **event == stuck).count(), 1, "{events:?}");
     assert_eq!(axis.poll_timeout(), None);
 }

@@ -1,7 +1,8 @@
 //! The master's side: from the state that is seen to the goal that is set, one command at a time.
 
-use super::{PowerState, control};
+use super::{PowerState, control, status};
 use base::{Duration, Instant, Queue};
+use core::fmt;
 
 /// Where an axis shall be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,11 +15,23 @@ pub enum Goal {
     QuickStop,
 }
 
+impl fmt::Display for Goal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Disabled => "disabled",
+            Self::Enabled => "operation enabled",
+            Self::QuickStop => "quick stop",
+        })
+    }
+}
+
 /// How a drive's state machine is walked.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisConfig {
     /// How long each transition may take; default 1 s.
     pub transition_timeout: Duration,
+    /// How long the ramp of Disable Operation (0x605C) may take; default 10 s.
+    pub ramp_timeout: Duration,
     /// The controlword that stops; default 0x0002. EPOS notes use 0x000B.
     pub quick_stop: u16,
     /// Whether Quick Stop Active is left by enabling (T16); default false: walk up from Switch On Disabled.
@@ -27,7 +40,12 @@ pub struct AxisConfig {
 
 impl Default for AxisConfig {
     fn default() -> Self {
-        Self { transition_timeout: Duration::from_secs(1), quick_stop: control::QUICK_STOP, resumes: false }
+        Self {
+            transition_timeout: Duration::from_secs(1),
+            ramp_timeout: Duration::from_secs(10),
+            quick_stop: control::QUICK_STOP,
+            resumes: false,
+        }
     }
 }
 
@@ -65,7 +83,61 @@ pub enum AxisEvent {
         statusword: u16,
         /// What is commanded.
         controlword: u16,
+        /// What stands in the way, as far as the statusword tells.
+        why: Why,
     },
+}
+
+/// Why a transition does not come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Why {
+    /// No statusword was seen.
+    Unseen,
+    /// Bit 9 is 0.
+    NotRemote,
+    /// The self test goes on.
+    NotReady,
+    /// The fault reaction goes on.
+    Braking,
+    /// The fault stays though it was reset.
+    Persists,
+    /// The ramp of Disable Operation goes on.
+    Ramp,
+    /// Bit 4 is 0 on the way up.
+    NoVoltage,
+    /// Nothing in the statusword tells.
+    Refused,
+}
+
+impl Why {
+    fn read(state: Option<PowerState>, goal: Goal, statusword: u16) -> Self {
+        use PowerState::{Fault, FaultReactionActive, NotReady, OperationEnabled, ReadyToSwitchOn, SwitchedOn};
+        match state {
+            None => Self::Unseen,
+            Some(NotReady) => Self::NotReady,
+            Some(FaultReactionActive) => Self::Braking,
+            Some(Fault) => Self::Persists,
+            Some(_) if statusword & status::REMOTE == 0 => Self::NotRemote,
+            Some(OperationEnabled) if goal == Goal::Disabled => Self::Ramp,
+            Some(ReadyToSwitchOn | SwitchedOn) if statusword & status::VOLTAGE == 0 => Self::NoVoltage,
+            Some(_) => Self::Refused,
+        }
+    }
+}
+
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Unseen => "no statusword was seen",
+            Self::NotRemote => "the drive does not listen to its controlword (remote is 0)",
+            Self::NotReady => "its self test goes on",
+            Self::Braking => "it is braking for a fault",
+            Self::Persists => "the cause of the fault persists",
+            Self::Ramp => "it is still on its ramp",
+            Self::NoVoltage => "the power stage has no voltage",
+            Self::Refused => "the drive does not say why",
+        })
+    }
 }
 
 /// The master's view of one axis. It never commands enable until told, nor after a fault until told again.
@@ -77,6 +149,7 @@ pub struct Axis {
     reached: bool,
     /// A stop was commanded and not seen yet: leaving Operation Enabled is no surprise.
     stopping: bool,
+    halted: bool,
     reset: Reset,
     until: Option<Instant>,
     events: Queue<AxisEvent, 8>,
@@ -105,6 +178,7 @@ impl Axis {
             statusword: 0,
             reached: false,
             stopping: false,
+            halted: false,
             reset: Reset::Idle,
             until: None,
             events: Queue::new(),
@@ -129,6 +203,11 @@ impl Axis {
     #[must_use]
     pub fn goal(&self) -> Goal {
         self.goal
+    }
+
+    /// Halt as 0x605D says while enabled, or go on; the state stays. In cyclic modes not every drive knows it.
+    pub fn halt(&mut self, halted: bool) {
+        self.halted = halted;
     }
 
     /// Asks for a fault reset; without a fault nothing happens.
@@ -232,11 +311,13 @@ impl Axis {
     }
 
     fn arm(&mut self, now: Instant) {
-        self.until = Some(now + self.config.transition_timeout);
+        let ramp = self.goal == Goal::Disabled && self.state == Some(PowerState::OperationEnabled);
+        let timeout = if ramp { self.config.ramp_timeout } else { self.config.transition_timeout };
+        self.until = Some(now + timeout);
     }
 
     /// The controlword to send now, and again whenever a statusword came or the goal changed. Its mode specific
-    /// bits are zero.
+    /// bits are zero, but for halt.
     #[must_use]
     pub fn controlword(&self) -> u16 {
         use PowerState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
@@ -247,6 +328,7 @@ impl Axis {
             (_, None | Some(PowerState::NotReady | PowerState::FaultReactionActive)) => control::DISABLE_VOLTAGE,
             (Goal::Enabled, Some(SwitchOnDisabled)) => control::SHUTDOWN,
             (Goal::Enabled, Some(ReadyToSwitchOn)) => control::SWITCH_ON,
+            (Goal::Enabled, Some(OperationEnabled)) if self.halted => control::ENABLE | control::HALT,
             (Goal::Enabled, Some(SwitchedOn | OperationEnabled)) => control::ENABLE,
             (Goal::Enabled, Some(QuickStopActive)) if self.config.resumes => control::ENABLE,
             (Goal::Disabled, Some(OperationEnabled)) => control::SWITCH_ON,
@@ -266,7 +348,8 @@ impl Axis {
             let controlword = self.controlword();
             let Self { state, goal, statusword, .. } = *self;
             self.reset = Reset::Idle;
-            self.events.push(AxisEvent::Stuck { state, goal, statusword, controlword });
+            let why = Why::read(state, goal, statusword);
+            self.events.push(AxisEvent::Stuck { state, goal, statusword, controlword, why });
         }
     }
 

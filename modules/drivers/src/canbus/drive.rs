@@ -3,7 +3,7 @@
 
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use canopen::Master;
-use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, PowerState};
+use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, PowerState, StatusBits};
 use canopen::master::{BootError, LostReason, Step};
 use canopen::wire::Emergency;
 use messages::lowlevel;
@@ -195,10 +195,11 @@ impl Drive {
                     let why = format!("left by itself to {to}, statusword 0x{statusword:04X}");
                     self.trouble = Some((now + TROUBLE, why));
                 }
-                AxisEvent::Stuck { state, goal, statusword, controlword } => {
+                AxisEvent::Stuck { state, goal, statusword, controlword, why } => {
                     let state = state.map_or("unseen".into(), |state| state.to_string());
+                    let bits = StatusBits(statusword);
                     let why = format!(
-                        "stays {state} on the way to {goal:?}: controlword 0x{controlword:04X}, statusword 0x{statusword:04X}"
+                        "stays {state} on the way to {goal}: {why}; controlword 0x{controlword:04X}, statusword 0x{statusword:04X} ({bits})"
                     );
                     out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
                     self.distrust(now, why);

@@ -3,7 +3,7 @@
 use super::Config;
 use super::drive::Drive;
 use base::Instant;
-use canopen::axis::{Goal, PowerState};
+use canopen::axis::{Goal, PowerState, Units};
 use canopen::drives::epos;
 use canopen::{Master, NodeConfig};
 use messages::lowlevel;
@@ -12,7 +12,7 @@ use module::Actions;
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
     parameters: epos::Parameters,
-    rpm_per_mps: f64,
+    units: Units,
     target_rpm: i32,
     goal: Goal,
     /// As the drive says, m/s; NaN before it did.
@@ -22,19 +22,20 @@ pub(super) struct Propulsion {
 impl Propulsion {
     pub(super) fn new(config: &Config) -> Self {
         let own = &config.propulsion;
-        let rpm = |mps: f64| libm::fabs(mps * own.rpm_per_mps).clamp(1.0, 1e9) as u32;
+        // The drive's rates are rpm and rpm/s; its position is not used.
+        let units = Units::new(own.rpm_per_mps, own.rpm_per_mps, own.rpm_per_mps);
         let parameters = epos::Parameters {
             // A margin above the limit of commands, for the drive's own controller.
-            velocity_max_rpm: rpm(config.limits.speed * 1.1).min(25_000),
-            acceleration: rpm(config.limits.acceleration),
-            deceleration: rpm(config.limits.deceleration),
-            quick_stop_deceleration: rpm(config.limits.quick_stop),
+            velocity_max_rpm: units.speed(config.limits.speed * 1.1).min(25_000),
+            acceleration: units.acceleration(config.limits.acceleration),
+            deceleration: units.acceleration(config.limits.deceleration),
+            quick_stop_deceleration: units.acceleration(config.limits.quick_stop),
             ..epos::Parameters::new(own.node)
         };
         Self {
             drive: Drive::new("propulsion", own.node, epos::axis_config()),
             parameters,
-            rpm_per_mps: own.rpm_per_mps,
+            units,
             target_rpm: 0,
             goal: Goal::QuickStop,
             speed: f64::NAN,
@@ -56,7 +57,7 @@ impl Propulsion {
     }
 
     pub(super) fn on_velocity(&mut self, now: Instant, rpm: i32) {
-        self.speed = f64::from(rpm) / self.rpm_per_mps;
+        self.speed = self.units.velocity_si(rpm);
         self.drive.on_measured(now);
     }
 
@@ -73,7 +74,7 @@ impl Propulsion {
     /// Drive at `speed`, m/s.
     pub(super) fn drive(&mut self, speed: f64) {
         self.goal = Goal::Enabled;
-        self.target_rpm = libm::round(speed * self.rpm_per_mps) as i32;
+        self.target_rpm = self.units.velocity(speed);
     }
 
     /// Stop by the quick stop ramp, and stay stopped.

@@ -3,13 +3,13 @@
 use super::drive::Drive;
 use super::{Config, SteeringConfig};
 use base::{Duration, Fault, Instant, Severity};
-use canopen::axis::Goal;
-use canopen::drives::homing::{Access, Homing, HomingConfig, HomingError};
+use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
+use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
+use canopen::axis::modes::switch::Access;
+use canopen::axis::{Goal, Rate, Units};
 use canopen::drives::icla;
-use canopen::drives::pp::{Setpoint, SetpointEvent};
 use canopen::master::Ticket;
 use canopen::{Event as Heard, Master, NodeConfig, Payload, sdo};
-use core::f64::consts::TAU;
 use messages::lowlevel;
 use module::Actions;
 
@@ -48,6 +48,7 @@ enum Reference {
 pub(super) struct Steering {
     pub(super) drive: Drive,
     config: SteeringConfig,
+    units: Units,
     want: Want,
     reference: Reference,
     homing: Homing,
@@ -60,18 +61,20 @@ pub(super) struct Steering {
 impl Steering {
     pub(super) fn new(config: &Config) -> Self {
         let config = config.steering.clone();
+        let units = config.units();
         let homing = HomingConfig {
             method: config.homing_method,
-            switch_speed: config.rpm(config.homing_speed),
-            zero_speed: config.rpm(config.homing_speed * ZERO_SEARCH),
-            acceleration: Some(config.rpm(config.homing_speed / RAMP)),
-            offset: Some(config.counts(config.switch)),
+            switch_speed: units.speed(config.homing_speed),
+            zero_speed: units.speed(config.homing_speed * ZERO_SEARCH),
+            acceleration: Some(units.acceleration(config.homing_speed / RAMP)),
+            offset: Some(units.position(config.switch)),
             mode_after: icla::PROFILE_POSITION,
             timeout: config.homing_timeout,
         };
         Self {
             drive: Drive::new("steering", config.node, icla::axis_config()),
             config,
+            units,
             want: Want::Stop,
             reference: Reference::None,
             homing: Homing::new(homing),
@@ -82,12 +85,12 @@ impl Steering {
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
-        let config = &self.config;
+        let (config, units) = (&self.config, &self.units);
         let parameters = icla::Parameters {
-            velocity_rpm: config.rpm(config.speed),
-            acceleration: config.rpm(config.speed / RAMP),
-            deceleration: config.rpm(config.speed / RAMP),
-            quick_stop_deceleration: config.rpm(config.speed / QUICK_STOP_RAMP),
+            velocity_rpm: units.speed(config.speed),
+            acceleration: units.acceleration(config.speed / RAMP),
+            deceleration: units.acceleration(config.speed / RAMP),
+            quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP),
             ..icla::Parameters::new(config.node)
         };
         icla::node_config("steering", &parameters)
@@ -185,8 +188,8 @@ impl Steering {
         while let Some(access) = self.homing.poll_sdo() {
             let node = self.config.node;
             let asked = match access {
-                Access::ReadMode => master.sdo_read(now, node, 0x6061, 0),
-                Access::Write(write) => master.sdo_write(now, node, write.index, write.sub, write.value),
+                Access::Read { index, sub } => master.sdo_read(now, node, index, sub),
+                Access::Write { index, sub, data } => master.sdo_write(now, node, index, sub, data),
             };
             match asked {
                 Ok(ticket) => self.ticket = Some(ticket),
@@ -220,7 +223,7 @@ impl Steering {
             return;
         }
         let target = match (self.want, &self.reference) {
-            (Want::Go(angle), Reference::Known) => Some(self.config.counts(angle)),
+            (Want::Go(angle), Reference::Known) => Some(self.units.position(angle)),
             (Want::Home, Reference::Centering) => Some(0),
             _ => None,
         };
@@ -257,7 +260,7 @@ impl Steering {
     /// rad, counter-clockwise; NaN while the drive has not told its position, or there is no reference for it.
     pub(super) fn angle(&self) -> f64 {
         match (&self.reference, self.position) {
-            (Reference::Known | Reference::Centering, Some(position)) => self.config.angle(position),
+            (Reference::Known | Reference::Centering, Some(position)) => self.units.position_si(position),
             _ => f64::NAN,
         }
     }
@@ -292,20 +295,7 @@ impl Steering {
 }
 
 impl SteeringConfig {
-    fn counts_per_rad(&self) -> f64 {
-        self.counts_per_turn * self.gear / TAU
-    }
-
-    fn counts(&self, angle: f64) -> i32 {
-        libm::round(angle * self.counts_per_rad()) as i32
-    }
-
-    fn angle(&self, counts: i32) -> f64 {
-        f64::from(counts) / self.counts_per_rad()
-    }
-
-    /// A rate of the steering, rad/s, in rpm of the motor (and rad/s² in rpm/s).
-    fn rpm(&self, rate: f64) -> u32 {
-        libm::round(libm::fabs(rate * self.gear) / TAU * 60.0).clamp(1.0, 1e9) as u32
+    fn units(&self) -> Units {
+        Units::rotary(self.counts_per_turn, self.gear, Rate::MotorRpm)
     }
 }

@@ -1,4 +1,4 @@
-//! What a drive's trajectory generator makes of a target: ramps of speed, trapezoids of position.
+//! What the trajectory generator of an emulated drive makes of a target: ramps of speed, trapezoids of position.
 //!
 //! Units are the drive's own; a step is `dt` seconds.
 
@@ -68,19 +68,28 @@ impl PositionProfile {
         let distance = (libm::fabs(gap) - libm::fabs(self.speed) * dt / 2.0).max(0.0);
         let stoppable = libm::sqrt(half * half + 2.0 * limits.deceleration * distance) - half;
         let wanted = libm::copysign(stoppable.min(limits.speed), gap);
+        self.run(wanted, limits, dt);
+        false
+    }
+
+    /// Goes towards `target` and through it at the limit of speed; true when it is there or beyond.
+    pub fn pass(&mut self, target: f64, limits: Limits, dt: f64) -> bool {
+        let gap = target - self.demand;
+        self.run(libm::copysign(limits.speed, gap), limits, dt);
+        (target - self.demand) * gap <= 0.0
+    }
+
+    /// Runs at `speed` by the ramps.
+    pub fn run(&mut self, speed: f64, limits: Limits, dt: f64) {
         let mut ramp = SpeedRamp { demand: self.speed };
-        ramp.step(wanted, limits.acceleration, limits.deceleration, dt);
+        ramp.step(speed, limits.acceleration, limits.deceleration, dt);
         self.demand += (self.speed + ramp.demand) / 2.0 * dt;
         self.speed = ramp.demand;
-        false
     }
 
     /// Stops where it can; true when it stands.
     pub fn stop(&mut self, deceleration: f64, dt: f64) -> bool {
-        let mut ramp = SpeedRamp { demand: self.speed };
-        ramp.step(0.0, deceleration, deceleration, dt);
-        self.demand += (self.speed + ramp.demand) / 2.0 * dt;
-        self.speed = ramp.demand;
+        self.run(0.0, Limits { speed: 0.0, acceleration: deceleration, deceleration }, dt);
         self.speed == 0.0
     }
 }

@@ -4,22 +4,20 @@
 //! It asks for SDO transfers one at a time ([`Homing::poll_sdo`]) and is told their ends; the caller adds its
 //! [`Homing::controlword_bits`] to the controlword of an enabled axis and shows it every statusword.
 
+use super::Mode;
+use super::switch::{Access, Switch, SwitchError};
 use crate::axis::{control, status};
-use crate::master::ConfigWrite;
 use crate::{Payload, sdo};
 use base::{Duration, Instant};
 use core::fmt;
 
-const HOMING_MODE: i8 = 6;
-/// How long the mode display is waited for between two looks.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// How long a drive may take to switch its mode, or to show that it has started.
 const REACT_WITHIN: Duration = Duration::from_millis(500);
 
 /// How to home.
 #[derive(Clone, Copy, Debug)]
 pub struct HomingConfig {
-    /// 0x6098; 23 to 30: a home switch without index.
+    /// 0x6098: a number of [`Method`](super::method::Method), or a manufacturer's negative one.
     pub method: i8,
     /// 0x6099:1, speed while the switch is searched, in the drive's unit.
     pub switch_speed: u32,
@@ -103,24 +101,6 @@ impl Progress {
     }
 }
 
-/// An SDO transfer to make.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Access {
-    /// Read 0x6061.
-    ReadMode,
-    /// Write an object.
-    Write(ConfigWrite),
-}
-
-impl Access {
-    fn object(&self) -> (u16, u8) {
-        match self {
-            Self::ReadMode => (0x6061, 0),
-            Self::Write(write) => (write.index, write.sub),
-        }
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     Idle,
@@ -128,11 +108,8 @@ enum State {
     Preparing {
         at: usize,
     },
-    /// The mode was set to homing; its display is looked at.
-    Entering {
-        look: Instant,
-        until: Instant,
-    },
+    /// The mode is being switched to homing.
+    Entering,
     /// Bit 4 is high. `before`: what the drive said then; `began`: it was seen moving.
     Running {
         before: Progress,
@@ -140,14 +117,9 @@ enum State {
         react: Instant,
         until: Instant,
     },
-    /// The old mode is set again, then its display looked at.
-    Restoring {
-        result: Result<(), HomingError>,
-    },
+    /// The old mode is being switched to.
     Leaving {
         result: Result<(), HomingError>,
-        look: Instant,
-        until: Instant,
     },
 }
 
@@ -155,7 +127,8 @@ enum State {
 pub struct Homing {
     config: HomingConfig,
     state: State,
-    /// A transfer to be made, and one under way.
+    switch: Switch,
+    /// A transfer of the preparation to be made, and whether one is under way.
     wanted: Option<Access>,
     pending: Option<Access>,
     statusword: u16,
@@ -166,7 +139,8 @@ impl Homing {
     /// Not begun.
     #[must_use]
     pub fn new(config: HomingConfig) -> Self {
-        Self { config, state: State::Idle, wanted: None, pending: None, statusword: 0, finished: None }
+        let switch = Switch::new(REACT_WITHIN);
+        Self { config, state: State::Idle, switch, wanted: None, pending: None, statusword: 0, finished: None }
     }
 
     /// Begins; the axis must be enabled. While it runs nothing happens.
@@ -186,27 +160,28 @@ impl Homing {
     /// Gives up: bit 4 falls and the old mode is restored, then the end is told.
     pub fn cancel(&mut self) {
         match self.state {
-            State::Idle | State::Restoring { .. } | State::Leaving { .. } => {}
+            State::Idle | State::Leaving { .. } => {}
             _ => self.restore(Err(HomingError::Cancelled)),
         }
     }
 
     /// The node is lost: ends at once and tells it.
     pub fn lost(&mut self) {
+        self.switch.lost();
+        self.pending = None;
         if self.is_running() {
             self.finish(Err(HomingError::Cancelled));
         }
     }
 
-    fn preparation(&self, at: usize) -> Option<ConfigWrite> {
+    fn preparation(&self, at: usize) -> Option<Access> {
         let config = &self.config;
         [
-            Some(ConfigWrite::new(0x6098, 0, config.method)),
-            Some(ConfigWrite::new(0x6099, 1, config.switch_speed)),
-            Some(ConfigWrite::new(0x6099, 2, config.zero_speed)),
-            config.acceleration.map(|value| ConfigWrite::new(0x609A, 0, value)),
-            config.offset.map(|value| ConfigWrite::new(0x607C, 0, value)),
-            Some(ConfigWrite::new(0x6060, 0, HOMING_MODE)),
+            Some(Access::write(0x6098, 0, config.method)),
+            Some(Access::write(0x6099, 1, config.switch_speed)),
+            Some(Access::write(0x6099, 2, config.zero_speed)),
+            config.acceleration.map(|value| Access::write(0x609A, 0, value)),
+            config.offset.map(|value| Access::write(0x607C, 0, value)),
         ]
         .into_iter()
         .flatten()
@@ -215,78 +190,68 @@ impl Homing {
 
     fn prepare(&mut self, at: usize) {
         self.state = State::Preparing { at };
-        self.wanted = self.preparation(at).map(Access::Write);
+        self.wanted = self.preparation(at);
+        if self.wanted.is_none() {
+            self.state = State::Entering;
+            self.switch.start(Mode::Homing);
+        }
     }
 
     fn restore(&mut self, result: Result<(), HomingError>) {
-        self.state = State::Restoring { result };
-        self.wanted = Some(Access::Write(ConfigWrite::new(0x6060, 0, self.config.mode_after)));
+        self.state = State::Leaving { result };
+        self.wanted = None;
+        self.switch.start_code(self.config.mode_after);
     }
 
     fn finish(&mut self, result: Result<(), HomingError>) {
         self.state = State::Idle;
         self.wanted = None;
-        self.pending = None;
         self.finished = Some(result);
     }
 
     /// A transfer to make now; tell its end by [`Self::handle_sdo`].
     pub fn poll_sdo(&mut self) -> Option<Access> {
-        if self.pending.is_some() {
+        if self.pending.is_some() || self.switch.is_busy() {
             return None;
         }
         self.pending = self.wanted.take();
-        self.pending.clone()
+        self.pending.clone().or_else(|| self.switch.poll_sdo())
     }
 
     /// The transfer that [`Self::poll_sdo`] gave has ended: what was read, nothing for a write.
     pub fn handle_sdo(&mut self, now: Instant, result: Result<Payload, sdo::Error>) {
-        let Some(access) = self.pending.take() else {
-            return;
-        };
-        let (index, sub) = access.object();
-        match (self.state, access, result) {
+        match (self.pending.take(), self.state, result) {
+            (Some(_), State::Preparing { at }, Ok(_)) => self.prepare(at + 1),
+            (Some(access), State::Preparing { .. }, Err(error)) => {
+                let (index, sub) = access.object();
+                self.restore(Err(HomingError::Sdo { index, sub, error }));
+            }
             // The state has moved on since it was asked for.
-            (_, _, _) if self.wanted.is_some() => {}
-            (State::Restoring { result: Ok(()) } | State::Leaving { result: Ok(()), .. }, _, Err(error)) => {
-                self.finish(Err(HomingError::Sdo { index, sub, error }));
-            }
-            (State::Restoring { result } | State::Leaving { result, .. }, _, Err(_)) => {
-                self.finish(result);
-            }
-            (State::Idle, ..) => {}
-            (_, _, Err(error)) => self.restore(Err(HomingError::Sdo { index, sub, error })),
-            (State::Preparing { at }, Access::Write(_), Ok(_)) => {
-                self.prepare(at + 1);
-                if self.wanted.is_none() {
-                    self.state = State::Entering { look: now, until: now + REACT_WITHIN };
-                }
-            }
-            (State::Restoring { result }, Access::Write(_), Ok(_)) => {
-                self.state = State::Leaving { result, look: now, until: now + REACT_WITHIN };
-            }
-            (State::Entering { until, .. }, Access::ReadMode, Ok(mode)) => {
-                self.entered(now, &mode, until);
-            }
-            (State::Leaving { result, until, .. }, Access::ReadMode, Ok(mode)) => {
-                if *mode == self.config.mode_after.to_le_bytes() {
-                    self.finish(result);
-                } else {
-                    self.state = State::Leaving { result, look: now + LOOK_EVERY, until };
-                }
-            }
-            _ => {}
+            (Some(_), ..) => {}
+            (None, _, result) => self.switch.handle_sdo(now, result),
         }
         self.handle_timeout(now);
     }
 
-    fn entered(&mut self, now: Instant, mode: &[u8], until: Instant) {
-        self.state = if *mode == HOMING_MODE.to_le_bytes() {
-            let before = Progress::decode(self.statusword);
-            State::Running { before, began: false, react: now + REACT_WITHIN, until: now + self.config.timeout }
-        } else {
-            State::Entering { look: now + LOOK_EVERY, until }
+    /// The mode is another one, or will not be.
+    fn switched(&mut self, now: Instant) {
+        let Some(switched) = self.switch.poll_finished() else {
+            return;
         };
+        let switched = switched.map_err(|error| match error {
+            SwitchError::Sdo { index, error } => HomingError::Sdo { index, sub: 0, error },
+            SwitchError::NotShown { .. } => HomingError::Mode,
+        });
+        match (self.state, switched) {
+            (State::Entering, Ok(())) => {
+                let before = Progress::decode(self.statusword);
+                let (react, until) = (now + REACT_WITHIN, now + self.config.timeout);
+                self.state = State::Running { before, began: false, react, until };
+            }
+            (State::Entering, Err(error)) => self.restore(Err(error)),
+            (State::Leaving { result }, switched) => self.finish(result.and(switched)),
+            (State::Idle | State::Preparing { .. } | State::Running { .. }, _) => {}
+        }
     }
 
     /// A statusword of the drive.
@@ -316,30 +281,19 @@ impl Homing {
     /// The bits to add to the controlword of the enabled axis.
     #[must_use]
     pub fn controlword_bits(&self) -> u16 {
-        if matches!(self.state, State::Running { .. }) { control::MODE_4 } else { 0 }
+        if matches!(self.state, State::Running { .. }) { control::START_HOMING } else { 0 }
     }
 
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
+        self.switch.handle_timeout(now);
+        self.switched(now);
         match self.state {
-            State::Entering { until, .. } if until <= now => self.restore(Err(HomingError::Mode)),
-            State::Leaving { result, until, .. } if until <= now => {
-                self.finish(result.and(Err(HomingError::Mode)));
-            }
-            State::Entering { look, .. } | State::Leaving { look, .. } if look <= now => {
-                self.look();
-            }
             State::Running { began: false, react, .. } if react <= now => {
                 self.restore(Err(HomingError::NotStarted));
             }
             State::Running { until, .. } if until <= now => self.restore(Err(HomingError::Timeout)),
             _ => {}
-        }
-    }
-
-    fn look(&mut self) {
-        if self.pending.is_none() {
-            self.wanted = Some(Access::ReadMode);
         }
     }
 
@@ -351,12 +305,9 @@ impl Homing {
     /// When to call [`Self::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        let busy = self.pending.is_some() || self.wanted.is_some();
         match self.state {
-            State::Idle | State::Preparing { .. } | State::Restoring { .. } => None,
-            State::Entering { look, until } | State::Leaving { look, until, .. } => {
-                Some(if busy { until } else { look.min(until) })
-            }
+            State::Idle | State::Preparing { .. } => None,
+            State::Entering | State::Leaving { .. } => self.switch.poll_timeout(),
             State::Running { began, react, until, .. } => Some(if began { until } else { react.min(until) }),
         }
     }
