@@ -1,5 +1,9 @@
 //! A node against literal frames; identifiers and bytes typed from CiA 301 v4.02 and maxon's documents.
 
+mod layer;
+mod pdos;
+mod supervision;
+
 use super::*;
 use crate::dictionary::{Access, DataType, Entry};
 use crate::drives::{epos, icla};
