@@ -11,8 +11,8 @@ pub(crate) use data_type::integer;
 pub use data_type::{DataType, ParseError};
 pub use entry::{Access, Entry};
 
-/// The longest text or domain a dictionary takes, in bytes.
-pub const MAX_BYTES: usize = 4096;
+/// The longest text or domain a dictionary takes, in bytes; a transfer may carry more.
+pub const MAX_BYTES: usize = 1 << 18;
 
 struct Slot {
     entry: Entry,

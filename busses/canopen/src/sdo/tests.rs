@@ -51,7 +51,7 @@ fn every_size_travels_both_ways() {
         assert!(client.read(NOW, 0x2F00, 0));
         assert_eq!(finish(&mut client, &mut server, &mut objects).as_deref(), Ok(&data[..]), "{len}");
     }
-    assert!(client.write(NOW, 0x2F00, 0, Payload::from(&[0; 5000][..])));
+    assert!(client.write(NOW, 0x2F00, 0, Payload::from(&std::vec![0; crate::dictionary::MAX_BYTES + 1][..])));
     assert_eq!(finish(&mut client, &mut server, &mut objects), Err(Error::Refused(Abort::TOO_LONG)));
 }
 
