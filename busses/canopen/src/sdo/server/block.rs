@@ -85,7 +85,8 @@ impl Server {
         let size = Some(data.len() as u32);
         let sender = Sender::new(now, self.timeout, data, blksize, crc);
         self.state = State::BlockUpload { started: false, sender };
-        Ok(Some(Response::BlockUpload { index, sub, crc: true, size }))
+        // Only to who has one too: python-canopen takes this alone for the promise of a CRC.
+        Ok(Some(Response::BlockUpload { index, sub, crc, size }))
     }
 
     /// The client is ready. It may say so twice.

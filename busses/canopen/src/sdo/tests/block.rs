@@ -461,7 +461,7 @@ fn without_a_word_about_crc_none_is_checked() {
         serves(b"text"),
         "
         > A0 00 2F 00 7F
-        < C6 00 2F 00 04
+        < C2 00 2F 00 04
         > A3
         < 81 74 65 78 74
         > A2 01 7F
