@@ -98,7 +98,8 @@ impl Canbus {
         let propulsion = Propulsion::new(&config);
         let steering = Steering::new(&config);
         let nodes = [propulsion.node_config(), steering.node_config()];
-        let master = MasterConfig { id: config.node_id, sync: config.sync, ..MasterConfig::default() };
+        let (id, bit_rate, sync) = (config.node_id, config.bitrate, config.sync);
+        let master = MasterConfig { id, bit_rate, sync, ..MasterConfig::default() };
         let master = Master::new(master, &nodes)?;
         Ok(Self {
             master,

@@ -110,3 +110,19 @@ fn two_nodes_that_answer_one_guarding_are_told() {
     ";
     check(&mut master(), &[GUARDED, twins].concat());
 }
+
+#[test]
+fn a_node_and_its_master_guard_each_other() {
+    let guarding = Guarding { period: Duration::from_millis(50), factor: 3 };
+    let config = NodeConfig { guarding: Some(guarding), ..NodeConfig::new(1, "a") };
+    let mut bus = one(MasterConfig::default(), config, epos::dictionary(1));
+    bus.run_to(500, is_booted(1));
+    bus.run(5000);
+    assert_eq!(told(&bus, 0), [Event::Booted { node: 1 }, Event::Ready]);
+    let died = bus.now;
+    bus.nodes[0].power_off();
+    let lost = bus.run_to(300, |event| *event == Event::Lost { node: 1, reason: LostReason::Guarding });
+    assert!(lost.since(died) <= Duration::from_millis(200), "{:?}", lost.since(died));
+    bus.nodes[0].power_on(bus.now);
+    bus.run_to(3000, is_booted(1));
+}
