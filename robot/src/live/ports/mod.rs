@@ -1,10 +1,13 @@
 //! Ports: devices that carry frames or words, opened calmly again and again, and never the end of a module.
 
+mod can_slcan;
 mod can_socket;
 mod can_udp;
 mod queue;
+mod restart;
 mod serial;
 
+pub use can_slcan::codec as can_slcan_codec;
 pub use can_udp::codec as can_udp_codec;
 pub use serial::{Driver, TerminalConfig};
 
@@ -30,6 +33,13 @@ pub enum PortConfig {
     CanUdp {
         /// Group and port.
         bus: SocketAddrV4,
+    },
+    /// A CAN adapter on a serial device that speaks the slcan protocol.
+    CanSlcan {
+        /// The device file: `/dev/ttyACM0`.
+        path: PathBuf,
+        /// bit/s: 10 000, 20 000, 50 000, 100 000, 125 000, 250 000, 500 000, 800 000 or 1 000 000.
+        bitrate: u32,
     },
     /// A CAN interface of the kernel.
     CanSocket {
@@ -143,6 +153,7 @@ impl Port {
             PortConfig::Pseudo { link, baud } => Box::new(serial::Serial::pseudo(link, baud)),
             PortConfig::Terminal(config) => Box::new(serial::Serial::terminal(config)),
             PortConfig::CanUdp { bus } => Box::new(can_udp::CanUdp::new(bus)),
+            PortConfig::CanSlcan { path, bitrate } => Box::new(can_slcan::CanSlcan::new(path, bitrate)),
             PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
         };
         let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };

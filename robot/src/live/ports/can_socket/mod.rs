@@ -6,6 +6,7 @@ mod link;
 mod tests;
 
 use super::queue::Queue;
+use super::restart::Restart;
 use super::{Device, Lost, Received};
 use crate::live::{clock, sys};
 use base::can::{BusState, Frame, Health, Notice};
@@ -25,8 +26,6 @@ use std::{fs, mem};
 
 /// So many bytes may wait in the kernel, if it allows: some thousand frames.
 const RECEIVE_BUFFER: usize = 1 << 20;
-/// A controller that is bus-off is restarted after so long, twice as long each time, and no later than the second.
-const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
 /// Errors on the wire are told this often at most, and so is that nobody acknowledges.
 const NEWS: Duration = Duration::from_millis(100);
 /// More than so many frames of others before one of ours are a matter of milliseconds.
@@ -74,15 +73,6 @@ enum Written {
     Never,
 }
 
-/// Restarting after bus-off, less and less soon.
-#[derive(Debug)]
-struct Restart {
-    /// When it is restarted; none while it is not off.
-    at: Option<Instant>,
-    back_off: Duration,
-    since: Instant,
-}
-
 impl CanSocket {
     /// A network interface, `can0`.
     pub fn new(interface: String) -> Self {
@@ -99,7 +89,7 @@ impl CanSocket {
             errors: 0,
             quiet: Instant::ZERO,
             queue: Queue::default(),
-            restart: Restart { at: None, back_off: BACK_OFF.0, since: Instant::ZERO },
+            restart: Restart::default(),
         }
     }
 
@@ -273,36 +263,6 @@ impl CanSocket {
                 self.news.push_back(News::Notice(Notice::NoAcknowledge));
             }
         }
-    }
-}
-
-impl Restart {
-    /// It is off.
-    fn off(&mut self, now: Instant) {
-        if now.since(self.since) > BACK_OFF.1 {
-            self.back_off = BACK_OFF.0;
-        }
-        self.at = Some(now + self.back_off);
-        self.back_off = (self.back_off * 2).min(BACK_OFF.1);
-    }
-
-    /// Whether it is time; the next time is later.
-    fn is_due(&mut self, now: Instant) -> bool {
-        let Some(at) = self.at else {
-            self.off(now);
-            return false;
-        };
-        let due = at <= now;
-        if due {
-            self.since = now;
-            self.off(now);
-        }
-        due
-    }
-
-    /// It is on the bus.
-    fn on(&mut self, now: Instant) {
-        (self.at, self.since) = (None, now);
     }
 }
 

@@ -117,28 +117,6 @@ fn a_frame_is_known_by_when_the_kernel_received_it() {
 }
 
 #[test]
-fn a_restart_is_tried_later_each_time_and_soon_again_after_peace() {
-    let mut restart = Restart { at: None, back_off: BACK_OFF.0, since: Instant::ZERO };
-    let (mut due, mut now) = (Vec::new(), Instant::from_millis(10_000));
-    restart.off(now);
-    let mut last = now;
-    while due.len() < 8 {
-        now = now + Duration::from_millis(1);
-        if restart.is_due(now) {
-            due.push(now.since(last).as_millis());
-            last = now;
-        }
-    }
-    assert_eq!(due, [100, 200, 400, 800, 1600, 3200, 5000, 5000]);
-    restart.on(now);
-    restart.off(now + Duration::from_secs(1));
-    assert!(!restart.is_due(now + Duration::from_secs(5)));
-    restart.on(now);
-    restart.off(now + Duration::from_secs(6));
-    assert!(restart.is_due(now + Duration::from_millis(6100)));
-}
-
-#[test]
 fn a_bit_rate_that_is_not_the_bus_s_is_one_clear_line_and_no_bit_rate_is_none() {
     let mut port = CanSocket::new("can0".into());
     port.expect(Line::Can { bitrate: 1_000_000 }, false);

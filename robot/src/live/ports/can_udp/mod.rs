@@ -5,12 +5,20 @@ pub mod codec;
 
 use super::{Device, Lost, Received};
 use crate::live::clock;
+use base::can::{Frame, Notice};
 use base::{Fault, Instant};
 use module::{Input, Output};
-use nix::sys::socket::{AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt};
-use std::io::{self, ErrorKind};
+use nix::cmsg_space;
+use nix::errno::Errno;
+use nix::sys::socket::{
+    AddressFamily, ControlMessageOwned, MsgFlags, SockFlag, SockType, SockaddrIn, bind, recvmsg, setsockopt, socket,
+    sockopt,
+};
+use nix::sys::time::TimeSpec;
+use std::io::{self, ErrorKind, IoSliceMut};
+use std::mem;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 
 /// A burst of so many bytes of datagrams may wait in the kernel, if it allows.
 const RECEIVE_BUFFER: usize = 1 << 20;
@@ -20,6 +28,14 @@ pub struct CanUdp {
     bus: SocketAddrV4,
     sockets: Option<Sockets>,
     datagram: Vec<u8>,
+    control: Vec<u8>,
+    /// The kernel's count of datagrams that found the receive buffer full, as the last one brought it, and how many of
+    /// them are not told yet: they are a fault of the host and news for the module.
+    dropped: u32,
+    untold: (u32, u32),
+    /// What came with such a count, and waits for it to be told.
+    next: Option<Result<Frame, String>>,
+    arrived: Option<Instant>,
 }
 
 struct Sockets {
@@ -32,7 +48,55 @@ struct Sockets {
 impl CanUdp {
     /// A bus at a multicast group and port.
     pub fn new(bus: SocketAddrV4) -> Self {
-        Self { bus, sockets: None, datagram: Vec::new() }
+        Self {
+            bus,
+            sockets: None,
+            datagram: Vec::new(),
+            control: cmsg_space!(u32, TimeSpec),
+            dropped: 0,
+            untold: (0, 0),
+            next: None,
+            arrived: None,
+        }
+    }
+
+    /// Reads until something came that is not one's own: a frame, or why it is none.
+    fn read(&mut self, now: Instant) -> Result<Option<Result<Frame, String>>, Lost> {
+        let Some(sockets) = &self.sockets else {
+            return Ok(None);
+        };
+        // One byte more than any good one, to tell those that were cut off.
+        let mut datagram = [0; codec::DATAGRAM_MAX + 1];
+        loop {
+            let mut parts = [IoSliceMut::new(&mut datagram)];
+            let fd = sockets.receiver.as_raw_fd();
+            let message = match recvmsg::<SockaddrIn>(fd, &mut parts, Some(&mut self.control), MsgFlags::empty()) {
+                Ok(message) => message,
+                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EINTR) => continue,
+                Err(errno) => return Err(errno.desc().into()),
+            };
+            for control in message.cmsgs().map_err(Errno::desc)? {
+                match control {
+                    ControlMessageOwned::RxqOvfl(count) => {
+                        let more = count.wrapping_sub(mem::replace(&mut self.dropped, count));
+                        self.untold = (self.untold.0.saturating_add(more), self.untold.1.saturating_add(more));
+                    }
+                    ControlMessageOwned::ScmTimestampns(time) => {
+                        let kernel_ns = time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64;
+                        self.arrived = Some(clock::received(now, kernel_ns));
+                    }
+                    _ => {}
+                }
+            }
+            let from = message.address.map(|from| SocketAddr::from(SocketAddrV4::from(from)));
+            let length = message.bytes;
+            if from != Some(sockets.own) {
+                let whom = from.map_or("nobody".into(), |from| from.to_string());
+                let refused = |why| format!("dropped a datagram from {whom} that is no frame: {why}");
+                return Ok(Some(codec::decode(&datagram[..length]).map_err(refused)));
+            }
+        }
     }
 }
 
@@ -44,8 +108,11 @@ impl Sockets {
         let receiver = socket(AddressFamily::Inet, SockType::Datagram, flags, None)?;
         setsockopt(&receiver, sockopt::ReuseAddr, &true)?;
         setsockopt(&receiver, sockopt::ReusePort, &true)?;
-        // What the kernel does not allow it cuts down.
-        setsockopt(&receiver, sockopt::RcvBuf, &RECEIVE_BUFFER)?;
+        // Privileged processes get what they ask for, the others what net.core.rmem_max allows.
+        setsockopt(&receiver, sockopt::RcvBufForce, &RECEIVE_BUFFER)
+            .or_else(|_| setsockopt(&receiver, sockopt::RcvBuf, &RECEIVE_BUFFER))?;
+        setsockopt(&receiver, sockopt::RxqOvfl, &1)?;
+        setsockopt(&receiver, sockopt::ReceiveTimestampns, &true)?;
         bind_to(&receiver, bus)?;
         let receiver = UdpSocket::from(receiver);
         // As LCM does: the interface of the default route, and the loopback.
@@ -83,38 +150,34 @@ impl Device for CanUdp {
     }
 
     fn close(&mut self) {
-        self.sockets = None;
+        (self.sockets, self.dropped, self.untold, self.next) = (None, 0, (0, 0), None);
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
         self.sockets.as_ref().map(|sockets| sockets.receiver.as_fd())
     }
 
-    fn receive(&mut self, _now: Instant) -> Result<Received<'_>, Lost> {
-        let Some(sockets) = &self.sockets else {
-            return Ok(Received::Nothing);
-        };
-        // One byte more than any good one, to tell those that were cut off.
-        let mut datagram = [0; codec::DATAGRAM_MAX + 1];
-        loop {
-            match sockets.receiver.recv_from(&mut datagram) {
-                Ok((_, from)) if from == sockets.own => {}
-                Ok((length, from)) => {
-                    return Ok(match codec::decode(&datagram[..length]) {
-                        Ok(frame) => Received::Input(Input::Can(frame)),
-                        Err(why) => Received::Fault(
-                            Fault::MessageMalformed,
-                            format!("dropped a datagram from {from} that is no frame: {why}"),
-                        ),
-                    });
-                }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    return Ok(Received::Nothing);
-                }
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error.to_string()),
+    fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
+        if self.next.is_none() {
+            self.next = self.read(now)?;
+        }
+        match &mut self.untold {
+            (0, 0) => {}
+            (0, news) => return Ok(Received::Input(Input::CanNotice(Notice::Lost(mem::take(news))))),
+            (fault, _) => {
+                let what = format!("the receive buffer ran over: {} frames are lost", mem::take(fault));
+                return Ok(Received::Fault(Fault::PortOverrun, what));
             }
         }
+        Ok(match self.next.take() {
+            None => Received::Nothing,
+            Some(Ok(frame)) => Received::Input(Input::Can(frame)),
+            Some(Err(why)) => Received::Fault(Fault::MessageMalformed, why),
+        })
+    }
+
+    fn arrived(&self) -> Option<Instant> {
+        self.arrived
     }
 
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
@@ -129,5 +192,45 @@ impl Device for CanUdp {
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(false),
             Err(error) => Err(error.to_string()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn datagrams_that_found_the_buffer_full_are_counted() {
+        let port = 20_000 + (std::process::id() % 20_000) as u16;
+        let bus = SocketAddrV4::new(Ipv4Addr::new(239, 68, 77, 78), port);
+        let [mut left, mut right] = [(); 2].map(|()| CanUdp::new(bus));
+        left.open().unwrap();
+        right.open().unwrap();
+        setsockopt(&right.sockets.as_ref().unwrap().receiver, sockopt::RcvBuf, &0).unwrap();
+        let send = |left: &mut CanUdp, n: u16| {
+            let frame = Output::Can(Frame::standard(n, &[1]));
+            assert_eq!(left.send(Instant::ZERO, &frame), Ok(true));
+        };
+        for n in 0..200 {
+            send(&mut left, n);
+        }
+        let (mut got, mut lost, mut told) = (0, Vec::new(), 0);
+        let mut drain = |right: &mut CanUdp| loop {
+            match right.receive(clock::now()).unwrap() {
+                Received::Input(Input::Can(_)) => got += 1,
+                Received::Input(Input::CanNotice(Notice::Lost(count))) => told += count,
+                Received::Fault(Fault::PortOverrun, why) => lost.push(why),
+                Received::Nothing => break,
+                _ => panic!(),
+            }
+        };
+        drain(&mut right);
+        // Those lost since the last one that came are told with the next.
+        send(&mut left, 200);
+        drain(&mut right);
+        assert!(got < 201 && got + told == 201, "{got} {told}");
+        assert_eq!(lost, [format!("the receive buffer ran over: {told} frames are lost")]);
+        // One's own come back and are nobody's.
+        assert!(matches!(left.receive(clock::now()), Ok(Received::Nothing)));
     }
 }
