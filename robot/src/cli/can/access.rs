@@ -83,24 +83,28 @@ impl Access {
         self.held.as_ref()?.holder.module.as_deref()
     }
 
-    /// The NMT state that a node's heartbeat told last since this was opened.
-    pub fn state(&mut self, node: u8) -> Result<Option<NmtState>, Failed> {
-        match &mut self.way {
-            Way::Direct(direct) => Ok(direct.states.get(&node).copied()),
-            Way::Through(through) => {
-                let Through { ear: Some(ear), states, .. } = through.as_mut() else {
-                    return Ok(None);
-                };
-                loop {
-                    match ear.receive(clock::now())? {
-                        Heard::Frame(frame) => note_state(states, &frame),
-                        Heard::Nothing => break,
-                        Heard::Notice(_) | Heard::Note(_) => {}
+    /// What heartbeats have told since this was opened; listens for `within` until all of `nodes` were heard.
+    pub fn states(&mut self, nodes: &[u8], within: Duration) -> Result<&BTreeMap<u8, NmtState>, Failed> {
+        let (link, states) = match &mut self.way {
+            Way::Direct(direct) => (Some(&mut direct.link), &mut direct.states),
+            Way::Through(through) => (through.ear.as_mut(), &mut through.states),
+        };
+        let until = clock::now() + within;
+        if let Some(link) = link {
+            loop {
+                match link.receive(clock::now())? {
+                    Heard::Frame(frame) => note_state(states, &frame),
+                    Heard::Notice(_) | Heard::Note(_) => {}
+                    Heard::Nothing => {
+                        let heard = nodes.iter().all(|node| states.contains_key(node));
+                        if heard || clock::now() >= until || link.wait(until)? {
+                            break;
+                        }
                     }
                 }
-                Ok(states.get(&node).copied())
             }
         }
+        Ok(states)
     }
 
     /// Begins an access; one at a time for each node.

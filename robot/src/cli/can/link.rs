@@ -2,9 +2,10 @@
 
 use super::target::Target;
 use crate::cli::Failed;
+use crate::cli::holder::holder;
 use crate::cli::port::OpenPort;
 use crate::live::clock;
-use crate::live::ports::Received;
+use crate::live::ports::{PortConfig, Received};
 use base::can::{Frame, Notice};
 use base::{Duration, Instant};
 use module::{Input, Output};
@@ -33,8 +34,13 @@ pub struct Link {
 const NO_ROOM: Duration = Duration::from_micros(500);
 
 impl Link {
-    /// Opens the bus.
+    /// Opens the bus. Of the ways to one only a serial device is for one process at a time.
     pub fn open(target: &Target) -> Result<Self, Failed> {
+        if let PortConfig::CanSlcan { path, .. } = &target.port
+            && let Some(holder) = holder(path)
+        {
+            return Err(format!("{} is held by {}", target.name, holder.text()).into());
+        }
         Ok(Self { open: OpenPort::open(&target.name, target.port.clone())?, waiting: None })
     }
 

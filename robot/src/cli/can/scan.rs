@@ -36,9 +36,13 @@ pub struct Scan {
 const OBJECTS: [(u16, u8); 8] =
     [(0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4), (0x1008, 0), (0x1009, 0), (0x100A, 0)];
 const NUMBERS: usize = 5;
-/// A node that does not answer is asked again; a module that has no room for a question too.
+/// A node that does not answer is asked again; a module that has no room for a question, too.
 const TRIES: u32 = 2;
+/// A module waits longer for an answer.
+const TRIES_THROUGH: u32 = 1;
 const TRIES_BUSY: u32 = 100;
+/// Heartbeats of those who were found are waited for.
+const HEARTBEATS: Duration = Duration::from_millis(300);
 
 /// A node that is being asked.
 #[derive(Default)]
@@ -59,9 +63,9 @@ pub fn scan(common: &Common, command: &Scan) -> Outcome {
     let ids = (command.from..=command.to).filter(|node| Some(*node) != itself);
     let (rows, interrupted) = ask(&mut access, ids.collect())?;
     let mut found: BTreeMap<u8, Row> = rows.into_iter().filter(|(_, row)| row.took.is_some()).collect();
-    for (node, row) in &mut found {
-        row.state = access.state(*node)?;
-    }
+    let nodes: Vec<u8> = found.keys().copied().collect();
+    let states = access.states(&nodes, if interrupted { Duration::ZERO } else { HEARTBEATS })?;
+    found.iter_mut().for_each(|(node, row)| row.state = states.get(node).copied());
     let answered = found.len();
     let range = command.from..=command.to;
     for known in target.known.iter().filter(|known| range.contains(&known.id)) {
@@ -108,8 +112,9 @@ fn ask(access: &mut Access, mut waiting: VecDeque<u8>) -> Result<(BTreeMap<u8, R
             return Ok((rows, true));
         };
         asked -= 1;
+        let tries = if access.held.is_some() { TRIES_THROUGH } else { TRIES };
         let row = rows.entry(node).or_default();
-        if row.take(result, took) {
+        if row.take(result, took, tries) {
             // Who was found is asked on before anybody else.
             waiting.push_front(node);
         }
@@ -118,13 +123,13 @@ fn ask(access: &mut Access, mut waiting: VecDeque<u8>) -> Result<(BTreeMap<u8, R
 }
 
 impl Row {
-    /// Takes an answer; whether there is more to be asked.
-    fn take(&mut self, result: Result<Vec<u8>, Error>, took: Duration) -> bool {
+    /// Takes an answer, of which `tries` may be missing; whether there is more to be asked.
+    fn take(&mut self, result: Result<Vec<u8>, Error>, took: Duration, tries: u32) -> bool {
         self.tries += 1;
         let said = match result {
             Ok(data) => Some(data),
             Err(Error::Refused(Abort::OUT_OF_MEMORY)) if self.tries < TRIES_BUSY => return true,
-            Err(Error::Timeout | Error::Cancelled) if self.tries < TRIES => return true,
+            Err(Error::Timeout | Error::Cancelled) if self.tries < tries => return true,
             // Nobody there, or not any more.
             Err(Error::Timeout | Error::Cancelled) => return false,
             Err(_) => None,

@@ -106,7 +106,7 @@ fn read(common: &Common, ReadObject { of, data_type }: &ReadObject) -> Outcome {
     let data_type = data_type.or_else(|| asked.data_type());
     let shown = value::show(asked.object.0, data_type, &data);
     let more = json!({"value": shown.json, "text": shown.text, "data": data});
-    asked.say(&format!("= {}", shown.text), took, more)
+    asked.say(&format!(" = {}", shown.text), took, more)
 }
 
 fn write(common: &Common, WriteObject { of, value, data_type }: &WriteObject) -> Outcome {
@@ -116,7 +116,7 @@ fn write(common: &Common, WriteObject { of, value, data_type }: &WriteObject) ->
     let (_, took) = asked.run(Some(data.clone()), false)?;
     let shown = value::show(asked.object.0, data_type, &data);
     let more = json!({"value": shown.json, "text": shown.text, "data": data});
-    asked.say(&format!("= {}, written", shown.text), took, more)
+    asked.say(&format!(" = {}, written", shown.text), took, more)
 }
 
 fn upload(common: &Common, Upload { of, file, block }: &Upload) -> Outcome {
@@ -204,7 +204,7 @@ impl<'a> Asked<'a> {
     fn say(&self, what: &str, took: Duration, mut more: Value) -> Outcome {
         if !self.of.json {
             let through = self.access.through().map(|module| format!(", through {module}")).unwrap_or_default();
-            print(format!("{} {what} ({:.2} ms{through})", self.title(), took.as_secs_f64() * 1e3))?;
+            print(format!("{}{what} ({:.2} ms{through})", self.title(), took.as_secs_f64() * 1e3))?;
             return Ok(ExitCode::SUCCESS);
         }
         let (index, sub) = self.object;
@@ -217,7 +217,7 @@ impl<'a> Asked<'a> {
 
     fn say_moved(&self, data: &[u8], took: Duration, how: &str, file: &Path) -> Outcome {
         let rate = data.len() as f64 / took.as_secs_f64().max(1e-9) / 1e3;
-        let what = format!("{} bytes {how} {}, {rate:.1} kB/s", data.len(), file.display());
+        let what = format!(": {} bytes {how} {}, {rate:.1} kB/s", data.len(), file.display());
         self.say(&what, took, json!({"len": data.len(), "file": file.display().to_string()}))
     }
 }

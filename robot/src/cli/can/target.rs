@@ -6,7 +6,8 @@ use crate::config::{CanBus, CanDriver, CanInterface, SIMULATOR};
 use crate::live::ports::PortConfig;
 use crate::topology::{self, Place};
 use module::State;
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 /// How a bus is named; what all commands take.
 #[derive(clap::Args)]
@@ -16,15 +17,27 @@ pub struct Where {
     bus: Option<String>,
     /// can0, slcan:DEVICE or udp:GROUP:PORT, in place of --bus
     #[arg(long, value_name = "IFACE", value_parser = interface)]
-    interface: Option<CanInterface>,
+    interface: Option<Interface>,
     /// bit/s of --interface
     #[arg(long, value_name = "BD", requires = "interface", default_value = "500000",
           value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
     bitrate: u32,
 }
 
-fn interface(text: &str) -> Result<CanInterface, String> {
-    CanInterface::parse(text).ok_or_else(|| "expected can0, slcan:DEVICE or udp:GROUP:PORT".into())
+/// What `--interface` takes.
+#[derive(Clone, Debug)]
+enum Interface {
+    /// As in `robot.toml`.
+    Configurable(CanInterface),
+    /// An adapter on a serial device.
+    Slcan(PathBuf),
+}
+
+fn interface(text: &str) -> Result<Interface, String> {
+    let slcan = text.strip_prefix("slcan:").filter(|path| !path.is_empty());
+    let adapter = slcan.map(|path| Interface::Slcan(path.into()));
+    let found = adapter.or_else(|| CanInterface::parse(text).map(Interface::Configurable));
+    found.ok_or_else(|| "expected can0, slcan:DEVICE or udp:GROUP:PORT".into())
 }
 
 /// A node that is configured.
@@ -83,12 +96,16 @@ impl Where {
     }
 
     /// An interface may be one of the robot's: then its nodes are known, too.
-    fn find_interface(&self, common: &Common, interface: &CanInterface) -> Result<Target, Failed> {
-        let port = topology::can_port(&common.place(false), interface)?;
-        let name = match &port {
-            PortConfig::CanSocket { interface } => interface.clone(),
-            PortConfig::CanUdp { bus } => format!("udp:{bus}"),
-            other => format!("{other:?}"),
+    fn find_interface(&self, common: &Common, interface: &Interface) -> Result<Target, Failed> {
+        let port = match interface {
+            Interface::Configurable(interface) => topology::can_port(&common.place(false), interface)?,
+            Interface::Slcan(path) => PortConfig::CanSlcan { path: path.clone(), bitrate: self.bitrate },
+        };
+        let name = match (interface, &port) {
+            (Interface::Configurable(CanInterface::Socket(interface)), _) => interface.clone(),
+            (Interface::Slcan(path), _) => format!("slcan:{}", path.display()),
+            (_, PortConfig::CanUdp { bus }) => format!("udp:{bus}"),
+            (interface, _) => format!("{interface:?}"),
         };
         // The simulated one's, too, before it runs.
         let configured = [true, false].into_iter().find_map(|sim| {
@@ -179,6 +196,10 @@ fn is_same(one: &PortConfig, other: &PortConfig) -> bool {
         (PortConfig::CanSocket { interface: one }, PortConfig::CanSocket { interface: other }) => one == other,
         // What keeps them apart is the port.
         (PortConfig::CanUdp { bus: one }, PortConfig::CanUdp { bus: other }) => one.port() == other.port(),
+        (PortConfig::CanSlcan { path: one, .. }, PortConfig::CanSlcan { path: other, .. }) => {
+            let device = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.into());
+            device(one) == device(other)
+        }
         _ => false,
     }
 }
