@@ -178,7 +178,9 @@ impl Master {
     /// Idle.
     #[must_use]
     pub fn new(timing: Timing) -> Self {
-        let timing = Timing { attempts: timing.attempts.clamp(1, 8), ..timing };
+        let Timing { answer, scan, gap, attempts } = timing;
+        let [answer, scan, gap] = [answer, scan, gap].map(|wait| wait.max(Duration::from_micros(1)));
+        let timing = Timing { answer, scan, gap, attempts: attempts.clamp(1, 8) };
         Self { timing, run: None, tx: Queue::new(), events: Queue::new() }
     }
 
@@ -253,7 +255,10 @@ impl Master {
         if frame.id() != Id::Standard(Service::LssResponse.cob_id()) {
             return;
         }
-        let (Some(response), Some(mut run)) = (Response::decode(frame.data()), self.run.take()) else {
+        let Some(response) = Response::decode(frame.data()) else {
+            return;
+        };
+        let Some(mut run) = self.run.take() else {
             return;
         };
         let confirm = match (run.request, response) {
@@ -321,14 +326,17 @@ impl Master {
                     self.go_on(now, run);
                 }
             },
-            Wait::Delay if run.heard => {
-                self.events.push(Event::Done(run.command));
-            }
             // Half of it is over; `heard` tells the halves apart, as nothing is answered.
             Wait::Delay => {
-                self.events.push(Event::SwitchNow);
-                (run.until, run.heard) = (run.until + delay(run.command), true);
-                self.run = Some(run);
+                if !run.heard {
+                    self.events.push(Event::SwitchNow);
+                    (run.until, run.heard) = (run.until + delay(run.command), true);
+                }
+                if run.until <= now {
+                    self.events.push(Event::Done(run.command));
+                } else {
+                    self.run = Some(run);
+                }
             }
         }
     }

@@ -454,6 +454,8 @@ fn a_slave_is_chosen_asked_configured_and_kept() {
     let before = wire.now;
     assert_eq!(wire.run(activate), [Event::SwitchNow, Event::Done(activate)]);
     assert_eq!(wire.now.since(before), Duration::from_millis(200));
+    let at_once = Command::Activate { delay_ms: 0 };
+    assert_eq!(wire.run(at_once), [Event::SwitchNow, Event::Done(at_once)]);
     let waiting = Command::SwitchGlobal(Mode::Waiting);
     assert_eq!(wire.run(waiting), done(waiting));
     assert_eq!([wire.slaves[0].node_id(), wire.slaves[1].node_id()], [None, Some(7)]);
@@ -495,7 +497,11 @@ fn the_master_takes_one_command_at_a_time_and_no_wrong_node_id() {
     assert_eq!(master.start(now, Command::Store), Err(StartError::Busy));
     master.cancel();
     assert_eq!((master.poll_tx(), master.start(now, Command::InquireNodeId)), (None, Ok(())));
-    // An answer to something else is none.
+    // Neither is an answer to something else one, nor what is no answer at all.
+    for data in [&[][..], &[0xFF; 8], &[0x5E, 5], &[0x5A, 1, 2, 3, 4, 0, 0, 0]] {
+        master.handle_rx(now, &Frame::standard(0x7E4, data));
+        master.handle_rx(now, &Frame::standard_remote(0x7E4, 8));
+    }
     master.handle_rx(now, &Response::Stored(Confirm::default()).frame());
     assert_eq!((master.poll_event(), master.is_idle()), (None, false));
 }
