@@ -2,6 +2,7 @@
 
 mod data_type;
 mod entry;
+mod time;
 
 use crate::{Abort, Payload};
 use alloc::vec::Vec;

@@ -5,13 +5,14 @@
 //! cannot be understood without a guess is an [`Error`] with its line. A file is hostile input: it is bounded in size
 //! and in objects, and read in one pass.
 //!
-//! Read `ini` first for the lines, then `build` for what they mean.
+//! Read `ini` first for the lines, then `fields` and `build` for what they mean.
 
 mod agrees;
 mod build;
 mod concise;
 mod configuration;
 mod device;
+mod fields;
 mod ini;
 mod names;
 mod number;

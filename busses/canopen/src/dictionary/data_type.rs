@@ -1,7 +1,7 @@
 //! The data types of CiA 301, Table 44: their codes and widths, and their values as text.
 
+use super::time;
 use crate::Payload;
-use crate::wire::TimeOfDay;
 use alloc::borrow::Cow;
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -197,7 +197,7 @@ impl DataType {
             Self::Bool if text.eq_ignore_ascii_case("true") => Ok(Payload::from(1_u8)),
             Self::Bool if text.eq_ignore_ascii_case("false") => Ok(Payload::from(0_u8)),
             Self::TimeOfDay | Self::TimeDifference if !is_hex(text) => {
-                parse_time(text, self == Self::TimeOfDay).ok_or(ParseError::NotATime)
+                time::parse(text, self == Self::TimeOfDay).ok_or(ParseError::NotATime)
             }
             Self::F32 if !is_hex(text) => real(text, f32::is_finite).map(Payload::from),
             Self::F64 if !is_hex(text) => real(text, f64::is_finite).map(Payload::from),
@@ -232,7 +232,7 @@ impl DataType {
             _ if !fits => show_bytes(&mut out, data),
             Self::F32 => write!(out, "{:?}", f32::from_bits(raw as u32)),
             Self::F64 => write!(out, "{:?}", f64::from_bits(raw as u64)),
-            Self::TimeOfDay | Self::TimeDifference => show_time(&mut out, raw, self == Self::TimeOfDay),
+            Self::TimeOfDay | Self::TimeDifference => time::show(&mut out, raw, self == Self::TimeOfDay),
             Self::U64 => write!(out, "{}", raw as u64),
             Self::Bool => write!(out, "{raw}"),
             _ => write!(out, "{}", self.wrap(raw)),
@@ -258,7 +258,7 @@ pub(crate) fn integer(text: &str) -> Option<i128> {
 }
 
 /// Digits only: `from_str_radix` would take a second sign.
-fn magnitude(digits: &str, radix: u32) -> Option<i128> {
+pub(super) fn magnitude(digits: &str, radix: u32) -> Option<i128> {
     let good = digits.chars().all(|digit| digit.is_digit(radix));
     good.then(|| u64::from_str_radix(digits, radix).ok()).flatten().map(i128::from)
 }
@@ -292,65 +292,6 @@ fn show_text(out: &mut String, text: &str) -> core::fmt::Result {
         if c.is_control() { write!(out, "{}", c.escape_default())? } else { out.push(c) }
     }
     Ok(())
-}
-
-const DAY_MS: u32 = 86_400_000;
-
-/// Both types: 28 bits of milliseconds, 4 reserved, 16 bits of days.
-fn show_time(out: &mut String, raw: i64, of_day: bool) -> core::fmt::Result {
-    let (millis, days) = ((raw & 0x0FFF_FFFF) as u32, (raw >> 32 & 0xFFFF) as u32);
-    if of_day {
-        let (year, month, day) = date(days);
-        write!(out, "{year:04}-{month:02}-{day:02} ")?;
-    } else {
-        write!(out, "{days}d ")?;
-    }
-    let (seconds, millis) = (millis / 1000, millis % 1000);
-    write!(out, "{:02}:{:02}:{:02}.{millis:03}", seconds / 3600, seconds / 60 % 60, seconds % 60)
-}
-
-fn parse_time(text: &str, of_day: bool) -> Option<Payload> {
-    let (days, clock) = text.split_once([' ', 'T'])?;
-    let number = |text: &str| magnitude(text, 10).and_then(|value| u32::try_from(value).ok());
-    let days = if of_day {
-        let mut parts = days.splitn(3, '-').map(number);
-        let (year, month, day) = (parts.next()??, parts.next()??, parts.next()??);
-        // 65536 days: the search is short, and knows the calendar in one direction only.
-        let guess = year.checked_sub(1984)?.checked_mul(365)?;
-        (guess..guess.saturating_add(500)).find(|days| date(*days) == (year, month, day))?
-    } else {
-        number(days.strip_suffix('d')?)?
-    };
-    let days = u16::try_from(days).ok()?;
-    let mut parts = clock.trim().splitn(3, ':');
-    let (hours, minutes, seconds) = (number(parts.next()?)?, number(parts.next()?)?, parts.next()?);
-    let (seconds, millis) = seconds.split_once('.').unwrap_or((seconds, "0"));
-    let scale = [100, 10, 1].get(millis.len().checked_sub(1)?)?;
-    let (seconds, millis) = (number(seconds)?, number(millis)? * scale);
-    let valid = hours < 24 && minutes < 60 && seconds < 60;
-    let millis = (hours.min(24) * 3600 + minutes.min(60) * 60 + seconds.min(60)) * 1000 + millis;
-    let time = TimeOfDay { millis: millis % DAY_MS, days };
-    valid.then(|| time.encode().as_slice().into())
-}
-
-/// Year, month and day, `days` after 1984-01-01.
-fn date(days: u32) -> (u32, u32, u32) {
-    let leap = |year: u32| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
-    let (mut year, mut rest) = (1984, days);
-    loop {
-        let length = 365 + u32::from(leap(year));
-        if rest < length {
-            break;
-        }
-        (year, rest) = (year + 1, rest - length);
-    }
-    let lengths = [31, 28 + u32::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
-    let mut month = 0;
-    while rest >= lengths[month] {
-        rest -= lengths[month];
-        month += 1;
-    }
-    (year, month as u32 + 1, rest + 1)
 }
 
 #[cfg(test)]

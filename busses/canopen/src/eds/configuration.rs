@@ -6,9 +6,11 @@ use crate::master::ConfigWrite;
 use crate::pdo::{INVALID, MAX_ENTRIES};
 use alloc::vec::Vec;
 
-/// Commands, not settings: the history of errors, store, restore, program control, and the controlword of a drive,
-/// which a configuration tool that read them from a running device leaves in the file.
-const COMMANDS: [u16; 5] = [0x1003, 0x1010, 0x1011, 0x1F51, 0x6040];
+/// Commands, not settings: the history of errors, store, restore, program control, and the controlwords of the axes of
+/// a drive, which a configuration tool that read them from a running device leaves in the file.
+const fn is_command(index: u16) -> bool {
+    matches!(index, 0x1003 | 0x1010 | 0x1011 | 0x1F51) || matches!(index, 0x6000..=0x9FFF) && index & 0x07FF == 0x0040
+}
 
 const fn is_record(index: u16) -> bool {
     matches!(index, 0x1400..=0x15FF | 0x1800..=0x19FF)
@@ -26,7 +28,7 @@ fn value(object: &Object, node: u8) -> Option<Payload> {
 /// Its ParameterValue, where that is to be written and is another one than the default.
 fn change(object: &Object, node: u8) -> Option<Payload> {
     let wanted = object.parameter.as_ref()?.data(node);
-    let writable = object.access.writes() && !object.refuses_write && !COMMANDS.contains(&object.index);
+    let writable = object.access.writes() && !object.refuses_write && !is_command(object.index);
     let differs = object.default.as_ref().is_none_or(|default| default.data(node) != wanted);
     (writable && differs).then_some(wanted)
 }
@@ -41,7 +43,7 @@ impl Eds {
     /// What turns a new device with this node id into the one that the DCF describes: each ParameterValue that is not
     /// the DefaultValue, ascending, where it may be written. A PDO of which anything differs is remapped by the
     /// procedure of CiA 301, 9.5.4, at the place of its communication record. Commands are left out: 0x1003, 0x1010,
-    /// 0x1011, 0x1F51, and the controlword. Empty for an EDS. A DCF is of one device: `node` is the one of
+    /// 0x1011, 0x1F51, and controlwords. Empty for an EDS. A DCF is of one device: `node` is the one of
     /// [`Commissioning`](super::Commissioning), since a ParameterValue may contain it without saying so.
     #[must_use]
     pub fn configuration(&self, node: u8) -> Vec<ConfigWrite> {

@@ -1,6 +1,6 @@
 //! What a file says of the device itself.
 
-use super::build::Notes;
+use super::fields::Notes;
 use super::ini::{Ini, Line};
 use super::number::number;
 use alloc::string::String;
