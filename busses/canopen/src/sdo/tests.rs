@@ -95,6 +95,11 @@ fn the_server_aborts_with_the_codes_of_the_standard() {
         ([0x21, 0x00, 0x2F, 0, 9, 0, 0, 0], Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0])),
         ([0x01, 1, 2, 3, 4, 5, 6, 7], Some([0x80, 0x00, 0x2F, 0, 0x13, 0, 0x07, 0x06])),
     ]);
+    // No data, and more to follow.
+    serve(&[
+        ([0x20, 0x00, 0x2F, 0, 0, 0, 0, 0], Some([0x60, 0x00, 0x2F, 0, 0, 0, 0, 0])),
+        ([0x0E, 1, 2, 3, 4, 5, 6, 7], Some([0x80, 0x00, 0x2F, 0, 0x13, 0, 0x07, 0x06])),
+    ]);
     // Block transfer that is not spoken, a reserved specifier, an abort (not answered), a write that does not say its size.
     serve(&[
         ([0xC6, 0x00, 0x2F, 0, 5, 0, 0, 0], Some([0x80, 0x00, 0x2F, 0, 0x01, 0, 0x04, 0x05])),
@@ -105,6 +110,22 @@ fn the_server_aborts_with_the_codes_of_the_standard() {
         ([0x2F, 0x01, 0x2F, 0, 0x34, 0, 0, 0], Some([0x80, 0x01, 0x2F, 0, 0x13, 0, 0x07, 0x06])),
         ([0x23, 0x01, 0x2F, 0, 0x34, 0, 0, 0], Some([0x80, 0x01, 0x2F, 0, 0x12, 0, 0x07, 0x06])),
     ]);
+}
+
+#[test]
+fn who_does_not_say_the_size_is_aborted_when_there_is_no_room_for_more() {
+    let too_long = Some([0x80, 0x00, 0x2F, 0, 0x12, 0, 0x07, 0x06]);
+    let most = crate::dictionary::MAX_BYTES / 7;
+    for (begin, first) in [([0x20, 0x00, 0x2F, 0, 0, 0, 0, 0], 0x00), ([0xC0, 0x00, 0x2F, 0, 0, 0, 0, 0], 0x01)] {
+        let (mut server, mut objects) = (Server::new(TIMEOUT), objects());
+        server.handle_rx(NOW, &begin, &mut objects);
+        let mut send = |at: usize| {
+            let command = if first == 0 { (at as u8 & 1) << 4 } else { (at % 127) as u8 + 1 };
+            server.handle_rx(NOW, &[command, 1, 2, 3, 4, 5, 6, 7], &mut objects)
+        };
+        assert!((0..most).all(|at| send(at).is_none_or(|answer| answer[0] != 0x80)));
+        assert_eq!(send(most), too_long);
+    }
 }
 
 #[test]
@@ -144,6 +165,7 @@ fn the_client_aborts_what_answers_nonsense() {
         (&[begin(10), [0x10, 1, 2, 3, 4, 5, 6, 7]][..], Abort::TOGGLE),
         (&[begin(3), [0x01, 1, 2, 3, 4, 5, 6, 7]], Abort::TOO_LONG),
         (&[begin(10), [0x01, 1, 2, 3, 4, 5, 6, 7]], Abort::TOO_SHORT),
+        (&[begin(10), [0x0E, 1, 2, 3, 4, 5, 6, 7]], Abort::TOO_SHORT),
         (&[[0x41, 0x00, 0x2F, 0, 1, 0, 0x10, 0]], Abort::OUT_OF_MEMORY),
         (&[[0xE2, 0x00, 0x2F, 0, 9, 0, 0, 0]], Abort::UNKNOWN_COMMAND),
     ] {

@@ -23,7 +23,7 @@ impl Server {
         let (blksize, (index, sub)) = (self.block_size()?, self.object);
         objects.check_write(index, sub, size.map(|size| size as usize))?;
         self.state = State::BlockDownload(Receiver::new(now, self.timeout, (size, blksize, crc), frame)?);
-        Ok(Some(Response::BlockDownload { index, sub, crc: true, blksize }))
+        Ok(Some(Response::BlockDownload { index, sub, crc, blksize }))
     }
 
     /// Any frame while the client writes: a segment, unless it can be none.

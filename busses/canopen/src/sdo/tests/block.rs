@@ -448,7 +448,7 @@ fn without_a_word_about_crc_none_is_checked() {
         serves(b""),
         "
         > C0 00 2F 00                         # nor about the size
-        < A4 00 2F 00 7F
+        < A0 00 2F 00 7F
         > 01 41 20 74 65 78 74 2C
         > 82 20 6D 6F 72 65
         < A2 02 7F
@@ -559,7 +559,8 @@ fn the_client_aborts_what_breaks_the_rules_of_blocks() {
     let refused = both(&[hex("80 00 2F 00 24 00 00 08")]);
     assert_eq!(ends(reads(), &refused), (Some(hex("A2 02 7F")), Some(Error::Refused(Abort::NO_DATA))));
     // Another object's abort is nobody's segment, and what is no end is not taken for one.
-    let others = both(&[hex("80 01 2F 00 24 00 00 08"), hex("01"), hex("A1"), hex("82 68"), [0xE0; 8]]);
+    let other = hex("80 01 2F 00 24 00 00 08");
+    let others = [read, other, segments[1], other, segments[2], other, hex("01"), hex("A1"), hex("82 68"), [0xE0; 8]];
     assert_eq!(ends(reads(), &others), (Some(hex("A2 02 7F")), None));
 }
 
@@ -608,4 +609,14 @@ fn a_last_segment_that_looks_like_the_end_is_told_from_it() {
         node.hears(BEGUN, hex("C1"));
         assert_eq!(node.store.writes, written);
     }
+    // Another 65th segment comes twice: as an end it would be a wrong one.
+    let mut node = serves(b"");
+    node.hears(BEGUN, hex("C6 00 2F 00 C7 01"));
+    for number in 1..=64 {
+        node.hears(BEGUN, [number, 0, 0, 0, 0, 0, 0, 0]);
+    }
+    let last = hex("C1 00 00 00 00 00 00 01");
+    assert_eq!([node.hears(BEGUN, last), node.hears(BEGUN, last)], [Some(hex("A2 41 7F")), None]);
+    assert_eq!(node.hears(BEGUN, hex("C1 21 10")), Some(hex("A1")));
+    assert_eq!((node.store.writes, node.store.data.last()), (1, Some(&1)));
 }
