@@ -21,6 +21,7 @@
 //! | a drive | `babble` | frames of the identifier `value` (0: that of its TPDO2) take half of the bus |
 //! | a drive | `clash` | a second node has its number, boots up, and answers too |
 //! | a drive | `reboot` | as after a short loss of its supply |
+//! | the steering drive | `layout` | it is another version, that has its position in RPDO3; it starts anew |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
 //! | a CAN bus | `lose` | the frame of number `value` from now on (0: 1) is received by nobody |
@@ -78,6 +79,8 @@ pub enum Ailment {
     Fault(u16),
     /// It starts anew.
     Reboot,
+    /// It is another version, with other PDOs.
+    Layout,
     /// Each bit on the bus is wrong with this probability.
     Noise(f64),
     /// Each frame whose number this divides is destroyed.
@@ -114,6 +117,7 @@ impl Ailment {
             // As casts saturate, no value is out of range.
             "fault" => Some(Self::Fault(if value > 0.0 { value as u16 } else { 0x1000 })),
             "reboot" => Some(Self::Reboot),
+            "layout" => Some(Self::Layout),
             "noise" => Some(Self::Noise(or(value, 1e-4).min(1.0))),
             "corrupt" => Some(Self::Corrupt((or(value, 10.0) as u64).max(1))),
             "lose" => Some(Self::Lose((or(value, 1.0) as u64).max(1))),

@@ -2,7 +2,7 @@
 
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
-use crate::boards::drive::{self, Drive};
+use crate::boards::drive::{self, Drive, Layout};
 use crate::boards::icla::Gearing;
 use crate::boards::line::{Board, Kind, SerialLine};
 use crate::boards::psc1::{self, Psc1};
@@ -349,10 +349,12 @@ impl Simulator {
                 Ailment::Silent => drive.silent_until = until,
                 Ailment::None => {
                     drive.silent_until = now;
+                    drive.set_layout(now, Layout::Usual, self.scene.body());
                     self.can.heal_node(drive.id);
                 }
                 Ailment::Fault(code) => drive.fault(now, code, self.scene.body()),
                 Ailment::Reboot => drive.power_on(now, self.scene.body()),
+                Ailment::Layout => return drive.set_layout(now, Layout::Profile, self.scene.body()),
                 ailment => {
                     let dictionary = || drive::dictionary(&drive.kind, drive.id);
                     return self.can.suffer_node(now, drive.id, ailment, until, dictionary);

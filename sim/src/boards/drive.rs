@@ -26,12 +26,22 @@ pub(crate) fn dictionary(kind: &Kind, id: u8) -> Dictionary {
     }
 }
 
+/// How an IclA's PDOs are mapped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Layout {
+    /// Position in RPDO2.
+    Usual,
+    /// Position in RPDO3.
+    Profile,
+}
+
 /// A drive and what ails it.
 pub(crate) struct Drive {
     /// Its axis: `propulsion`, `steering`.
     pub name: &'static str,
     pub kind: Kind,
     pub id: u8,
+    layout: Layout,
     node: Node,
     /// It neither hears nor speaks until then.
     pub silent_until: Instant,
@@ -52,7 +62,16 @@ impl Drive {
 
     fn new(name: &'static str, kind: Kind, id: u8) -> Self {
         let node = Node::new(dictionary(&kind, id), BOOT_TIME);
-        Self { name, kind, id, node, silent_until: Instant::ZERO, now: Instant::ZERO, turned: 0.0 }
+        Self {
+            name,
+            kind,
+            id,
+            layout: Layout::Usual,
+            node,
+            silent_until: Instant::ZERO,
+            now: Instant::ZERO,
+            turned: 0.0,
+        }
     }
 
     /// Switches it on, or off and on again.
@@ -60,6 +79,22 @@ impl Drive {
         self.node.power_on(now);
         self.renew(body);
         self.serve(now, body);
+    }
+
+    /// Puts an IclA with this layout in its place, unless it is one; false for another kind of drive.
+    pub fn set_layout(&mut self, now: Instant, layout: Layout, body: &Body) -> bool {
+        if !matches!(self.kind, Kind::Icla(_)) {
+            return false;
+        }
+        if std::mem::replace(&mut self.layout, layout) != layout {
+            let dictionary = match layout {
+                Layout::Usual => drives::icla::dictionary(self.id),
+                Layout::Profile => drives::icla::dictionary_of_profile(self.id),
+            };
+            self.node = Node::new(dictionary, BOOT_TIME);
+            self.power_on(now, body);
+        }
+        true
     }
 
     fn renew(&mut self, body: &Body) {

@@ -311,6 +311,75 @@ fn drives_have_the_faults_that_are_asked_for() {
 }
 
 #[test]
+fn an_over_current_and_a_generic_fault_switch_off_and_the_robot_rolls() {
+    for code in [0x2310, 0x1000] {
+        let mut bus = Bus::new();
+        bus.drive();
+        let x = bus.truth.x;
+        fault(&mut bus, "propulsion", "fault", f64::from(code), 0.0);
+        bus.pass(0);
+        assert_eq!(bus.status(1) & 0x5F, 0x08, "{code:04X}: fault, and no voltage on the power stage");
+        bus.pass(10_000);
+        // Nothing brakes but rolling friction: more than twice the way of the deceleration ramp (0.64 m).
+        let expected = 0.8 * 0.8 / (2.0 * Parameters::default().coasting());
+        let way = bus.truth.x - x;
+        assert!((expected - 0.005..expected + 0.05).contains(&way), "{code:04X}: {way} {expected}");
+        // Reset, and enabled again: by the master alone.
+        bus.send("501 80 00 00 00 00 00");
+        assert_eq!(bus.status(1) & 0x4F, 0x40);
+    }
+}
+
+#[test]
+fn a_fault_of_communication_brakes_on_the_quick_stop_ramp() {
+    let mut bus = Bus::new();
+    bus.drive();
+    let x = bus.truth.x;
+    fault(&mut bus, "propulsion", "fault", f64::from(0x8611), 0.0);
+    bus.pass(0);
+    assert_eq!(bus.status(1) & 0x5F, 0x1F, "fault reaction under power");
+    bus.pass(2000);
+    let way = bus.truth.x - x;
+    assert!((0.213..0.213 + 0.8 * 0.055).contains(&way), "{way}");
+    assert_eq!(bus.status(1) & 0x4F, 0x08);
+}
+
+#[test]
+fn the_epos_homes_here_and_moves_by_its_offset() {
+    let mut bus = Bus::new();
+    bus.boot();
+    bus.sdo("601 2F 60 60 00 06 00 00 00", "581 60 60 60 00");
+    bus.sdo("601 2F 98 60 00 23 00 00 00", "581 60 98 60 00"); // method 35
+    bus.sdo("601 23 7C 60 00 D0 07 00 00", "581 60 7C 60 00"); // 2000 quadcounts: a turn of the motor
+    for word in ["06", "0F"] {
+        bus.send(&format!("201 {word} 00"));
+    }
+    bus.pass(50);
+    bus.send("201 1F 00");
+    assert_eq!(bus.status(1) & 0x3400, 0, "on its way");
+    bus.pass(4000);
+    assert_eq!(bus.status(1) & 0x3400, 0x1400, "attained, standing");
+    let turn = 1.0 / Parameters::default().motor_turns_per_metre();
+    let went = bus.truth.x - 100.0;
+    assert!((went - turn).abs() < 0.05 * turn, "{went} {turn}");
+}
+
+#[test]
+fn a_steering_drive_of_another_layout_takes_its_place() {
+    let mut bus = Bus::new();
+    bus.boot();
+    bus.sdo("602 40 01 16 02 00 00 00 00", "582 43 01 16 02 20 00 7A 60");
+    fault(&mut bus, "steering", "layout", 0.0, 0.0);
+    let sent = bus.pass(150);
+    assert!(sent.iter().any(|(_, text)| text == "702 00"), "{sent:?}");
+    bus.sdo("602 40 01 16 02 00 00 00 00", "582 43 01 16 02 08 00 60 60");
+    bus.sdo("602 40 02 16 02 00 00 00 00", "582 43 02 16 02 20 00 7A 60");
+    fault(&mut bus, "steering", "none", 0.0, 0.0);
+    bus.pass(150);
+    bus.sdo("602 40 01 16 02 00 00 00 00", "582 43 01 16 02 20 00 7A 60");
+}
+
+#[test]
 fn standing_still_it_wakes_for_the_truth_and_the_heartbeats_alone() {
     let mut bus = Bus::new();
     bus.enable_propulsion();

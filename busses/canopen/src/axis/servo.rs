@@ -9,6 +9,8 @@ mod homing;
 pub mod profile;
 mod setpoints;
 mod settings;
+#[cfg(test)]
+mod tests;
 pub mod twin;
 
 use super::drive::{Drive, Kind, Motion, Transition};
@@ -62,7 +64,7 @@ impl Default for Config {
             velocity: 1.0,
             acceleration: 1.0,
             hardest: 1e6,
-            standstill: f64::INFINITY,
+            standstill: 1.0,
             index: 1000.0,
             methods: &[
                 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30,
@@ -216,6 +218,10 @@ impl Servo {
         if mode.is_some() && mode != self.mode || objects.get(0x6060, 0) == Some(0) {
             self.mode = mode;
             self.forget();
+            // An error is one of the homing before.
+            if self.homing == Homing::Failed {
+                self.homing = Homing::Idle;
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! The tables of CiA 402 as text, and the walk of a master against a drive.
 
-use super::drive::Drive;
+use super::drive::{Drive, Kind, Motion, Passage};
+use super::options::{Options, Stop};
 use super::*;
 use base::{Duration, Instant};
 use std::string::String;
@@ -268,4 +269,150 @@ fn a_stop_and_a_start_in_one_breath_are_no_drop() {
     let events = walk(&mut axis, &mut drive, &mut now, 10);
     assert!(!events.iter().any(|event| matches!(event, AxisEvent::Dropped { .. })), "{events:?}");
     assert!(axis.is_enabled());
+}
+
+#[test]
+fn a_drive_that_is_switched_on_is_not_ready_until_its_self_test_is_over() {
+    let mut drive = Drive::power_on(Kind::Standard { enables_from_ready: false }, Options::default());
+    assert_eq!((drive.state(), drive.motion()), (PowerState::NotReady, Motion::Off));
+    assert!(drive.apply(0x06).is_empty(), "it does not listen yet");
+    assert_eq!((drive.initialised(), drive.initialised()), (Some(1), None));
+    assert_eq!(drive.state(), PowerState::SwitchOnDisabled);
+    let mut broken = Drive::power_on(Kind::Epos, Options::EPOS);
+    assert_eq!((broken.fault(), broken.state(), broken.initialised()), (Some(13), PowerState::Fault, None));
+}
+
+#[test]
+fn an_epos_passes_through_refresh_and_measure_init() {
+    let up = || {
+        let mut epos = Drive::power_on(Kind::Epos, Options::EPOS);
+        epos.initialised();
+        epos.apply(0x06);
+        assert_eq!(epos.apply(0x0F).as_slice(), [3, 4]);
+        epos
+    };
+    let mut epos = up();
+    assert_eq!((epos.state(), epos.passage()), (PowerState::SwitchedOn, Some(Passage::Refresh)));
+    assert_eq!((epos.passed(), epos.passage()), (Some(20), Some(Passage::MeasureInit)));
+    assert_eq!((epos.state(), epos.motion(), epos.statusword()), (PowerState::SwitchedOn, Motion::Off, 0x23));
+    assert!(epos.apply(0x0F).is_empty(), "it is on its way");
+    assert_eq!((epos.passed(), epos.state(), epos.passed()), (Some(21), PowerState::OperationEnabled, None));
+    // Out of the passages by every command but enable.
+    for (word, taken, state) in [
+        (0x00, 10, PowerState::SwitchOnDisabled),
+        (0x02, 10, PowerState::SwitchOnDisabled),
+        (0x0B, 10, PowerState::SwitchOnDisabled),
+        (0x06, 6, PowerState::ReadyToSwitchOn),
+        (0x07, 5, PowerState::SwitchedOn),
+    ] {
+        let mut epos = up();
+        epos.passed();
+        assert_eq!(epos.apply(word).as_slice(), [taken], "{word:02X}");
+        assert_eq!((epos.state(), epos.passage()), (state, None));
+    }
+    // A fault on the way up has nothing to brake; one in motion is T17 and T18.
+    let mut epos = up();
+    assert_eq!((epos.fault_by(Stop::QuickStop), epos.state()), (Some(13), PowerState::Fault));
+    let mut epos = up();
+    assert_eq!([epos.passed(), epos.passed()], [Some(20), Some(21)]);
+    assert_eq!((epos.fault_by(Stop::QuickStop), epos.stands()), (Some(17), Some(18)));
+    assert_eq!((epos.state(), epos.apply(0x80).as_slice()), (PowerState::Fault, &[15][..]));
+}
+
+#[test]
+fn every_option_code_says_how_it_stops() {
+    use Stop::*;
+    let options = |code| Options { quick_stop: code, halt: code, fault: code, ..Options::default() };
+    let stops = [Coast, SlowDown, QuickStop, CurrentLimit, VoltageLimit];
+    for (code, stop) in (0..).zip(stops) {
+        assert_eq!((options(code).quick_stop(), options(code).fault()), ((stop, false), stop), "{code}");
+        let halts = if stop == Coast { SlowDown } else { stop };
+        assert_eq!(options(code).halt(), halts, "a halt keeps the power: {code}");
+        if stop != Coast {
+            assert_eq!(options(code + 4).quick_stop(), (stop, true), "{code}");
+        }
+    }
+    for code in [-1, 9, i16::MIN, i16::MAX] {
+        let unknown = options(code);
+        assert_eq!((unknown.quick_stop(), unknown.halt(), unknown.fault()), ((QuickStop, false), SlowDown, QuickStop));
+    }
+}
+
+#[test]
+fn a_ramp_on_the_way_out_can_be_taken_back() {
+    let options = Options { shutdown: 1, ..Options::default() };
+    let mut drive = Drive::power_on(Kind::Standard { enables_from_ready: true }, options);
+    drive.initialised();
+    for word in [0x06, 0x0F] {
+        drive.apply(word);
+    }
+    assert!(drive.apply(0x07).is_empty());
+    assert_eq!((drive.state(), drive.motion()), (PowerState::OperationEnabled, Motion::Stop(Stop::SlowDown)));
+    assert!(drive.apply(0x0F).is_empty());
+    assert_eq!((drive.motion(), drive.stands()), (Motion::Follow, None));
+    drive.apply(0x06);
+    assert_eq!((drive.stands(), drive.state()), (Some(8), PowerState::ReadyToSwitchOn));
+}
+
+#[test]
+fn a_lost_connection_is_what_0x6007_makes_of_it() {
+    use PowerState::{FaultReactionActive, OperationEnabled, QuickStopActive, SwitchOnDisabled};
+    for (code, transition, state) in [
+        (0, None, OperationEnabled),
+        (1, Some(13), FaultReactionActive),
+        (2, Some(9), SwitchOnDisabled),
+        (3, Some(11), QuickStopActive),
+    ] {
+        let options = Options { abort_connection: code, ..Options::default() };
+        let mut drive = Drive::power_on(Kind::Standard { enables_from_ready: true }, options);
+        drive.initialised();
+        for word in [0x06, 0x0F] {
+            drive.apply(word);
+        }
+        assert_eq!((drive.connection_lost(), drive.state()), (transition, state), "{code}");
+    }
+}
+
+#[test]
+fn halt_is_a_bit_of_the_enabled_axis_alone() {
+    let mut axis = Axis::new(AxisConfig { resumes: true, ..AxisConfig::default() });
+    let (mut drive, mut now) = (Drive::new(6, false), Instant::ZERO);
+    axis.halt(true);
+    axis.set_goal(now, Goal::Enabled);
+    walk(&mut axis, &mut drive, &mut now, 10);
+    assert_eq!((axis.controlword(), axis.is_enabled()), (0x010F, true));
+    axis.halt(false);
+    assert_eq!(axis.controlword(), 0x000F);
+    axis.halt(true);
+    axis.set_goal(now, Goal::QuickStop);
+    assert_eq!(axis.controlword(), 0x0002);
+}
+
+#[test]
+fn what_is_stuck_says_why_as_far_as_the_statusword_tells() {
+    let told = |statusword: Option<u16>, goal| {
+        let mut axis = Axis::new(AxisConfig::default());
+        if let Some(statusword) = statusword {
+            axis.handle_statusword(Instant::ZERO, statusword);
+        }
+        axis.set_goal(Instant::ZERO, goal);
+        axis.handle_timeout(axis.poll_timeout().unwrap());
+        core::iter::from_fn(|| axis.poll_event()).find_map(|event| match event {
+            AxisEvent::Stuck { why, .. } => Some(why),
+            _ => None,
+        })
+    };
+    for (statusword, goal, why) in [
+        (None, Goal::Enabled, Why::Unseen),
+        (Some(0x0200), Goal::Enabled, Why::NotReady),
+        (Some(0x0040), Goal::Enabled, Why::NotRemote),
+        (Some(0x0231), Goal::Enabled, Why::Refused),
+        (Some(0x0221), Goal::Enabled, Why::NoVoltage),
+        (Some(0x0237), Goal::Disabled, Why::Ramp),
+        (Some(0x021F), Goal::Enabled, Why::Braking),
+    ] {
+        assert_eq!(told(statusword, goal), Some(why), "{statusword:04X?}");
+    }
+    assert_eq!(format!("{}", StatusBits(0x1637)), "voltage, remote, target reached, bit 12");
+    assert_eq!(format!("{}", StatusBits(0x0040)), "no bit");
 }

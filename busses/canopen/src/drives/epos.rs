@@ -9,6 +9,7 @@ use super::epos_objects::OBJECTS;
 use super::inhibit;
 use crate::Dictionary;
 use crate::axis::AxisConfig;
+use crate::axis::modes::Mode;
 use crate::master::{ConfigWrite, Expect, NodeConfig, PdoMapping};
 use base::Duration;
 
@@ -95,7 +96,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
     ];
     let velocity_cob_id = 0x4000_0480 + u32::from(node);
     let fixed = [
-        ConfigWrite::new(0x6060, 0, 3_i8),
+        ConfigWrite::new(0x6060, 0, Mode::ProfileVelocity.code()),
         ConfigWrite::new(0x607F, 0, parameters.velocity_max_rpm),
         ConfigWrite::new(0x6083, 0, parameters.acceleration),
         ConfigWrite::new(0x6084, 0, parameters.deceleration),
@@ -111,6 +112,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
             Expect::equal(0x1018, 1, VENDOR),
             Expect::masked(0x2003, 2, 0xFFF0, HARDWARE),
             Expect::at_least(0x2003, 1, FIRMWARE_MIN),
+            Mode::expect(&[Mode::ProfileVelocity]),
         ]
         .into(),
         writes: optional.into_iter().flatten().chain(fixed).collect(),

@@ -1,9 +1,11 @@
 //! Berger Lahr IclA N065: the steering's position axis.
 //!
 //! No manual was found: all of this is a stated assumption, that of the simulated drive (`eds/icla_sim.eds`). The
-//! master compares identity and PDO mapping with it at each boot-up and refuses to run another layout.
+//! master compares identity and PDO mapping with it at each boot-up and refuses to run another layout; or, where the
+//! configuration says so, changes the mapping of its PDOs to this one ([`Parameters::remap`]). Identity and modes are
+//! never forgiven.
 //!
-//! Protocol  CiA 402 profile position over RPDO2 (controlword, target position), homing by SDO ([`super::homing`])
+//! Protocol  CiA 402 profile position over RPDO2 (controlword, target position), homing by SDO ([`hm`](crate::axis::modes::hm))
 //! Units     increments of the drive; rpm and rpm/s for speeds and ramps
 //! Silence   the drive watches the master's heartbeat (0x1016); 0x6007 = 3: quick stop
 
@@ -11,6 +13,7 @@ use super::icla_objects::OBJECTS;
 use super::inhibit;
 use crate::Dictionary;
 use crate::axis::AxisConfig;
+use crate::axis::modes::Mode;
 use crate::master::{ConfigWrite, Expect, NodeConfig, PdoMapping};
 use base::Duration;
 
@@ -20,8 +23,8 @@ pub const RPDO: u8 = 2;
 pub const TPDO_STATUS: u8 = 1;
 /// The TPDO that carries statusword and actual position.
 pub const TPDO_POSITION: u8 = 2;
-/// The mode of operation for [`super::pp`].
-pub const PROFILE_POSITION: i8 = 1;
+/// The mode of operation for [`pp`](crate::axis::modes::pp).
+pub const PROFILE_POSITION: i8 = Mode::ProfilePosition.code();
 
 const DEVICE_TYPE: u32 = 0x0002_0192;
 const VENDOR: u32 = 0x0200_005A;
@@ -57,6 +60,9 @@ pub struct Parameters {
     pub master_limit: Option<Duration>,
     /// From reset to boot-up message at most; default 1 s.
     pub boot_timeout: Duration,
+    /// Whether a drive with other PDO mappings is changed to these, by the procedure of CiA 301; default false: it is
+    /// refused.
+    pub remap: bool,
 }
 
 impl Parameters {
@@ -75,6 +81,7 @@ impl Parameters {
             heartbeat_limit: Duration::from_millis(200),
             master_limit: Some(Duration::from_millis(200)),
             boot_timeout: Duration::from_secs(1),
+            remap: false,
         }
     }
 }
@@ -108,6 +115,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
             Expect::equal(0x1018, 1, VENDOR),
             Expect::equal(0x1018, 2, PRODUCT),
             Expect::at_least(0x1018, 3, REVISION_MIN),
+            Mode::expect(&[Mode::ProfilePosition, Mode::Homing]),
         ]
         .into(),
         writes,
@@ -116,6 +124,7 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
             PdoMapping::tpdo(node, TPDO_STATUS, &STATUS),
             PdoMapping::tpdo(node, TPDO_POSITION, &STATUS_POSITION),
         ]
+        .map(|mapping| PdoMapping { adjust: parameters.remap, ..mapping })
         .into(),
         master_limit: parameters.master_limit,
         heartbeat: parameters.heartbeat,
@@ -160,6 +169,17 @@ pub fn unpack(number: u8, data: &[u8]) -> Option<Status> {
         }
         _ => None,
     }
+}
+
+/// The dictionary of a drive that is the same but for its PDOs: position in RPDO3 and TPDO3, as in EPOS drives and
+/// the profile's own suggestion. What the simulator offers to see refusal and remapping.
+#[must_use]
+pub fn dictionary_of_profile(node: u8) -> Dictionary {
+    dictionary(node)
+        .with_rpdo(2, 0x300, &[0x6040_0010, 0x6060_0008], true)
+        .with_rpdo(3, 0x400, &CONTROL_POSITION, true)
+        .with_tpdo(2, 0x4000_0280, &[0x6041_0010, 0x6061_0008], true)
+        .with_tpdo(3, 0x4000_0380, &STATUS_POSITION, true)
 }
 
 /// The dictionary of the simulated drive (`eds/icla_sim.eds`).

@@ -223,9 +223,6 @@ impl Peer {
                 self.emergencies.suppressed = self.emergencies.suppressed.saturating_add(1);
             }
         } else {
-            // The one that waited is not told any more.
-            let waited = u32::from(self.emergencies.last.is_some());
-            self.emergencies.suppressed = self.emergencies.suppressed.saturating_add(waited);
             self.tell_emergency(now, emergency, shared);
         }
     }

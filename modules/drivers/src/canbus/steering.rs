@@ -91,6 +91,7 @@ impl Steering {
             acceleration: units.acceleration(config.speed / RAMP),
             deceleration: units.acceleration(config.speed / RAMP),
             quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP),
+            remap: config.remap,
             ..icla::Parameters::new(config.node)
         };
         icla::node_config("steering", &parameters)

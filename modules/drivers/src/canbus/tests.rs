@@ -3,6 +3,7 @@
 mod bus;
 mod fake;
 mod hostile;
+mod layout;
 
 use super::{Canbus, Config, Limits, NAME, PropulsionConfig, SteeringConfig};
 use base::{Duration, Fault, Instant, Severity, can};

@@ -1,9 +1,12 @@
 //! The handshakes against a drive that follows the text.
 
+use super::cyclic::{Cyclic, CyclicConfig, Stopped, interpolation_period};
 use super::hm::{Homing, HomingConfig, HomingError, Progress};
-use super::pp::{Setpoint, SetpointEvent};
-use super::switch::Access;
-use crate::drives::icla;
+use super::method::{self, Method};
+use super::pp::{Move, Setpoint, SetpointEvent};
+use super::switch::{Access, Switch, SwitchError};
+use super::*;
+use crate::drives::{epos, icla};
 use crate::{Dictionary, Payload, sdo};
 use base::{Duration, Instant};
 use std::vec::Vec;
@@ -235,4 +238,153 @@ fn a_refused_object_ends_homing_with_its_name() {
     assert!(matches!(homing.poll_sdo(), Some(Access::Write { index: 0x6060, .. })));
     homing.handle_sdo(Instant::ZERO, Err(sdo::Error::Timeout));
     assert_eq!(homing.poll_finished(), Some(Err(HomingError::Sdo { index: 0x6098, sub: 0, error })));
+}
+
+#[test]
+fn modes_have_their_codes_and_their_bits_in_0x6502() {
+    for mode in Mode::ALL {
+        assert_eq!(Mode::from_code(mode.code()), Some(mode));
+    }
+    assert_eq!([0, 5, 11, -1, -128, 127].map(Mode::from_code), [None; 6]);
+    let of = |dictionary: Dictionary| dictionary.get(0x6502, 0).unwrap() as u32;
+    let supported = |bits| Mode::ALL.into_iter().filter(|mode| mode.is_supported(bits)).collect::<Vec<_>>();
+    let three = [Mode::ProfilePosition, Mode::ProfileVelocity, Mode::Homing];
+    assert_eq!((supported(of(epos::dictionary(1))), supported(of(icla::dictionary(2)))), (three.into(), three.into()));
+    let expect = Mode::expect(&[Mode::ProfileVelocity, Mode::CyclicPosition]);
+    assert_eq!((expect.index, expect.mask, expect.min), (0x6502, 0x84, 0x84));
+}
+
+#[test]
+fn homing_methods_are_named() {
+    let named: Vec<_> = (i8::MIN..=i8::MAX).filter_map(Method::of).map(Method::number).collect();
+    let all: Vec<_> = (1..=14).chain(17..=30).chain(33..=35).chain([37]).collect();
+    assert_eq!(named, all);
+    assert!(method::EPOS.iter().all(|number| Method::of(*number).is_some()));
+    let show = |number| std::format!("{}", Method::of(number).unwrap());
+    assert_eq!(show(27), "27 (home switch, right edge from within, search negative)");
+    assert_eq!(show(7), "7 (home switch, left edge from within, search positive, then index)");
+    assert_eq!((show(33).as_str(), show(37).as_str()), ("33 (next index pulse, negative)", "37 (here)"));
+}
+
+#[test]
+fn a_mode_is_switched_when_it_is_shown() {
+    let (mut switch, now) = (Switch::new(MS * 100), Instant::ZERO);
+    switch.start(Mode::ProfileVelocity);
+    assert_eq!(switch.poll_sdo(), Some(Access::write(0x6060, 0, 3_i8)));
+    assert_eq!((switch.poll_sdo(), switch.is_running()), (None, true));
+    switch.handle_display(3); // of before it was written
+    assert_eq!(switch.poll_finished(), None);
+    switch.handle_sdo(now, Ok(Payload::EMPTY));
+    assert_eq!(switch.poll_sdo(), Some(Access::Read { index: 0x6061, sub: 0 }));
+    switch.handle_sdo(now, Ok(Payload::from(&[1][..])));
+    assert_eq!((switch.poll_sdo(), switch.poll_timeout()), (None, Some(now + MS * 20)));
+    switch.handle_display(3);
+    assert_eq!((switch.poll_finished(), switch.poll_timeout()), (Some(Ok(())), None));
+}
+
+#[test]
+fn a_mode_that_is_not_shown_in_time_or_not_taken_is_told() {
+    let (mut switch, now) = (Switch::new(MS * 100), Instant::ZERO);
+    switch.start(Mode::CyclicPosition);
+    switch.poll_sdo();
+    switch.handle_sdo(now, Ok(Payload::EMPTY));
+    switch.poll_sdo();
+    switch.handle_sdo(now, Ok(Payload::from(&[1][..])));
+    switch.handle_timeout(now + MS * 100);
+    assert_eq!(switch.poll_finished(), Some(Err(SwitchError::NotShown { shown: Some(1) })));
+
+    switch.start(Mode::CyclicPosition);
+    switch.poll_sdo();
+    let error = sdo::Error::Refused(crate::Abort::RANGE);
+    switch.handle_sdo(now, Err(error));
+    assert_eq!(switch.poll_finished(), Some(Err(SwitchError::Sdo { index: 0x6060, error })));
+    assert!(!switch.is_running());
+
+    // Another one while the first is being written: the first one's end is no news.
+    switch.start(Mode::CyclicPosition);
+    switch.poll_sdo();
+    switch.start(Mode::Homing);
+    assert_eq!(switch.poll_sdo(), None);
+    switch.handle_sdo(now, Err(error));
+    assert_eq!(switch.poll_sdo(), Some(Access::write(0x6060, 0, 6_i8)));
+}
+
+#[test]
+fn moves_have_the_bits_of_the_controlword() {
+    let bits = |next| {
+        let mut setpoint = Setpoint::new(MS * 100);
+        assert!(setpoint.push(Instant::ZERO, next));
+        setpoint.command()
+    };
+    assert_eq!(bits(Move::to(7)), (0x30, 7));
+    assert_eq!(bits(Move::by(7)), (0x70, 7));
+    assert_eq!(bits(Move::to(7).after()), (0x10, 7));
+    assert_eq!(bits(Move::by(7).blending()), (0x250, 7));
+    let mut setpoint = Setpoint::new(MS * 100);
+    for n in 0..9 {
+        assert!(setpoint.push(Instant::ZERO, Move::to(n).after()), "one is sent, eight wait");
+    }
+    assert!(!setpoint.push(Instant::ZERO, Move::to(9).after()));
+}
+
+#[test]
+fn a_full_buffer_of_the_drive_is_waited_for() {
+    let (mut setpoint, mut now) = (Setpoint::new(MS * 100), Instant::ZERO);
+    setpoint.push(now, Move::to(1));
+    setpoint.handle_statusword(now, 0x1237);
+    setpoint.handle_statusword(now, 0x0237);
+    setpoint.push(now, Move::to(2).after());
+    setpoint.push(now, Move::to(3).after());
+    setpoint.handle_statusword(now, 0x1237);
+    assert_eq!((setpoint.command(), setpoint.poll_timeout()), ((0, 2), None));
+    now += MS * 5000;
+    setpoint.handle_timeout(now);
+    setpoint.handle_statusword(now, 0x1237);
+    assert_eq!(setpoint.command().1, 2, "the drive still holds it");
+    setpoint.handle_statusword(now, 0x0237);
+    assert_eq!(setpoint.command(), (0x10, 3));
+}
+
+#[test]
+fn set_points_of_a_cyclic_mode_are_watched() {
+    let config = CyclicConfig { mode: Mode::CyclicPosition, patience: 2, max_step: 100 };
+    let mut cyclic = Cyclic::new(config);
+    assert!(!cyclic.set(1), "not begun");
+    assert_eq!(cyclic.sync(), (0, 0));
+    cyclic.restart(1000);
+    assert_eq!(cyclic.sync(), (0, 1000));
+    assert!(cyclic.set(1100));
+    assert_eq!(cyclic.sync(), (0, 1100));
+    assert_eq!([cyclic.sync(), cyclic.sync()], [(0, 1100); 2]);
+    assert_eq!(cyclic.stopped(), None);
+    cyclic.sync();
+    assert_eq!((cyclic.stopped(), cyclic.set(1101), cyclic.sync()), (Some(Stopped::Starved), false, (0, 1100)));
+
+    cyclic.restart(i32::MIN);
+    assert!(!cyclic.set(i32::MAX));
+    assert_eq!(cyclic.stopped(), Some(Stopped::Step { from: i32::MIN, to: i32::MAX }));
+    assert_eq!(cyclic.sync(), (0, i32::MIN));
+
+    let mut velocity = Cyclic::new(CyclicConfig { mode: Mode::CyclicVelocity, ..config });
+    velocity.restart(500);
+    for _ in 0..3 {
+        velocity.sync();
+    }
+    assert_eq!((velocity.sync(), velocity.stopped()), ((0, 0), Some(Stopped::Starved)));
+
+    let mut ip = Cyclic::new(CyclicConfig { mode: Mode::Interpolated, ..config });
+    ip.restart(5);
+    assert_eq!(ip.sync(), (0x10, 5));
+    ip.reset(7);
+    assert_eq!(ip.sync(), (0, 7));
+}
+
+#[test]
+fn the_interpolation_period_is_mantissa_and_exponent() {
+    let period = |micros| interpolation_period(Duration::from_micros(micros));
+    assert_eq!(
+        [period(10_000), period(4000), period(250), period(1_000_000)].map(Option::unwrap),
+        [(1, -2), (4, -3), (25, -5), (1, 0)]
+    );
+    assert_eq!((period(0), period(1234)), (None, None));
 }

@@ -29,16 +29,16 @@ pub struct Load {
 }
 
 impl Default for Load {
-    /// At 0, with limits at ±100 000 and the home switch from -2000 to 2000, away from the index pulses.
+    /// At 0, with limits at ±20 000 and the home switch from -2300 to 2300.
     fn default() -> Self {
         Self {
             position: 0.0,
             speed: 0.0,
             friction: 1000.0,
             blocked: false,
-            negative: -100_000.0,
-            positive: 100_000.0,
-            home: [-2000.5, 2000.5],
+            negative: -20_000.0,
+            positive: 20_000.0,
+            home: [-2300.0, 2300.0],
         }
     }
 }

@@ -144,20 +144,3 @@ fn an_emergency_flood_is_told_by_its_first_and_last() {
     assert_eq!(told, [(0x3210, 0), (0x3210 + 49, 48)]);
     assert_eq!(bus.master.stats(1).unwrap().emergencies, 50);
 }
-
-#[test]
-fn an_emergency_that_comes_before_a_late_timer_counts_the_one_that_waited() {
-    let mut bus = booted();
-    let mut told = Vec::new();
-    let mut now = bus.now;
-    for (code, wait) in [(0x10, 0), (0x11, 10), (0x12, 200)] {
-        now += Duration::from_millis(wait);
-        bus.master.handle_rx(now, &Frame::standard(0x81, &[code, 0x32, 4, 0, 0, 0, 0, 0]));
-        while let Some(event) = bus.master.poll_event() {
-            if let Event::Emergency { emergency, suppressed, .. } = event {
-                told.push((emergency.code, suppressed));
-            }
-        }
-    }
-    assert_eq!(told, [(0x3210, 0), (0x3212, 1)]);
-}
