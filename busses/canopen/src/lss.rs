@@ -7,6 +7,7 @@
 //! Slaves in the configuration state all obey what is sent to "the" slave there: every command that chooses one (select,
 //! find) first sends all to waiting.
 
+mod command;
 mod master;
 mod scan;
 mod slave;
@@ -14,7 +15,8 @@ mod slave;
 mod tests;
 pub mod wire;
 
-pub use master::{Command, Event, Failure, Master, Range, Refusal, StartError, Timing};
+pub use command::{Command, Event, Failure, Range, Refusal, StartError, Timing};
+pub use master::Master;
 pub use slave::{Slave, SlaveConfig, SlaveEvent};
 
 use core::fmt;

@@ -7,14 +7,15 @@
 mod emergency;
 mod guard;
 mod heartbeat;
+mod layer;
 mod objects;
 mod pdo;
 mod sync;
 #[cfg(test)]
 mod tests;
 
-use crate::lss::{self, Address, BitRate, SlaveConfig, SlaveEvent};
-use crate::wire::{self, Emergency, NmtCommand, NmtState, Service, TimeOfDay};
+use crate::lss::{self, BitRate};
+use crate::wire::{self, NmtCommand, NmtState, Service, TimeOfDay};
 use crate::{Dictionary, sdo};
 use base::can::{Frame, Id};
 use base::{Duration, Instant, Queue};
@@ -139,15 +140,6 @@ impl Node {
     #[must_use]
     pub fn without_block(self) -> Self {
         Self { server: self.server.without_block(), ..self }
-    }
-
-    /// With an LSS slave, whose address is the identity object 0x1018. `node_id` is that of the first power-on: `None`,
-    /// and the node is silent until it is given one. `bit_rates`: what it can be set to.
-    #[must_use]
-    pub fn with_lss(mut self, node_id: Option<u8>, bit_rate: BitRate, bit_rates: &'static [BitRate]) -> Self {
-        let address = Address::from_words([1, 2, 3, 4].map(|sub| self.number(0x1018, sub) as u32));
-        self.lss = Some(lss::Slave::new(SlaveConfig { address, node_id, bit_rate, bit_rates, stores: true }));
-        self
     }
 
     /// The node id; [`lss::UNCONFIGURED`] when it has none.
@@ -295,44 +287,6 @@ impl Node {
         }
     }
 
-    /// A frame for the LSS slave.
-    fn layer_setting(&mut self, now: Instant, frame: &Frame) {
-        if matches!(self.phase, Phase::Unconfigured | Phase::Running(_))
-            && let Some(lss) = &mut self.lss
-        {
-            lss.handle_rx(now, frame);
-        }
-        self.obey_lss(now);
-        self.hush(now);
-    }
-
-    fn obey_lss(&mut self, now: Instant) {
-        while let Some((lss, event)) = self.lss.as_mut().and_then(|lss| lss.poll_event().map(|event| (lss, event))) {
-            match event {
-                SlaveEvent::NodeIdAssigned => {
-                    self.dictionary.reset(0x1000..=0x1FFF);
-                    self.boot(now);
-                    self.handle_timeout(now);
-                }
-                SlaveEvent::BitRate(rate) => {
-                    self.events.push(NodeEvent::BitRate(rate));
-                }
-                SlaveEvent::Store { node_id, bit_rate } => {
-                    lss.stored(true);
-                    self.events.push(NodeEvent::LssStored { node_id, bit_rate });
-                }
-            }
-        }
-    }
-
-    /// Around a change of the bit rate nothing is sent, not even later.
-    fn hush(&mut self, now: Instant) {
-        if self.lss.as_ref().is_some_and(|lss| lss.is_quiet(now)) {
-            self.tx.clear();
-            self.server.reset();
-        }
-    }
-
     fn nmt(&mut self, now: Instant, data: &[u8]) {
         let Some((command, node)) = wire::decode_nmt(data) else {
             return;
@@ -460,35 +414,6 @@ impl Node {
             (keys().filter(|key| key.0 == 0x6040).collect(), keys().filter(|key| key.0 != 0x6040).collect());
         for (index, sub) in first.into_iter().chain(last) {
             self.events.push(NodeEvent::ObjectWritten { index, sub });
-        }
-    }
-
-    /// What the node itself has to tell of its communication.
-    fn communication_emergency(&mut self, code: u16) {
-        let register = self.number(0x1001, 0) as u8 | 0x10;
-        self.emergency(code, register, [0; 5]);
-    }
-
-    /// Sends an emergency and remembers it in 0x1003; `code` 0: an error went away. `register` becomes 0x1001.
-    /// Nothing is sent where the NMT state forbids it; with an inhibit time (0x1015) it leaves at
-    /// [`Self::handle_timeout`].
-    pub fn emergency(&mut self, code: u16, register: u8, info: [u8; 5]) {
-        self.dictionary.set(0x1001, 0, i64::from(register));
-        self.pdos.touch(&self.dictionary, 0x1001, 0);
-        if code != 0 {
-            emergency::remember(&mut self.dictionary, code, info);
-        }
-        let talks = matches!(self.phase, Phase::Running(NmtState::Operational | NmtState::PreOperational));
-        let data = Emergency { code, register, info }.encode();
-        if talks && let Some(data) = self.emergencies.push(&self.dictionary, data) {
-            self.send_emergency(&data);
-        }
-    }
-
-    fn send_emergency(&mut self, data: &[u8]) {
-        let cob_id = self.get(0x1014, 0).unwrap_or(0x80 + i64::from(self.id()));
-        if cob_id & 1 << 31 == 0 {
-            self.tx.push(Frame::standard(cob_id as u16, data));
         }
     }
 
