@@ -52,7 +52,8 @@ for module in \$(\$b cat /modules/order); do \$b insmod /modules/\$module; done
 \$b mount -t 9p -o ro,trans=virtio,version=9p2000.L,msize=262144,cache=loose host /host
 \$b mount -t tmpfs rw /rw; \$b mkdir /rw/upper /rw/work
 \$b mount -t overlay -o lowerdir=/host,upperdir=/rw/upper,workdir=/rw/work root /new
-\$b mkdir -p /new/lib/modules; \$b ln -s '$kernel/lib/modules/$version' /new/lib/modules/$version
+# The machine may have some of them, headers at least.
+\$b rm -rf /new/lib/modules/$version; \$b mkdir -p /new/lib/modules; \$b ln -s '$kernel/lib/modules/$version' /new/lib/modules/$version
 for d in proc sys dev; do \$b mkdir -p /new/\$d; \$b mount --move /\$d /new/\$d; done
 for d in run dev/shm; do \$b mkdir -p /new/\$d; \$b mount -t tmpfs \$d /new/\$d; done
 \$b mkdir -p /new/dev/pts; \$b mount -t devpts devpts /new/dev/pts

@@ -61,7 +61,7 @@ mod tests {
         restart.off(now);
         let mut last = now;
         while due.len() < 8 {
-            now = now + Duration::from_millis(1);
+            now += Duration::from_millis(1);
             if restart.is_due(now) {
                 due.push(now.since(last).as_millis());
                 last = now;

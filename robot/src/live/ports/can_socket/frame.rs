@@ -176,7 +176,7 @@ mod tests {
         // A bus error in the acknowledge slot, then one in the data.
         assert_eq!(told(0x88, 0x0000_8019_0000_0000), Error { no_acknowledge: true, ..Error::default() });
         assert_eq!(told(0x88, 0x0000_040A_0000_0000), Error { on_the_wire: true, ..Error::default() });
-        assert_eq!(told(0x204, 0x0001_0000_0000_0000).lost, true);
+        assert!(told(0x204, 0x0001_0000_0000_0000).lost);
         assert!(told(0x001, 0).note.is_some() && told(0x010, 0).note.is_some());
         // Before 6.0: a class of the controller, counters without their flag.
         assert_eq!(told(0x004, 0x0010_0000_0000_0080).health, health(BusState::Passive, 0, 128));
