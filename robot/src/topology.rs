@@ -105,7 +105,7 @@ fn refused<T>(why: String) -> Result<T, ConfigError> {
 /// Where a port of a bus is; the simulator has the other end of a serial line.
 fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Result<PortConfig, ConfigError> {
     if let Some(can) = bus.strip_prefix("can.").and_then(|name| robot.can.iter().find(|can| can.name == name)) {
-        return can_port(place, &can.interface);
+        return can_port(place, &can.interface, can.bitrate);
     }
     let serial = bus.strip_prefix("rs485.").and_then(|name| robot.rs485.iter().find(|line| line.name == name));
     let Some(line) = serial else {
@@ -142,10 +142,11 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
     raw.then(|| name.to_uppercase())
 }
 
-/// Where a CAN bus is.
-pub fn can_port(place: &Place, interface: &CanInterface) -> Result<PortConfig, ConfigError> {
+/// Where a CAN bus is; its bit rate where the port sets it.
+pub fn can_port(place: &Place, interface: &CanInterface, bitrate: u32) -> Result<PortConfig, ConfigError> {
     match interface {
         CanInterface::Socket(interface) => Ok(PortConfig::CanSocket { interface: interface.clone() }),
+        CanInterface::Slcan(path) => Ok(PortConfig::CanSlcan { path: path.clone(), bitrate }),
         CanInterface::Udp { group, port } => {
             let (url, _) = lcm::Url::parse(&place.lcm_url).map_err(|error| ConfigError(vec![error.to_string()]))?;
             // Whatever else carries the messages has no UDP port to stand beside.

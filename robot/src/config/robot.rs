@@ -101,6 +101,8 @@ pub struct CanBus {
 pub enum CanInterface {
     /// A network interface: `can0`.
     Socket(String),
+    /// An adapter on a serial device that speaks slcan: `slcan:/dev/ttyACM0`.
+    Slcan(PathBuf),
     /// UDP multicast as python-can speaks it: `udp:239.74.163.2:43113`. Without a port it follows the port of LCM.
     Udp {
         /// The multicast group.
@@ -405,7 +407,10 @@ impl CanBus {
         let text = table.text("interface", None);
         let interface = CanInterface::parse(&text).unwrap_or_else(|| {
             if !text.is_empty() {
-                table.refuse("interface", r#""can0" or another network interface, or "udp:GROUP[:PORT]""#);
+                table.refuse(
+                    "interface",
+                    r#""can0" or another network interface, "slcan:DEVICE", or "udp:GROUP[:PORT]""#,
+                );
             }
             CanInterface::Socket(String::new())
         });
@@ -438,6 +443,9 @@ impl CanInterface {
     /// As `robot.toml` and the command line have it; none when it is no interface's name.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
+        if let Some(device) = text.strip_prefix("slcan:") {
+            return device.starts_with('/').then(|| Self::Slcan(device.into()));
+        }
         let Some(udp) = text.strip_prefix("udp:") else {
             // IFNAMSIZ counts the end of the string.
             let name = !text.is_empty()

@@ -266,7 +266,7 @@ fn an_interface_must_be_one() {
         "\"can0\"",
         "\"udp:10.0.0.1:43113\"",
         &["robot.toml:22: can.main.interface = \"udp:10.0.0.1:43113\": \
-           expected \"can0\" or another network interface, or \"udp:GROUP[:PORT]\""],
+           expected \"can0\" or another network interface, \"slcan:DEVICE\", or \"udp:GROUP[:PORT]\""],
     );
 }
 

@@ -17,27 +17,15 @@ pub struct Where {
     bus: Option<String>,
     /// can0, slcan:DEVICE or udp:GROUP:PORT, in place of --bus
     #[arg(long, value_name = "IFACE", value_parser = interface)]
-    interface: Option<Interface>,
+    interface: Option<CanInterface>,
     /// bit/s of --interface
     #[arg(long, value_name = "BD", requires = "interface", default_value = "500000",
           value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
     bitrate: u32,
 }
 
-/// What `--interface` takes.
-#[derive(Clone, Debug)]
-enum Interface {
-    /// As in `robot.toml`.
-    Configurable(CanInterface),
-    /// An adapter on a serial device.
-    Slcan(PathBuf),
-}
-
-fn interface(text: &str) -> Result<Interface, String> {
-    let slcan = text.strip_prefix("slcan:").filter(|path| !path.is_empty());
-    let adapter = slcan.map(|path| Interface::Slcan(path.into()));
-    let found = adapter.or_else(|| CanInterface::parse(text).map(Interface::Configurable));
-    found.ok_or_else(|| "expected can0, slcan:DEVICE or udp:GROUP:PORT".into())
+fn interface(text: &str) -> Result<CanInterface, String> {
+    CanInterface::parse(text).ok_or_else(|| "expected can0, slcan:/DEVICE or udp:GROUP:PORT".into())
 }
 
 /// A node that is configured.
@@ -96,14 +84,11 @@ impl Where {
     }
 
     /// An interface may be one of the robot's: then its nodes are known, too.
-    fn find_interface(&self, common: &Common, interface: &Interface) -> Result<Target, Failed> {
-        let port = match interface {
-            Interface::Configurable(interface) => topology::can_port(&common.place(false), interface)?,
-            Interface::Slcan(path) => PortConfig::CanSlcan { path: path.clone(), bitrate: self.bitrate },
-        };
+    fn find_interface(&self, common: &Common, interface: &CanInterface) -> Result<Target, Failed> {
+        let port = topology::can_port(&common.place(false), interface, self.bitrate)?;
         let name = match (interface, &port) {
-            (Interface::Configurable(CanInterface::Socket(interface)), _) => interface.clone(),
-            (Interface::Slcan(path), _) => format!("slcan:{}", path.display()),
+            (CanInterface::Socket(interface), _) => interface.clone(),
+            (CanInterface::Slcan(path), _) => format!("slcan:{}", path.display()),
             (_, PortConfig::CanUdp { bus }) => format!("udp:{bus}"),
             (interface, _) => format!("{interface:?}"),
         };
@@ -130,7 +115,7 @@ impl Target {
         Ok(Self {
             name: format!("can.{}", bus.name),
             raw: Some((bus.name.to_uppercase(), bus.raw)),
-            port: topology::can_port(place, &bus.interface)?,
+            port: topology::can_port(place, &bus.interface, bus.bitrate)?,
             bitrate: bus.bitrate,
             known: known.collect(),
             master: Some(bus.master),

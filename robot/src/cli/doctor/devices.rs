@@ -65,23 +65,30 @@ pub fn serial(bus: &Rs485Bus, device: &Device, user: &str) -> Option<Finding> {
     if bus.port.is_relative() {
         return None;
     }
-    let (check, port) = (format!("rs485.{}", bus.name), bus.port.display());
     let lost = "Its boards are not heard; where the module is critical the robot does not move.";
-    let fail = |what: String| Some(Finding::fail(&check, what).why(lost));
+    Some(device_file(&format!("rs485.{}", bus.name), &bus.port, bus.baud, device, (lost, user)))
+}
+
+/// The serial device of a CAN adapter.
+pub fn adapter(bus: &CanBus, path: &Path, device: &Device, user: &str) -> Finding {
+    let lost = "The drives are not reached: the robot does not move.";
+    device_file(&format!("can.{}", bus.name), path, bus.bitrate, device, (lost, user))
+}
+
+fn device_file(check: &str, path: &Path, rate: u32, device: &Device, (lost, user): (&str, &str)) -> Finding {
+    let port = path.display();
+    let fail = |what: String| Finding::fail(check, what).why(lost);
     match device {
         Device { there: false, .. } => {
-            fail(format!("{port} is not there")).map(|f| f.cure("ls -l /dev/serial/by-id/ /dev/tt*[A-Z]*[0-9]"))
+            fail(format!("{port} is not there")).cure("ls -l /dev/serial/by-id/ /dev/tt*[A-Z]*[0-9]")
         }
-        Device { character: false, .. } => {
-            fail(format!("{port} is no device")).map(|f| f.cure(format!("ls -lL {port}")))
-        }
+        Device { character: false, .. } => fail(format!("{port} is no device")).cure(format!("ls -lL {port}")),
         Device { access: false, group, .. } => {
             let group = group.as_deref().filter(|group| *group != "root").unwrap_or("dialout");
             let why = format!("{lost} Log in anew after the cure.");
-            fail(format!("{user} may not open {port}"))
-                .map(|f| f.why(why).cure(format!("sudo usermod -aG {group} {user}")))
+            fail(format!("{user} may not open {port}")).why(why).cure(format!("sudo usermod -aG {group} {user}"))
         }
-        _ => Some(Finding::ok(&check, format!("{port}, {} bit/s asked", bus.baud))),
+        _ => Finding::ok(check, format!("{port}, {rate} bit/s asked")),
     }
 }
 

@@ -72,6 +72,7 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
     let Ok(config) = loaded else { return findings };
     findings.extend(config.robot.can.iter().filter_map(|bus| match &bus.interface {
         CanInterface::Socket(name) => devices::can(bus, &devices::Can::gather(name)),
+        CanInterface::Slcan(path) => Some(devices::adapter(bus, path, &devices::Device::gather(path), user)),
         CanInterface::Udp { .. } => None,
     }));
     findings.extend(
