@@ -9,5 +9,13 @@ mod support;
 
 #[path = "canopen_peers/bus.rs"]
 mod bus;
+#[path = "canopen_peers/drive.rs"]
+mod drive;
+#[path = "canopen_peers/eds.rs"]
+mod eds;
+#[path = "canopen_peers/master.rs"]
+mod master;
 #[path = "canopen_peers/node.rs"]
 mod node;
+#[path = "canopen_peers/store.rs"]
+mod store;

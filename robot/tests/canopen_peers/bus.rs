@@ -1,4 +1,5 @@
 //! A bus of one's own over UDP, and the script on its other side.
+#![allow(dead_code, reason = "benches use it too, each its part")]
 
 use super::support::{can_port, python, workspace};
 use base::can::Frame;
@@ -25,8 +26,12 @@ pub struct Bus {
 }
 
 impl Bus {
+    /// One that nobody else has.
     pub fn new() -> Self {
-        let port = can_port();
+        Self::on(can_port())
+    }
+
+    pub fn on(port: u16) -> Self {
         let bus = SocketAddrV4::new(Ipv4Addr::new(239, 74, 163, 2), port);
         let mut device = Port::new("can.peers".into(), PortConfig::CanUdp { bus });
         device.device.open().expect("multicast works here");
@@ -65,7 +70,7 @@ impl Bus {
     }
 }
 
-/// A script beside this file, fed by lines and heard by lines. Ended when it is dropped.
+/// A script on the bus, fed by lines and heard by lines. Ended when it is dropped.
 pub struct Script {
     child: Child,
     lines: Receiver<String>,
@@ -73,11 +78,11 @@ pub struct Script {
 }
 
 impl Script {
-    /// `None` (and a line that says so) where there is no Python with its peers.
+    /// Starts `FILE PORT ARGS...`; `None` (and a line that says so) where there is no Python with its peers.
     pub fn start(file: &str, bus: &Bus, args: &[&str]) -> Option<Self> {
         let mut child = Command::new(python()?)
             .arg("-u")
-            .arg(workspace().join("robot/tests/canopen_peers").join(file))
+            .arg(workspace().join(file))
             .arg(bus.port.to_string())
             .args(args)
             .stdin(Stdio::piped())
@@ -102,7 +107,6 @@ impl Script {
         self.lines.try_recv().ok()
     }
 
-    #[expect(dead_code, reason = "for scripts that are told what to do")]
     pub fn say(&mut self, line: &str) {
         let stdin = self.child.stdin.as_mut().expect("a pipe");
         writeln!(stdin, "{line}").expect("the script listens");

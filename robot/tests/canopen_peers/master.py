@@ -6,6 +6,7 @@ import sys
 import time
 
 import canopen
+from canopen.lss import LssError
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 HERE = pathlib.Path(__file__).parent
@@ -109,6 +110,64 @@ def heartbeat(network, node, states):
     assert node.emcy.log[0].code == 0x8130 and node.emcy.log[0].data[0] == 100
 
 
+def guarding(network, node, states):
+    toggles = []
+    network.subscribe(0x700 + NODE, lambda _, data, __: toggles.append(data[0]))
+    node.sdo[0x100C].raw = 60
+    node.sdo[0x100D].raw = 3
+    node.nmt.start_node_guarding(0.05)
+    until(lambda: len(toggles) >= 10, "answers to guarding")
+    assert toggles[:10] == [PRE_OPERATIONAL | (n & 1) << 7 for n in range(10)], toggles
+    node.nmt.state = "OPERATIONAL"
+    states.await_(OPERATIONAL, "start, seen by guarding")
+    assert not node.emcy.log
+    node.nmt.stop_node_guarding()
+    until(lambda: node.emcy.log, "the end of the life time")
+    assert node.emcy.log[0].code == 0x8130
+    # 1000 days and 12 345.678 s after 1984-01-01; the node consumes it once told so.
+    moment = 441763200 + 1000 * 86400 + 12345.678
+    network.time.transmit(moment)
+    time.sleep(0.05)
+    assert node.sdo[0x2004].raw == 0x12345678
+    node.sdo[0x1012].raw = 0x80000100
+    network.time.transmit(moment)
+    until(lambda: node.sdo[0x2004].raw in (12345677, 12345678), "the time of day")
+    assert node.sdo[0x2006].raw == 1000
+
+
+def lss(network, node, states):
+    master = network.lss
+    master.RESPONSE_TIMEOUT = 0.08
+    identity = [0xFEED, 0x80000001, 0x20003, 0xC0FFEE01]
+    print("on")
+    time.sleep(0.3)
+    assert not states, "a node without id boots"
+    found, address = master.fast_scan()
+    assert found and address == identity, f"{found} {address}"
+    # It is in the configuration state now.
+    assert [master.inquire_lss_address(part) for part in (0x5A, 0x5B, 0x5C, 0x5D)] == identity
+    assert master.inquire_node_id() == 0xFF
+    for refused in (lambda: master.configure_node_id(128), lambda: master.configure_bit_timing(4)):
+        try:
+            refused()
+            raise AssertionError("it took what it cannot be")
+        except LssError:
+            pass
+    master.configure_node_id(NODE)
+    master.configure_bit_timing(2)
+    master.store_configuration()
+    master.send_switch_state_global(master.WAITING_STATE)
+    states.await_(BOOT_UP, "the boot-up message of the node with its new id")
+    assert node.sdo[0x1018][4].raw == identity[3]
+    # Nobody is left, and it is found by its address.
+    assert master.fast_scan() == (False, None)
+    assert master.send_switch_state_selective(*identity)
+    assert master.inquire_node_id() == NODE
+    master.send_switch_state_global(master.WAITING_STATE)
+    node.nmt.state = "RESET"
+    states.await_(BOOT_UP, "the boot-up message with the stored id")
+
+
 def emergency(network, node, states):
     for code, register, description in (
         (0x2310, 0x03, "Current"), (0x4210, 0x09, "Temperature"), (0x8250, 0x11, "Monitoring"),
@@ -143,6 +202,45 @@ def sdo(network, node, states):
         data = pattern(length)
         node.sdo.download(0x2000, 0, data, force_segment=length % 2 == 0)
         assert node.sdo.upload(0x2000, 0) == data, f"{length} bytes"
+
+
+def block(network, node, states):
+    # 889 bytes are a block of 127 segments.
+    sizes = [*range(1, 30), *(889 * k + d for k in (1, 2, 3, 8) for d in (-8, -7, -6, -1, 0, 1, 6, 7, 8)), 4096, 10_000]
+    for length in sizes:
+        for crc in (True, False):
+            data = pattern(length)
+            with node.sdo.open(0x2000, length & 0xFF, "wb", size=length, block_transfer=True, request_crc_support=crc) as f:
+                f.write(data)
+            assert node.sdo.upload(0x2000, length & 0xFF) == data, f"{length} bytes down, crc {crc}"
+            with node.sdo.open(0x2000, length & 0xFF, "rb", block_transfer=True, request_crc_support=crc) as f:
+                assert f.raw.size == length and f.raw.crc_supported == crc
+                assert f.read() == data, f"{length} bytes up, crc {crc}"
+    assert abort_code(lambda: node.sdo.open(0x5FFF, 0, "rb", block_transfer=True)) == 0x06020000
+    # A CRC that is not the data's.
+    stream = node.sdo.open(0x2000, 1, "wb", buffering=0, size=7, block_transfer=True)
+    stream.send(b"1234567", end=True)
+    stream._crc.process(b"!")
+    assert abort_code(stream.close) == 0x05040004
+    # Segments that were lost are asked for again: 3 and 4 of the first block, 1 and 2 of the next.
+    lost, send = [3, 4, 128, 129], node.sdo.send_request
+    count = 0
+
+    def forgetful(request):
+        nonlocal count
+        count += 1
+        if count not in lost:
+            send(request)
+
+    data = pattern(2000)
+    stream = node.sdo.open(0x2000, 2, "wb", size=len(data), block_transfer=True)
+    node.sdo.send_request = forgetful
+    stream.write(data)
+    stream.flush()
+    node.sdo.send_request = send
+    stream.close()
+    assert node.sdo.upload(0x2000, 2) == data
+    assert count > 286 + len(lost), count
 
 
 def aborts(network, node, states):
@@ -239,8 +337,9 @@ def main(port, exchange):
     node.sdo.RESPONSE_TIMEOUT = 2.0
     states = States()
     node.nmt.add_heartbeat_callback(states.append)
-    print("on")
-    states.await_(BOOT_UP, "the boot-up message")
+    if exchange not in (block, lss):
+        print("on")
+        states.await_(BOOT_UP, "the boot-up message")
     exchange(network, node, states)
     network.disconnect()
 

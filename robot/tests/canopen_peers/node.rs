@@ -1,56 +1,24 @@
 //! Our node, with `master.py` as its master.
 
 use super::bus::{Bus, PATIENCE, Script};
+use super::store::Store;
+use super::support::workspace;
 use base::Duration;
-use canopen::dictionary::{Access, DataType, Dictionary, Entry};
+use canopen::eds::Eds;
+use canopen::lss::BitRate;
 use canopen::{Node, NodeEvent};
 
 const ID: u8 = 5;
 const BOOT: Duration = Duration::from_millis(50);
 
-/// What `node.eds` says.
-fn dictionary() -> Dictionary {
-    use Access::{Const, ReadOnly, ReadWrite, WriteOnly};
-    use DataType::{Domain, I16, I32, Text, U8, U16, U32};
-    let entry = Entry::new;
-    Dictionary::new(ID)
-        .with(&[
-            entry(0x1000, 0, U32, ReadOnly, 0x191),
-            entry(0x1001, 0, U8, ReadOnly, 0).mappable(),
-            entry(0x1003, 0, U8, ReadWrite, 0),
-            entry(0x1003, 1, U32, ReadOnly, 0),
-            entry(0x1003, 2, U32, ReadOnly, 0),
-            entry(0x1003, 3, U32, ReadOnly, 0),
-            entry(0x1003, 4, U32, ReadOnly, 0),
-            entry(0x1005, 0, U32, ReadWrite, 0x80),
-            entry(0x1008, 0, Text, Const, 0).text("A node to be talked to by others"),
-            entry(0x1012, 0, U32, ReadWrite, 0x8000_0100),
-            entry(0x1014, 0, U32, ReadOnly, 0x80).plus_node_id(),
-            entry(0x1016, 0, U8, ReadOnly, 2),
-            entry(0x1016, 1, U32, ReadWrite, 0),
-            entry(0x1016, 2, U32, ReadWrite, 0),
-            entry(0x1017, 0, U16, ReadWrite, 0),
-            entry(0x1018, 0, U8, ReadOnly, 4),
-            entry(0x1018, 1, U32, ReadOnly, 0xFEED),
-            entry(0x1018, 2, U32, ReadOnly, 0x8000_0001),
-            entry(0x1018, 3, U32, ReadOnly, 0x0002_0003),
-            entry(0x1018, 4, U32, ReadOnly, 0xC0FF_EE01),
-            entry(0x2000, 0, Domain, ReadWrite, 0),
-            entry(0x2001, 0, U32, ReadWrite, 0),
-            entry(0x2002, 0, U8, ReadWrite, 0).mappable(),
-            entry(0x2003, 0, I16, ReadWrite, 0).mappable(),
-            entry(0x2004, 0, U32, ReadWrite, 0x1234_5678).mappable(),
-            entry(0x2005, 0, I32, ReadWrite, -5).mappable().limits(-1000, 1000),
-            entry(0x2006, 0, U16, Const, 4711),
-            entry(0x2007, 0, U16, WriteOnly, 0),
-        ])
-        .with_rpdo(1, 0x200, &[0x2002_0008, 0x2003_0010], true)
-        .with_rpdo(2, 0x300, &[0x2004_0020], true)
-        .with_tpdo(1, 0x4000_0180, &[0x2002_0008, 0x2003_0010], true)
-        .with_tpdo(2, 0xC000_0280, &[0x2004_0020], true)
+/// The node of the file that the script reads too.
+fn node() -> Node {
+    let file = std::fs::read(workspace().join("robot/tests/canopen_peers/node.eds")).expect("node.eds");
+    Node::new(Eds::parse(&file).expect("a good file").dictionary(ID), BOOT)
 }
 
-/// What the device does: 0x2001 makes an emergency of what is written; the loss of a heartbeat is one.
+/// What the device does: 0x2001 makes an emergency of what is written; whoever falls silent is one. The time of day is
+/// shown by 0x2004 (ms) and 0x2006 (days).
 fn behave(node: &mut Node, event: NodeEvent) {
     match event {
         NodeEvent::ObjectWritten { index: 0x2001, .. } => {
@@ -58,6 +26,11 @@ fn behave(node: &mut Node, event: NodeEvent) {
             node.emergency(u16::from_le_bytes([code_low, code_high]), register, [info, 2, 3, 4, 5]);
         }
         NodeEvent::HeartbeatLost { node: lost } => node.emergency(0x8130, 0x11, [lost, 0, 0, 0, 0]),
+        NodeEvent::GuardLost => node.emergency(0x8130, 0x11, [0; 5]),
+        NodeEvent::Time(time) => {
+            node.set(0x2004, 0, i64::from(time.millis));
+            node.set(0x2006, 0, i64::from(time.days));
+        }
         _ => {}
     }
 }
@@ -65,9 +38,12 @@ fn behave(node: &mut Node, event: NodeEvent) {
 /// Serves our node to one of the exchanges of `master.py`, until that ends. The script prints `on` to have the node
 /// switched on.
 fn serve(exchange: &str) {
+    serve_node(exchange, node());
+}
+
+fn serve_node(exchange: &str, mut node: Node) {
     let mut bus = Bus::new();
-    let Some(mut script) = Script::start("master.py", &bus, &[exchange]) else { return };
-    let mut node = Node::new(dictionary(), BOOT);
+    let Some(mut script) = Script::start("robot/tests/canopen_peers/master.py", &bus, &[exchange]) else { return };
     while !script.is_over() {
         assert!(bus.now().as_nanos() < PATIENCE.as_nanos() as u64, "{exchange} does not end");
         if script.heard().is_some_and(|line| line == "on") {
@@ -104,6 +80,17 @@ fn python_canopen_sees_heartbeats_at_the_period_it_sets_and_is_watched_itself() 
 }
 
 #[test]
+fn python_canopen_guards_our_node_and_tells_it_the_time() {
+    serve("guarding");
+}
+
+#[test]
+fn python_canopen_finds_our_node_without_an_id_by_fastscan_and_gives_it_one() {
+    const RATES: &[BitRate] = &[BitRate::Kbit1000, BitRate::Kbit500];
+    serve_node("lss", node().with_lss(None, BitRate::Kbit1000, RATES));
+}
+
+#[test]
 fn python_canopen_decodes_emergencies_and_reads_their_history() {
     serve("emergency");
 }
@@ -111,6 +98,25 @@ fn python_canopen_decodes_emergencies_and_reads_their_history() {
 #[test]
 fn python_canopen_reads_and_writes_every_size_expedited_and_segmented() {
     serve("sdo");
+}
+
+/// Domains of up to 10 000 bytes, from 1 byte over every count of segments around the borders of blocks.
+#[test]
+fn python_canopen_reads_and_writes_blocks_of_every_size_with_crc_and_without() {
+    let mut bus = Bus::new();
+    let Some(mut script) = Script::start("robot/tests/canopen_peers/master.py", &bus, &["block"]) else { return };
+    let mut store = Store::new(ID);
+    while !script.is_over() {
+        assert!(bus.now().as_nanos() < 3 * PATIENCE.as_nanos() as u64, "it does not end");
+        bus.wait(store.poll_timeout());
+        while let Some(frame) = bus.receive() {
+            store.handle_rx(bus.now(), &frame);
+            while let Some(frame) = store.poll_tx() {
+                bus.send(frame);
+            }
+        }
+        store.handle_timeout(bus.now());
+    }
 }
 
 #[test]
