@@ -3,6 +3,7 @@
 mod block;
 mod faults;
 mod line;
+mod script;
 
 use super::*;
 use crate::dictionary::{Access, DataType, Entry};

@@ -1,7 +1,8 @@
 //! The client's side of block transfers.
 
 use super::super::block::{Expired, Receiver, Sender, check_size};
-use super::{Client, Error, Transfer, Wait, download};
+use super::normal::download;
+use super::{Client, Error, Transfer, Wait};
 use crate::wire::sdo::{Request, Response};
 use crate::{Abort, Payload};
 use base::Instant;
