@@ -29,6 +29,7 @@ bench:
 	cargo bench -p advee --locked --bench start --bench wheel
 	cargo bench -p lcm-gen --locked --bench codec
 	cargo bench -p rs485 --locked --bench rs485
+	cargo bench -p advee --locked --bench canopen
 	cargo bench -p lcm --locked --bench lcm
 
 clean:

@@ -4,13 +4,8 @@
 //! words of requests and answers, two words of turnaround before each request, and the boards' answer delay of 200 us.
 //! Figure to reach: 95 %. Then the CPU time of one transaction in the master and its schedule, with all that a driver
 //! calls for it, and its allocations. Figures to reach: 2 us, none.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    reason = "a bench asks for its CPU time, and stops when it fails"
-)]
 
-#[path = "rs485/sys.rs"]
+#[path = "sys.rs"]
 mod sys;
 
 use base::serial::Word;
@@ -138,9 +133,9 @@ fn engine(name: &str, board: u8) {
     let allocations = MEMORY.allocations() - before;
     let mut rounds: Vec<f64> = (0..ROUNDS)
         .map(|_| {
-            let begin = cpu_ns();
+            let begin = sys::cpu_ns();
             run(TRANSACTIONS);
-            (cpu_ns() - begin) as f64 / f64::from(TRANSACTIONS)
+            (sys::cpu_ns() - begin) as f64 / f64::from(TRANSACTIONS)
         })
         .collect();
     rounds.sort_by(f64::total_cmp);
@@ -148,10 +143,4 @@ fn engine(name: &str, board: u8) {
         "engine, a transaction with an {name}: {:.0} ns of CPU (median of {ROUNDS} rounds), {allocations} allocations in 1000",
         rounds[ROUNDS / 2]
     );
-}
-
-/// What this thread has run, ns (kernel: Documentation/scheduler/sched-stats.rst).
-fn cpu_ns() -> u64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("a kernel with schedstat");
-    text.split_whitespace().next().and_then(|ns| ns.parse().ok()).expect("nanoseconds")
 }

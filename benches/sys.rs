@@ -1,5 +1,6 @@
-//! An allocator that counts.
+//! What benches ask of their machine: an allocator that counts, CPU time.
 #![allow(unsafe_code, reason = "an allocator cannot be written without")]
+#![allow(clippy::disallowed_methods, reason = "a bench asks for its CPU time")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -38,4 +39,10 @@ unsafe impl GlobalAlloc for Counting {
         // SAFETY: the caller's promise is passed on; `pointer` came from there.
         unsafe { System.realloc(pointer, layout, size) }
     }
+}
+
+/// What this thread has run, ns (kernel: Documentation/scheduler/sched-stats.rst).
+pub fn cpu_ns() -> u64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("a kernel with schedstat");
+    text.split_whitespace().next().and_then(|ns| ns.parse().ok()).expect("nanoseconds")
 }
