@@ -1,6 +1,7 @@
 //! The robot's two drives, as thin tables over [`Master`](crate::Master) and [`axis`](crate::axis).
 //!
-//! Both also offer the dictionary of their simulated twin: driver and twin read one table.
+//! Both also offer the dictionary of their simulated twin: driver and twin read one table. Another drive is another file
+//! here: `docs/adding-a-drive.md`.
 
 pub mod epos;
 mod epos_objects;

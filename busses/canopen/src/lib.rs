@@ -33,3 +33,8 @@ pub use master::{Event, Master, MasterConfig, NodeConfig};
 pub use node::{Node, NodeEvent};
 pub use value::{Payload, Value};
 pub use wire::{NmtCommand, NmtState};
+
+/// The example of the guide, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/adding-a-drive.md")]
+pub struct AddingADrive;

@@ -322,6 +322,8 @@ impl Servo {
     /// Goes on by `dt` s. What the motor shall do, as position and speed; `None` with the power stage off.
     pub fn step(&mut self, now: Instant, sensed: &Sensed, dt: f64) -> Option<PositionProfile> {
         self.elapse(now);
+        // What is sensed answers the demand of the step before.
+        self.watch(now, sensed);
         match self.drive.motion() {
             Motion::Off => return None,
             Motion::Follow if self.is_halted() => self.brake(self.drive.halt(), dt),
@@ -334,7 +336,6 @@ impl Servo {
                 }
             }
         }
-        self.watch(now, sensed);
         self.position_before = sensed.position;
         self.is_powered().then_some(self.profile)
     }
