@@ -1,9 +1,9 @@
 //! From lines to objects.
 
-use super::fields::{Fields, Key, Notes, object, parameter};
+use super::fields::{Fields, Key, Notes, cut, object, parameter};
 use super::ini::{Ini, Section};
 use super::number::number;
-use super::{Device, Eds, Error, Group, MAX_OBJECTS, Note, Object, ObjectType, Setting};
+use super::{Device, Eds, Error, Group, MAX_NAME, MAX_OBJECTS, Note, Object, ObjectType, Setting};
 use crate::Payload;
 use crate::dictionary::{Access, DataType};
 use alloc::collections::{BTreeMap, BTreeSet};
@@ -195,7 +195,8 @@ impl<'a> Builder<'a, '_> {
             high: None,
             ..template.clone()
         };
-        let element = |sub| Object { sub, name: format!("{}{sub}", template.name), ..template.clone() };
+        let stem = cut(&template.name, MAX_NAME - 3);
+        let element = |sub| Object { sub, name: format!("{stem}{sub}"), ..template.clone() };
         let mut objects: Vec<Object> = core::iter::once(number).chain((1..=count).map(element)).collect();
         for (section, key) in
             [(parts.names, Key::Name), (parts.values, Key::Parameter), (parts.denotations, Key::Denotation)]

@@ -8,6 +8,12 @@ use crate::dictionary::{Access, DataType};
 use alloc::string::String;
 use alloc::vec::Vec;
 
+/// The first `len` bytes of a text, or a few less where a character would be split.
+pub(super) fn cut(text: &str, len: usize) -> &str {
+    let end = (0..=len.min(text.len())).rev().find(|at| text.is_char_boundary(*at));
+    &text[..end.unwrap_or(0)]
+}
+
 /// The warnings so far.
 #[derive(Default)]
 pub(super) struct Notes(pub(super) Vec<Note>);
@@ -25,8 +31,7 @@ impl Notes {
 
     /// A value as a name.
     pub(super) fn name(&mut self, line: &Line<'_>) -> String {
-        let end = (0..=MAX_NAME.min(line.value.len())).rev().find(|at| line.value.is_char_boundary(*at));
-        let name = &line.value[..end.unwrap_or(0)];
+        let name = cut(line.value, MAX_NAME);
         if name.len() < line.value.len() {
             self.push(line, "a name this long is cut off");
         }

@@ -308,6 +308,9 @@ fn size_names_objects_and_warnings_are_bounded() {
     let name = "ä".repeat(MAX_NAME);
     let eds = object(&format!("ParameterName={name}\nDataType=5\nAccessType=rw")).unwrap();
     assert_eq!((eds.objects()[0].name.len(), notes(&eds)), (MAX_NAME, ["a name this long is cut off"].into()));
+    let longest = "n".repeat(MAX_NAME);
+    let eds = object(&format!("ParameterName={longest}\nObjectType=8\nDataType=5\nAccessType=rw\nCompactSubObj=100"));
+    assert_eq!(eds.unwrap().object(0x2000, 100).unwrap().name.len(), MAX_NAME);
     let text = "x".repeat(1000);
     let compact = format!("ObjectType=8\nDataType=9\nAccessType=rw\nDefaultValue={text}\nCompactSubObj=254");
     assert_eq!(notes(&object(&compact).unwrap()), ["a long default for each element is left out"]);
