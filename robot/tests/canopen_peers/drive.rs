@@ -107,7 +107,7 @@ impl Rig {
                 }
                 Event::Pdo { node: ID, number: 2, data, .. } => {
                     let [position, velocity] =
-                        [0, 4].map(|at| i32::from_le_bytes(data[at..at + 4].try_into().unwrap()));
+                        [0, 4].map(|at| i32::from_le_bytes(data[at..at + 4].try_into().expect("4 bytes")));
                     (self.position, self.velocity) = (position, velocity);
                 }
                 Event::SdoRead { ticket, data, .. } => self.sdo_done(ticket, Ok(data)),

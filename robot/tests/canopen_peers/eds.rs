@@ -12,7 +12,7 @@ const NODE: u8 = 5;
 fn files() -> Vec<PathBuf> {
     let folders = ["busses/canopen/eds", "busses/canopen/eds/others", "robot/tests/canopen_peers"];
     let entries = folders.iter().flat_map(|folder| std::fs::read_dir(workspace().join(folder)).into_iter().flatten());
-    let paths = entries.map(|entry| entry.unwrap().path());
+    let paths = entries.map(|entry| entry.expect("a folder to read").path());
     let mut files: Vec<_> = paths.filter(|path| path.extension().is_some_and(|e| e == "eds" || e == "dcf")).collect();
     files.sort();
     files
