@@ -186,9 +186,11 @@ impl Virtual {
 
     /// Freezes a process: it is served nothing, its input waits in bounded buffers.
     pub fn hang(&mut self, pid: u32) {
-        if let Some(place) = self.place(pid) {
+        if let Some(place) = self.place(pid).filter(|place| !self.processes[*place].hung) {
             self.processes[place].hung = true;
             self.processes[place].due = None;
+            let module = self.processes[place].module.clone();
+            self.news(&News::Hung { module: &module, pid });
         }
     }
 
@@ -198,6 +200,8 @@ impl Virtual {
         if !mem::replace(&mut self.processes[place].hung, false) {
             return;
         }
+        let module = self.processes[place].module.clone();
+        self.news(&News::Resumed { module: &module, pid });
         let backlog = mem::take(&mut self.processes[place].backlog);
         for waiting in backlog {
             self.tell(pid, waiting);

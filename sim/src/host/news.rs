@@ -75,6 +75,20 @@ pub enum News<'a> {
         /// How.
         status: ExitStatus,
     },
+    /// A process hangs from now on.
+    Hung {
+        /// Its module.
+        module: &'a str,
+        /// Its number.
+        pid: u32,
+    },
+    /// A process that hung goes on; what waited for it follows.
+    Resumed {
+        /// Its module.
+        module: &'a str,
+        /// Its number.
+        pid: u32,
+    },
 }
 
 /// What has passed on a bus since the start.
