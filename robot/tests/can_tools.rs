@@ -200,7 +200,7 @@ fn objects_are_read_and_written_by_number_and_by_name() {
 #[test]
 fn long_objects_go_through_files_in_segments_and_in_blocks() {
     let bus = Bus::new();
-    let data: Vec<u8> = (0..4000_u32).map(|n| (n * n >> 3) as u8).collect();
+    let data: Vec<u8> = (0..4000_u32).map(|n| (n * n / 8) as u8).collect();
     for (how, name) in [(&[][..], "segments"), (&["--block"], "blocks")] {
         let (from, to) = (bus.file(name), bus.file("back"));
         let data: Vec<u8> = data.iter().map(|byte| byte ^ name.len() as u8).collect();

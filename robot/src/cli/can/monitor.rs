@@ -218,7 +218,11 @@ impl<'a> View<'a> {
             Heard::Nothing => return Ok(()),
         };
         *self.counts.entry(kind).or_default() += 1;
-        let is_new = frame.is_none_or(|frame| self.last.insert(frame.id(), *frame) != Some(*frame));
+        // Of 29 bits there are too many to remember each.
+        let is_new = match frame.map(|frame| (frame.id(), *frame)) {
+            Some((id @ Id::Standard(_), frame)) => self.last.insert(id, frame) != Some(frame),
+            _ => true,
+        };
         let repeats = matches!(kind, Kind::Pdo | Kind::Sync | Kind::Heartbeat);
         if self.command.changes && repeats && !is_new || !self.is_wanted(kind, &told) {
             return Ok(());

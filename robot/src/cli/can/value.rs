@@ -1,6 +1,6 @@
 //! What the bytes of an object say, by its type, or by its length where nobody knows the type; and the way back.
 
-use canopen::axis::PowerState;
+use canopen::axis::{PowerState, status};
 use canopen::dictionary::DataType;
 use serde_json::{Value, json};
 
@@ -64,8 +64,10 @@ fn said(index: u16, data_type: DataType, bits: u64, decimal: String) -> String {
     match index {
         0x6040 => format!("0x{bits:04X} {}", command(bits as u16)),
         0x6041 => {
-            let state = PowerState::decode(bits as u16).map_or("?".into(), |state| state.to_string());
-            format!("0x{bits:04X} {state}")
+            let word = bits as u16;
+            let state = PowerState::decode(word).map_or("?".into(), |state| state.to_string());
+            let more = STATUS_BITS.iter().filter(|(bit, _)| word & bit != 0).map(|(_, name)| format!(", {name}"));
+            format!("0x{word:04X} {state}{}", more.collect::<String>())
         }
         0x6060 | 0x6061 => match mode(bits as u8 as i8) {
             "" => decimal,
@@ -76,6 +78,10 @@ fn said(index: u16, data_type: DataType, bits: u64, decimal: String) -> String {
         _ => decimal,
     }
 }
+
+/// Bits of a statusword beside the state that mean the same in every mode, as far as they are news.
+const STATUS_BITS: [(u16, &str); 3] =
+    [(status::WARNING, "warning"), (status::TARGET_REACHED, "target reached"), (status::LIMIT, "at a limit")];
 
 /// What a controlword commands (CiA 402-2).
 fn command(word: u16) -> &'static str {
@@ -162,6 +168,7 @@ mod tests {
     fn a_value_reads_as_a_person_would_say_it() {
         let u16 = Some(DataType::U16);
         assert_eq!(text(0x6041, u16, &[0x37, 0x02]), "0x0237 operation enabled");
+        assert_eq!(text(0x6041, u16, &[0xB7, 0x06]), "0x06B7 operation enabled, warning, target reached");
         assert_eq!(text(0x6040, u16, &[0x0F, 0x00]), "0x000F enable");
         assert_eq!(text(0x6040, u16, &[0x0B, 0x00]), "0x000B quick stop");
         assert_eq!(text(0x6060, Some(DataType::I8), &[3]), "3 profile velocity");
