@@ -71,6 +71,22 @@ pub enum ProcessCommand {
         /// Which.
         pid: u32,
     },
+    /// Keep this for the next watchdog, should this one die: [`crate::ProcessEvent::Earlier`].
+    Remember {
+        /// Which module.
+        module: String,
+        /// The state that is wanted of it.
+        wanted: State,
+        /// Whether only an operator leads it out of TERMINATE into RUN.
+        held: bool,
+    },
+    /// Whether all critical modules are healthy, from now on: what guards the watchdog is fed only while they are.
+    Health {
+        /// Whether they are.
+        healthy: bool,
+        /// How all are, in a few words for people.
+        status: String,
+    },
 }
 
 /// Where a module puts its actions; the host drains it after every call.

@@ -90,6 +90,18 @@ pub enum ProcessEvent<'a> {
         /// Its process.
         pid: u32,
     },
+    /// How an earlier watchdog left a module; told before [`Event::Start`], for each that it remembered
+    /// ([`crate::ProcessCommand::Remember`]). Where its process still lives it is this watchdog's from now on.
+    Earlier {
+        /// Which module.
+        module: &'a str,
+        /// The state that was wanted of it.
+        wanted: State,
+        /// Whether only an operator leads it out of TERMINATE into RUN.
+        held: bool,
+        /// Its process, if that lives.
+        pid: Option<u32>,
+    },
     /// A module's process could not be started.
     Unstartable {
         /// Which module.
@@ -139,7 +151,7 @@ pub enum ProcessEvent<'a> {
 /// How a process ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExitStatus {
-    /// By itself, with a code.
+    /// By itself, with a code; -1 where nobody could see it.
     Code(i32),
     /// By a signal.
     Signal(i32),

@@ -197,6 +197,7 @@ impl Watchdog {
                 }
                 return;
             }
+            ProcessEvent::Earlier { .. } => return,
             ProcessEvent::Usage { pid, cpu, rss } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.phase.pid() == Some(pid)) {
                     (guard.cpu, guard.rss) = (cpu, rss);

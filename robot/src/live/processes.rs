@@ -86,6 +86,7 @@ impl Processes {
             ProcessCommand::Spawn { module, wanted } => self.spawn(now, module, wanted),
             ProcessCommand::Terminate { pid } => self.signal(pid, Signal::SIGTERM),
             ProcessCommand::Kill { pid } => self.signal(pid, Signal::SIGKILL),
+            ProcessCommand::Remember { .. } | ProcessCommand::Health { .. } => {}
         }
     }
 

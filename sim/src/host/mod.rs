@@ -6,13 +6,16 @@
 //!
 //! What is modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN
 //! with exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits a word and collisions ([`serial`]);
-//! processes that are started, ended, killed, hung. What is not: computing time (an event is served at once),
+//! processes that are started, ended, killed, hung, slow, that beat as live ones do, and outlive their watchdog for a
+//! while; what faults do to all of these. What is not: computing time (an event is served at once, or so much late),
 //! resource usage ([`module::ProcessEvent::Usage`] is never sent).
 
 mod agenda;
 mod can;
 mod config;
 mod digest;
+mod disturbance;
+mod life;
 mod news;
 mod serial;
 #[cfg(test)]
@@ -29,10 +32,12 @@ use base::serial::Word;
 use base::{Duration, Instant};
 use can::Told;
 use digest::Digest;
+use disturbance::{Disturbance, part};
+use life::{Kept, Life};
 use messages::{Channel, Message};
 use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell, State};
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::collections::{BTreeMap, BinaryHeap};
 use std::mem;
 use std::rc::Rc;
 use wire::{Kind, Owner, Wire, open};
@@ -47,6 +52,10 @@ const FIRST_PID: u32 = 1000;
 const BACKLOG: usize = 1024;
 /// A module that is due at once this often in a row does not move on.
 const SPIN: u32 = 10_000;
+/// The LCM bus as a target of faults.
+const LCM: &str = "lcm";
+/// A message that comes twice comes again within this time.
+const TWICE: Duration = Duration::from_millis(2);
 
 /// A process.
 struct Process {
@@ -57,9 +66,9 @@ struct Process {
     shell: Shell,
     /// The wires of its ports.
     wires: Vec<usize>,
-    started: bool,
-    hung: bool,
-    backlog: VecDeque<Waiting>,
+    life: Life,
+    /// With the epoch that it took when it was started.
+    out: Actions,
     due: Option<(Instant, u64)>,
     /// When it was last served by its timer, and how often at that moment.
     spin: (Instant, u32),
@@ -81,11 +90,14 @@ pub struct Virtual {
     processes: Vec<Process>,
     wires: Vec<Wire>,
     next_pid: u32,
+    kept: Vec<Kept>,
+    /// A look at beats is to come.
+    looking: bool,
     lcm: Random,
+    lcm_disturbance: Disturbance,
     /// When the last message of each process arrives.
     arrivals: BTreeMap<u32, Instant>,
     digest: Digest,
-    out: Actions,
     bytes: Vec<u8>,
     ports: Vec<Owner>,
 }
@@ -110,10 +122,12 @@ impl Virtual {
             processes: Vec::new(),
             wires: Vec::new(),
             next_pid: FIRST_PID,
+            kept: Vec::new(),
+            looking: false,
             lcm: Random::stream(config.seed, 1),
+            lcm_disturbance: Disturbance::default(),
             arrivals: BTreeMap::new(),
             digest: Digest::new(config.seed),
-            out: Actions::new(config.epoch),
             bytes: Vec::new(),
             ports: Vec::new(),
             config,
@@ -184,49 +198,22 @@ impl Virtual {
         self.end(pid, ExitStatus::Signal(SIGKILL));
     }
 
-    /// Freezes a process: it is served nothing, its input waits in bounded buffers.
-    pub fn hang(&mut self, pid: u32) {
-        if let Some(place) = self.place(pid).filter(|place| !self.processes[*place].hung) {
-            self.processes[place].hung = true;
-            self.processes[place].due = None;
-            let module = self.processes[place].module.clone();
-            self.news(&News::Hung { module: &module, pid });
-        }
-    }
-
-    /// Lets a hung process go on: it gets what waits, then its timer.
-    pub fn resume(&mut self, pid: u32) {
-        let Some(place) = self.place(pid) else { return };
-        if !mem::replace(&mut self.processes[place].hung, false) {
-            return;
-        }
-        let module = self.processes[place].module.clone();
-        self.news(&News::Resumed { module: &module, pid });
-        let backlog = mem::take(&mut self.processes[place].backlog);
-        for waiting in backlog {
-            self.tell(pid, waiting);
-        }
-        if let Some(place) = self.place(pid) {
-            self.arm(place);
-        }
-    }
-
     /// Sends a message at a moment (now, when it is past), as process 0.
     pub fn inject(&mut self, at: Instant, message: impl Into<Message>) {
         self.schedule(at.max(self.now), Happening::Inject(message.into()));
     }
 
-    /// Lets a fault come over a CAN bus for so many seconds, as `SIM_CMD_FAULT` with the bus's name as its target does;
-    /// false when there is no such bus, or that is no fault of a bus ([`crate::faults`]).
-    pub fn can_fault(&mut self, bus: &str, ailment: Ailment, lasts: f64) -> bool {
-        let Some(place) = self.wires.iter().position(|wire| &*wire.bus == bus) else {
+    /// Lets a fault come over a bus for so many seconds (0: for good), as `SIM_CMD_FAULT` with the bus's name as its target
+    /// does; `lcm` is one. False when there is no such bus, or that is no fault of it ([`Ailment`]).
+    pub fn fault(&mut self, target: &str, ailment: Ailment, lasts: f64) -> bool {
+        let (now, until) = (self.now, faults::until(self.now, lasts));
+        if target == LCM {
+            return !matches!(ailment, Ailment::Noise(_)) && self.lcm_disturbance.suffer(now, ailment, until);
+        }
+        let Some(place) = self.wires.iter().position(|wire| &*wire.bus == target) else {
             return false;
         };
-        let until = faults::until(self.now, lasts);
-        let known = match &mut self.wires[place].kind {
-            Kind::Can(wire) => wire.suffer(self.now, ailment, until),
-            Kind::Serial(_) => false,
-        };
+        let known = self.wires[place].suffer(now, ailment, until);
         self.pass_told(place);
         self.arm_wire(place);
         known
@@ -292,9 +279,8 @@ impl Virtual {
             module: module.into(),
             shell,
             wires,
-            started: false,
-            hung: false,
-            backlog: VecDeque::new(),
+            life: Life::new(),
+            out: Actions::new(self.config.epoch),
             due: None,
             spin: (Instant::ZERO, 0),
         });
@@ -311,13 +297,19 @@ impl Virtual {
             Happening::Deliver(message) => self.deliver(&message),
             Happening::Inject(message) => self.publish(0, message),
             Happening::Tell(pid, waiting) => self.tell(pid, waiting),
+            Happening::Serve(pid, waiting) => self.serve(pid, waiting),
+            Happening::Look => self.serve_look(),
+            Happening::Lonely(pid) => self.serve_lonely(pid),
+            Happening::Again(place) => self.again(place),
         }
     }
 
     fn begin(&mut self, pid: u32) {
         let Some(place) = self.place(pid) else { return };
-        self.processes[place].started = true;
+        self.processes[place].life.begin(self.now);
         self.handle(pid, Event::Start);
+        self.tell_of_beats(pid);
+        self.adopt(pid);
         let ports = self.place(pid).map_or(0, |place| self.processes[place].wires.len());
         for port in (0..ports).map(|port| PortId(port as u8)) {
             let Some(place) = self.place(pid) else { return };
@@ -336,14 +328,15 @@ impl Virtual {
             && let Some(ailment) = Ailment::from_name(&command.fault, command.value)
         {
             // What is no fault of a bus is one of the simulator's, or the simulator says that it is none.
-            self.can_fault(&command.target, ailment, command.duration);
+            self.fault(&command.target, ailment, command.duration);
         }
+        let loss = self.config.lcm_loss.max(self.lcm_disturbance.loss(self.now));
         let mut pid = 0;
         // By number, not by place: serving one may end or start others.
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
             let process = &self.processes[place];
             pid = process.pid;
-            if process.started && process.shell.wants(message.channel()) && !self.lcm.chance(self.config.lcm_loss) {
+            if process.life.started && process.shell.wants(message.channel()) && !self.lcm.chance(loss) {
                 self.tell(pid, Waiting::Message(self.now, message.clone()));
             }
         }
@@ -396,6 +389,11 @@ impl Virtual {
         let bus = self.wires[place].bus.clone();
         self.digest.can(self.now, &bus, &frame);
         self.news(&News::Can { bus: &bus, frame });
+        let wire = &mut self.wires[place];
+        let Some((at, times)) = wire.passes(self.now) else {
+            self.news(&News::CanLost { bus: &bus, frame });
+            return;
+        };
         let echo = self.config.can_echo;
         self.each_port(place, |host, port| {
             let hears = match &host.wires[place].kind {
@@ -403,7 +401,9 @@ impl Virtual {
                 Kind::Serial(_) => false,
             };
             if hears && (port != owner || echo) {
-                host.tell(port.pid, Waiting::Can(port.port, frame));
+                for _ in 0..times {
+                    host.tell_at(at, port.pid, Waiting::Can(port.port, frame));
+                }
             }
         });
     }
@@ -412,12 +412,17 @@ impl Virtual {
         let (bus, owner) = (self.wires[place].bus.clone(), arrival.owner);
         self.digest.words(self.now, &bus, &arrival.words);
         self.news(&News::Words { bus: &bus, pid: owner.pid, words: &arrival.words });
-        let words: Rc<[Word]> = arrival.words.into();
-        self.each_port(place, |host, port| {
-            if port != owner {
-                host.tell(port.pid, Waiting::Words(port.port, words.clone()));
-            }
-        });
+        let mut words = arrival.words;
+        let wire = &mut self.wires[place];
+        wire.garble(self.now, &mut words);
+        let words: Rc<[Word]> = words.into();
+        if let Some((at, times)) = wire.passes(self.now) {
+            self.each_port(place, |host, port| {
+                for _ in 0..if port == owner { 0 } else { times } {
+                    host.tell_at(at, port.pid, Waiting::Words(port.port, words.clone()));
+                }
+            });
+        }
         if arrival.sent {
             self.tell(owner.pid, Waiting::Sent(owner.port));
         }
@@ -434,13 +439,35 @@ impl Virtual {
         self.ports = ports;
     }
 
-    /// Gives a process an event, or lets it wait while the process hangs.
+    /// Gives a process an event now, or at a later moment.
+    fn tell_at(&mut self, at: Instant, pid: u32, waiting: Waiting) {
+        if at <= self.now {
+            self.tell(pid, waiting);
+        } else {
+            self.schedule(at, Happening::Tell(pid, waiting));
+        }
+    }
+
+    /// An event has come for a process: it is served, or waits while the process hangs or crawls.
     fn tell(&mut self, pid: u32, waiting: Waiting) {
         let Some(place) = self.place(pid) else { return };
+        let life = &mut self.processes[place].life;
+        if life.hung.is_none() && (!life.late.is_zero() || life.behind > self.now) {
+            life.behind = life.behind.max(self.now + life.late);
+            let at = life.behind;
+            self.schedule(at, Happening::Serve(pid, waiting));
+            return;
+        }
+        self.serve(pid, waiting);
+    }
+
+    /// Gives a process an event, or lets it wait while the process hangs.
+    fn serve(&mut self, pid: u32, waiting: Waiting) {
+        let Some(place) = self.place(pid) else { return };
         let process = &mut self.processes[place];
-        if process.hung {
-            if process.backlog.len() < BACKLOG {
-                process.backlog.push_back(waiting);
+        if process.life.hung.is_some() {
+            if process.life.backlog.len() < BACKLOG {
+                process.life.backlog.push_back(waiting);
             }
             return;
         }
@@ -461,9 +488,13 @@ impl Virtual {
             Waiting::Unstartable(module, reason) => {
                 self.handle(pid, Event::Process(ProcessEvent::Unstartable { module: &module, reason: &reason }));
             }
+            Waiting::Beating(child) => self.handle(pid, Event::Process(ProcessEvent::Beating { pid: child })),
+            Waiting::Silent(child, last) => {
+                self.handle(pid, Event::Process(ProcessEvent::Silent { pid: child, thread: "main", last }));
+            }
             Waiting::Start => self.begin(pid),
             Waiting::Terminate => {
-                let mut out = mem::take(&mut self.out);
+                let mut out = mem::take(&mut process.out);
                 process.shell.terminate(self.now, &mut out);
                 self.perform(pid, out);
             }
@@ -472,8 +503,9 @@ impl Virtual {
 
     fn handle(&mut self, pid: u32, event: Event<'_>) {
         let Some(place) = self.place(pid) else { return };
-        let mut out = mem::take(&mut self.out);
-        self.processes[place].shell.handle(self.now, event, &mut out);
+        let process = &mut self.processes[place];
+        let mut out = mem::take(&mut process.out);
+        process.shell.handle(self.now, event, &mut out);
         self.perform(pid, out);
     }
 
@@ -482,8 +514,8 @@ impl Virtual {
         for action in out.drain() {
             self.act(pid, action);
         }
-        self.out = out;
         if let Some(place) = self.place(pid) {
+            self.processes[place].out = out;
             self.arm(place);
         }
     }
@@ -519,13 +551,24 @@ impl Virtual {
         self.digest.message(self.now, pid, &message.channel_name(), &self.bytes);
         self.news(&News::Message { pid, message: &message });
         if self.processes.iter().any(|process| process.shell.wants(message.channel())) {
-            let jitter = self.config.lcm_jitter.as_nanos() as f64 * self.lcm.uniform();
-            let at = self.now + self.config.lcm_latency + Duration::from_nanos(jitter as u64);
-            // A socket is a queue: what one process sends does not overtake itself.
-            let last = self.arrivals.entry(pid).or_default();
-            *last = at.max(*last);
-            let at = *last;
-            self.schedule(at, Happening::Deliver(Rc::new(message)));
+            let jitter = part(self.config.lcm_jitter, &mut self.lcm);
+            let disturbance = &self.lcm_disturbance;
+            let at = self.now + self.config.lcm_latency + jitter + disturbance.delay(self.now);
+            let at = match disturbance.reorder(self.now, &mut self.lcm) {
+                Some(later) => at + later,
+                None => {
+                    // A socket is a queue: what one process sends does not overtake itself.
+                    let last = self.arrivals.entry(pid).or_default();
+                    *last = at.max(*last);
+                    *last
+                }
+            };
+            let message = Rc::new(message);
+            if self.lcm_disturbance.duplicates(self.now, &mut self.lcm) {
+                let again = at + part(TWICE, &mut self.lcm);
+                self.schedule(again, Happening::Deliver(message.clone()));
+            }
+            self.schedule(at, Happening::Deliver(message));
         }
     }
 
@@ -559,6 +602,8 @@ impl Virtual {
                 self.schedule(self.now, Happening::Tell(pid, Waiting::Terminate));
             }
             ProcessCommand::Kill { pid } => self.kill(pid),
+            // A virtual watchdog has no later life, and nobody above it to tell.
+            ProcessCommand::Remember { .. } | ProcessCommand::Health { .. } => {}
         }
     }
 
@@ -576,11 +621,14 @@ impl Virtual {
             let at = self.now + self.config.exit_delay;
             self.schedule(at, Happening::Tell(process.parent, Waiting::Exited(pid, status)));
         }
+        self.after(pid, status);
     }
 
     fn arm(&mut self, place: usize) {
         let process = &self.processes[place];
-        let due = if process.started && !process.hung { process.shell.poll_timeout() } else { None };
+        let life = &process.life;
+        let due = if life.started && life.hung.is_none() { process.shell.poll_timeout() } else { None };
+        let due = due.map(|due| due + life.late);
         let old = process.due;
         self.processes[place].due = self.rearmed(old, due);
     }
