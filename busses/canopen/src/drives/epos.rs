@@ -53,9 +53,9 @@ pub struct Parameters {
     pub encoder_pulses: Option<u16>,
     /// 0x2008, miscellaneous configuration; bit 3 measures velocity by pulse time. `None`: as the drive has it.
     pub miscellaneous: Option<u16>,
-    /// Period of the drive's heartbeat; default 100 ms.
+    /// Period of the drive's heartbeat; default 50 ms.
     pub heartbeat: Duration,
-    /// How long that may be missing; default 200 ms.
+    /// How long that may be missing; default 200 ms: two lost in a row are forgiven.
     pub heartbeat_limit: Duration,
     /// How long the master's heartbeat may be missing before the drive stops by itself; default 200 ms.
     pub master_limit: Duration,
@@ -77,7 +77,7 @@ impl Parameters {
             motor_type: None,
             encoder_pulses: None,
             miscellaneous: None,
-            heartbeat: Duration::from_millis(100),
+            heartbeat: Duration::from_millis(50),
             heartbeat_limit: Duration::from_millis(200),
             master_limit: Duration::from_millis(200),
             boot_timeout: Duration::from_secs(1),

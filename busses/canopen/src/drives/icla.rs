@@ -51,9 +51,9 @@ pub struct Parameters {
     pub position_limits: Option<(i32, i32)>,
     /// The least time between two frames of actual position; default 10 ms.
     pub position_inhibit: Duration,
-    /// Period of the drive's heartbeat; default 100 ms.
+    /// Period of the drive's heartbeat; default 50 ms.
     pub heartbeat: Duration,
-    /// How long that may be missing; default 200 ms.
+    /// How long that may be missing; default 200 ms: two lost in a row are forgiven.
     pub heartbeat_limit: Duration,
     /// How long the master's heartbeat may be missing before the drive stops by itself; default 200 ms. `None`: the
     /// drive's dictionary has no 0x1016.
@@ -77,7 +77,7 @@ impl Parameters {
             quick_stop_deceleration: 20_000,
             position_limits: None,
             position_inhibit: Duration::from_millis(10),
-            heartbeat: Duration::from_millis(100),
+            heartbeat: Duration::from_millis(50),
             heartbeat_limit: Duration::from_millis(200),
             master_limit: Some(Duration::from_millis(200)),
             boot_timeout: Duration::from_secs(1),

@@ -84,7 +84,7 @@ fn a_second_node_that_beats_in_silence_is_told_by_the_rate_of_the_heartbeats() {
     let mut bus = booted();
     for _ in 0..40 {
         bus.put(usize::MAX, wire::heartbeat(1, NmtState::Operational));
-        bus.run(100);
+        bus.run(50);
     }
     assert!(bus.events.iter().any(|(_, event)| *event == Event::DuplicateId { node: 1 }));
     assert!(bus.events.iter().any(|(_, event)| *event == Event::Lost { node: 1, reason: LostReason::DuplicateId }));
