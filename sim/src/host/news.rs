@@ -1,7 +1,7 @@
 //! What observers of a virtual machine are told.
 
 use base::serial::Word;
-use base::{Duration, Report};
+use base::{Duration, Instant, Report};
 use messages::Message;
 use module::{ExitStatus, State};
 
@@ -12,6 +12,15 @@ pub enum News<'a> {
     Message {
         /// By whom.
         pid: u32,
+        /// What.
+        message: &'a Message,
+    },
+    /// A message is served to a process that wants it.
+    Heard {
+        /// To whom.
+        pid: u32,
+        /// When it was received; it may have waited since.
+        at: Instant,
         /// What.
         message: &'a Message,
     },
@@ -88,6 +97,31 @@ pub enum News<'a> {
         module: &'a str,
         /// Its number.
         pid: u32,
+    },
+    /// A process crawls from now on.
+    Crawls {
+        /// Its module.
+        module: &'a str,
+        /// Its number.
+        pid: u32,
+        /// How late it is served; zero: as usual again.
+        late: Duration,
+    },
+    /// A fault comes over a bus, a board, a drive, or goes.
+    Fault {
+        /// Of whom.
+        target: &'a str,
+        /// Its name, as in `SIM_CMD_FAULT`.
+        fault: &'a str,
+        /// Until when; [`Instant::NEVER`]: until it is taken away.
+        until: Instant,
+    },
+    /// Something found no room: frames in the queue of a CAN port, input in that of a process.
+    Dropped {
+        /// The bus, or the module.
+        whose: &'a str,
+        /// How much.
+        count: u64,
     },
 }
 
