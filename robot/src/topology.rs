@@ -177,6 +177,7 @@ fn watchdog(config: &Config) -> watchdog::Config {
         depends: module.depends.clone(),
         beat_timeout: Duration::from_secs_f64(module.beat_timeout_s),
         restart: module.restart,
+        critical: module.critical,
     });
     watchdog::Config { modules: modules.collect(), ..watchdog::Config::default() }
 }

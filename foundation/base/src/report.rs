@@ -124,6 +124,10 @@ faults! {
     ModuleUnstartable = 0x0303, Resource;
     /// A module's page of beats cannot be read: it is judged by its announcements.
     BeatsBad = 0x0304, Unknown;
+    /// Somebody announces the name of a module that does not run, or that announces itself as well.
+    NameClaimed = 0x0305, Unknown;
+    /// A module was started again and again: told once, not each time.
+    RestartStorm = 0x0306, Unknown;
 
     /// A simulated fault was asked for that the simulator does not know.
     FaultUnknown = 0x0401, Unknown;

@@ -5,13 +5,20 @@ use base::{Duration, Instant};
 use messages::common;
 use module::{Action, Actions, Cause, ProcessCommand, State};
 
-/// The first delay after an immediate restart; doubles up to [`DELAY_MAX`].
+/// The first delay after an immediate restart; doubles up to [`crate::Config::delay_max`].
 const DELAY_FIRST: Duration = Duration::from_millis(100);
-const DELAY_MAX: Duration = Duration::from_secs(10);
+/// A delay this long is a storm: five restarts that no uptime paid off.
+const STORM: Duration = Duration::from_millis(800);
 /// A process that lived this long has paid off one doubling.
 const DECAY: Duration = Duration::from_secs(10);
+/// Announcements are counted over this time. A module announces itself each second and at every change.
+const WINDOW: Duration = Duration::from_secs(10);
+/// So many in one window are those of two.
+const CROWD: u32 = 18;
 /// The host owes an answer to a spawn within this time; else it counts as failed.
 const SPAWN_PATIENCE: Duration = Duration::from_secs(5);
+/// What a process announced before it ended has come by now.
+const LATE_ANNOUNCEMENT: Duration = Duration::from_secs(1);
 
 /// The process, and what is valid about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,8 +62,22 @@ pub(crate) struct Guard {
     settled: bool,
     /// It was in STOP when TERMINATE was commanded: only an operator leads out.
     held: bool,
-    /// When it was last started.
+    /// Its process is one of an earlier watchdog.
+    adopted: bool,
+    /// An earlier watchdog had it, and it is not in the list any more: it is ended, and forgotten then.
+    pub(crate) stranger: bool,
+    /// It was restarted so often that each further time is no news.
+    pub(crate) storm: bool,
+    /// What the host was last told to remember.
+    remembered: (State, bool),
+    /// When it was last started, and when it was last down.
     pub(crate) since: Instant,
+    down: Instant,
+    /// Somebody announced it while it was down, which was told.
+    claimed: bool,
+    /// Announcements since a moment, and whether there were too many in the window before.
+    announced: (Instant, u32),
+    crowded: bool,
     delay: Duration,
 }
 
@@ -75,9 +96,79 @@ impl Guard {
             launched: false,
             settled: false,
             held: false,
+            adopted: false,
+            stranger: false,
+            storm: false,
+            remembered: (State::Run, false),
             since: Instant::ZERO,
+            down: Instant::ZERO,
+            claimed: false,
+            announced: (Instant::ZERO, 0),
+            crowded: false,
             delay: Duration::ZERO,
         }
+    }
+
+    /// As an earlier watchdog left it.
+    pub(crate) fn earlier(&mut self, now: Instant, wanted: State, held: bool, pid: Option<u32>) {
+        self.remembered = (wanted, held);
+        self.wanted = if matches!(wanted, State::Pause | State::Stop | State::Terminate) { wanted } else { State::Run };
+        self.held = held;
+        self.launched = true;
+        if let Some(pid) = pid {
+            self.phase = Phase::Running { pid, since: now };
+            (self.since, self.heard, self.adopted) = (now, now, true);
+        }
+    }
+
+    /// Whether an earlier watchdog had started it, and it ended before this one came.
+    pub(crate) fn died_unseen(&self) -> bool {
+        self.launched && self.wanted != State::Terminate && matches!(self.phase, Phase::Down { .. })
+    }
+
+    /// Whether nothing that guards the watchdog need worry: it works, or an operator wants it down.
+    pub(crate) fn is_healthy(&self) -> bool {
+        self.wanted == State::Terminate || matches!(self.phase, Phase::Running { .. })
+    }
+
+    /// Has the host remember what is wanted, where that is news.
+    pub(crate) fn remember(&mut self, out: &mut Actions) {
+        let news = (self.wanted, self.held && self.wanted == State::Terminate);
+        if self.remembered != news {
+            self.remembered = news;
+            let (module, (wanted, held)) = (self.config.name.clone(), news);
+            out.push(Action::Process(ProcessCommand::Remember { module, wanted, held }));
+        }
+    }
+
+    /// Somebody announced this name while it has no process; true when that is to be told: not what was on its way
+    /// when the process ended, and once.
+    pub(crate) fn claim(&mut self, now: Instant) -> bool {
+        let late = matches!(self.phase, Phase::Down { .. }) && now.since(self.down) >= LATE_ANNOUNCEMENT;
+        late && !std::mem::replace(&mut self.claimed, true)
+    }
+
+    /// Counts an announcement: whether it comes from too many, as soon as that is known and changes.
+    pub(crate) fn count(&mut self, now: Instant) -> Option<bool> {
+        let (begun, count) = self.announced;
+        let over = now.since(begun) >= WINDOW;
+        self.announced = if over { (now, 1) } else { (begun, count + 1) };
+        let crowded = match over {
+            // A window in which it was not heard all the time proves nothing good.
+            true => count >= CROWD,
+            false => self.crowded || count + 1 >= CROWD,
+        };
+        (std::mem::replace(&mut self.crowded, crowded) != crowded).then_some(crowded)
+    }
+
+    /// Whether a storm is over: it has lived as long as pays off a restart.
+    pub(crate) fn calms(&mut self, now: Instant) -> bool {
+        let calm = self.storm && self.settled && matches!(self.phase, Phase::Running { .. });
+        if calm && now.since(self.since) >= DECAY {
+            self.storm = false;
+            return true;
+        }
+        false
     }
 
     /// Whether this process is its own, and was not asked to end.
@@ -97,12 +188,16 @@ impl Guard {
         self.launched = true;
         self.since = now;
         self.state = State::Unknown;
-        self.settled = false;
+        (self.settled, self.adopted, self.claimed) = (false, false, false);
     }
 
     /// Its first state after a start. One that was commanded on the way, when the process was ordered with another and
-    /// did not hear yet, is commanded again.
+    /// did not hear yet, is commanded again. An adopted process may have been commanded while no watchdog listened: of
+    /// its state and the remembered one the calmer is wanted.
     pub(crate) fn settle(&mut self, now: Instant, state: State, out: &mut Actions) {
+        if self.adopted && !self.settled && calm(state) > calm(self.wanted) {
+            self.wanted = state;
+        }
         if !self.settled && state != self.wanted && matches!(self.wanted, State::Pause | State::Stop) {
             out.publish(common::CmdState {
                 timestamp: out.timestamp(now),
@@ -126,15 +221,17 @@ impl Guard {
     }
 
     /// The process is gone or could not be had; returns how long until it may be started again.
-    pub(crate) fn on_down(&mut self, now: Instant) -> Duration {
+    pub(crate) fn on_down(&mut self, now: Instant, delay_max: Duration) -> Duration {
         let paid = now.since(self.since).as_nanos() / DECAY.as_nanos();
         self.delay = self.delay.checked_div(1 << paid.min(20)).unwrap_or_default();
         if self.delay < DELAY_FIRST {
             self.delay = Duration::ZERO;
         }
         let delay = self.delay;
-        self.delay = (self.delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
+        self.delay = (self.delay * 2).clamp(DELAY_FIRST, delay_max.max(DELAY_FIRST));
+        self.storm |= delay >= STORM.min(delay_max);
         self.phase = Phase::Down { not_before: now + delay };
+        self.down = now;
         self.state = State::Unknown;
         (self.cpu, self.rss) = (0.0, 0);
         delay
@@ -210,5 +307,14 @@ impl Guard {
             cpu: self.cpu,
             rss: self.rss,
         }
+    }
+}
+
+/// How far a state is from acting.
+fn calm(state: State) -> u8 {
+    match state {
+        State::Stop => 2,
+        State::Pause => 1,
+        _ => 0,
     }
 }

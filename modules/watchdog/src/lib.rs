@@ -14,6 +14,7 @@ use base::{Duration, Fault, Instant, Severity, Ticker};
 use guard::{Guard, Phase};
 use messages::{Channel, Message, common};
 use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
+use std::collections::BTreeMap;
 
 /// The watchdog's name as a module.
 pub const NAME: &str = "watchdog";
@@ -26,6 +27,11 @@ const CHECK: Duration = Duration::from_millis(200);
 const DEPENDS_PATIENCE: Duration = Duration::from_secs(2);
 /// A process that hangs has this long between SIGTERM and SIGKILL.
 const HANG_GRACE: Duration = Duration::from_millis(200);
+/// What says that a module is down.
+const DOWN: [Fault; 3] = [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUnstartable];
+/// Modules that are not ours to guard are known for this long after their last announcement, and no more than so many.
+const OTHER_GONE: Duration = Duration::from_secs(5);
+const OTHERS_MAX: usize = 64;
 /// A watchdog that was not called for this long was held up itself, and heard nobody.
 const HELD_UP: Duration = Duration::from_millis(500);
 
@@ -39,11 +45,18 @@ pub struct Config {
     /// A process that was asked to end has this long before it is killed. A drive's driver needs it to let the
     /// robot come to a stand.
     pub end_within: Duration,
+    /// The delay before a restart doubles up to this.
+    pub delay_max: Duration,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { modules: Vec::new(), announce_timeout: Duration::from_secs(2), end_within: Duration::from_millis(1500) }
+        Self {
+            modules: Vec::new(),
+            announce_timeout: Duration::from_secs(2),
+            end_within: Duration::from_millis(1500),
+            delay_max: Duration::from_secs(10),
+        }
     }
 }
 
@@ -58,12 +71,18 @@ pub struct ModuleConfig {
     pub beat_timeout: Duration,
     /// Whether it is started again when it ends unasked.
     pub restart: bool,
+    /// Whether the robot must not move without it.
+    pub critical: bool,
 }
 
 /// The watchdog.
 pub struct Watchdog {
     config: Config,
     guards: Vec<Guard>,
+    /// Modules that are not ours to guard, and when they were last heard.
+    others: BTreeMap<String, Instant>,
+    /// What the host was last told of the critical modules.
+    health: Option<(bool, String)>,
     publish: Ticker,
     check: Ticker,
     started: Instant,
@@ -84,6 +103,8 @@ impl Watchdog {
         Self {
             config,
             guards,
+            others: BTreeMap::new(),
+            health: None,
             publish: Ticker::new(Instant::NEVER, PUBLISH),
             check: Ticker::new(Instant::NEVER, CHECK),
             started: Instant::ZERO,
@@ -94,8 +115,17 @@ impl Watchdog {
         }
     }
 
-    fn on_start(&mut self, now: Instant) {
+    fn on_start(&mut self, now: Instant, out: &mut Actions) {
         self.started = now;
+        let adopted = self.guards.iter().filter(|guard| guard.phase.pid().is_some()).count();
+        if adopted > 0 {
+            out.note(format!("{adopted} modules of an earlier watchdog are adopted"));
+        }
+        for guard in self.guards.iter().filter(|guard| guard.died_unseen()) {
+            let name = &guard.config.name;
+            let message = format!("{name} ended while there was no watchdog");
+            out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), message);
+        }
         self.publish = Ticker::new(now + PUBLISH, PUBLISH);
         self.check = Ticker::new(now + CHECK, CHECK);
     }
@@ -108,8 +138,37 @@ impl Watchdog {
         }
     }
 
+    /// An earlier watchdog's module. One that is not in the list any more is ended.
+    fn on_earlier(&mut self, module: &str, wanted: State, held: bool, pid: Option<u32>, out: &mut Actions) {
+        let guard = match (self.guards.iter_mut().position(|guard| guard.config.name == module), pid) {
+            (Some(index), _) => {
+                self.guards[index].earlier(self.now, wanted, held, pid);
+                &mut self.guards[index]
+            }
+            (None, None) => return,
+            (None, Some(_)) => {
+                let mut guard = Guard::new(ModuleConfig {
+                    name: module.into(),
+                    depends: Vec::new(),
+                    beat_timeout: self.config.announce_timeout,
+                    restart: false,
+                    critical: false,
+                });
+                guard.earlier(self.now, State::Terminate, held, pid);
+                guard.stranger = true;
+                self.guards.push(guard);
+                let last = self.guards.len() - 1;
+                &mut self.guards[last]
+            }
+        };
+        if guard.wanted == State::Terminate {
+            guard.end(self.now, self.config.end_within, out);
+        }
+    }
+
     fn on_state(&mut self, now: Instant, announced: &common::DataState, out: &mut Actions) {
         let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == announced.module) else {
+            self.on_other(now, &announced.module);
             return;
         };
         let Some(state) = State::from_value(announced.state) else {
@@ -117,7 +176,22 @@ impl Watchdog {
         };
         // The announcement may overtake the news of the process's start.
         if !matches!(guard.phase, Phase::Running { .. } | Phase::Spawning { .. }) {
+            if guard.claim(now) {
+                let message = format!("somebody announces {} {state}, which does not run", guard.config.name);
+                out.report(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);
+            }
             return;
+        }
+        match guard.count(now) {
+            Some(true) => {
+                let message = format!("{} is announced more often than it announces itself", guard.config.name);
+                out.raise(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);
+            }
+            Some(false) => {
+                let message = format!("{} alone announces itself again", guard.config.name);
+                out.clear(Fault::NameClaimed, guard.config.name.as_str(), message);
+            }
+            None => {}
         }
         guard.heard = now;
         if guard.state == state {
@@ -129,8 +203,11 @@ impl Watchdog {
             guard.settle(now, state, out);
             let took = now.since(guard.since).as_secs_f64();
             let name = &guard.config.name;
-            for fault in [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUnstartable] {
-                out.clear(fault, name.as_str(), format!("{name} is back: {state} {took:.2} s after its start"));
+            // In a storm its coming back is no news either.
+            if !guard.storm {
+                for fault in DOWN {
+                    out.clear(fault, name.as_str(), format!("{name} is back: {state} {took:.2} s after its start"));
+                }
             }
         }
         self.start_what_may(now, out);
@@ -141,7 +218,45 @@ impl Watchdog {
         }
     }
 
+    /// A module that somebody else started.
+    fn on_other(&mut self, now: Instant, name: &str) {
+        if let Some(heard) = self.others.get_mut(name) {
+            *heard = now;
+            return;
+        }
+        self.others.retain(|_, heard| now.since(*heard) < OTHER_GONE);
+        if self.others.len() < OTHERS_MAX {
+            self.others.insert(name.into(), now);
+        }
+    }
+
+    /// Why nobody can execute a command, if that is so. What a running module refuses it reports itself.
+    fn unheard(&self, now: Instant, command: &common::CmdState) -> Option<&'static str> {
+        let name = command.module.as_str();
+        let guard = self.guards.iter().find(|guard| guard.config.name == name);
+        match (guard, State::from_value(command.state)) {
+            (None, _) if [NAME, "*"].contains(&name) => None,
+            (None, _) if self.others.get(name).is_some_and(|heard| now.since(*heard) < OTHER_GONE) => None,
+            (None, _) => Some("there is no such module"),
+            (Some(guard), _) if guard.phase.pid().is_some() => None,
+            (Some(_), None) => Some("that is no state"),
+            (Some(guard), Some(to))
+                if guard.wanted == State::Terminate && ![State::Run, State::Terminate].contains(&to) =>
+            {
+                Some("it is down, and only RUN starts it")
+            }
+            _ => None,
+        }
+    }
+
     fn on_command(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
+        if let Some(why) = self.unheard(now, command) {
+            let common::CmdState { module, state, source, .. } = command;
+            let state = State::from_value(*state).map_or_else(|| state.to_string(), |state| state.to_string());
+            let message = format!("command {state} to {module} from {source} refused: {why}");
+            out.report(Severity::Warning, Fault::CommandForbidden, module.as_str(), message);
+            return;
+        }
         let Some(to) = State::from_value(command.state) else {
             return;
         };
@@ -168,7 +283,7 @@ impl Watchdog {
             }
             ProcessEvent::Unstartable { module, reason } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == module) {
-                    unstartable(now, guard, reason, out);
+                    unstartable(now, guard, reason, self.config.delay_max, out);
                 }
             }
             ProcessEvent::Exited { pid, status } => self.on_exited(now, pid, status, out),
@@ -197,7 +312,10 @@ impl Watchdog {
                 }
                 return;
             }
-            ProcessEvent::Earlier { .. } => return,
+            ProcessEvent::Earlier { module, wanted, held, pid } => {
+                self.on_earlier(module, wanted, held, pid, out);
+                return;
+            }
             ProcessEvent::Usage { pid, cpu, rss } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.phase.pid() == Some(pid)) {
                     (guard.cpu, guard.rss) = (cpu, rss);
@@ -211,17 +329,23 @@ impl Watchdog {
     }
 
     fn on_exited(&mut self, now: Instant, pid: u32, status: ExitStatus, out: &mut Actions) {
-        let Some(guard) = self.guards.iter_mut().find(|guard| guard.phase.pid() == Some(pid)) else {
+        let Some(index) = self.guards.iter().position(|guard| guard.phase.pid() == Some(pid)) else {
             return;
         };
+        if self.guards[index].stranger {
+            self.guards.remove(index);
+            return;
+        }
+        let guard = &mut self.guards[index];
         let asked = matches!(guard.phase, Phase::Terminating { .. });
-        let delay = guard.on_down(now);
+        let delay = guard.on_down(now, self.config.delay_max);
         guard.last_exit = status.number();
         if asked || self.ending {
             return;
         }
         let name = &guard.config.name;
         let how = match status {
+            ExitStatus::Code(..0) => "and nobody saw how".into(),
             ExitStatus::Code(code) => format!("with exit code {code:#04x}"),
             ExitStatus::Signal(signal) => format!("by signal {signal}"),
         };
@@ -231,6 +355,9 @@ impl Watchdog {
             (true, ms) => format!("it is started again in {ms} ms"),
         };
         out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), format!("{name} ended {how}: {then}"));
+        if guard.storm && guard.config.restart {
+            storms(guard, out);
+        }
     }
 
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
@@ -243,7 +370,7 @@ impl Watchdog {
                     self.changed = true;
                 }
                 Phase::Spawning { until } if until <= now => {
-                    unstartable(now, guard, "the host does not answer", out);
+                    unstartable(now, guard, "the host does not answer", self.config.delay_max, out);
                     self.changed = true;
                 }
                 Phase::Terminating { pid, kill_at: Some(kill_at) } if kill_at <= now => {
@@ -251,6 +378,12 @@ impl Watchdog {
                     guard.phase = Phase::Terminating { pid, kill_at: None };
                 }
                 _ => {}
+            }
+            if check && guard.calms(now) {
+                let name = &guard.config.name;
+                for fault in DOWN.into_iter().chain([Fault::RestartStorm]) {
+                    out.clear(fault, name.as_str(), format!("{name} is calm again: {}", guard.state));
+                }
             }
         }
         self.start_what_may(now, out);
@@ -303,6 +436,23 @@ impl Watchdog {
         }
     }
 
+    /// Tells the host how the critical modules are, where that is news.
+    fn tell_health(&mut self, out: &mut Actions) {
+        let sick = self.guards.iter().find(|guard| guard.config.critical && !guard.is_healthy());
+        let run = self.guards.iter().filter(|guard| guard.state == State::Run).count();
+        let status = match sick {
+            Some(guard) if !self.ending => format!("{} does not run", guard.config.name),
+            _ if self.ending => "ending".into(),
+            _ => format!("{run} of {} modules RUN", self.guards.len()),
+        };
+        let health = (sick.is_none() || self.ending, status);
+        if self.health.as_ref() != Some(&health) {
+            let (healthy, status) = health.clone();
+            out.push(module::Action::Process(ProcessCommand::Health { healthy, status }));
+            self.health = Some(health);
+        }
+    }
+
     fn publish_processes(&self, now: Instant, out: &mut Actions) {
         let processes = self.guards.iter().map(|guard| guard.process(now)).collect();
         out.publish(common::DataProcesses { timestamp: out.timestamp(now), processes });
@@ -317,8 +467,15 @@ fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
     guard.state = State::Unknown;
 }
 
-fn unstartable(now: Instant, guard: &mut Guard, reason: &str, out: &mut Actions) {
-    let delay = guard.on_down(now);
+/// It was restarted too often: told once, until it has lived for a while.
+fn storms(guard: &Guard, out: &mut Actions) {
+    let name = &guard.config.name;
+    let message = format!("{name} ends again and again: further restarts are not told, until it lives");
+    out.raise(Severity::Error, Fault::RestartStorm, name.as_str(), message);
+}
+
+fn unstartable(now: Instant, guard: &mut Guard, reason: &str, delay_max: Duration, out: &mut Actions) {
+    let delay = guard.on_down(now, delay_max);
     let name = &guard.config.name;
     let message = format!("{name} cannot be started: {reason}; again in {} ms", delay.as_millis());
     out.raise(Severity::Error, Fault::ModuleUnstartable, name.as_str(), message);
@@ -336,9 +493,14 @@ impl Module for Watchdog {
             }
         }
         self.now = now;
+        if let Event::Process(event @ ProcessEvent::Earlier { .. }) = event {
+            // Before the start nothing is sent.
+            self.on_process(now, &event, out);
+            return;
+        }
         match event {
             Event::Start => {
-                self.on_start(now);
+                self.on_start(now, out);
                 out.working();
                 self.start_what_may(now, out);
             }
@@ -347,12 +509,17 @@ impl Module for Watchdog {
             Event::Timer => self.on_timer(now, out),
             Event::State(State::Terminate) => {
                 self.ending = true;
+                self.changed = true;
                 self.end_what_may(now, out);
             }
             Event::State(_) | Event::Port { .. } => {}
         }
         if self.changed {
             self.changed = false;
+            for guard in self.guards.iter_mut().filter(|guard| !guard.stranger) {
+                guard.remember(out);
+            }
+            self.tell_health(out);
             self.publish_processes(now, out);
         }
     }

@@ -14,6 +14,7 @@ fn bench() -> Bench {
         depends: depends.iter().map(ToString::to_string).collect(),
         beat_timeout: Duration::from_millis(200),
         restart: true,
+        critical: name == "nerves",
     };
     let modules = vec![module("nerves", &[]), module("eyes", &["nerves"])];
     let config = ShellConfig { obeys_all: false, end_within: Duration::from_secs(6), ..ShellConfig::new(NAME) };
@@ -48,6 +49,11 @@ fn feed(bench: &mut Bench, words: &[&str]) {
         ["pid", module, pid] => {
             let pid = pid.parse().unwrap();
             bench.event(Event::Process(ProcessEvent::Started { module, pid }));
+        }
+        ["earlier", module, wanted, ref pid @ ..] => {
+            let (wanted, held) = (State::from_name(wanted).unwrap(), pid.contains(&"held"));
+            let pid = pid.first().and_then(|pid| pid.parse().ok());
+            bench.event(Event::Process(ProcessEvent::Earlier { module, wanted, held, pid }));
         }
         ["unstartable", module] => {
             bench.event(Event::Process(ProcessEvent::Unstartable { module, reason: "no such file" }));
@@ -256,6 +262,7 @@ fn terminate_keeps_a_module_down_until_run_is_commanded() {
          25ms > exit 7 0
          26ms > exit 8 0
          900ms > command eyes PAUSE manual
+         900ms < report CommandForbidden eyes
          1000ms > command * RUN
          1000ms < spawn nerves RUN
          1001ms > pid nerves 9
@@ -400,4 +407,221 @@ fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
         bench.shell.handle(frozen + Duration::from_millis(ms), Event::Timer, &mut out);
     }
     assert_eq!(out.drain().filter(ended).count(), 1);
+}
+
+#[test]
+fn an_earlier_watchdog_s_modules_are_adopted_and_what_was_wanted_of_them_stands() {
+    check(
+        "0ms > earlier nerves STOP 7
+         0ms > earlier eyes RUN 8
+         0ms > start
+         300ms > says nerves STOP
+         400ms > says eyes RUN
+         500ms > killed 7
+         500ms < report ModuleDied nerves
+         500ms < spawn nerves STOP
+         501ms > pid nerves 9
+         510ms > says nerves STOP
+         510ms < notice nerves
+         600ms > command nerves RUN
+         700ms > killed 9
+         700ms < report ModuleDied nerves
+         800ms < spawn nerves STOP
+         801ms > end",
+    );
+}
+
+#[test]
+fn what_was_commanded_while_there_was_no_watchdog_counts_where_it_is_calmer() {
+    check(
+        "0ms > earlier nerves RUN 7
+         0ms > earlier eyes STOP 8
+         0ms > start
+         300ms > says nerves STOP
+         400ms > says eyes RUN
+         400ms < command eyes STOP manual
+         500ms > killed 7
+         500ms < report ModuleDied nerves
+         500ms < spawn nerves STOP
+         501ms > end",
+    );
+}
+
+#[test]
+fn what_died_unseen_is_told_and_started_and_what_was_ended_stays_so() {
+    check(
+        "0ms > earlier nerves RUN
+         0ms > earlier eyes TERMINATE held
+         0ms > start
+         0ms < report ModuleDied nerves
+         0ms < spawn nerves RUN
+         1ms > pid nerves 9
+         5ms > says nerves RUN
+         5ms < notice nerves
+         10ms > command eyes RUN
+         10ms < spawn eyes STOP",
+    );
+}
+
+#[test]
+fn what_is_not_in_the_list_any_more_is_ended() {
+    check(
+        "0ms > earlier ears RUN 6
+         0ms < sigterm 6
+         0ms > earlier tail RUN
+         0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         1500ms < sigkill 6
+         1501ms > killed 6
+         1502ms > end",
+    );
+}
+
+#[test]
+fn an_adopted_process_that_was_being_ended_is_ended() {
+    check(
+        "0ms > earlier nerves TERMINATE 7
+         0ms < sigterm 7
+         0ms > start
+         20ms > exit 7 0
+         1502ms > end",
+    );
+}
+
+#[test]
+fn a_storm_is_told_once_and_cleared_when_it_is_calm() {
+    let mut bench = bench();
+    bench.event(Event::Start);
+    let mut told = Vec::new();
+    let mut hear = |bench: &mut Bench| {
+        let mut spawned = false;
+        for (_, action) in bench.done() {
+            match action {
+                Action::Process(ProcessCommand::Spawn { module, .. }) => spawned |= module == "nerves",
+                Action::Report(report) if report.subject == "nerves" => told.push((report.fault, report.severity)),
+                _ => {}
+            }
+        }
+        spawned
+    };
+    let mut pid = 1;
+    for _ in 0..30 {
+        while !hear(&mut bench) {
+            bench.pass(Duration::from_millis(50));
+        }
+        pid += 1;
+        bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid }));
+        bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
+        bench.event(Event::Process(ProcessEvent::Exited { pid, status: ExitStatus::Code(64) }));
+    }
+    while !hear(&mut bench) {
+        bench.pass(Duration::from_millis(50));
+    }
+    bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 99 }));
+    for _ in 0..12 {
+        bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
+        bench.pass(Duration::from_secs(1));
+    }
+    hear(&mut bench);
+    use base::Fault::{ModuleDied, RestartStorm};
+    let once = [(ModuleDied, Severity::Error), (ModuleDied, Severity::Notice)];
+    let storm = [(ModuleDied, Severity::Error), (RestartStorm, Severity::Error)];
+    let calm = [(ModuleDied, Severity::Notice), (RestartStorm, Severity::Notice)];
+    assert_eq!(told, [&once[..], &once, &once, &once, &storm, &calm].concat());
+}
+
+#[test]
+fn who_announces_another_s_name_is_told_and_changes_nothing() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         10ms > says nerves RUN
+         10ms < spawn eyes RUN
+         11ms > pid eyes 8
+         12ms > command eyes TERMINATE
+         20ms > exit 8 0
+         30ms > says eyes RUN
+         1020ms > says eyes RUN
+         1020ms < report NameClaimed eyes
+         1200ms > says eyes RUN",
+    );
+}
+
+#[test]
+fn two_that_announce_one_name_are_told() {
+    let mut bench = bench();
+    bench.event(Event::Start);
+    bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
+    let mut told = Vec::new();
+    for second in 0..60 {
+        let senders = if (20..40).contains(&second) { 2 } else { 1 };
+        for _ in 0..senders {
+            bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
+            bench.pass(Duration::from_secs(1) / senders);
+        }
+        let told = &mut told;
+        bench.done().into_iter().for_each(|(_, action)| match action {
+            Action::Report(report) if report.fault == base::Fault::NameClaimed => told.push((second, report.severity)),
+            _ => {}
+        });
+    }
+    assert!(
+        matches!(told[..], [(20..=39, Severity::Warning), (40..=59, Severity::Notice)]),
+        "one with two, and one when there is one again: {told:?}"
+    );
+}
+
+#[test]
+fn a_command_that_nobody_hears_is_told() {
+    check(
+        "0ms > start
+         0ms < spawn nerves RUN
+         1ms > pid nerves 7
+         2ms > command tail RUN
+         2ms < report CommandForbidden tail
+         3ms > says tail RUN
+         4ms > command tail RUN
+         5ms > command * PAUSE
+         6ms > command watchdog PAUSE",
+    );
+}
+
+#[test]
+fn the_host_remembers_what_is_wanted_and_hears_how_the_critical_modules_are() {
+    let mut bench = bench();
+    let told = |bench: &mut Bench| {
+        let told = bench.done().into_iter().filter_map(|(_, action)| match action {
+            Action::Process(ProcessCommand::Remember { module, wanted, held }) => {
+                Some(format!("{module} {wanted}{}", if held { " held" } else { "" }))
+            }
+            Action::Process(ProcessCommand::Health { healthy, status }) => Some(format!("{healthy}: {status}")),
+            _ => None,
+        });
+        told.collect::<Vec<_>>()
+    };
+    let command = |state: State| {
+        let (module, source) = ("nerves".into(), "test".into());
+        common::CmdState { timestamp: 0, module, state: state as i8, manual: true, source }
+    };
+    let says = |state: State| common::DataState { timestamp: 0, module: "nerves".into(), state: state as i8 };
+    bench.event(Event::Start);
+    assert_eq!(told(&mut bench), ["false: nerves does not run"]);
+    bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
+    assert_eq!(told(&mut bench), ["true: 0 of 2 modules RUN"]);
+    bench.message(says(State::Run));
+    assert_eq!(told(&mut bench), ["true: 1 of 2 modules RUN"]);
+    bench.event(Event::Process(ProcessEvent::Silent { pid: 7, thread: "main", last: Instant::ZERO }));
+    assert_eq!(told(&mut bench), [""; 0], "it beat just now");
+    bench.message(command(State::Stop));
+    bench.message(says(State::Stop));
+    assert_eq!(told(&mut bench), ["nerves STOP", "true: 0 of 2 modules RUN"]);
+    bench.message(command(State::Terminate));
+    assert_eq!(told(&mut bench), ["nerves TERMINATE held"], "an operator wants it down: nobody need worry");
+    bench.event(Event::Process(ProcessEvent::Exited { pid: 7, status: ExitStatus::Code(0) }));
+    bench.message(command(State::Run));
+    assert_eq!(told(&mut bench), ["nerves RUN", "false: nerves does not run"]);
+    bench.event(Event::State(State::Terminate));
+    assert_eq!(told(&mut bench), ["true: ending"]);
 }
