@@ -1,7 +1,8 @@
 //! Error reports, the thesis's *liberror*: what the operator reads and the watchdog acts on.
 
+use alloc::borrow::Cow;
 use alloc::string::String;
-use core::panic::Location;
+use core::panic;
 
 /// How grave a report is. Values are those of `common.error_t`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -109,12 +110,10 @@ faults! {
     CanUnacknowledged = 0x020E, Device;
     /// Frames with errors on a CAN bus.
     CanErrors = 0x020F, Device;
-    /// Frames of a CAN bus were lost: they found no room here.
-    CanLost = 0x0210, Resource;
     /// A node, or somebody whom nobody can name, floods a CAN bus.
-    CanBabble = 0x0211, Device;
+    CanBabble = 0x0210, Device;
     /// Two nodes of a CAN bus have the same id: the robot stops.
-    NodeClash = 0x0212, Device;
+    NodeClash = 0x0211, Device;
 
     /// A module's process ended unasked and is started again.
     ModuleDied = 0x0301, Unknown;
@@ -157,7 +156,26 @@ pub struct Report {
     /// Whether the module ends because of it.
     pub fatal: bool,
     /// Where in the source it was made.
-    pub location: &'static Location<'static>,
+    pub location: Location,
+}
+
+/// A line of the source.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Location {
+    /// The file, from the root of the checkout.
+    pub file: Cow<'static, str>,
+    /// Its line, from 1.
+    pub line: u32,
+}
+
+impl Location {
+    /// Where this is called.
+    #[must_use]
+    #[track_caller]
+    pub fn caller() -> Self {
+        let caller = panic::Location::caller();
+        Self { file: Cow::Borrowed(caller.file()), line: caller.line() }
+    }
 }
 
 impl Report {

@@ -61,7 +61,7 @@ impl Drive {
     }
 
     fn new(name: &'static str, kind: Kind, id: u8) -> Self {
-        let node = Node::new(dictionary(&kind, id), BOOT_TIME);
+        let node = Node::new(dictionary(&kind, id), BOOT_TIME).without_block();
         Self {
             name,
             kind,
@@ -91,7 +91,7 @@ impl Drive {
                 Layout::Usual => drives::icla::dictionary(self.id),
                 Layout::Profile => drives::icla::dictionary_of_profile(self.id),
             };
-            self.node = Node::new(dictionary, BOOT_TIME);
+            self.node = Node::new(dictionary, BOOT_TIME).without_block();
             self.power_on(now, body);
         }
         true

@@ -8,7 +8,7 @@ use base::can::Frame;
 use base::{Duration, Instant};
 
 /// Nodes that are asked at a time.
-const MAX: usize = 8;
+const MAX: usize = 16;
 
 pub(super) struct Strangers {
     channels: Vec<Channel>,

@@ -22,11 +22,9 @@ pub(super) struct Bus {
     health: Health,
     frames: i64,
     errors: i64,
-    /// Since the last period's end: bits on the wire, frames with errors, frames that found no room.
+    /// Since the last period's end: bits on the wire, frames with errors.
     bits: u64,
     recent_errors: u32,
-    recent_lost: u32,
-    lost: u64,
     unacknowledged: Option<Instant>,
     statistics: Ticker,
 }
@@ -42,8 +40,6 @@ impl Bus {
             errors: 0,
             bits: 0,
             recent_errors: 0,
-            recent_lost: 0,
-            lost: 0,
             unacknowledged: None,
             statistics: Ticker::new(Instant::NEVER, PERIOD),
         }
@@ -87,10 +83,8 @@ impl Bus {
                 self.errors = self.errors.saturating_add(i64::from(count));
                 self.recent_errors = self.recent_errors.saturating_add(count);
             }
-            Notice::Lost(count) => {
-                self.lost = self.lost.saturating_add(u64::from(count));
-                self.recent_lost = self.recent_lost.saturating_add(count);
-            }
+            // The host has told it already.
+            Notice::Lost(count) => self.errors = self.errors.saturating_add(i64::from(count)),
             Notice::NoAcknowledge => {
                 self.errors = self.errors.saturating_add(1);
                 self.unacknowledged = Some(now + UNACKNOWLEDGED);
@@ -156,13 +150,6 @@ impl Bus {
                 out.raise(Severity::Warning, Fault::CanErrors, name, message);
             }
             _ => {}
-        }
-        match std::mem::take(&mut self.recent_lost) {
-            0 => out.clear(Fault::CanLost, name, format!("no frame of {name} is lost")),
-            count => {
-                let message = format!("{count} frames of {name} found no room within a second, {} so far", self.lost);
-                out.raise(Severity::Warning, Fault::CanLost, name, message);
-            }
         }
     }
 

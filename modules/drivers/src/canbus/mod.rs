@@ -296,6 +296,10 @@ impl Canbus {
                     self.steering.on_pdo(now, number, data, out);
                 }
             }
+            // What somebody else asked for comes first: it may be an object that is asked for here, too.
+            Heard::SdoRead { ticket, ref data, .. } if self.requests.on_end(now, ticket, Ok(data), out) => {}
+            Heard::SdoWritten { ticket, .. } if self.requests.on_end(now, ticket, Ok(&[]), out) => {}
+            Heard::SdoFailed { ticket, error, .. } if self.requests.on_end(now, ticket, Err(error), out) => {}
             Heard::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
                 if let Some(drive) = self.drive_mut(node) {
@@ -307,9 +311,6 @@ impl Canbus {
                     drive.on_answer(error == sdo::Error::Cancelled, out);
                 }
             }
-            Heard::SdoRead { ticket, ref data, .. } if self.requests.on_end(now, ticket, Ok(data), out) => {}
-            Heard::SdoWritten { ticket, .. } if self.requests.on_end(now, ticket, Ok(&[]), out) => {}
-            Heard::SdoFailed { ticket, error, .. } if self.requests.on_end(now, ticket, Err(error), out) => {}
             Heard::SdoRead { .. } | Heard::SdoWritten { .. } | Heard::SdoFailed { .. } => {
                 self.steering.on_sdo(now, &event);
             }

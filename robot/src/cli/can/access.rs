@@ -70,12 +70,12 @@ impl Access {
     /// Opens the way. A node may take `timeout` for an answer, where that is ours to say.
     pub fn open(target: &Target, timeout: Duration) -> Result<Self, Failed> {
         let held = target.held();
-        let (way, at_once) = match &held {
-            None => (Way::Direct(Box::new(Direct::open(target, timeout)?)), 16),
-            // As many strangers as the module asks at once.
-            Some(held) => (Way::Through(Box::new(Through::open(target, held)?)), 8),
+        let way = match &held {
+            None => Way::Direct(Box::new(Direct::open(target, timeout)?)),
+            Some(held) => Way::Through(Box::new(Through::open(target, held)?)),
         };
-        Ok(Self { way, held, at_once })
+        // As many strangers as the module asks at once.
+        Ok(Self { way, held, at_once: 16 })
     }
 
     /// The module that does it for us, for people: `, through driver_canbus`.
