@@ -27,6 +27,12 @@
 //! | a CAN bus | `lose` | the frame of number `value` from now on (0: 1) is received by nobody |
 //! | a CAN bus | `bus_off` | the master's controller goes bus-off |
 //! | a CAN bus | `cut` | the master is cut off the others |
+//! | a bus | `loss` | each frame, on a serial line each piece of up to 14 words, is lost with probability `value` (0: 0.05), though it was sent |
+//! | a bus | `duplicate` | with probability `value` (0: 0.05) it is received twice |
+//! | a bus | `delay` | it is received `value` s late (0: 0.01), in order |
+//! | a serial bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001) |
+//! | `lcm` | `loss`, `duplicate`, `delay` | as on a bus: each receiver misses a message by itself |
+//! | `lcm` | `reorder` | a message comes up to `value` s late (0: 0.01), and others overtake it |
 //! | any | `none` | its faults are over |
 //!
 //! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off` and `lose` are of
@@ -91,6 +97,14 @@ pub enum Ailment {
     BusOff,
     /// The master is cut off the others.
     Cut,
+    /// Lost with this probability.
+    Loss(f64),
+    /// Received twice with this probability.
+    Duplicate(f64),
+    /// Received so late, in order.
+    Delay(Duration),
+    /// Received up to so late, out of order.
+    Reorder(Duration),
     /// Nothing.
     None,
 }
@@ -123,6 +137,10 @@ impl Ailment {
             "lose" => Some(Self::Lose((or(value, 1.0) as u64).max(1))),
             "bus_off" => Some(Self::BusOff),
             "cut" => Some(Self::Cut),
+            "loss" => Some(Self::Loss(or(value, 0.05).min(1.0))),
+            "duplicate" => Some(Self::Duplicate(or(value, 0.05).min(1.0))),
+            "delay" => Some(Self::Delay(seconds(or(value, 0.01).min(1.0)))),
+            "reorder" => Some(Self::Reorder(seconds(or(value, 0.01).min(1.0)))),
             "none" => Some(Self::None),
             _ => None,
         }

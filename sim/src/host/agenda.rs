@@ -20,6 +20,8 @@ pub(super) enum Waiting {
     Exited(u32, ExitStatus),
     Started(Rc<str>, u32),
     Unstartable(Rc<str>, Rc<str>),
+    Beating(u32),
+    Silent(u32, Instant),
     Terminate,
     Start,
 }
@@ -29,6 +31,14 @@ pub(super) enum Happening {
     Deliver(Rc<Message>),
     Inject(Message),
     Tell(u32, Waiting),
+    /// What has come for a process that is late is served.
+    Serve(u32, Waiting),
+    /// It is looked whether processes beat.
+    Look,
+    /// The children of a process have waited for it.
+    Lonely(u32),
+    /// A process that is kept is started again.
+    Again(usize),
 }
 
 /// A happening and its place in the order of all.

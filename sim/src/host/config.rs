@@ -19,6 +19,8 @@ pub struct Config {
     pub start_delay: Duration,
     /// From the end of a process to the news of it.
     pub exit_delay: Duration,
+    /// The greatest delay before a process that is kept ([`Virtual::keep`](super::Virtual::keep)) is started again.
+    pub restart_delay_max: Duration,
     /// Serial busses with a pair of wires each way.
     pub full_duplex: Vec<String>,
     /// Whether who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
@@ -39,6 +41,7 @@ impl Default for Config {
             lcm_loss: 0.0,
             start_delay: Duration::from_millis(20),
             exit_delay: Duration::from_micros(100),
+            restart_delay_max: Duration::from_secs(10),
             full_duplex: Vec::new(),
             can_echo: false,
             can_loss: None,

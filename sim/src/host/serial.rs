@@ -121,7 +121,8 @@ impl SerialWire {
     }
 }
 
-fn garbled(random: &mut Random, word: Word) -> Word {
+/// Another word than what was sent.
+pub(super) fn garbled(random: &mut Random, word: Word) -> Word {
     let bits = random.bits();
     // Never what was sent: a collision that does no harm would hide.
     Word { byte: word.byte ^ ((bits as u8) | 1), ninth: bits >> 8 & 7 == 0 }

@@ -251,6 +251,7 @@ fn a_killed_process_is_gone_at_once_and_its_parent_hears_of_it() {
         " 20000000 Started { module: \"pong\", pid: 1001 }",
         " 20000000 Unstartable { module: \"nobody\", reason: \"no module nobody\" }",
         " 40000000 pong start",
+        " 60000000 Beating { pid: 1001 }",
         " 60100000 Exited { pid: 1001, status: Signal(9) }",
     ];
     assert_eq!(*log.borrow(), expected);
@@ -316,4 +317,184 @@ fn a_port_that_does_not_fit_its_bus_is_refused() {
     assert!(machine.spawn("a", State::Run).is_ok());
     let refused = machine.spawn("b", State::Run).unwrap_err();
     assert_eq!(refused, "bus can.main is Can { bitrate: 250000 }, not Can { bitrate: 500000 }");
+}
+
+/// What the parent was told of its child, in microseconds, until a moment.
+fn news_of_pong(until: u64, mut each: impl FnMut(&mut Virtual, u32)) -> Vec<String> {
+    let (mut machine, log) = machine(Config::default());
+    machine.spawn("parent", State::Run).unwrap();
+    machine.run_until(ms(200));
+    let pong = machine.pid("pong").unwrap();
+    log.borrow_mut().clear();
+    each(&mut machine, pong);
+    machine.run_until(ms(until));
+    log.take()
+}
+
+#[test]
+fn a_process_that_is_served_beats_and_one_that_hangs_is_told_of_each_20_ms() {
+    let (mut machine, log) = machine(Config::default());
+    machine.spawn("parent", State::Run).unwrap();
+    machine.run_until(ms(60));
+    assert_eq!(log.borrow()[3], " 60000000 Beating { pid: 1001 }");
+    // It began at 40 ms and beats at 190 ms for the last time.
+    let news = news_of_pong(330, Virtual::hang);
+    let silent = |at: u64| format!("{at} Silent {{ pid: 1001, thread: \"main\", last: Instant(190000000) }}");
+    assert_eq!(news, [silent(300_000_000), silent(320_000_000)]);
+    let news = news_of_pong(1000, |machine, pong| {
+        machine.hang(pong);
+        machine.run_until(ms(250));
+        machine.resume(pong);
+    });
+    assert!(news.is_empty(), "{news:?}");
+}
+
+#[test]
+fn a_parent_that_hung_itself_blames_nobody_for_that_time() {
+    let news = news_of_pong(1350, |machine, pong| {
+        machine.hang(pong);
+        machine.hang(1000);
+        machine.run_until(ms(1250));
+        machine.resume(1000);
+    });
+    // It had beaten 10 ms before, and is late by 100 ms at the look after 90 more.
+    assert_eq!(news, ["1340000000 Silent { pid: 1001, thread: \"main\", last: Instant(1240000000) }"]);
+}
+
+#[test]
+fn a_process_that_crawls_is_served_late_in_order_and_beats_seldom() {
+    let (mut machine, log) = pair(Config::default());
+    machine.run_until(ms(105));
+    machine.crawl(1001, Duration::from_millis(7));
+    log.borrow_mut().clear();
+    machine.run_until(ms(128));
+    let pong: Vec<_> = log.borrow().iter().filter(|line| line.contains("pong")).cloned().collect();
+    assert!(pong.iter().any(|line| *line == "117050000 pong clock 2 from 110050000"), "{pong:?}");
+    assert!(pong.is_sorted_by_key(|line| line[..9].to_string()), "{pong:?}");
+    // Well again: what still waits is not overtaken.
+    machine.crawl(1001, Duration::from_millis(50));
+    machine.run_until(ms(131));
+    machine.crawl(1001, Duration::ZERO);
+    log.borrow_mut().clear();
+    machine.run_until(ms(300));
+    let clocks: Vec<_> = log.borrow().iter().filter(|line| line.contains("pong clock")).cloned().collect();
+    assert!(clocks[0].starts_with("180050000 pong clock 4"), "{clocks:?}");
+    let order: Vec<u32> = clocks.iter().map(|line| line.split(' ').nth(3).unwrap().parse().unwrap()).collect();
+    assert!(order.is_sorted() && order.len() > 10, "{order:?}");
+    // One that is served 100 ms late beats each 150 ms.
+    let silent = news_of_pong(1000, |machine, pong| machine.crawl(pong, Duration::from_millis(100)));
+    assert!(!silent.is_empty() && silent.iter().all(|line| line.contains("Silent")));
+    let silent = news_of_pong(1000, |machine, pong| machine.crawl(pong, Duration::from_millis(40)));
+    assert!(silent.is_empty());
+}
+
+#[test]
+fn a_kept_process_is_back_at_once_then_more_calmly_and_adopts_what_lives() {
+    let (mut machine, log) = machine(Config { restart_delay_max: Duration::from_millis(150), ..Config::default() });
+    let mut pid = machine.keep("parent").unwrap();
+    machine.run_until(ms(100));
+    let pong = machine.pid("pong").unwrap();
+    let mut starts = Vec::new();
+    for _ in 0..4 {
+        let died = machine.now();
+        machine.kill(pid);
+        while machine.pid("parent").is_none() {
+            machine.run_until(machine.now() + Duration::from_micros(100));
+        }
+        starts.push(machine.now().since(died).as_micros());
+        pid = machine.pid("parent").unwrap();
+        machine.run_until(machine.now() + Duration::from_millis(50));
+    }
+    assert_eq!(starts, [100, 100_100, 150_100, 150_100]);
+    assert_eq!(machine.processes().filter(|(_, module)| *module == "pong").count(), 5, "each parent started one more");
+    let adopted = format!("Started {{ module: \"pong\", pid: {pong} }}");
+    assert_eq!(log.borrow().iter().filter(|line| line.contains(&adopted)).count(), 5);
+    // It ends well: nobody starts it again, and what it had ends by itself.
+    machine.terminate(pid);
+    machine.run_until(machine.now() + Duration::from_millis(2900));
+    assert_eq!(machine.processes().count(), 5);
+    machine.run_until(machine.now() + Duration::from_millis(200));
+    assert_eq!(machine.processes().count(), 0);
+}
+
+#[test]
+fn children_of_one_that_hangs_for_three_seconds_end_themselves() {
+    let (mut machine, _) = machine(Config::default());
+    machine.spawn("parent", State::Run).unwrap();
+    machine.run_until(ms(1000));
+    machine.hang(1000);
+    machine.run_until(ms(3999));
+    assert_eq!(machine.processes().count(), 2);
+    machine.run_until(ms(4001));
+    assert_eq!(machine.processes().collect::<Vec<_>>(), [(1000, "parent")]);
+}
+
+#[test]
+fn a_step_of_the_clock_is_for_those_who_start_after_it() {
+    let (mut machine, _) = pair(Config::default());
+    let stamps = Rc::new(RefCell::new(Vec::new()));
+    let inner = stamps.clone();
+    machine.observe(move |at, news| {
+        if let News::Message { message: Message::SimDataClock(clock), .. } = news {
+            let zero = Config::default().epoch.timestamp(at);
+            inner.borrow_mut().push(clock.timestamp - zero);
+        }
+    });
+    machine.run_until(ms(105));
+    machine.step_clock(-7_000_000);
+    machine.run_until(ms(115));
+    machine.kill(1000);
+    machine.spawn("ping", State::Run).unwrap();
+    machine.run_until(ms(145));
+    assert_eq!(*stamps.borrow(), [0, 0, -7_000_000, -7_000_000]);
+}
+
+#[test]
+fn a_disturbed_lcm_bus_loses_delays_repeats_and_reorders() {
+    let heard = |fault: &str, value: f64| {
+        let (mut machine, log) = pair(Config::default());
+        assert!(machine.fault("lcm", Ailment::from_name(fault, value).unwrap(), 1.0));
+        machine.run_until(ms(2000));
+        let clocks = log.borrow();
+        let clocks = clocks.iter().filter(|line| line.contains("pong clock"));
+        let clock = |line: &String| {
+            let at: u64 = line[..9.min(line.find(" pong").unwrap())].trim().parse().unwrap_or(0);
+            (at, line.split("clock ").nth(1).unwrap().split(' ').next().unwrap().parse::<u32>().unwrap())
+        };
+        clocks.map(clock).collect::<Vec<_>>()
+    };
+    let numbers = |heard: &[(u64, u32)]| heard.iter().map(|(_, number)| *number).collect::<Vec<_>>();
+    let lossy = numbers(&heard("loss", 0.5));
+    assert!((110..170).contains(&lossy.len()) && lossy.ends_with(&[189, 190]), "{}", lossy.len());
+    let twice = numbers(&heard("duplicate", 0.5));
+    assert!((210..260).contains(&twice.len()) && !twice.is_sorted_by(|a, b| a < b), "{}", twice.len());
+    let late = heard("delay", 0.025);
+    assert_eq!(late[0], (125_050_000, 1));
+    assert!(numbers(&late).is_sorted_by(|a, b| a < b) && late.len() == 189 + 1);
+    let mixed = heard("reorder", 0.05);
+    assert!(!numbers(&mixed).is_sorted() && mixed.len() == 190);
+}
+
+#[test]
+fn a_disturbed_wire_loses_delays_repeats_and_garbles() {
+    let run = |bus: &str, fault: &str, value: f64| {
+        let (mut machine, log) = pair(Config::default());
+        machine.run_until(ms(50));
+        let known = machine.fault(bus, Ailment::from_name(fault, value).unwrap(), 0.5);
+        machine.run_until(ms(599));
+        let log = log.borrow();
+        let heard = |what: &str| log.iter().filter(|line| line.contains(what)).count();
+        (known, heard("pong frame"), heard("pong words"), heard("pong words [1, 0]"))
+    };
+    assert_eq!(run("can.main", "none", 0.0), (true, 50, 50, 1));
+    let (known, frames, words, _) = run("can.main", "loss", 0.5);
+    assert!(known && (20..35).contains(&frames) && words == 50, "{frames}");
+    let (known, frames, _, _) = run("can.main", "duplicate", 1.0);
+    assert!(known && frames == 50 + 45, "{frames}");
+    let (known, frames, words, _) = run("rs485.a", "loss", 1.0);
+    assert!(known && frames == 50 && words == 5, "{words}");
+    let (known, _, words, right) = run("rs485.a", "noise", 0.5);
+    assert!(known && words == 50 && right == 0);
+    assert!(!run("rs485.a", "reorder", 0.1).0 && !run("rs485.a", "cut", 0.0).0 && !run("can.other", "noise", 0.0).0);
+    assert!(!run("lcm", "noise", 0.1).0);
 }

@@ -2,10 +2,13 @@
 
 use super::can::CanWire;
 use super::config::Config;
+use super::disturbance::Disturbance;
 use super::news::Traffic;
-use super::serial::SerialWire;
+use super::serial::{SerialWire, garbled};
+use crate::faults::Ailment;
 use crate::random::Random;
 use base::Instant;
+use base::serial::Word;
 use module::{Line, PortId};
 use std::rc::Rc;
 
@@ -21,6 +24,8 @@ pub(super) struct Wire {
     pub bus: Rc<str>,
     pub kind: Kind,
     pub due: Option<(Instant, u64)>,
+    disturbance: Disturbance,
+    random: Random,
 }
 
 /// What kind of wire.
@@ -30,6 +35,36 @@ pub(super) enum Kind {
 }
 
 impl Wire {
+    /// Lets a fault come over it; false when that is no fault of a wire of its kind.
+    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
+        let own = match &mut self.kind {
+            Kind::Can(wire) => wire.suffer(now, ailment, until),
+            Kind::Serial(_) => false,
+        };
+        // On a CAN bus noise destroys frames, which are sent again; the wire knows.
+        let common = !matches!(ailment, Ailment::Reorder(_)) && (!own || ailment == Ailment::None);
+        common && self.disturbance.suffer(now, ailment, until) || own
+    }
+
+    /// What was sent comes at this moment, so many times; none when nobody receives it.
+    pub fn passes(&mut self, now: Instant) -> Option<(Instant, u32)> {
+        if self.random.chance(self.disturbance.loss(now)) {
+            return None;
+        }
+        let twice = self.disturbance.duplicates(now, &mut self.random);
+        Some((self.disturbance.arrival(now, now), 1 + u32::from(twice)))
+    }
+
+    /// Noise on a serial line.
+    pub fn garble(&mut self, now: Instant, words: &mut [Word]) {
+        let chance = self.disturbance.noise(now, rs485::BITS_PER_WORD as f64);
+        for word in words {
+            if self.random.chance(chance) {
+                *word = garbled(&mut self.random, *word);
+            }
+        }
+    }
+
     pub fn poll_timeout(&self) -> Option<Instant> {
         match &self.kind {
             Kind::Can(wire) => wire.poll_timeout(),
@@ -76,13 +111,15 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         let there = wires[place].rate();
         return if there == line { Ok(place) } else { Err(format!("bus {bus} is {there:?}, not {line:?}")) };
     }
-    let random = Random::stream(config.seed, 16 + wires.len() as u64);
+    let stream = 2 * wires.len() as u64;
+    let random = Random::stream(config.seed, 16 + stream);
     let kind = match line {
         Line::Can { bitrate } => Kind::Can(CanWire::new(bitrate, random, config.can_loss)),
         Line::Serial { baud } => {
             Kind::Serial(SerialWire::new(baud, config.full_duplex.iter().any(|name| name == bus), random))
         }
     };
-    wires.push(Wire { bus: bus.into(), kind, due: None });
+    let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));
+    wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random });
     Ok(wires.len() - 1)
 }

@@ -1,0 +1,75 @@
+//! What a bus does to what is sent on it, while a fault lasts: the LCM bus, a CAN bus, a serial line.
+
+use crate::faults::Ailment;
+use crate::random::Random;
+use base::{Duration, Instant};
+
+/// Each with the moment until which it lasts.
+#[derive(Debug, Default)]
+pub(super) struct Disturbance {
+    /// Probability that a receiver (LCM), or everybody, does not get it.
+    loss: (Instant, f64),
+    /// Probability that it comes twice.
+    duplicate: (Instant, f64),
+    /// How much later it comes.
+    delay: (Instant, Duration),
+    /// It comes up to so much later than what was sent after it.
+    reorder: (Instant, Duration),
+    /// Probability that a bit is wrong.
+    noise: (Instant, f64),
+    /// Nothing comes before this: what was delayed is not overtaken.
+    pub not_before: Instant,
+}
+
+impl Disturbance {
+    /// Lets a fault come; false when that is none of these.
+    pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
+        match ailment {
+            Ailment::Loss(chance) => self.loss = (until, chance),
+            Ailment::Duplicate(chance) => self.duplicate = (until, chance),
+            Ailment::Delay(delay) => self.delay = (until, delay),
+            Ailment::Reorder(within) => self.reorder = (until, within),
+            Ailment::Noise(rate) => self.noise = (until, rate),
+            Ailment::None => {
+                let ends = [&mut self.loss.0, &mut self.duplicate.0, &mut self.noise.0];
+                ends.into_iter().chain([&mut self.delay.0, &mut self.reorder.0]).for_each(|until| *until = now);
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    pub fn loss(&self, now: Instant) -> f64 {
+        if now < self.loss.0 { self.loss.1 } else { 0.0 }
+    }
+
+    pub fn delay(&self, now: Instant) -> Duration {
+        if now < self.delay.0 { self.delay.1 } else { Duration::ZERO }
+    }
+
+    /// How much later than others this one comes, where the order is not kept.
+    pub fn reorder(&self, now: Instant, random: &mut Random) -> Option<Duration> {
+        (now < self.reorder.0).then(|| part(self.reorder.1, random))
+    }
+
+    /// Whether this one comes twice.
+    pub fn duplicates(&self, now: Instant, random: &mut Random) -> bool {
+        now < self.duplicate.0 && random.chance(self.duplicate.1)
+    }
+
+    /// Probability that something of so many bits is wrong.
+    pub fn noise(&self, now: Instant, bits: f64) -> f64 {
+        if now < self.noise.0 { 1.0 - libm::pow(1.0 - self.noise.1, bits) } else { 0.0 }
+    }
+
+    /// When what would come at `at` comes: delayed, and not before what came before it.
+    pub fn arrival(&mut self, now: Instant, at: Instant) -> Instant {
+        self.not_before = self.not_before.max(at + self.delay(now));
+        self.not_before
+    }
+}
+
+/// A part of a time, each as likely as the other.
+pub(super) fn part(of: Duration, random: &mut Random) -> Duration {
+    Duration::from_nanos((of.as_nanos() as f64 * random.uniform()) as u64)
+}

@@ -1,0 +1,249 @@
+//! How processes live: they are served or not, beat or not, and somebody looks after them.
+
+use super::Virtual;
+use super::agenda::{Happening, Waiting};
+use base::{Duration, Epoch, Instant};
+use module::{ExitStatus, State};
+use std::collections::VecDeque;
+use std::mem;
+use std::rc::Rc;
+
+/// A process that is served within its time beats this often, as live.
+const BEAT: Duration = Duration::from_millis(50);
+/// The watchdog's host looks whether processes beat this often.
+const LOOK: Duration = Duration::from_millis(20);
+/// Beats are missing when a process is this late.
+const LATE: Duration = Duration::from_millis(100);
+/// A module that sees no watchdog for this long ends itself.
+const LONELY: Duration = Duration::from_secs(3);
+/// The first delay after an immediate restart of a kept process.
+const DELAY_FIRST: Duration = Duration::from_millis(100);
+/// A kept process that lived this long starts with no delay again.
+const LIVED: Duration = Duration::from_secs(10);
+
+/// How a process lives.
+pub(super) struct Life {
+    pub started: bool,
+    /// When it was last frozen, while it is.
+    pub hung: Option<Instant>,
+    /// How late it is served.
+    pub late: Duration,
+    /// What comes before this is served in order at its moment.
+    pub behind: Instant,
+    /// When its loop went round last, as far as that was looked at.
+    beat: Instant,
+    pub backlog: VecDeque<Waiting>,
+}
+
+impl Life {
+    pub fn new() -> Self {
+        Self {
+            started: false,
+            hung: None,
+            late: Duration::ZERO,
+            behind: Instant::ZERO,
+            beat: Instant::ZERO,
+            backlog: VecDeque::new(),
+        }
+    }
+
+    /// Its loop goes round for the first time.
+    pub fn begin(&mut self, now: Instant) {
+        (self.started, self.beat) = (true, now);
+    }
+
+    /// Whether it may miss a beat that is looked for.
+    fn may_be_late(&self) -> bool {
+        self.hung.is_some() || !self.late.is_zero()
+    }
+
+    /// When it last beat. Its beats need no events: between two changes of its pace they are as regular as it is served.
+    fn beat(&mut self, now: Instant) -> Instant {
+        let period = BEAT + self.late;
+        let until = self.hung.unwrap_or(now);
+        let beats = until.since(self.beat).as_nanos() / period.as_nanos();
+        self.beat += Duration::from_nanos((beats * period.as_nanos()) as u64);
+        self.beat
+    }
+}
+
+/// A process that is started again when it dies: the watchdog, whose parent is `advee up`.
+pub(super) struct Kept {
+    module: Rc<str>,
+    /// Its process; 0 when it has ended for good.
+    pid: u32,
+    since: Instant,
+    delay: Duration,
+}
+
+impl Virtual {
+    /// Starts a process as `advee up` starts the watchdog: when it dies it is started again, at once first, then after
+    /// a delay that doubles from 100 ms up to [`Config::restart_delay_max`](super::Config::restart_delay_max).
+    ///
+    /// # Errors
+    /// As [`Virtual::spawn`].
+    pub fn keep(&mut self, module: &str) -> Result<u32, String> {
+        let pid = self.start(0, module, State::Run)?;
+        let kept = Kept { module: module.into(), pid, since: self.now, delay: Duration::ZERO };
+        self.kept.push(kept);
+        Ok(pid)
+    }
+
+    /// Freezes a process: it is served nothing, its input waits in bounded buffers.
+    pub fn hang(&mut self, pid: u32) {
+        let Some(place) = self.place(pid) else { return };
+        let now = self.now;
+        let process = &mut self.processes[place];
+        if process.life.hung.is_none() {
+            process.life.beat(now);
+            process.life.hung = Some(now);
+            process.due = None;
+            self.schedule(now + LONELY, Happening::Lonely(pid));
+            self.look();
+        }
+    }
+
+    /// Lets a hung process go on: it gets what waits, then its timer.
+    pub fn resume(&mut self, pid: u32) {
+        let Some(place) = self.place(pid) else { return };
+        let now = self.now;
+        let Some(hung) = self.processes[place].life.hung.take() else { return };
+        if now.since(self.processes[place].life.beat) >= BEAT {
+            self.processes[place].life.beat = now;
+        }
+        // Who was held up himself blames nobody for that time.
+        let held_up = now.since(hung);
+        for child in self.processes.iter_mut().filter(|child| child.parent == pid) {
+            child.life.beat = (child.life.beat + held_up).min(now);
+        }
+        let backlog = mem::take(&mut self.processes[place].life.backlog);
+        for waiting in backlog {
+            self.serve(pid, waiting);
+        }
+        if let Some(place) = self.place(pid) {
+            self.arm(place);
+        }
+    }
+
+    /// Lets a process crawl: each event, its timer's too, is served so much late, in order. Zero: it is well again.
+    pub fn crawl(&mut self, pid: u32, late: Duration) {
+        let Some(place) = self.place(pid) else { return };
+        let now = self.now;
+        let process = &mut self.processes[place];
+        process.life.beat(now);
+        process.life.late = late;
+        self.arm(place);
+        self.look();
+    }
+
+    /// Steps the wall clock by so many microseconds: processes that are started from now on have another epoch, those
+    /// that run keep theirs.
+    pub fn step_clock(&mut self, by_us: i64) {
+        self.config.epoch = Epoch { offset_us: self.config.epoch.offset_us.saturating_add(by_us) };
+    }
+
+    /// Looks at beats from the next moment on when somebody looks, as long as one may be late.
+    pub(super) fn look(&mut self) {
+        if !self.looking && self.processes.iter().any(|process| process.life.may_be_late()) {
+            self.looking = true;
+            self.schedule(next_look(self.now), Happening::Look);
+        }
+    }
+
+    pub(super) fn serve_look(&mut self) {
+        self.looking = false;
+        let now = self.now;
+        let mut late = Vec::new();
+        for process in self.processes.iter_mut().filter(|process| process.life.started) {
+            if process.life.may_be_late() && process.parent != 0 {
+                late.push((process.parent, process.pid, process.life.beat(now)));
+            }
+        }
+        for (parent, pid, last) in late {
+            // Who hangs does not look.
+            let looks = self.place(parent).is_some_and(|place| self.processes[place].life.hung.is_none());
+            if looks && now.since(last) >= LATE {
+                self.tell(parent, Waiting::Silent(pid, last));
+            }
+        }
+        self.look();
+    }
+
+    /// Tells a process's parent that it beats.
+    pub(super) fn tell_of_beats(&mut self, pid: u32) {
+        let parent = self.place(pid).map_or(0, |place| self.processes[place].parent);
+        if parent != 0 {
+            self.schedule(next_look(self.now), Happening::Tell(parent, Waiting::Beating(pid)));
+        }
+    }
+
+    /// What follows for others from the end of a process.
+    pub(super) fn after(&mut self, pid: u32, status: ExitStatus) {
+        if self.processes.iter().any(|child| child.parent == pid) {
+            self.schedule(self.now + LONELY, Happening::Lonely(pid));
+        }
+        let (now, most) = (self.now, self.config.restart_delay_max);
+        let Some(place) = self.kept.iter().position(|kept| kept.pid == pid) else { return };
+        if status == ExitStatus::Code(0) {
+            self.kept[place].pid = 0;
+            return;
+        }
+        let kept = &mut self.kept[place];
+        if now.since(kept.since) >= LIVED {
+            kept.delay = Duration::ZERO;
+        }
+        let at = now + self.config.exit_delay + kept.delay;
+        kept.delay = (kept.delay * 2).max(DELAY_FIRST).min(most);
+        self.schedule(at, Happening::Again(place));
+    }
+
+    /// Starts a kept process again.
+    pub(super) fn again(&mut self, place: usize) {
+        let Some(module) = self.kept.get(place).map(|kept| kept.module.clone()) else { return };
+        let Ok(pid) = self.start(0, &module, State::Run) else { return };
+        (self.kept[place].pid, self.kept[place].since) = (pid, self.now);
+    }
+
+    /// A process has not lived for as long as its children wait for it: those that it still has end themselves.
+    pub(super) fn serve_lonely(&mut self, pid: u32) {
+        let now = self.now;
+        let watches = self.place(pid).is_some_and(|place| {
+            let hung = self.processes[place].life.hung;
+            hung.is_none_or(|since| now.since(since) < LONELY)
+        });
+        if watches {
+            return;
+        }
+        let children: Vec<u32> =
+            self.processes.iter().filter(|child| child.parent == pid).map(|child| child.pid).collect();
+        for child in children {
+            self.tell(child, Waiting::Terminate);
+        }
+    }
+
+    /// A watchdog that is started anew adopts the processes of the one before it that live yet.
+    pub(super) fn adopt(&mut self, pid: u32) {
+        if !self.kept.iter().any(|kept| kept.pid == pid) {
+            return;
+        }
+        let living: Vec<u32> = self.processes.iter().map(|process| process.pid).collect();
+        let mut adopted = Vec::new();
+        for process in &mut self.processes {
+            if process.parent != 0 && !living.contains(&process.parent) {
+                process.parent = pid;
+                adopted.push((process.module.clone(), process.pid, process.life.started));
+            }
+        }
+        for (module, child, beats) in adopted {
+            self.tell(pid, Waiting::Started(module, child));
+            if beats {
+                self.tell(pid, Waiting::Beating(child));
+            }
+        }
+    }
+}
+
+fn next_look(now: Instant) -> Instant {
+    let look = LOOK.as_nanos() as u64;
+    Instant::from_nanos((now.as_nanos() / look + 1) * look)
+}
