@@ -1,9 +1,9 @@
 //! How processes live: they are served or not, beat or not, and somebody looks after them.
 
-use super::Virtual;
 use super::agenda::{Happening, Waiting};
+use super::{News, Virtual};
 use base::{Duration, Epoch, Instant};
-use module::{ExitStatus, State};
+use module::{Event, ExitStatus, ProcessEvent, State};
 use std::collections::VecDeque;
 use std::mem;
 use std::rc::Rc;
@@ -98,8 +98,10 @@ impl Virtual {
             process.life.beat(now);
             process.life.hung = Some(now);
             process.due = None;
+            let module = process.module.clone();
             self.schedule(now + LONELY, Happening::Lonely(pid));
             self.look();
+            self.news(&News::Hung { module: &module, pid });
         }
     }
 
@@ -116,6 +118,8 @@ impl Virtual {
         for child in self.processes.iter_mut().filter(|child| child.parent == pid) {
             child.life.beat = (child.life.beat + held_up).min(now);
         }
+        let module = self.processes[place].module.clone();
+        self.news(&News::Resumed { module: &module, pid });
         let backlog = mem::take(&mut self.processes[place].life.backlog);
         for waiting in backlog {
             self.serve(pid, waiting);
@@ -132,8 +136,10 @@ impl Virtual {
         let process = &mut self.processes[place];
         process.life.beat(now);
         process.life.late = late;
+        let module = process.module.clone();
         self.arm(place);
         self.look();
+        self.news(&News::Crawls { module: &module, pid, late });
     }
 
     /// Steps the wall clock by so many microseconds: processes that are started from now on have another epoch, those
@@ -186,6 +192,7 @@ impl Virtual {
         let Some(place) = self.kept.iter().position(|kept| kept.pid == pid) else { return };
         if status == ExitStatus::Code(0) {
             self.kept[place].pid = 0;
+            self.remembered.clear();
             return;
         }
         let kept = &mut self.kept[place];
@@ -227,17 +234,25 @@ impl Virtual {
             return;
         }
         let living: Vec<u32> = self.processes.iter().map(|process| process.pid).collect();
-        let mut adopted = Vec::new();
-        for process in &mut self.processes {
-            if process.parent != 0 && !living.contains(&process.parent) {
+        for process in self.processes.iter_mut().filter(|process| process.parent != 0) {
+            if !living.contains(&process.parent) {
                 process.parent = pid;
-                adopted.push((process.module.clone(), process.pid, process.life.started));
             }
         }
-        for (module, child, beats) in adopted {
-            self.tell(pid, Waiting::Started(module, child));
-            if beats {
-                self.tell(pid, Waiting::Beating(child));
+        for (module, (wanted, held)) in self.remembered.clone() {
+            let child = self.processes.iter().rev().find(|child| child.parent == pid && *child.module == *module);
+            let child = child.map(|child| (child.pid, child.life.started));
+            self.handle(
+                pid,
+                Event::Process(ProcessEvent::Earlier {
+                    module: &module,
+                    wanted,
+                    held,
+                    pid: child.map(|child| child.0),
+                }),
+            );
+            if let Some((child, true)) = child {
+                self.schedule(next_look(self.now), Happening::Tell(pid, Waiting::Beating(child)));
             }
         }
     }

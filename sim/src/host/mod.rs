@@ -91,6 +91,8 @@ pub struct Virtual {
     wires: Vec<Wire>,
     next_pid: u32,
     kept: Vec<Kept>,
+    /// What is kept of each module for the next watchdog.
+    remembered: BTreeMap<String, (State, bool)>,
     /// A look at beats is to come.
     looking: bool,
     lcm: Random,
@@ -123,6 +125,7 @@ impl Virtual {
             wires: Vec::new(),
             next_pid: FIRST_PID,
             kept: Vec::new(),
+            remembered: BTreeMap::new(),
             looking: false,
             lcm: Random::stream(config.seed, 1),
             lcm_disturbance: Disturbance::default(),
@@ -204,8 +207,16 @@ impl Virtual {
     }
 
     /// Lets a fault come over a bus for so many seconds (0: for good), as `SIM_CMD_FAULT` with the bus's name as its target
-    /// does; `lcm` is one. False when there is no such bus, or that is no fault of it ([`Ailment`]).
-    pub fn fault(&mut self, target: &str, ailment: Ailment, lasts: f64) -> bool {
+    /// does; `lcm` is one. False when there is no such bus, or that is no fault of it.
+    pub fn fault(&mut self, target: &str, fault: &str, value: f64, lasts: f64) -> bool {
+        let known = Ailment::from_name(fault, value).is_some_and(|ailment| self.suffer(target, ailment, lasts));
+        if known {
+            self.news(&News::Fault { target, fault, until: faults::until(self.now, lasts) });
+        }
+        known
+    }
+
+    fn suffer(&mut self, target: &str, ailment: Ailment, lasts: f64) -> bool {
         let (now, until) = (self.now, faults::until(self.now, lasts));
         if target == LCM {
             return !matches!(ailment, Ailment::Noise(_)) && self.lcm_disturbance.suffer(now, ailment, until);
@@ -307,9 +318,9 @@ impl Virtual {
     fn begin(&mut self, pid: u32) {
         let Some(place) = self.place(pid) else { return };
         self.processes[place].life.begin(self.now);
+        self.adopt(pid);
         self.handle(pid, Event::Start);
         self.tell_of_beats(pid);
-        self.adopt(pid);
         let ports = self.place(pid).map_or(0, |place| self.processes[place].wires.len());
         for port in (0..ports).map(|port| PortId(port as u8)) {
             let Some(place) = self.place(pid) else { return };
@@ -328,7 +339,9 @@ impl Virtual {
             && let Some(ailment) = Ailment::from_name(&command.fault, command.value)
         {
             // What is no fault of a bus is one of the simulator's, or the simulator says that it is none.
-            self.fault(&command.target, ailment, command.duration);
+            self.suffer(&command.target, ailment, command.duration);
+            let (target, fault) = (command.target.as_str(), command.fault.as_str());
+            self.news(&News::Fault { target, fault, until: faults::until(self.now, command.duration) });
         }
         let loss = self.config.lcm_loss.max(self.lcm_disturbance.loss(self.now));
         let mut pid = 0;
@@ -468,11 +481,17 @@ impl Virtual {
         if process.life.hung.is_some() {
             if process.life.backlog.len() < BACKLOG {
                 process.life.backlog.push_back(waiting);
+            } else {
+                let module = process.module.clone();
+                self.news(&News::Dropped { whose: &module, count: 1 });
             }
             return;
         }
         match waiting {
-            Waiting::Message(at, message) => self.handle(pid, Event::Message { at, message: &message }),
+            Waiting::Message(at, message) => {
+                self.news(&News::Heard { pid, at, message: &message });
+                self.handle(pid, Event::Message { at, message: &message });
+            }
             Waiting::Can(port, frame) => self.handle(pid, Event::Port { port, input: Input::Can(frame) }),
             Waiting::Notice(port, notice) => self.handle(pid, Event::Port { port, input: Input::CanNotice(notice) }),
             Waiting::Down(port) => self.handle(pid, Event::Port { port, input: Input::Down(BUS_OFF) }),
@@ -592,6 +611,7 @@ impl Virtual {
     fn command(&mut self, parent: u32, command: ProcessCommand) {
         match command {
             ProcessCommand::Spawn { module, wanted } => {
+                self.remembered.insert(module.clone(), (wanted, false));
                 let news = match self.start(parent, &module, wanted) {
                     Ok(pid) => Waiting::Started(module.into(), pid),
                     Err(reason) => Waiting::Unstartable(module.into(), reason.into()),
@@ -602,8 +622,11 @@ impl Virtual {
                 self.schedule(self.now, Happening::Tell(pid, Waiting::Terminate));
             }
             ProcessCommand::Kill { pid } => self.kill(pid),
-            // A virtual watchdog has no later life, and nobody above it to tell.
-            ProcessCommand::Remember { .. } | ProcessCommand::Health { .. } => {}
+            ProcessCommand::Remember { module, wanted, held } => {
+                self.remembered.insert(module, (wanted, held));
+            }
+            // There is nobody above it to tell.
+            ProcessCommand::Health { .. } => {}
         }
     }
 
@@ -634,6 +657,10 @@ impl Virtual {
     }
 
     fn arm_wire(&mut self, place: usize) {
+        if let Some(count) = self.wires[place].dropped() {
+            let bus = self.wires[place].bus.clone();
+            self.news(&News::Dropped { whose: &bus, count });
+        }
         let (old, due) = (self.wires[place].due, self.wires[place].poll_timeout());
         self.wires[place].due = self.rearmed(old, due);
     }

@@ -26,6 +26,8 @@ pub(super) struct Wire {
     pub due: Option<(Instant, u64)>,
     disturbance: Disturbance,
     random: Random,
+    /// Of what was dropped, so much was told.
+    told_dropped: u64,
 }
 
 /// What kind of wire.
@@ -53,6 +55,14 @@ impl Wire {
         }
         let twice = self.disturbance.duplicates(now, &mut self.random);
         Some((self.disturbance.arrival(now, now), 1 + u32::from(twice)))
+    }
+
+    /// How much was dropped since this was asked last, if anything was.
+    pub fn dropped(&mut self) -> Option<u64> {
+        let Kind::Can(wire) = &self.kind else { return None };
+        let count = wire.traffic.dropped - self.told_dropped;
+        self.told_dropped += count;
+        (count > 0).then_some(count)
     }
 
     /// Noise on a serial line.
@@ -120,6 +130,6 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         }
     };
     let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));
-    wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random });
+    wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random, told_dropped: 0 });
     Ok(wires.len() - 1)
 }
