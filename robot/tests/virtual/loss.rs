@@ -6,13 +6,16 @@
 //! 3. what is told as homed is where it is told to be;
 //!
 //! and in the end the robot drives when it is told to, or stands with an error reported and a reason given. What did not
-//! go as without the loss was reported as an error, or given as the reason.
+//! go as without the loss was reported as an error, or given as the reason. What comes again by itself, heartbeats and
+//! PDOs, is not even missed.
+//!
+//! Frames that are destroyed on the wire, which the controllers send again, cost time and nothing else.
 //!
 //! `LOSS=NUMBER cargo test -p advee --test virtual loss -- --nocapture` for one.
 
 use super::{Robot, at};
 use base::{Duration, Instant, can};
-use messages::{Message, common, lowlevel};
+use messages::{Message, common, lowlevel, simulation};
 use sim::host::{Config, News};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -40,6 +43,7 @@ struct Checker {
     /// Errors that were reported and have not gone away.
     standing: Vec<i32>,
     errors: u32,
+    reported: Vec<String>,
     motion: lowlevel::DataMotion,
     lost: Option<can::Frame>,
     fastest: f64,
@@ -79,6 +83,7 @@ impl Checker {
         self.standing.retain(|number| *number != error.number);
         if error.severity > common::Error::NOTICE {
             self.errors += 1;
+            self.reported.push(error.message.clone());
             self.standing.push(error.number);
         }
         Ok(())
@@ -258,4 +263,29 @@ fn whatever_single_frame_of_a_start_is_lost_the_robot_drives_or_says_why_not() {
     failed.sort_by_key(|(lost, ..)| *lost);
     assert!(all.iter().all(|(_, frame, _)| frame.is_some()), "a frame was not lost");
     assert!(failed.is_empty(), "{} of {frames}: {:#?}", failed.len(), &failed[..failed.len().min(10)]);
+}
+
+/// What is destroyed on the wire is sent again by the controller. One in seventeen and fewer: error counters fall as fast as they rise.
+#[test]
+fn a_frame_that_is_destroyed_on_the_wire_costs_time_and_nothing_else() {
+    let mut calm = Start::new(None);
+    assert_eq!(calm.run(), Ok(Outcome::Unmoved));
+    for every in [17_u32, 19, 23, 29, 31] {
+        let mut start = Start::new(None);
+        // Said again and again, so that it is heard before the bus's first frame.
+        for millis in 0..200 {
+            let value = f64::from(every);
+            let (target, fault) = ("can.main".into(), "corrupt".into());
+            let disturbed = simulation::CmdFault { timestamp: 0, target, fault, value, duration: 0.0 };
+            start.robot.machine.inject(Instant::from_millis(millis), disturbed);
+        }
+        let outcome = start.run();
+        assert!(matches!(outcome, Ok(Outcome::Unmoved | Outcome::Recovered)), "every {every}th: {outcome:?}");
+        let checker = start.checker.borrow();
+        assert_eq!(checker.reasons, calm.checker.borrow().reasons, "every {every}th");
+        // That there is noise is told, and no more.
+        assert!(checker.reported.iter().all(|report| report.contains("frames with errors")), "{:?}", checker.reported);
+        let destroyed = start.robot.machine.traffic("can.main").expect("the drives are there").errors;
+        assert!(destroyed > start.frames() / u64::from(every) / 2, "{destroyed} frames only");
+    }
 }
