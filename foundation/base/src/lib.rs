@@ -13,5 +13,5 @@ pub mod serial;
 mod time;
 
 pub use queue::Queue;
-pub use report::{Fault, Kind, Report, Severity};
+pub use report::{Fault, Kind, Location, Report, Severity};
 pub use time::{Duration, Epoch, Instant, Ticker};

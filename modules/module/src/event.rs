@@ -6,7 +6,7 @@ use base::{Instant, can};
 use messages::Message;
 
 /// What happened.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
     /// The first event: the process is up, its ports are being opened.
     Start,
@@ -64,7 +64,7 @@ pub enum Line {
 }
 
 /// What a port says.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub enum Input<'a> {
     /// It is open: what is sent now leaves.
     Up,
@@ -81,7 +81,7 @@ pub enum Input<'a> {
 }
 
 /// News of the processes that the watchdog asked for.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub enum ProcessEvent<'a> {
     /// A module's process runs.
     Started {

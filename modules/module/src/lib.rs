@@ -10,6 +10,7 @@ mod action;
 pub mod bench;
 mod event;
 pub mod exit;
+pub mod record;
 mod shell;
 mod state;
 #[cfg(test)]

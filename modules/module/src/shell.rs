@@ -1,5 +1,6 @@
 //! What all modules share, done around them once: the state machine, its announcement, commands, reports, the end.
 
+use crate::record::{Call, Recorder};
 use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
 use base::{Duration, Fault, Instant, Report, Severity, Ticker};
 use messages::{Channel, Message, common};
@@ -55,6 +56,7 @@ pub struct Shell {
     faults: BTreeMap<(Fault, String), Severity>,
     inner: Actions,
     ending: Ending,
+    recorder: Option<Recorder>,
 }
 
 /// How far the end has come.
@@ -79,7 +81,13 @@ impl Shell {
             faults: BTreeMap::new(),
             inner: Actions::default(),
             ending: Ending::No,
+            recorder: None,
         }
+    }
+
+    /// Writes down from now on what it is told and what it answers; to be called before anything else.
+    pub fn record(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
     }
 
     /// The module's name.
@@ -109,6 +117,22 @@ impl Shell {
     /// Takes one event; pushes what the host is to do: `Publish`, `Send`, `Report`, `Note`, `Process`,
     /// `State`, and `Exit` last.
     pub fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        self.recorded(now, &Call::Event(event), out, |shell, out| shell.take(now, event, out));
+    }
+
+    /// Lets the recorder see a call and what follows from it.
+    fn recorded(&mut self, now: Instant, call: &Call<'_>, out: &mut Actions, f: impl FnOnce(&mut Self, &mut Actions)) {
+        let Some(mut recorder) = self.recorder.take().filter(|_| self.ending != Ending::Done) else {
+            return f(self, out);
+        };
+        recorder.call(now, out.epoch(), call);
+        let before = out.as_slice().len();
+        f(self, out);
+        recorder.answer(&out.as_slice()[before..], self.poll_timeout());
+        self.recorder = Some(recorder);
+    }
+
+    fn take(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         if self.ending == Ending::Done {
             return;
         }
@@ -148,26 +172,36 @@ impl Shell {
 
     /// The process was asked to end (SIGTERM, Ctrl-C): as a TERMINATE command.
     pub fn terminate(&mut self, now: Instant, out: &mut Actions) {
-        if self.state != State::Terminate {
-            self.enter(now, State::Terminate, out);
-            self.handle(now, Event::Timer, out);
-        }
+        self.recorded(now, &Call::Terminate, out, |shell, out| {
+            if shell.state != State::Terminate {
+                shell.enter(now, State::Terminate, out);
+                shell.take(now, Event::Timer, out);
+            }
+        });
     }
 
     /// A fault that the host found: reported once until [`Shell::clear`].
     pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
+        self.recorded(now, &Call::Raise(&report), out, |shell, out| shell.fault(now, &report, out));
+    }
+
+    fn fault(&mut self, now: Instant, report: &Report, out: &mut Actions) {
         let key = (report.fault, report.subject.clone());
         if self.faults.len() < FAULTS_MAX && !self.faults.contains_key(&key) {
             self.faults.insert(key, report.severity);
-            self.send(now, report, out);
+            self.send(now, report.clone(), out);
         }
     }
 
     /// A fault that the host found stands no more; who was told of it is told of its end.
     pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
+        self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.fault_over(now, &report, out));
+    }
+
+    fn fault_over(&mut self, now: Instant, report: &Report, out: &mut Actions) {
         let raised = self.faults.remove(&(report.fault, report.subject.clone()));
         if raised.is_some_and(|severity| severity >= self.config.report_from) {
-            self.tell(now, report, out);
+            self.tell(now, report.clone(), out);
         }
     }
 
@@ -188,8 +222,8 @@ impl Shell {
         self.module.handle(now, event, &mut inner);
         for action in inner.drain() {
             match action {
-                Action::Raise(report) => self.raise(now, report, out),
-                Action::Clear(report) => self.clear(now, report, out),
+                Action::Raise(report) => self.fault(now, &report, out),
+                Action::Clear(report) => self.fault_over(now, &report, out),
                 Action::Report(report) => self.send(now, report, out),
                 Action::Condition(condition) => self.condition(now, condition, out),
                 other => out.push(other),
@@ -286,8 +320,8 @@ impl Shell {
             fatal: report.fatal,
             r#type: report.fault.kind() as i8,
             severity: report.severity as i8,
-            file: report.location.file().into(),
-            line: i32::try_from(report.location.line()).unwrap_or(i32::MAX),
+            file: report.location.file.clone().into_owned(),
+            line: i32::try_from(report.location.line).unwrap_or(i32::MAX),
         });
         out.push(Action::Report(report));
     }

@@ -1,0 +1,99 @@
+//! Numbers, texts and bytes as they stand in a record: numbers in groups of seven bits, the least significant first
+//! (LEB128), signed ones folded so that small ones are short (zigzag), texts and bytes behind their length.
+
+use super::Malformed;
+
+pub(super) fn varint(out: &mut Vec<u8>, mut value: u64) {
+    while value >= 0x80 {
+        out.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    out.push(value as u8);
+}
+
+pub(super) fn signed(out: &mut Vec<u8>, value: i64) {
+    varint(out, (value << 1 ^ value >> 63) as u64);
+}
+
+pub(super) fn bytes(out: &mut Vec<u8>, value: &[u8]) {
+    varint(out, value.len() as u64);
+    out.extend_from_slice(value);
+}
+
+pub(super) fn text(out: &mut Vec<u8>, value: &str) {
+    bytes(out, value.as_bytes());
+}
+
+/// What is left of a record.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Take<'a>(pub &'a [u8]);
+
+impl<'a> Take<'a> {
+    pub fn u8(&mut self) -> Result<u8, Malformed> {
+        let (first, rest) = self.0.split_first().ok_or(Malformed("a byte"))?;
+        self.0 = rest;
+        Ok(*first)
+    }
+
+    pub fn varint(&mut self) -> Result<u64, Malformed> {
+        let mut value = 0;
+        for shift in (0..64).step_by(7) {
+            let byte = self.u8()?;
+            let bits = u64::from(byte & 0x7F);
+            if bits << shift >> shift != bits {
+                break;
+            }
+            value |= bits << shift;
+            if byte < 0x80 {
+                return Ok(value);
+            }
+        }
+        Err(Malformed("a number"))
+    }
+
+    pub fn signed(&mut self) -> Result<i64, Malformed> {
+        let value = self.varint()?;
+        Ok((value >> 1) as i64 ^ -((value & 1) as i64))
+    }
+
+    /// A number of a smaller type.
+    pub fn small<T: TryFrom<u64>>(&mut self) -> Result<T, Malformed> {
+        T::try_from(self.varint()?).map_err(|_| Malformed("a number in its range"))
+    }
+
+    pub fn flag(&mut self) -> Result<bool, Malformed> {
+        match self.u8()? {
+            0 => Ok(false),
+            1 => Ok(true),
+            _ => Err(Malformed("yes or no")),
+        }
+    }
+
+    pub fn f64(&mut self) -> Result<f64, Malformed> {
+        let (bits, rest) = self.0.split_first_chunk().ok_or(Malformed("eight bytes"))?;
+        self.0 = rest;
+        Ok(f64::from_le_bytes(*bits))
+    }
+
+    /// So many bytes.
+    pub fn slice(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
+        let (slice, rest) = self.0.split_at_checked(count).ok_or(Malformed("as many bytes as announced"))?;
+        self.0 = rest;
+        Ok(slice)
+    }
+
+    pub fn bytes(&mut self) -> Result<&'a [u8], Malformed> {
+        let count = self.small()?;
+        self.slice(count)
+    }
+
+    pub fn text(&mut self) -> Result<&'a str, Malformed> {
+        std::str::from_utf8(self.bytes()?).map_err(|_| Malformed("a text"))
+    }
+
+    /// How many items follow, of which each takes a byte at least: not more than there can be.
+    pub fn count(&mut self) -> Result<usize, Malformed> {
+        let count = self.small()?;
+        if count <= self.0.len() { Ok(count) } else { Err(Malformed("as many items as announced")) }
+    }
+}
