@@ -4,7 +4,7 @@ use crate::{
 };
 use base::Duration;
 use messages::{common, lowlevel};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 /// Sends a set-point for each command, and zero when none came for `ttl`.
@@ -232,20 +232,17 @@ fn what_found_no_room_leaves_a_gap_with_its_number() {
 
 #[test]
 fn what_found_no_room_before_the_end_is_told_too() {
-    let count = Rc::new(RefCell::new(0));
-    let last = {
-        let count = count.clone();
-        let (mut shell, _) = recorded(1 << 20, move || {
-            *count.borrow_mut() += 1;
-            true
-        });
-        drive(&mut shell);
-        count.take()
-    };
+    let (count, counted) = (Cell::new(0), Rc::new(Cell::new(0)));
+    let all = counted.clone();
+    let (mut shell, _) = recorded(1 << 20, move || {
+        counted.set(counted.get() + 1);
+        true
+    });
+    drive(&mut shell);
     // The last is the end; before it comes the call that led to it.
     let (mut shell, file) = recorded(1 << 20, move || {
-        *count.borrow_mut() += 1;
-        *count.borrow() != last - 1
+        count.set(count.get() + 1);
+        count.get() != all.get() - 1
     });
     drive(&mut shell);
     assert_eq!(read(&file.borrow()).unwrap_err().why, Why::Gap(1));
