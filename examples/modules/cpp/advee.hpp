@@ -1,0 +1,528 @@
+// What every module of the robot does, for modules in C++17 on the official LCM (docs/writing-a-module.md).
+//
+//     class Watch : public advee::Module {
+//     public:
+//         explicit Watch(const advee::Options &options) : Module(options)
+//         {
+//             subscribe<lowlevel::data_srfs_t>("LL_DATA_SRFS", [this](const auto &sonars) { working(); });
+//         }
+//     };
+//     int main(int argc, char **argv) { return advee::run<Watch>(advee::Options("watch", argc, argv)); }
+//
+// One loop serves the bus, timers and the module's own descriptors, and beats; all handlers are called from it and must
+// come back soon: one that takes 200 ms is a hang. Around them the loop announces the state each second and on change,
+// obeys state commands by the table, reports a fault once and its end once, ends at TERMINATE, at SIGTERM, and when the
+// watchdog that started it is gone for good. Needs what the official lcm-gen makes of messages/*.lcm, and liblcm 1.3.1
+// or later; advee.py is the same in Python.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <fcntl.h>
+#include <functional>
+#include <lcm/lcm-cpp.hpp>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <poll.h>
+#include <string>
+#include <sys/signalfd.h>
+#include <unistd.h>
+#include <utility>
+#include <vector>
+#include "common/cmd_state_t.hpp"
+#include "common/data_state_t.hpp"
+#include "common/error_t.hpp"
+
+namespace advee {
+
+constexpr double ANNOUNCE = 1.0; // s between two announcements
+constexpr double BEAT = 0.05;    // s between two beats
+constexpr double ORPHANED = 3.0; // s without CM_DATA_PROCESSES: whoever started us is gone, and no one came instead
+constexpr int BURST = 64;        // messages taken in one turn of the loop, so that a flood delays nothing else for long
+
+// Exit codes: a class plus a number 0 to 16.
+enum Exit : int { RESOURCE = 0x10, DEVICE = 0x20, OTHER = 0x40 };
+// Fault numbers that all modules share (docs/faults.md). A module's own begin at 0x8001.
+constexpr int COMMAND_FORBIDDEN = 0x0001, MESSAGE_MALFORMED = 0x0002, UNHANDLED = 0x8000;
+
+// The states of a module, what a fault is about, and how grave it is, by their values on the wire.
+enum class State : std::int8_t { Unknown, Init, Stop, Run, Error, Terminate, Pause };
+enum class Kind : std::int8_t { Unknown, Timeout, Resource, Device };
+enum class Severity : std::int8_t { Notice, Warning, Error };
+
+inline const char *name_of(State state)
+{
+    static const char *const names[] = {"UNKNOWN", "INIT", "STOP", "RUN", "ERROR", "TERMINATE", "PAUSE"};
+    return names[int(state)];
+}
+
+// Monotonic time, s: for deadlines.
+inline double now()
+{
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+// Now, in µs since 1970, for messages: no step of the clock turns it back.
+inline std::int64_t timestamp()
+{
+    using namespace std::chrono;
+    static const auto epoch = system_clock::now().time_since_epoch() - steady_clock::now().time_since_epoch();
+    return duration_cast<microseconds>(epoch + steady_clock::now().time_since_epoch()).count();
+}
+
+// The command line of a module: --name, --state (RUN, PAUSE or STOP: the one after INIT) and --lcm-url; what else there
+// is stays in `rest`. The watchdog gives the same by the environment variables ADVEE_MODULE, ADVEE_STATE and
+// LCM_DEFAULT_URL; an argument goes before. What cannot be ends the process.
+struct Options {
+    std::string name, lcm_url;
+    State state = State::Run;
+    std::vector<std::string> rest;
+
+    Options(const std::string &module, int argc, char **argv)
+        : name(variable("ADVEE_MODULE", module)),
+          lcm_url(variable("LCM_DEFAULT_URL", "udpm://239.255.76.67:7667?ttl=0"))
+    {
+        std::string first = variable("ADVEE_STATE", "RUN");
+        const std::map<std::string, std::string *> known = {
+            {"--name", &name}, {"--state", &first}, {"--lcm-url", &lcm_url}};
+        for (int n = 1; n < argc; ++n) {
+            const auto option = known.find(argv[n]);
+            if (option == known.end())
+                rest.emplace_back(argv[n]);
+            else if (++n < argc)
+                *option->second = argv[n];
+            else
+                refuse(option->first + " needs a value");
+        }
+        if (first != "RUN" && first != "PAUSE" && first != "STOP")
+            refuse("--state " + first + ": expected RUN, PAUSE or STOP");
+        state = first == "RUN" ? State::Run : first == "PAUSE" ? State::Pause : State::Stop;
+    }
+
+    // Says why and ends: a command line that cannot be is a resource that is not there.
+    [[noreturn]] void refuse(const std::string &why) const
+    {
+        std::fprintf(stderr, "%s: %s\n", name.c_str(), why.c_str());
+        std::exit(RESOURCE);
+    }
+
+private:
+    static std::string variable(const char *key, const std::string &otherwise)
+    {
+        const char *value = std::getenv(key);
+        return value && *value ? value : otherwise;
+    }
+};
+
+// What one thread beats with.
+class Beat {
+public:
+    Beat() = default;
+    Beat(int page, off_t place) : page(page), place(place), due(now() + BEAT) {}
+
+    // To be called in the thread's loop at least each 50 ms; comes back at once.
+    void operator()()
+    {
+        if (page < 0 || now() < due)
+            return;
+        due = now() + BEAT;
+        ++count;
+        const std::uint8_t bytes[] = {std::uint8_t(count), std::uint8_t(count >> 8), std::uint8_t(count >> 16),
+                                      std::uint8_t(count >> 24)};
+        // A page that cannot be written is a beat that is missing, which the watchdog sees.
+        (void)!pwrite(page, bytes, sizeof bytes, place);
+    }
+
+private:
+    int page = -1;
+    off_t place = 0;
+    double due = 0;
+    std::uint32_t count = 1;
+};
+
+// This process's page of beats (docs/beats.md). Without a page, when started by hand, all of it does nothing.
+class Beats {
+public:
+    Beats()
+    {
+        const char *path = std::getenv("ADVEE_BEATS");
+        if (path && *path && (page = open(path, O_WRONLY | O_NOFOLLOW | O_CLOEXEC)) < 0)
+            std::fprintf(stderr, "no page of beats: %s: %s\n", path, std::strerror(errno));
+    }
+    Beats(const Beats &) = delete;
+    Beats &operator=(const Beats &) = delete;
+    ~Beats()
+    {
+        if (page >= 0)
+            close(page);
+    }
+
+    // What the thread of that name beats with; it belongs to that thread. From this call on silence is a hang, so begin
+    // when the loop does. A page has room for 63 threads.
+    Beat thread(const std::string &name)
+    {
+        const std::lock_guard<std::mutex> lock(mutex);
+        if (page < 0 || threads == 63)
+            return Beat();
+        const off_t place = 64 + 64 * threads++;
+        std::array<char, 64> entry{};
+        name.copy(entry.data(), 48);
+        entry[48] = 1;
+        std::array<char, 16> head{'B', 'E', 'A', 'T', 1};
+        const std::uint32_t pid = std::uint32_t(getpid());
+        for (int n = 0; n < 4; ++n)
+            head[8 + n] = char(pid >> 8 * n);
+        head[12] = char(threads);
+        // The number of threads last: an entry counts when it is whole.
+        if (pwrite(page, entry.data(), entry.size(), place) < 0 || pwrite(page, head.data(), head.size(), 0) < 0)
+            std::perror("page of beats");
+        return Beat(page, place + 48);
+    }
+
+    explicit operator bool() const { return page >= 0; }
+
+private:
+    int page = -1, threads = 0;
+    std::mutex mutex;
+};
+
+// SIGTERM and SIGINT as a descriptor. Before anything starts a thread, as LCM does: all of them inherit the mask.
+class Signals {
+public:
+    Signals()
+    {
+        sigset_t asked;
+        sigemptyset(&asked);
+        sigaddset(&asked, SIGTERM);
+        sigaddset(&asked, SIGINT);
+        pthread_sigmask(SIG_BLOCK, &asked, nullptr);
+        fd = signalfd(-1, &asked, SFD_CLOEXEC | SFD_NONBLOCK);
+    }
+    Signals(const Signals &) = delete;
+    Signals &operator=(const Signals &) = delete;
+    ~Signals() { close(fd); }
+
+    int fd;
+};
+
+// A module: derive from it, subscribe in the constructor, say working() when the device is there.
+class Module {
+public:
+    explicit Module(const Options &options) : name(options.name), bus(options.lcm_url), wanted(options.state)
+    {
+        if (!bus.good())
+            options.refuse("LCM at " + options.lcm_url + " cannot be had");
+        subscribe<common::cmd_state_t>("CM_CMD_STATE", [this](const auto &command) { obey(command); });
+        watch(bus.getFileno(), [this] { on_bus(); });
+        watch(signals.fd, [this] { end(); });
+        if (std::getenv("ADVEE_MODULE")) { // a watchdog has started us
+            guarded_until = now() + ORPHANED;
+            channel("CM_DATA_PROCESSES", [this](const auto &) { guarded_until = now() + ORPHANED; });
+            every(ORPHANED / 6, [this] { look_for_watchdog(); });
+        }
+    }
+    Module(const Module &) = delete;
+    Module &operator=(const Module &) = delete;
+    virtual ~Module() = default;
+
+    // Runs until it ends, and returns the exit code.
+    int run()
+    {
+        try {
+            announce();
+            every(ANNOUNCE, [this] { announce(); });
+            Beat beat = beats.thread("main");
+            while (code < 0) {
+                beat();
+                serve_timers();
+                if (code < 0)
+                    wait();
+            }
+        } catch (const std::exception &error) {
+            std::fprintf(stderr, "%s: %s\n", name.c_str(), error.what());
+            fatal(UNHANDLED, Kind::Unknown, error.what(), OTHER);
+        }
+        return code;
+    }
+
+protected:
+    // The state has changed, and that has been announced. In Terminate it is the last call.
+    virtual void on_state(State) {}
+
+    State state() const { return current; }
+
+    // Whether it may act on the world: in RUN alone.
+    bool acts() const { return current == State::Run; }
+
+    // Calls the handler for each message. One that is none of that type is dropped and reported once.
+    template <class Message> void subscribe(const std::string &from, std::function<void(const Message &)> handler)
+    {
+        channel(from, [this, from, handler](const lcm::ReceiveBuffer &raw) {
+            Message message;
+            std::string why = "it is no " + std::string(Message::getTypeName());
+            try {
+                if (message.decode(raw.data, 0, int(raw.data_size)) >= 0)
+                    why.clear();
+            } catch (const std::exception &error) { // counts that cannot be
+                why = error.what();
+            }
+            if (why.empty())
+                handler(message);
+            else
+                fault(MESSAGE_MALFORMED, Kind::Unknown, Severity::Warning,
+                      from + ": a message of " + std::to_string(raw.data_size) + " bytes is dropped: " + why, from);
+        });
+    }
+
+    // Sends a message of a type that lcm-gen made.
+    template <class Message> void publish(const std::string &to, const Message &message)
+    {
+        bus.publish(to, &message);
+    }
+
+    // Calls the handler each so many seconds; what was missed is dropped.
+    void every(double seconds, std::function<void()> handler)
+    {
+        timers.push_back(std::make_unique<Timer>(Timer{now() + seconds, seconds, std::move(handler)}));
+    }
+
+    // Calls the handler when this descriptor can be read.
+    void watch(int fd, std::function<void()> handler)
+    {
+        polled.push_back({fd, POLLIN, 0});
+        handlers.push_back(std::make_unique<std::function<void()>>(std::move(handler)));
+    }
+
+    // The device is there: leads out of INIT, and out of ERROR to where that came from. May be said again.
+    void working()
+    {
+        lost = false;
+        if (current == State::Error && before_error != State::Init)
+            enter(before_error);
+        else if (current == State::Init || current == State::Error)
+            enter(wanted);
+    }
+
+    // The device is lost: ERROR, until working(). Go on trying. May be said again.
+    void failed()
+    {
+        lost = true;
+        if (current == State::Error || current == State::Terminate)
+            return;
+        before_error = current;
+        enter(State::Error);
+    }
+
+    // Reports a fault, once until clear(). Its number, 0x8001 or above, means one thing for good; `subject` tells faults
+    // of one number apart, where several things can have it.
+    void fault(int number, Kind kind, Severity severity, const std::string &text, const std::string &subject = "",
+               const char *file = __builtin_FILE(), int line = __builtin_LINE())
+    {
+        if (faults.emplace(std::make_pair(number, subject), kind).second)
+            report(number, kind, severity, text, false, file, line);
+    }
+
+    // The fault stands no more: says so, if it was reported.
+    void clear(int number, const std::string &text, const std::string &subject = "",
+               const char *file = __builtin_FILE(), int line = __builtin_LINE())
+    {
+        const auto found = faults.find({number, subject});
+        if (found == faults.end())
+            return;
+        report(number, found->second, Severity::Notice, text, false, file, line);
+        faults.erase(found);
+    }
+
+    // Reports why it cannot go on, and ends with this exit code, or that of the kind. The watchdog starts it again.
+    void fatal(int number, Kind kind, const std::string &text, int exit = 0, const char *file = __builtin_FILE(),
+               int line = __builtin_LINE())
+    {
+        report(number, kind, Severity::Error, text, true, file, line);
+        code = exit ? exit : kind == Kind::Resource ? RESOURCE : kind == Kind::Device ? DEVICE : OTHER;
+    }
+
+    // Ends in good order, as a TERMINATE command does.
+    void end()
+    {
+        if (current == State::Terminate)
+            return;
+        enter(State::Terminate);
+        if (code < 0)
+            code = 0;
+    }
+
+    const std::string name; // on the bus
+    Beats beats;            // for threads of the module's own; the loop's beat is run()'s
+
+private:
+    struct Timer {
+        double due, period;
+        std::function<void()> handler;
+    };
+
+    // A channel and who wants it.
+    struct Channel {
+        std::function<void(const lcm::ReceiveBuffer &)> handler;
+        std::exception_ptr thrown;
+
+        void receive(const lcm::ReceiveBuffer *raw, const std::string &)
+        {
+            try {
+                handler(*raw);
+            } catch (...) { // must not pass through liblcm, which is C
+                thrown = std::current_exception();
+            }
+        }
+    };
+
+    void channel(const std::string &from, std::function<void(const lcm::ReceiveBuffer &)> handler)
+    {
+        channels.push_back(std::make_unique<Channel>(Channel{std::move(handler), nullptr}));
+        bus.subscribe(from, &Channel::receive, channels.back().get())->setQueueCapacity(BURST);
+    }
+
+    void on_bus()
+    {
+        for (int n = 0; n < BURST && code < 0 && bus.handleTimeout(0) > 0; ++n)
+            for (const auto &channel : channels)
+                if (channel->thrown)
+                    std::rethrow_exception(channel->thrown);
+    }
+
+    void wait()
+    {
+        double wait = beats ? BEAT : ANNOUNCE;
+        for (const auto &timer : timers)
+            wait = std::min(wait, timer->due - now());
+        if (poll(polled.data(), polled.size(), int(std::ceil(1000 * std::max(0.0, wait)))) <= 0)
+            return;
+        // A handler may add to both lists.
+        for (std::size_t n = 0, count = polled.size(); n < count && code < 0; ++n)
+            if (polled[n].revents)
+                (*handlers[n])();
+    }
+
+    void serve_timers()
+    {
+        for (std::size_t n = 0; n < timers.size() && code < 0; ++n) { // a handler may add one
+            Timer &timer = *timers[n];
+            const double late = now() - timer.due;
+            if (late < 0)
+                continue;
+            timer.due += timer.period * (1 + std::floor(late / timer.period));
+            timer.handler();
+        }
+    }
+
+    void look_for_watchdog()
+    {
+        if (now() < guarded_until)
+            return;
+        std::fprintf(stderr, "%s: the watchdog is gone: it ends\n", name.c_str());
+        end();
+    }
+
+    // Whether a command leads from one state to another: the table, TERMINATE apart.
+    static bool allows(State from, State to, bool manual)
+    {
+        switch (to) {
+        case State::Run: return from == State::Pause || (from == State::Stop && manual);
+        case State::Pause: return from == State::Run || (from == State::Stop && manual);
+        case State::Stop: return manual;
+        default: return false;
+        }
+    }
+
+    void obey(const common::cmd_state_t &command)
+    {
+        const State to = State(command.state);
+        const bool manual = command.manual != 0;
+        if ((command.module != name && command.module != "*") || to == current || current == State::Terminate)
+            return;
+        if (command.state < 0 || command.state > int(State::Pause)) {
+            report(COMMAND_FORBIDDEN, Kind::Unknown, Severity::Warning,
+                   "command from " + command.source + " refused: " + std::to_string(command.state) + " is no state");
+        } else if (to == State::Terminate) {
+            end();
+        } else if (allows(current, to, manual)) {
+            if (current == State::Init)
+                wanted = to;
+            enter(to);
+            // It was led through STOP out of ERROR; its device is lost as before.
+            if (lost && (current == State::Run || current == State::Pause))
+                failed();
+        } else {
+            report(COMMAND_FORBIDDEN, Kind::Unknown, Severity::Warning,
+                   std::string(manual ? "manual " : "") + "command " + name_of(to) + " from " + command.source +
+                       " refused in " + name_of(current));
+        }
+    }
+
+    void enter(State to)
+    {
+        current = to;
+        announce();
+        on_state(to);
+    }
+
+    void announce()
+    {
+        common::data_state_t message;
+        message.timestamp = timestamp();
+        message.module = name;
+        message.state = std::int8_t(current);
+        publish("CM_DATA_STATE", message);
+    }
+
+    void report(int number, Kind kind, Severity severity, const std::string &text, bool fatal = false,
+                const char *file = __builtin_FILE(), int line = __builtin_LINE())
+    {
+        const char *base = std::strrchr(file, '/');
+        common::error_t message;
+        message.timestamp = timestamp();
+        message.module = name;
+        message.number = number;
+        message.message = text;
+        message.fatal = fatal;
+        message.type = std::int8_t(kind);
+        message.severity = std::int8_t(severity);
+        message.file = base ? base + 1 : file;
+        message.line = line;
+        publish("CM_EVENT_ERROR", message);
+    }
+
+    Signals signals;
+    std::vector<std::unique_ptr<Channel>> channels;
+    lcm::LCM bus;
+    std::vector<std::unique_ptr<Timer>> timers;
+    std::vector<pollfd> polled;
+    std::vector<std::unique_ptr<std::function<void()>>> handlers;
+    std::map<std::pair<int, std::string>, Kind> faults;
+    State current = State::Init, before_error = State::Init, wanted;
+    bool lost = false; // what the module said last of its device
+    double guarded_until = 0;
+    int code = -1; // not below 0: it ends with this
+};
+
+// Makes the module of this class and runs it to its end; the exit code. Further arguments go to its constructor.
+template <class Watch, class... Arguments> int run(const Options &options, Arguments &&...arguments)
+{
+    try {
+        return Watch(options, std::forward<Arguments>(arguments)...).run();
+    } catch (const std::exception &error) { // of its constructor: it has not spoken yet
+        std::fprintf(stderr, "%s: %s\n", options.name.c_str(), error.what());
+        return OTHER;
+    }
+}
+
+} // namespace advee
