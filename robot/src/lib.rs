@@ -2,6 +2,7 @@
 //!
 //! The one crate that may open, sleep, spawn and ask the time.
 
+pub mod checks;
 pub mod cli;
 pub mod config;
 pub mod live;

@@ -7,6 +7,7 @@
 
 pub mod boards;
 pub mod body;
+pub mod check;
 mod faults;
 pub mod host;
 mod random;

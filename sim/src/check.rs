@@ -1,0 +1,281 @@
+//! Rules that hold in every simulated step, whatever breaks: always on, fed by what a virtual machine tells its observers.
+//!
+//! [`Checkers::observe`] takes every [`News`] with its moment; the first rule that is broken is kept as a [`Violation`].
+//! A rule is a file with its source and its bound. All are judged by what passes on the wires, what processes were
+//! served, and how the body moves; none trusts a module's own word where there is another witness. What the driver of the
+//! drives knows is what it was served ([`News::Heard`]): so late messages, lost ones and a driver that is served late need
+//! no allowances. Deterministic; allocates for a new module, process or source only.
+//!
+//! Knows no module by name: [`Limits`] has the names, and the bounds of the robot's configuration.
+
+mod authority;
+mod body;
+mod clock;
+mod critical;
+mod drives;
+mod facts;
+mod fresh;
+mod homed;
+mod idle;
+mod life;
+mod names;
+mod pause;
+mod queues;
+mod refused;
+mod restarts;
+mod resumes;
+mod single;
+mod sources;
+mod stop;
+mod stopped;
+mod wanted;
+
+use crate::host::News;
+use base::can::{Frame, Id};
+use base::{Duration, Instant};
+use facts::Facts;
+use messages::{Message, common};
+use module::State;
+use std::fmt;
+
+/// The bounds, and who is who.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limits {
+    /// The module that moves the robot.
+    pub driver: String,
+    /// The module that guards the others.
+    pub watchdog: String,
+    /// The module whose motion needs an operator's leave.
+    pub planner: String,
+    /// Modules without which the robot must not move; the driver is one of them.
+    pub critical: Vec<String>,
+    /// The drives' bus: `can.main`.
+    pub bus: String,
+    /// Node of the propulsion.
+    pub propulsion: u8,
+    /// Node of the steering.
+    pub steering: u8,
+    /// Motor speed at 1 m/s, rpm.
+    pub rpm_per_mps: f64,
+    /// A command beyond this is refused, m/s.
+    pub speed: f64,
+    /// A command beyond this is refused, rad.
+    pub steering_angle: f64,
+    /// What a manual source gets at most, m/s.
+    pub speed_manual: f64,
+    /// What the planner gets at most, m/s.
+    pub speed_autonomous: f64,
+    /// m/s².
+    pub quick_stop: f64,
+    /// A command lives this long.
+    pub ttl: Duration,
+    /// There is a power controller that tells of the PAUSE line.
+    pub pause_line: bool,
+    /// The longest delay between a death and a restart.
+    pub restart_max: Duration,
+}
+
+/// A rule was broken.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// When that was seen.
+    pub at: Instant,
+    /// Which: the name of its file.
+    pub rule: &'static str,
+    /// How, in one line.
+    pub what: String,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "at {:.6} s, rule {}: {}", self.at.as_nanos() as f64 / 1e9, self.rule, self.what)
+    }
+}
+
+/// What a rule says: nothing, or how it was broken.
+type Verdict = Result<(), String>;
+
+/// All rules.
+#[derive(Debug)]
+pub struct Checkers {
+    facts: Facts,
+    authority: authority::Rule,
+    body: body::Rule,
+    clock: clock::Rule,
+    drives: drives::Rule,
+    homed: homed::Rule,
+    pause: pause::Rule,
+    restarts: restarts::Rule,
+    single: single::Rule,
+    stop: stop::Rule,
+    stopped: stopped::Rule,
+    wanted: wanted::Rule,
+    setpoints: u64,
+    violation: Option<Violation>,
+}
+
+impl Checkers {
+    /// Checkers of a machine on which nothing runs yet.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self {
+            facts: Facts::new(limits),
+            authority: authority::Rule::default(),
+            body: body::Rule::default(),
+            clock: clock::Rule::default(),
+            drives: drives::Rule::default(),
+            homed: homed::Rule::default(),
+            pause: pause::Rule::default(),
+            restarts: restarts::Rule::default(),
+            single: single::Rule::default(),
+            stop: stop::Rule::default(),
+            stopped: stopped::Rule::default(),
+            wanted: wanted::Rule::default(),
+            setpoints: 0,
+            violation: None,
+        }
+    }
+
+    /// The first rule that was broken.
+    #[must_use]
+    pub fn violation(&self) -> Option<&Violation> {
+        self.violation.as_ref()
+    }
+
+    /// How many set-points made the robot move: a run in which nothing moves shows nothing.
+    #[must_use]
+    pub fn setpoints(&self) -> u64 {
+        self.setpoints
+    }
+
+    /// From now on nothing is broken on purpose: all must come to be as it is wanted ([`wanted`]).
+    pub fn calm(&mut self, now: Instant) {
+        self.wanted.calm(now);
+    }
+
+    /// Calm is over.
+    pub fn chaos(&mut self) {
+        self.wanted.chaos();
+    }
+
+    /// Takes what the machine tells its observers. After the first violation nothing more is judged.
+    pub fn observe(&mut self, now: Instant, news: &News<'_>) {
+        if self.violation.is_some() {
+            return;
+        }
+        self.facts.observe(now, news);
+        if let Err((rule, what)) = self.judge(now, news) {
+            self.violation = Some(Violation { at: now, rule, what });
+        }
+    }
+
+    fn judge(&mut self, now: Instant, news: &News<'_>) -> Result<(), (&'static str, String)> {
+        let facts = &self.facts;
+        match news {
+            News::Can { bus, frame } if *bus == facts.limits.bus => self.on_frame(now, frame),
+            News::CanLost { bus, frame } if *bus == facts.limits.bus => {
+                self.on_frame_lost(frame);
+                Ok(())
+            }
+            News::Message { pid, message } => self.on_message(now, *pid, message),
+            News::Started { module, pid } => {
+                self.clock.on_started(*pid);
+                named("single", self.single.on_started(module, *pid))?;
+                named("restarts", self.restarts.on_started(now, module, facts))
+            }
+            News::Exited { module, pid, .. } => {
+                self.clock.on_exited(*pid);
+                self.single.on_exited(*pid);
+                self.restarts.on_exited(now, module, facts);
+                self.stop.on_lost(now, module, facts);
+                Ok(())
+            }
+            News::Hung { module, .. } => {
+                self.stop.on_lost(now, module, facts);
+                Ok(())
+            }
+            News::Resumed { module, .. } => {
+                self.stop.on_resumed(module);
+                Ok(())
+            }
+            News::State { module, state } => named("stopped", self.stopped.on_state(now, module, *state, facts)),
+            News::Dropped { whose, count } => named("queues", queues::on_dropped(now, whose, *count, facts)),
+            _ => Ok(()),
+        }
+    }
+
+    fn on_frame(&mut self, now: Instant, frame: &Frame) -> Result<(), (&'static str, String)> {
+        let facts = &self.facts;
+        let Id::Standard(id) = frame.id() else { return Ok(()) };
+        if id != 0x500 + u16::from(facts.limits.propulsion) {
+            self.drives.on_frame(now, id, frame.data(), facts);
+            return Ok(());
+        }
+        if frame.data().len() < 6 {
+            return Err(("fresh", "a short RPDO4".into()));
+        }
+        let Some(speed) = facts.set_point.speed() else {
+            self.stop.on_still();
+            self.authority.on_still(facts.set_point);
+            return Ok(());
+        };
+        if now.since(facts.driver.started) <= facts.slack(now) {
+            // Its process died; what it had handed over still leaves.
+            return Ok(());
+        }
+        self.setpoints += 1;
+        named("fresh", fresh::on_set_point(now, speed, facts))?;
+        named("resumes", resumes::on_set_point(now, speed, facts))?;
+        named("pause", pause::on_set_point(now, speed, facts))?;
+        named("critical", critical::on_set_point(now, speed, facts))?;
+        named("refused", refused::on_set_point(now, speed, facts))?;
+        named("idle", idle::on_set_point(now, speed, facts))?;
+        named("drives", self.drives.on_set_point(now, speed, facts))?;
+        named("homed", self.homed.on_set_point(speed))?;
+        named("authority", self.authority.on_set_point(now, speed, facts))
+    }
+
+    fn on_frame_lost(&mut self, frame: &Frame) {
+        if let Id::Standard(id) = frame.id() {
+            self.drives.on_frame_lost(id, &self.facts);
+        }
+    }
+
+    fn on_message(&mut self, now: Instant, pid: u32, message: &Message) -> Result<(), (&'static str, String)> {
+        let facts = &self.facts;
+        named("clock", self.clock.on_message(pid, message))?;
+        match message {
+            Message::LlDataMotion(motion) => {
+                named("homed", self.homed.on_motion(pid, motion))?;
+                named("authority", self.authority.on_motion(now, motion, facts))
+            }
+            Message::SimDataTruth(truth) => {
+                named("pause", self.pause.on_truth(now, truth.speed, facts))?;
+                named("body", self.body.on_truth(now, truth.speed, facts))?;
+                named("stop", self.stop.on_truth(now, truth.speed, facts))?;
+                named("wanted", self.wanted.on_time(now))
+            }
+            Message::CmCmdState(command) => {
+                self.on_command(now, pid, command);
+                Ok(())
+            }
+            Message::CmDataProcesses(list) => named("wanted", self.wanted.on_list(now, pid, list)),
+            _ => Ok(()),
+        }
+    }
+
+    fn on_command(&mut self, now: Instant, pid: u32, command: &common::CmdState) {
+        let Some(to) = State::from_value(command.state) else { return };
+        // What the watchdog commands only repeats what somebody wanted.
+        let watchdog = self.facts.life(&self.facts.limits.watchdog).and_then(|life| life.pid) == Some(pid);
+        self.wanted.on_command(now, &command.module, to);
+        self.restarts.on_command(&command.module);
+        if command.manual && !watchdog {
+            self.stopped.on_manual(now, &command.module, to);
+        }
+    }
+}
+
+fn named(rule: &'static str, verdict: Verdict) -> Result<(), (&'static str, String)> {
+    verdict.map_err(|what| (rule, what))
+}

@@ -1,0 +1,57 @@
+//! At most one authority at a time (DESIGN 4): `LL_DATA_MOTION.source` names one that lives, which keeps the motion until
+//! it is silent, a higher priority speaks, or the robot is stopped; and the set-points are what it asks for.
+
+use super::Verdict;
+use super::facts::{Facts, SLACK, SetPoint};
+use base::{Duration, Instant};
+use messages::lowlevel;
+
+/// Who holds the motion.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    /// Its number, and when it was named last.
+    holder: Option<(u64, Instant)>,
+}
+
+impl Rule {
+    /// An RPDO4 has left the wire that does not move the robot.
+    pub fn on_still(&mut self, set_point: SetPoint) {
+        if set_point.is_stop() {
+            self.holder = None;
+        }
+    }
+
+    /// The driver tells who moves the robot.
+    pub fn on_motion(&mut self, now: Instant, motion: &lowlevel::DataMotion, facts: &Facts) -> Verdict {
+        let before = self.holder.take();
+        if motion.source.is_empty() || !motion.reason.is_empty() || facts.is_disturbed(now) {
+            return Ok(());
+        }
+        let own = facts.sources.iter().filter(|source| source.name == motion.source && source.lives(now, SLACK));
+        let Some(named) = own.max_by_key(|source| source.priority) else {
+            return Err(format!("{} is said to move the robot, but is silent", motion.source));
+        };
+        self.holder = Some((named.id, now));
+        let Some((id, since)) = before.filter(|(id, _)| *id != named.id) else { return Ok(()) };
+        let other = facts.sources.by_id(id).filter(|other| other.lives(now, Duration::ZERO) && other.unbroken <= since);
+        match other {
+            Some(other) if other.priority >= named.priority => Err(format!(
+                "{} ({}) takes the motion from {} ({}), which has not let go",
+                named.name, named.priority, other.name, other.priority
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// A set-point has left the wire.
+    pub fn on_set_point(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        let Some((id, since)) = self.holder else { return Ok(()) };
+        let Some(holder) = facts.sources.by_id(id) else { return Ok(()) };
+        let holds = holder.lives(now, Duration::ZERO) && holder.unbroken <= since;
+        let overruled = facts.sources.iter().any(|other| other.priority > holder.priority && other.served() >= since);
+        if holds && !overruled && !facts.asks(now, holder, speed) {
+            return Err(format!("{speed:.3} m/s, but {} holds the motion and does not ask for that", holder.name));
+        }
+        Ok(())
+    }
+}

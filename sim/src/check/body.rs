@@ -1,0 +1,49 @@
+//! When nobody may move the robot any more it comes to a stand.
+//!
+//! Bound: 200 ms until a drive that hears nobody stops by itself, 300 ms, and the quick stop ramp; without power it rolls,
+//! and then its speed never rises.
+
+use super::Verdict;
+use super::facts::Facts;
+use base::{Duration, Instant};
+
+/// Until the stop has begun, whoever begins it.
+const BEGUN: Duration = Duration::from_millis(500);
+/// Slower than this it stands, m/s.
+const STANDS: f64 = 0.02;
+
+/// How the body moves.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    /// The last moment at which somebody might move the robot, and the greatest speed since.
+    permitted: Instant,
+    speed_max: f64,
+    speed: f64,
+}
+
+impl Rule {
+    /// The body was seen.
+    pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        let speed = speed.abs();
+        let before = std::mem::replace(&mut self.speed, speed);
+        let until = facts.sources.iter().filter_map(super::sources::Source::moves_until).max();
+        let until = until.filter(|_| facts.driver.works()).map(|until| until + facts.driver.late);
+        // On a disturbed bus a stop comes late, and the master's heartbeat not late enough to be missed.
+        let until = if facts.is_disturbed(now) { Some(now) } else { until };
+        if let Some(until) = until.map(|until| until.min(now)).filter(|until| *until > self.permitted) {
+            (self.permitted, self.speed_max) = (until, 0.0);
+        }
+        self.speed_max = self.speed_max.max(speed);
+        let ramp = Duration::from_secs_f64(self.speed_max / facts.limits.quick_stop);
+        if now <= self.permitted + BEGUN {
+            return Ok(());
+        }
+        if speed > before + STANDS {
+            return Err(format!("the speed rises to {speed:.3} m/s, and nobody moves it since {:?}", self.permitted));
+        }
+        if now > self.permitted + BEGUN + ramp && !facts.may_roll(now) && speed > STANDS {
+            return Err(format!("{speed:.3} m/s, and nobody moves it since {:?}", self.permitted));
+        }
+        Ok(())
+    }
+}

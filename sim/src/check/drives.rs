@@ -1,0 +1,63 @@
+//! A drive that is lost stops the other (DESIGN 4): the propulsion does not turn while the steering is not there.
+//!
+//! No set-point 200 ms after the steering's last heartbeat, nor once it told that it is in fault or has started anew.
+
+use super::Verdict;
+use super::facts::Facts;
+use base::{Duration, Instant};
+
+/// A node's heartbeat may be missing for so long.
+const HEARTBEAT: Duration = Duration::from_millis(200);
+/// NMT states in a heartbeat.
+const BOOT_UP: u8 = 0;
+const OPERATIONAL: u8 = 5;
+
+/// What the steering told.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    heartbeat: Instant,
+    /// It is in fault, or was not started, since.
+    down: Option<Instant>,
+}
+
+impl Rule {
+    /// A frame has left the wire that is none to the propulsion.
+    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
+        let node = u16::from(facts.limits.steering);
+        if id == 0x700 + node {
+            self.heartbeat = now;
+            match data.first() {
+                Some(&BOOT_UP) => self.down = self.down.or(Some(now)),
+                Some(&OPERATIONAL) => self.down = None,
+                _ => {}
+            }
+        } else if (id == 0x180 + node || id == 0x280 + node)
+            && let &[low, ..] = data
+            && matches!(low & 0x4F, 0x08 | 0x0F)
+        {
+            self.down = self.down.or(Some(now));
+        }
+    }
+
+    /// Nobody received what the steering told.
+    pub fn on_frame_lost(&mut self, id: u16, facts: &Facts) {
+        let node = u16::from(facts.limits.steering);
+        if [0x180 + node, 0x280 + node, 0x700 + node].contains(&id) {
+            self.down = None;
+        }
+    }
+
+    /// A set-point has left the wire.
+    pub fn on_set_point(&self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        let slack = facts.slack(now);
+        // What waited for a driver that was held up is new to it.
+        let ill = facts.driver.ill(now);
+        if now.since(self.heartbeat.max(ill)) > HEARTBEAT + slack {
+            return Err(format!("{speed:.3} m/s, and the steering's last heartbeat was at {:?}", self.heartbeat));
+        }
+        if let Some(down) = self.down.filter(|down| now.since(ill.max(*down)) > slack) {
+            return Err(format!("{speed:.3} m/s, and the steering is in fault or not started since {down:?}"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,303 @@
+//! What several rules ask for: how the processes live, what the driver of the drives was served, what is on the wire.
+
+use super::Limits;
+use super::life::Life;
+use super::names::Names;
+use super::sources::{Source, Sources};
+use crate::host::News;
+use base::can::{Frame, Id};
+use base::{Duration, Instant};
+use messages::{Message, common, middlelevel};
+use module::State;
+
+/// What the driver's queue, the bus and a frame on it may add to a decision while all is well.
+pub(super) const SLACK: Duration = Duration::from_millis(2);
+/// A frame grows no older in a port's queue, unless it is on the wire again and again.
+const QUEUE_AGE: Duration = Duration::from_millis(60);
+/// After a fault of a bus: nodes that went off come back, queues empty, what was delayed comes.
+const AFTERMATH: Duration = Duration::from_millis(100);
+/// From the greatest speed without power: 0.17 m/s².
+const ROLLS: Duration = Duration::from_secs(10);
+/// The highest priority of a command.
+const HIGHEST: i8 = 3;
+/// Controlword: quick stop.
+const QUICK_STOP: u8 = 0x0B;
+
+/// The last RPDO4 of the propulsion.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SetPoint {
+    pub controlword: u8,
+    rpm: i32,
+    mps: f64,
+}
+
+impl SetPoint {
+    /// m/s that it makes the robot move at; none when it does not move it.
+    pub fn speed(self) -> Option<f64> {
+        (self.controlword & 0x0F == 0x0F && self.rpm != 0).then_some(self.mps)
+    }
+
+    pub fn is_stop(self) -> bool {
+        self.controlword == QUICK_STOP
+    }
+
+    fn read(frame: &Frame, rpm_per_mps: f64) -> Option<Self> {
+        let &[controlword, _, a, b, c, d, ..] = frame.data() else { return None };
+        let rpm = i32::from_le_bytes([a, b, c, d]);
+        Some(Self { controlword, rpm, mps: f64::from(rpm) / rpm_per_mps })
+    }
+}
+
+/// What the driver was told of the PAUSE line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Pause {
+    Unheard,
+    Open,
+    /// Since it was served.
+    Engaged(Instant),
+}
+
+/// All that.
+#[derive(Debug)]
+pub(super) struct Facts {
+    pub limits: Limits,
+    pub driver: Life,
+    /// All others.
+    pub others: Names<Life>,
+    pub sources: Sources,
+    pub set_point: SetPoint,
+    /// The state of the driver, and since when.
+    pub state: (State, Instant),
+    pub pause: Pause,
+    /// When the driver's last word of the PAUSE line was received.
+    pub pause_at: Instant,
+    /// When the list of processes was received, and since when a critical one has been missing in it.
+    pub list: Option<(Instant, Option<Instant>)>,
+    /// When the last command out of limits was served.
+    pub refused: Option<Instant>,
+    /// The last stop.
+    pub stopped: Instant,
+    /// The last stop that was not just the planner's own silence.
+    latched: Instant,
+    /// An operator let the planner go.
+    goal: Option<Instant>,
+    /// The last estimate that was none of being lost.
+    located: Option<Instant>,
+    /// When the estimate was told to be lost.
+    lost: Instant,
+    /// The bus of the drives is disturbed: since, until.
+    disturbed: (Instant, Instant),
+    /// LCM is disturbed until then.
+    lcm: Instant,
+    /// The propulsion does not hear until then.
+    deaf: Instant,
+    /// The propulsion may have no power until then: it rolls.
+    rolls: Instant,
+}
+
+impl Facts {
+    pub fn new(limits: Limits) -> Self {
+        Self {
+            sources: Sources::new(limits.ttl),
+            limits,
+            driver: Life::default(),
+            others: Names::default(),
+            set_point: SetPoint::default(),
+            state: (State::Unknown, Instant::ZERO),
+            pause: Pause::Unheard,
+            pause_at: Instant::ZERO,
+            list: None,
+            refused: None,
+            stopped: Instant::ZERO,
+            latched: Instant::ZERO,
+            goal: None,
+            located: None,
+            lost: Instant::ZERO,
+            disturbed: (Instant::ZERO, Instant::ZERO),
+            lcm: Instant::ZERO,
+            deaf: Instant::ZERO,
+            rolls: Instant::ZERO,
+        }
+    }
+
+    /// How late a decision of the driver may be seen on the wire.
+    pub fn slack(&self, now: Instant) -> Duration {
+        // A frame that nobody acknowledged is sent again until somebody does.
+        if self.is_disturbed(now) { now.since(self.disturbed.0) + QUEUE_AGE } else { SLACK }
+    }
+
+    /// Whether the bus of the drives is disturbed, or was a moment ago.
+    pub fn is_disturbed(&self, now: Instant) -> bool {
+        now < self.disturbed.1
+    }
+
+    /// When messages were last lost or delayed on purpose; now, while they are.
+    pub fn lcm_disturbed(&self, now: Instant) -> Instant {
+        self.lcm.min(now)
+    }
+
+    /// Whether the propulsion may not hear what it is told.
+    pub fn is_deaf(&self, now: Instant) -> bool {
+        now < self.deaf
+    }
+
+    /// Whether the propulsion may roll without power.
+    pub fn may_roll(&self, now: Instant) -> bool {
+        now < self.rolls
+    }
+
+    /// How a module's process lives.
+    pub fn life(&self, module: &str) -> Option<&Life> {
+        if module == self.limits.driver { Some(&self.driver) } else { self.others.get(module) }
+    }
+
+    /// The speed that a source gets at most, m/s.
+    pub fn limit(&self, source: &Source) -> f64 {
+        if source.is_planner() { self.limits.speed_autonomous } else { self.limits.speed_manual }
+    }
+
+    /// Whether a source asks for this speed, or for more that is limited to it.
+    pub fn asks(&self, now: Instant, source: &Source, speed: f64) -> bool {
+        source.asks(now, self.slack(now), speed, self.limit(source))
+    }
+
+    /// Whether a source has begun anew since the last stop, the planner by leave and by an estimate.
+    pub fn may(&self, now: Instant, source: &Source) -> bool {
+        let slack = self.slack(now);
+        if source.is_planner() {
+            let old = Duration::from_millis(200) + slack;
+            let located = self.located.is_some_and(|at| now.since(at) <= old) || now.since(self.lost) <= slack;
+            return located && self.goal.is_some_and(|at| at + slack >= self.latched);
+        }
+        self.has_begun(now, source) || now.since(self.stopped) <= slack
+    }
+
+    fn has_begun(&self, now: Instant, source: &Source) -> bool {
+        let slack = self.slack(now);
+        let ended = source.ended.is_some_and(|at| now.since(at) > slack);
+        !ended && source.begun.is_some_and(|at| at + slack >= self.stopped)
+    }
+
+    pub fn observe(&mut self, now: Instant, news: &News<'_>) {
+        match news {
+            News::Can { bus, frame } if *bus == self.limits.bus => self.on_frame(now, frame),
+            News::Heard { pid, at, message } if self.driver.pid == Some(*pid) => self.on_heard(now, *at, message),
+            News::Started { module, .. }
+            | News::Exited { module, .. }
+            | News::Hung { module, .. }
+            | News::Resumed { module, .. }
+            | News::Crawls { module, .. } => self.on_process(now, module, news),
+            News::State { module, state } if *module == self.limits.driver => self.state = (*state, now),
+            News::Fault { target, fault, until } => self.on_fault(now, target, fault, *until),
+            _ => {}
+        }
+    }
+
+    fn on_process(&mut self, now: Instant, module: &str, news: &News<'_>) {
+        if module != self.limits.driver {
+            self.others.of(module).observe(now, news);
+            return;
+        }
+        self.driver.observe(now, news);
+        if matches!(news, News::Started { .. }) {
+            // It knows nothing.
+            (self.pause, self.pause_at, self.list, self.refused) = (Pause::Unheard, now, None, None);
+            (self.state, self.located, self.goal) = ((State::Init, now), None, None);
+        }
+    }
+
+    fn on_fault(&mut self, now: Instant, target: &str, fault: &str, until: Instant) {
+        let over = fault == "none";
+        if target == self.limits.bus {
+            let since = if self.is_disturbed(now) { self.disturbed.0 } else { now };
+            let until = if over { now } else { self.disturbed.1.max(until) };
+            self.disturbed = (since, until + AFTERMATH);
+        } else if target == "lcm" {
+            self.lcm = if over { now } else { self.lcm.max(until) };
+        } else if target == "propulsion" {
+            match fault {
+                "silent" => self.deaf = until + AFTERMATH,
+                "none" => self.deaf = now + AFTERMATH,
+                _ => {}
+            }
+            self.rolls = self.rolls.max(now + ROLLS);
+        } else if target != "steering" {
+            // A board: the power controller switches the motors off for many reasons.
+            let until = if until == Instant::NEVER { now } else { until };
+            self.rolls = self.rolls.max(until + ROLLS);
+        }
+    }
+
+    fn on_frame(&mut self, now: Instant, frame: &Frame) {
+        if frame.id() != Id::Standard(0x500 + u16::from(self.limits.propulsion)) {
+            return;
+        }
+        let Some(set_point) = SetPoint::read(frame, self.limits.rpm_per_mps) else { return };
+        let was = std::mem::replace(&mut self.set_point, set_point);
+        if set_point.is_stop() {
+            self.on_stop(now, !was.is_stop());
+        }
+    }
+
+    fn on_stop(&mut self, now: Instant, new: bool) {
+        let latches = |source: &Source| {
+            // The planner's own silence does not latch it; a manual source did when it took over.
+            if source.is_planner() {
+                new && source.lives(now, Duration::ZERO)
+            } else {
+                source.lives(now, SLACK) && self.has_begun(now, source)
+            }
+        };
+        if self.sources.iter().any(latches) {
+            self.latched = now;
+        }
+        self.stopped = now;
+    }
+
+    fn on_heard(&mut self, now: Instant, at: Instant, message: &Message) {
+        match message {
+            // Older ones say what somebody wanted then.
+            Message::LlCmdMotion(command) if now.since(at) < self.limits.ttl => {
+                let Limits { speed, steering_angle, .. } = self.limits;
+                let allowed = command.speed.abs() <= speed && command.steering.abs() <= steering_angle;
+                if allowed && (0..=HIGHEST).contains(&command.priority) {
+                    self.sources.said(now, at, command);
+                } else {
+                    self.refused = Some(now);
+                }
+            }
+            Message::LlEventStop(stop) => {
+                self.pause = match (stop.engaged, self.pause) {
+                    (false, _) => Pause::Open,
+                    (true, Pause::Engaged(since)) => Pause::Engaged(since),
+                    (true, _) => Pause::Engaged(now),
+                };
+                self.pause_at = at;
+            }
+            Message::CmDataProcesses(list) => self.on_list(now, at, list),
+            Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.goal = Some(now),
+            Message::CmCmdState(command) => self.on_command(now, command),
+            Message::MlDataEstimate(estimate) if estimate.quality >= middlelevel::DataEstimate::COARSE => {
+                self.located = Some(at);
+            }
+            Message::MlDataEstimate(_) => (self.located, self.lost) = (None, now),
+            _ => {}
+        }
+    }
+
+    fn on_command(&mut self, now: Instant, command: &common::CmdState) {
+        let planner = command.module == "*" || command.module == self.limits.planner;
+        if planner && command.manual && command.state == State::Run as i8 {
+            self.goal = Some(now);
+        }
+    }
+
+    fn on_list(&mut self, now: Instant, at: Instant, list: &common::DataProcesses) {
+        let runs = |name: &String| {
+            list.processes.iter().any(|row| row.module == *name && row.phase == common::Process::RUNNING)
+        };
+        let missing = self.limits.critical.iter().any(|name| *name != self.limits.driver && !runs(name));
+        let since = self.list.and_then(|(_, since)| since);
+        self.list = Some((at, missing.then(|| since.unwrap_or(now))));
+    }
+}

@@ -1,0 +1,47 @@
+//! A process, and how well it lives.
+
+use crate::host::News;
+use base::{Duration, Instant};
+
+/// A process.
+#[derive(Debug, Default)]
+pub(super) struct Life {
+    pub pid: Option<u32>,
+    pub started: Instant,
+    /// It hangs.
+    hung: bool,
+    /// How late it is served.
+    pub late: Duration,
+    /// When it was last not as it should be.
+    ill: Instant,
+}
+
+impl Life {
+    pub fn is_well(&self) -> bool {
+        self.pid.is_some() && !self.hung && self.late.is_zero()
+    }
+
+    /// Whether it does anything, late or not.
+    pub fn works(&self) -> bool {
+        self.pid.is_some() && !self.hung
+    }
+
+    /// When it was last dead, hung or late; now, while it is.
+    pub fn ill(&self, now: Instant) -> Instant {
+        if self.is_well() { self.ill } else { now }
+    }
+
+    pub fn observe(&mut self, now: Instant, news: &News<'_>) {
+        match *news {
+            News::Started { pid, .. } => *self = Self { pid: Some(pid), started: now, ill: now, ..Self::default() },
+            News::Exited { pid, .. } if self.pid == Some(pid) => *self = Self { ill: now, ..Self::default() },
+            News::Hung { pid, .. } if self.pid == Some(pid) => self.hung = true,
+            News::Resumed { pid, .. } if self.pid == Some(pid) => (self.hung, self.ill) = (false, now),
+            News::Crawls { pid, late, .. } if self.pid == Some(pid) => {
+                // What waits for it is served as late as it was.
+                (self.ill, self.late) = (now + self.late, late);
+            }
+            _ => {}
+        }
+    }
+}

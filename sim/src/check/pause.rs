@@ -1,0 +1,52 @@
+//! The PAUSE line stops the robot (DESIGN 4; the bound): once the driver was served that it is engaged no
+//! set-point leaves after 20 ms, and the body's speed never rises. Where there is such a line, none leaves either before
+//! it was heard of, nor 1.2 s after it was last heard of.
+
+use super::Verdict;
+use super::facts::{Facts, Pause};
+use base::{Duration, Instant};
+
+/// From knowing to the wire.
+const KNOWN: Duration = Duration::from_millis(20);
+/// `LL_EVENT_STOP` comes every 500 ms.
+const UNKNOWN: Duration = Duration::from_millis(1200);
+/// A step of the body, and one of the truth's rounding, m/s.
+const RISE: f64 = 0.005;
+
+/// A set-point has left the wire.
+pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
+    let slack = facts.slack(now);
+    match facts.pause {
+        Pause::Engaged(since) if now.since(since) > KNOWN.max(slack) => {
+            Err(format!("{speed:.3} m/s, and PAUSE is known since {since:?}"))
+        }
+        Pause::Unheard if facts.limits.pause_line => Err(format!("{speed:.3} m/s before the PAUSE line was heard of")),
+        Pause::Open if facts.limits.pause_line && now.since(facts.pause_at) > UNKNOWN + slack => {
+            Err(format!("{speed:.3} m/s, and the PAUSE line was last heard of at {:?}", facts.pause_at))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The body's speed while PAUSE is known.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    speed: Option<f64>,
+}
+
+impl Rule {
+    /// The body was seen.
+    pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        let known = matches!(facts.pause, Pause::Engaged(since) if now.since(since) > KNOWN);
+        // A drive that does not hear goes on until its own watch of the master's heartbeat stops it.
+        if !known || facts.is_deaf(now) || facts.is_disturbed(now) || !facts.driver.works() {
+            self.speed = None;
+            return Ok(());
+        }
+        let before = self.speed.replace(speed.abs());
+        if let Some(before) = before.filter(|before| speed.abs() > before + RISE) {
+            return Err(format!("the speed rises from {before:.3} to {:.3} m/s under PAUSE", speed.abs()));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,66 @@
+//! No restart storm (DESIGN 6): a module that dies is started again at once, then after 100 ms, doubling up to the
+//! configured most; ten seconds of life pay off one doubling. An operator's command lifts the delay.
+
+use super::Verdict;
+use super::facts::{Facts, SLACK};
+use super::names::Names;
+use base::{Duration, Instant};
+
+/// The first delay.
+const FIRST: Duration = Duration::from_millis(100);
+/// So much life pays off one doubling.
+const DECAY: Duration = Duration::from_secs(10);
+
+/// A module.
+#[derive(Debug, Default)]
+struct Module {
+    started: Instant,
+    ended: Option<Instant>,
+    /// What the next delay is at least, but for what is paid off.
+    delay: Duration,
+    commanded: bool,
+}
+
+/// All modules.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    modules: Names<Module>,
+}
+
+impl Rule {
+    /// Somebody commands a state.
+    pub fn on_command(&mut self, module: &str) {
+        match module {
+            "*" => self.modules.all().for_each(|(_, module)| module.commanded = true),
+            name => self.modules.of(name).commanded = true,
+        }
+    }
+
+    /// A process ended.
+    pub fn on_exited(&mut self, now: Instant, name: &str, facts: &Facts) {
+        self.modules.of(name).ended = Some(now);
+        if name == facts.limits.watchdog {
+            // The next one knows nothing of delays.
+            self.modules.all().for_each(|(_, module)| module.delay = Duration::ZERO);
+        }
+    }
+
+    /// A process is started.
+    pub fn on_started(&mut self, now: Instant, name: &str, facts: &Facts) -> Verdict {
+        let module = self.modules.of(name);
+        let paid = now.since(module.started).as_nanos() / DECAY.as_nanos();
+        let delay = module.delay.checked_div(1 << paid.min(20)).filter(|delay| *delay >= FIRST).unwrap_or_default();
+        let waited = module.ended.take().map(|ended| now.since(ended));
+        (module.started, module.delay) = (now, (delay * 2).clamp(FIRST, facts.limits.restart_max));
+        let commanded = std::mem::take(&mut module.commanded);
+        // Who guards the watchdog has delays of his own.
+        match waited {
+            None => module.delay = Duration::ZERO,
+            Some(waited) if waited + SLACK < delay && !commanded && name != facts.limits.watchdog => {
+                return Err(format!("{name} is started again after {waited:?}, and not after {delay:?}"));
+            }
+            Some(_) => {}
+        }
+        Ok(())
+    }
+}

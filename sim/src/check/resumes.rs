@@ -1,0 +1,17 @@
+//! Nothing resumes by itself (DESIGN 4): after a stop the propulsion turns for nobody who has not begun anew.
+//!
+//! A manual source begins by a command that moves after zero, or after silence; the planner by a goal or an operator's
+//! RUN, newer than the last stop that was not its own silence, and by an estimate no older than 200 ms.
+
+use super::Verdict;
+use super::facts::Facts;
+use base::Instant;
+
+/// A set-point has left the wire.
+pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
+    let mut asking = facts.sources.iter().filter(|source| facts.asks(now, source, speed));
+    if asking.any(|source| facts.may(now, source)) {
+        return Ok(());
+    }
+    Err(format!("{speed:.3} m/s for somebody who has not begun anew since the stop at {:?}", facts.stopped))
+}

@@ -1,0 +1,142 @@
+//! What each source of motion has said lately, as the driver was served it.
+
+use super::facts::SLACK;
+use base::{Duration, Instant};
+use messages::lowlevel;
+use std::collections::VecDeque;
+
+/// Sources remembered at once; further ones take the place of the one silent longest.
+const SOURCES_MAX: usize = 16;
+/// Commands remembered of each: 500 ms at 20 Hz are 10.
+const SAID_MAX: usize = 32;
+/// By how much a set-point may differ by rounding, m/s: one rpm of the motor is 0.0004.
+const ROUNDING: f64 = 0.001;
+
+/// A command: when it was received, when it was served, m/s.
+#[derive(Clone, Copy, Debug)]
+struct Said {
+    at: Instant,
+    served: Instant,
+    speed: f64,
+}
+
+/// A source.
+#[derive(Debug)]
+pub(super) struct Source {
+    /// No other source ever has this number.
+    pub id: u64,
+    pub name: String,
+    pub priority: i8,
+    said: VecDeque<Said>,
+    ttl: Duration,
+    /// Since when it has not been silent for its time to live.
+    pub unbroken: Instant,
+    /// The first command that moves after zero or silence.
+    pub begun: Option<Instant>,
+    /// Zero since.
+    pub ended: Option<Instant>,
+}
+
+impl Source {
+    pub fn is_planner(&self) -> bool {
+        self.priority == lowlevel::CmdMotion::PLANNER
+    }
+
+    /// When it was last heard, as it was received.
+    fn heard(&self) -> Instant {
+        self.said.back().map_or(Instant::ZERO, |said| said.at)
+    }
+
+    /// When it was last served.
+    pub fn served(&self) -> Instant {
+        self.said.back().map_or(Instant::ZERO, |said| said.served)
+    }
+
+    /// Whether its last command lives, or died no longer than `slack` ago.
+    pub fn lives(&self, now: Instant, slack: Duration) -> bool {
+        self.said.back().is_some_and(|said| now < said.at + self.ttl + slack)
+    }
+
+    /// When its last command that moves the robot dies; none when it said nothing of the kind lately.
+    pub fn moves_until(&self) -> Option<Instant> {
+        self.said.iter().rev().find(|said| said.speed != 0.0).map(|said| said.at + self.ttl)
+    }
+
+    /// Whether it asks for this speed, or for more that is limited to it, with a command that lives and was not followed
+    /// by another longer than `slack` ago.
+    pub fn asks(&self, now: Instant, slack: Duration, speed: f64, limit: f64) -> bool {
+        self.said.iter().enumerate().any(|(nth, said)| {
+            let superseded = self.said.get(nth + 1).is_some_and(|next| now.since(next.served) > slack);
+            let lives = now.since(said.at) <= self.ttl + slack && !superseded;
+            lives && said.speed * speed > 0.0 && speed.abs() <= said.speed.abs().min(limit) + ROUNDING
+        })
+    }
+
+    fn say(&mut self, now: Instant, at: Instant, speed: f64) {
+        let silent = self.said.back().is_none_or(|said| at.since(said.at) + SLACK >= self.ttl);
+        if silent {
+            self.unbroken = at;
+        }
+        if speed == 0.0 {
+            self.ended = self.ended.or(Some(now));
+        } else if silent || self.ended.is_some() || self.begun.is_none() {
+            (self.begun, self.ended) = (Some(now), None);
+        }
+        while self.said.len() >= SAID_MAX || self.said.front().is_some_and(|said| now.since(said.at) > 2 * self.ttl) {
+            self.said.pop_front();
+        }
+        self.said.push_back(Said { at, served: now, speed });
+    }
+}
+
+/// All of them.
+#[derive(Debug)]
+pub(super) struct Sources {
+    ttl: Duration,
+    known: Vec<Source>,
+    next_id: u64,
+}
+
+impl Sources {
+    pub fn new(ttl: Duration) -> Self {
+        Self { ttl, known: Vec::with_capacity(SOURCES_MAX), next_id: 0 }
+    }
+
+    /// The driver is served a command that was received at `at` and lives.
+    pub fn said(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion) {
+        let place = self.place(&command.source, command.priority);
+        self.known[place].say(now, at, command.speed);
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &Source> {
+        self.known.iter()
+    }
+
+    pub fn by_id(&self, id: u64) -> Option<&Source> {
+        self.known.iter().find(|source| source.id == id)
+    }
+
+    fn place(&mut self, name: &str, priority: i8) -> usize {
+        if let Some(place) = self.known.iter().position(|known| known.priority == priority && known.name == name) {
+            return place;
+        }
+        self.next_id += 1;
+        let new = Source {
+            id: self.next_id,
+            name: name.into(),
+            priority,
+            said: VecDeque::with_capacity(SAID_MAX),
+            ttl: self.ttl,
+            unbroken: Instant::ZERO,
+            begun: None,
+            ended: None,
+        };
+        if self.known.len() < SOURCES_MAX {
+            self.known.push(new);
+            return self.known.len() - 1;
+        }
+        let oldest = (0..self.known.len()).min_by_key(|place| self.known[*place].heard()).unwrap_or(0);
+        self.known[oldest] = new;
+        oldest
+    }
+}

@@ -1,0 +1,76 @@
+//! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (DESIGN 1.4).
+//!
+//! Begun: an RPDO4 that is a quick stop or zero, or the drive's own stop, seen by the body's speed falling. Counted from
+//! the last of faults that overlap; a hang that is over sooner is none. Judged only where a set-point moves the robot.
+
+use super::Verdict;
+use super::facts::{Facts, SLACK};
+use base::{Duration, Instant};
+
+/// From hang or death to the stop.
+const WITHIN: Duration = Duration::from_millis(300);
+/// Slower than this it stands, m/s.
+const STANDS: f64 = 0.02;
+/// Between two looks at the body, 50 ms apart, a speed that falls falls by more, even of rolling, m/s.
+const FALLS: f64 = 0.004;
+
+/// A module that the motion depends on is lost, and the robot moves yet.
+#[derive(Debug)]
+struct Lost {
+    module: Box<str>,
+    at: Instant,
+    /// The speed after the time was up.
+    speed: Option<f64>,
+}
+
+/// What is lost.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    lost: Option<Lost>,
+}
+
+impl Rule {
+    /// A process died or hangs.
+    pub fn on_lost(&mut self, now: Instant, module: &str, facts: &Facts) {
+        let matters = module == facts.limits.watchdog || facts.limits.critical.iter().any(|name| *name == *module);
+        let known = self.lost.as_ref().is_some_and(|lost| *lost.module == *module);
+        if matters && !known && facts.set_point.speed().is_some() {
+            self.lost = Some(Lost { module: module.into(), at: now, speed: None });
+        }
+    }
+
+    /// A process that hung goes on.
+    pub fn on_resumed(&mut self, module: &str) {
+        self.lost.take_if(|lost| *lost.module == *module);
+    }
+
+    /// An RPDO4 has left the wire that does not move the robot.
+    pub fn on_still(&mut self) {
+        self.lost = None;
+    }
+
+    /// The body was seen.
+    pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+        let Some(lost) = &mut self.lost else { return Ok(()) };
+        let others = [&facts.limits.driver, &facts.limits.watchdog];
+        let others = others.into_iter().filter(|name| ***name != *lost.module);
+        let ill = others.filter_map(|name| facts.life(name)).map(|life| life.ill(now)).max().unwrap_or_default();
+        let bus = if facts.is_disturbed(now) || facts.is_deaf(now) { now } else { Instant::ZERO };
+        let from = lost.at.max(ill).max(bus).max(facts.lcm_disturbed(now));
+        if from > lost.at && facts.life(&lost.module).is_some_and(super::life::Life::is_well) {
+            // It is back before anybody could know, or who had to know was not there.
+            self.lost = None;
+            return Ok(());
+        }
+        if now <= from + WITHIN + SLACK {
+            return Ok(());
+        }
+        match lost.speed.replace(speed.abs()) {
+            _ if speed.abs() < STANDS => self.lost = None,
+            Some(before) if speed.abs() < before - FALLS => self.lost = None,
+            Some(_) => return Err(format!("{speed:.3} m/s, and {} is lost since {:?}", lost.module, lost.at)),
+            None => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,77 @@
+//! STOP is never left without a manual command (DESIGN 4): not by an error, not by a crash, not by a command of a program.
+//!
+//! Judged by the order in which commands were sent: an operator's way out must be newer than the way in.
+
+use super::Verdict;
+use super::facts::Facts;
+use super::names::Names;
+use base::{Duration, Instant};
+use module::State;
+
+/// Commands of two senders may overtake each other by so much.
+const ORDER: Duration = Duration::from_millis(2);
+/// The same where LCM is disturbed.
+const DISORDER: Duration = Duration::from_secs(2);
+
+/// A module.
+#[derive(Debug, Default)]
+struct Module {
+    /// It is in STOP, or was when its process ended.
+    stopped: Option<Instant>,
+    commands: Commands,
+}
+
+/// When an operator last commanded STOP, and what leads out of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Commands {
+    into: Option<Instant>,
+    out: Option<Instant>,
+}
+
+impl Commands {
+    fn on_manual(&mut self, now: Instant, to: State) {
+        match to {
+            State::Stop => self.into = Some(now),
+            State::Run | State::Pause => self.out = Some(now),
+            _ => {}
+        }
+    }
+}
+
+/// All modules.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    modules: Names<Module>,
+    /// Commands to all.
+    all: Commands,
+}
+
+impl Rule {
+    /// An operator commands a state.
+    pub fn on_manual(&mut self, now: Instant, module: &str, to: State) {
+        let commands = if module == "*" { &mut self.all } else { &mut self.modules.of(module).commands };
+        commands.on_manual(now, to);
+    }
+
+    /// A module is in another state.
+    pub fn on_state(&mut self, now: Instant, name: &str, state: State, facts: &Facts) -> Verdict {
+        let all = self.all;
+        let module = self.modules.of(name);
+        match state {
+            State::Stop => module.stopped = module.stopped.or(Some(now)),
+            State::Run | State::Pause => {
+                let Some(stopped) = module.stopped.take() else { return Ok(()) };
+                let into = module.commands.into.max(all.into).unwrap_or(stopped);
+                let out = module.commands.out.max(all.out);
+                let order = if now.since(facts.lcm_disturbed(now)) < DISORDER { DISORDER } else { ORDER };
+                if out.is_none_or(|out| out + order < into) {
+                    return Err(format!(
+                        "{name} goes to {state}; it was stopped at {stopped:?}, and no operator let it go"
+                    ));
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,109 @@
+//! What is wanted of a module is what somebody commanded, and in calm every module comes to be in that state within 10 s
+//! (DESIGN 6; the bound), as `CM_DATA_PROCESSES` has it, which is heard.
+
+use super::Verdict;
+use super::names::Names;
+use base::{Duration, Instant};
+use messages::common;
+use module::State;
+
+/// From the beginning of calm, or of a difference in it.
+const WITHIN: Duration = Duration::from_secs(10);
+/// The list comes ten times a second; in calm it is not missing for longer than this.
+const SILENT: Duration = Duration::from_secs(1);
+/// A watchdog that was held up follows a command no later.
+const FOLLOWS: Duration = Duration::from_secs(60);
+
+/// When each state was last commanded.
+#[derive(Clone, Copy, Debug, Default)]
+struct Commands([Option<Instant>; State::ALL.len()]);
+
+impl Commands {
+    fn has(&self, now: Instant, state: i8) -> bool {
+        let at = usize::try_from(state).ok().and_then(|state| *self.0.get(state)?);
+        at.is_some_and(|at| now.since(at) < FOLLOWS)
+    }
+}
+
+/// A module.
+#[derive(Debug, Default)]
+struct Module {
+    wanted: Option<i8>,
+    commands: Commands,
+    /// It is not as it is wanted since.
+    differs: Option<Instant>,
+}
+
+/// All modules.
+#[derive(Debug, Default)]
+pub(super) struct Rule {
+    modules: Names<Module>,
+    all: Commands,
+    /// Whose list it is.
+    watchdog: u32,
+    heard: Instant,
+    calm: Option<Instant>,
+}
+
+impl Rule {
+    pub fn calm(&mut self, now: Instant) {
+        self.calm = Some(now);
+    }
+
+    pub fn chaos(&mut self) {
+        self.calm = None;
+    }
+
+    /// Somebody commands a state.
+    pub fn on_command(&mut self, now: Instant, module: &str, to: State) {
+        let commands = if module == "*" { &mut self.all } else { &mut self.modules.of(module).commands };
+        commands.0[to as usize] = Some(now);
+    }
+
+    /// The watchdog tells of all.
+    pub fn on_list(&mut self, now: Instant, pid: u32, list: &common::DataProcesses) -> Verdict {
+        let new = std::mem::replace(&mut self.watchdog, pid) != pid;
+        self.heard = now;
+        for row in &list.processes {
+            let module = self.modules.of(&row.module);
+            let before = module.wanted.replace(row.wanted).filter(|before| !new && *before != row.wanted);
+            let commanded = |state| module.commands.has(now, state) || self.all.has(now, state);
+            // RUN leads a module that was in STOP when it was ended only back into STOP.
+            let back = row.wanted == State::Stop as i8 && commanded(State::Run as i8);
+            if let Some(before) = before.filter(|_| !commanded(row.wanted) && !back) {
+                let name = &row.module;
+                return Err(format!(
+                    "{} is wanted of {name}, not {} any more; nobody commanded that",
+                    row.wanted, before
+                ));
+            }
+            judge(now, self.calm, module, row)?;
+        }
+        Ok(())
+    }
+
+    /// Time has passed.
+    pub fn on_time(&self, now: Instant) -> Verdict {
+        match self.calm {
+            Some(calm) if now.since(calm) > WITHIN && now.since(self.heard) > SILENT => {
+                Err(format!("no list of processes in calm since {:?}", self.heard))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn judge(now: Instant, calm: Option<Instant>, module: &mut Module, row: &common::Process) -> Verdict {
+    let down = row.wanted == State::Terminate as i8 && row.phase == common::Process::TERMINATED;
+    let agrees = row.state == row.wanted && row.phase == common::Process::RUNNING;
+    let Some(calm) = calm.filter(|_| !down && !agrees) else {
+        module.differs = None;
+        return Ok(());
+    };
+    let since = *module.differs.get_or_insert(now);
+    if now.since(since.max(calm)) > WITHIN {
+        let common::Process { module, state, phase, wanted, .. } = row;
+        return Err(format!("{module} is in state {state}, phase {phase}, and {wanted} is wanted since {since:?}"));
+    }
+    Ok(())
+}
