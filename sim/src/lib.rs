@@ -13,6 +13,7 @@ pub mod host;
 mod random;
 pub mod scene;
 mod simulator;
+pub mod soak;
 pub mod sonar;
 pub mod world;
 

@@ -1,0 +1,221 @@
+//! Faults: drawn from the seed before an episode begins, then let loose on the machine at their moments.
+
+use super::scenario::{Phase, Scenario};
+use crate::host::Virtual;
+use crate::random::Random;
+use base::{Duration, Instant};
+use messages::{common, simulation};
+use module::State;
+use std::fmt;
+
+/// The target of a step of the wall clock, by `value` s.
+const CLOCK: &str = "clock";
+/// Who commands states in a chaos: not the operator.
+const SOURCE: &str = "chaos";
+
+/// One fault. Its moment and its numbers are all it needs: taking another one away does not change it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fault {
+    /// When.
+    pub at: Duration,
+    /// The name of its [kind](super::Kind).
+    pub kind: String,
+    /// Whom it befalls.
+    pub target: String,
+    /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
+    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. The rest by the names of
+    /// `SIM_CMD_FAULT`.
+    pub fault: String,
+    /// How much.
+    pub value: f64,
+    /// How long, s; 0: of the moment.
+    pub lasts: f64,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:10.6} s  {} {}", self.at.as_secs_f64(), self.target, self.fault)?;
+        if self.value != 0.0 {
+            write!(f, " {:.6}", self.value)?;
+        }
+        if self.lasts > 0.0 {
+            write!(f, " for {:.6} s", self.lasts)?;
+        }
+        Ok(())
+    }
+}
+
+/// The faults of an episode in order of time. Each kind has a stream of its own: another rate changes no other kind.
+#[must_use]
+pub fn draw(scenario: &Scenario, seed: u64, episode: u64) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    for kind in &scenario.kinds {
+        let name = kind.name.bytes().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
+        });
+        let mut random = Random::stream(Random::stream(seed, episode).bits(), name);
+        let mut begin = Duration::ZERO;
+        for (phase, end) in scenario.phases() {
+            if phase == Phase::Chaos {
+                let mut at = begin;
+                loop {
+                    // Exponential gaps: at each moment as likely as at any other.
+                    let gap = -libm::log(1.0 - random.uniform()) * 3600.0 / kind.per_hour.max(1e-9);
+                    at += Duration::from_nanos((gap * 1e9) as u64);
+                    if at >= end {
+                        break;
+                    }
+                    faults.push(fault(kind, at, end, &mut random));
+                }
+            }
+            begin = end;
+        }
+    }
+    // The order of equal moments is that of the kinds.
+    faults.sort_by_key(|fault| fault.at);
+    faults
+}
+
+fn fault(kind: &super::Kind, at: Duration, end: Duration, random: &mut Random) -> Fault {
+    let target = (random.bits() % kind.targets.len().max(1) as u64) as usize;
+    let value = between(kind.value, random);
+    let lasts = between(kind.lasts, random).min((end - at).as_secs_f64());
+    Fault {
+        at,
+        kind: kind.name.clone(),
+        target: kind.targets.get(target).cloned().unwrap_or_default(),
+        fault: kind.fault.clone(),
+        value,
+        lasts,
+    }
+}
+
+fn between((least, most): (f64, f64), random: &mut Random) -> f64 {
+    least + (most - least) * random.uniform()
+}
+
+/// What is to be undone, and when.
+#[derive(Debug)]
+enum Undo {
+    Resume(u32),
+    Uncrawl(u32),
+}
+
+/// Lets faults loose.
+#[derive(Debug)]
+pub(super) struct Chaos<'a> {
+    faults: std::slice::Iter<'a, Fault>,
+    undo: Vec<(Instant, Undo)>,
+}
+
+impl<'a> Chaos<'a> {
+    pub fn new(faults: &'a [Fault]) -> Self {
+        Self { faults: faults.iter(), undo: Vec::new() }
+    }
+
+    /// When the next thing happens.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let next = self.faults.as_slice().first().map(|fault| Instant::ZERO + fault.at);
+        self.undo.iter().map(|(at, _)| *at).chain(next).min()
+    }
+
+    /// Does what is due at the machine's time; returns the kinds of faults that it did, in order.
+    pub fn handle_timeout(&mut self, machine: &mut Virtual, mut did: impl FnMut(&Fault)) {
+        let now = machine.now();
+        // What is over first: who is hung again at this moment hangs.
+        for (_, undo) in self.undo.extract_if(.., |(at, _)| *at <= now) {
+            match undo {
+                Undo::Resume(pid) => machine.resume(pid),
+                Undo::Uncrawl(pid) => machine.crawl(pid, Duration::ZERO),
+            }
+        }
+        while let Some(fault) = self.faults.as_slice().first().filter(|fault| Instant::ZERO + fault.at <= now) {
+            self.faults.next();
+            if self.befall(machine, fault) {
+                did(fault);
+            }
+        }
+    }
+
+    /// False when there is nobody whom it could befall.
+    fn befall(&mut self, machine: &mut Virtual, fault: &Fault) -> bool {
+        let (now, target) = (machine.now(), fault.target.as_str());
+        let over = now + Duration::from_secs_f64(fault.lasts.clamp(0.0, 1e6));
+        let pid = machine.pid(target);
+        match (fault.fault.as_str(), pid) {
+            ("step", _) if target == CLOCK => machine.step_clock((fault.value * 1e6) as i64),
+            ("kill" | "hang" | "crawl", None) => return false,
+            ("kill", Some(pid)) => machine.kill(pid),
+            ("hang", Some(pid)) => {
+                machine.hang(pid);
+                self.undo.push((over, Undo::Resume(pid)));
+            }
+            ("crawl", Some(pid)) => {
+                machine.crawl(pid, Duration::from_secs_f64(fault.value.clamp(0.0, 10.0)));
+                self.undo.push((over, Undo::Uncrawl(pid)));
+            }
+            ("pause", _) => order(machine, target, State::Pause, true),
+            ("stop", _) => order(machine, target, State::Stop, true),
+            ("terminate", _) => order(machine, target, State::Terminate, true),
+            ("run", _) => order(machine, target, State::Run, false),
+            (name, _) => {
+                if !machine.fault(target, name, fault.value, fault.lasts) {
+                    let (target, fault_name) = (fault.target.clone(), fault.fault.clone());
+                    let (value, duration) = (fault.value, fault.lasts);
+                    let command = simulation::CmdFault { timestamp: 0, target, fault: fault_name, value, duration };
+                    machine.inject(now, command);
+                }
+            }
+        }
+        true
+    }
+}
+
+fn order(machine: &mut Virtual, module: &str, state: State, manual: bool) {
+    let (module, state, source) = (module.into(), state as i8, SOURCE.into());
+    machine.inject(machine.now(), common::CmdState { timestamp: 0, module, state, manual, source });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Kind;
+    use super::*;
+
+    fn kind(name: &str, per_hour: f64) -> Kind {
+        let targets = vec!["a".into(), "b".into()];
+        Kind { name: name.into(), targets, fault: "hang".into(), per_hour, value: (1.0, 2.0), lasts: (0.5, 30.0) }
+    }
+
+    fn scenario(kinds: Vec<Kind>) -> Scenario {
+        Scenario { kinds, ..Scenario::default() }
+    }
+
+    #[test]
+    fn faults_come_in_chaos_only_and_are_over_in_calm_and_as_often_as_said() {
+        let scenario = scenario(vec![kind("x", 120.0)]);
+        let mut count = 0;
+        for episode in 0..100 {
+            for fault in draw(&scenario, 1, episode) {
+                let end = fault.at.as_secs_f64() + fault.lasts;
+                let turn = (fault.at.as_secs_f64() - 20.0).rem_euclid(120.0);
+                assert!(turn < 60.0 && end - fault.at.as_secs_f64() + turn <= 60.000_001, "{fault}");
+                assert!((1.0..2.0).contains(&fault.value));
+                count += 1;
+            }
+        }
+        // Four chaoses of a minute in each of a hundred episodes: 800 are to be expected, with a deviation of 28.
+        assert!((700..900).contains(&count), "{count}");
+    }
+
+    #[test]
+    fn the_same_seed_draws_the_same_and_another_kind_changes_nothing() {
+        let one = scenario(vec![kind("x", 120.0)]);
+        let both = scenario(vec![kind("w", 500.0), kind("x", 120.0)]);
+        assert_eq!(draw(&one, 7, 3), draw(&one, 7, 3));
+        assert_ne!(draw(&one, 7, 3), draw(&one, 8, 3));
+        assert_ne!(draw(&one, 7, 3), draw(&one, 7, 4));
+        let of_x: Vec<_> = draw(&both, 7, 3).into_iter().filter(|fault| fault.kind == "x").collect();
+        assert_eq!(of_x, draw(&one, 7, 3));
+        assert!(draw(&both, 7, 3).is_sorted_by_key(|fault| fault.at));
+    }
+}

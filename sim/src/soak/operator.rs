@@ -1,0 +1,291 @@
+//! A person who drives the robot about: sees it from outside, and commands it as a remote control does.
+//!
+//! He sends motion commands at 20 Hz with zero first, drives squares and random walks where he sees room, lets go now and
+//! then, by zero or by saying nothing, and begins anew after every stop. What stays in PAUSE or STOP he sends to RUN; a
+//! steering whose homing failed he homes again. Once there is a planner he lets that drive, too.
+
+use super::scenario::Behaviour;
+use crate::host::News;
+use crate::random::Random;
+use crate::world::World;
+use base::{Duration, Instant};
+use messages::{Message, common, lowlevel, middlelevel, simulation};
+use navitools::{Ackermann, Point, Pose};
+
+/// He acts this often.
+pub(super) const PERIOD: Duration = Duration::from_millis(50);
+/// He begins anew so long after he saw that it does not do as he says.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// He commands zero for this long before he begins anew.
+const ZERO: Duration = Duration::from_millis(300);
+/// He looks at what does not run this often.
+const TEND: Duration = Duration::from_secs(2);
+/// He looks so far ahead along a leg, beyond its end, in such steps, s.
+const AHEAD: (f64, f64) = (1.0, 0.25);
+/// So many ways to go he thinks of.
+const THOUGHTS: u32 = 12;
+/// His name, and the planner's.
+const SOURCE: &str = "operator";
+const PLANNER: &str = "planner";
+/// He lets the planner drive for this long at most.
+const GOAL: Duration = Duration::from_secs(60);
+
+/// What he does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Doing {
+    /// Says nothing until then.
+    Silent(Instant),
+    /// Commands zero until then.
+    Zero(Instant),
+    /// Drives like this until then.
+    Drive { speed: f64, steering: f64, until: Instant },
+    /// Lets the planner drive until then.
+    Waits(Instant),
+}
+
+/// The operator.
+#[derive(Debug)]
+pub(super) struct Operator {
+    behaviour: Behaviour,
+    world: World,
+    random: Random,
+    doing: Doing,
+    /// Sides of a square that are left.
+    square: u32,
+    motion: Option<lowlevel::DataMotion>,
+    truth: simulation::DataTruth,
+    processes: common::DataProcesses,
+    /// Since when it does not do as he says.
+    disobeyed: Option<Instant>,
+    tends: Instant,
+    goal: i32,
+    reached: u64,
+}
+
+impl Operator {
+    pub fn new(behaviour: Behaviour, world: World, seed: u64) -> Self {
+        Self {
+            behaviour,
+            world,
+            random: Random::stream(seed, u64::from_le_bytes(*b"operator")),
+            doing: Doing::Silent(Instant::ZERO),
+            square: 0,
+            motion: None,
+            truth: simulation::DataTruth::default(),
+            processes: common::DataProcesses::default(),
+            disobeyed: None,
+            tends: Instant::ZERO,
+            goal: 0,
+            reached: 0,
+        }
+    }
+
+    /// Goals that were reached.
+    pub fn goals(&self) -> u64 {
+        self.reached
+    }
+
+    pub fn observe(&mut self, news: &News<'_>) {
+        let News::Message { message, .. } = news else { return };
+        match message {
+            Message::LlDataMotion(motion) => self.motion = Some(motion.clone()),
+            Message::SimDataTruth(truth) => self.truth = truth.clone(),
+            Message::CmDataProcesses(list) => self.processes = list.clone(),
+            Message::MlDataGoal(goal) if goal.id == self.goal && matches!(self.doing, Doing::Waits(_)) => {
+                if goal.status == middlelevel::DataGoal::REACHED {
+                    self.reached += 1;
+                }
+                if goal.status != middlelevel::DataGoal::DRIVING && goal.status != middlelevel::DataGoal::IDLE {
+                    self.doing = Doing::Silent(Instant::ZERO);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// What he says at this moment.
+    pub fn act(&mut self, now: Instant, mut say: impl FnMut(Message)) {
+        self.tend(now, &mut say);
+        self.watch(now);
+        match self.doing {
+            Doing::Silent(until) | Doing::Waits(until) if until <= now => self.doing = Doing::Zero(now + ZERO),
+            Doing::Zero(until) if until <= now && self.may_drive() => self.go(now, &mut say),
+            Doing::Drive { until, .. } if until <= now => self.change(now),
+            _ => {}
+        }
+        let (speed, steering) = match self.doing {
+            Doing::Silent(_) | Doing::Waits(_) => return,
+            Doing::Zero(_) => (0.0, 0.0),
+            Doing::Drive { speed, steering, .. } => (speed, steering),
+        };
+        let priority = lowlevel::CmdMotion::REMOTE;
+        say(lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: SOURCE.into() }.into());
+    }
+
+    /// Whether it could drive, as far as he sees.
+    fn may_drive(&self) -> bool {
+        self.motion.as_ref().is_some_and(|motion| motion.homed)
+    }
+
+    /// Sends to RUN what an operator must, and homes what must be homed.
+    fn tend(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
+        if now < self.tends {
+            return;
+        }
+        self.tends = now + TEND;
+        let held = |process: &&common::Process| {
+            let held = [common::DataState::PAUSE, common::DataState::STOP];
+            held.contains(&process.state) || process.wanted == common::DataState::TERMINATE
+        };
+        let modules = self.processes.processes.iter().filter(held).map(|process| process.module.clone());
+        for module in modules.collect::<Vec<_>>() {
+            let state = common::DataState::RUN;
+            say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
+        }
+        if self.motion.as_ref().is_some_and(|motion| !motion.homed && motion.reason.contains("homing failed")) {
+            say(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() }.into());
+        }
+    }
+
+    /// Lets go when it does not do as he says, or comes too near to something.
+    fn watch(&mut self, now: Instant) {
+        let Doing::Drive { speed, steering, .. } = self.doing else { return };
+        let disobeys = self.motion.as_ref().is_none_or(|motion| !motion.reason.is_empty());
+        let since = match (disobeys, self.disobeyed) {
+            (true, since) => *self.disobeyed.insert(since.unwrap_or(now)),
+            (false, _) => {
+                self.disobeyed = None;
+                now
+            }
+        };
+        let pose = self.pose();
+        let near = self.room(pose, speed, steering, 0.0) < self.behaviour.clearance / 2.0;
+        let near = near && self.room(pose, speed, steering, 0.0) < self.clearance(pose) - 0.01;
+        if now.since(since) >= PATIENCE || near {
+            (self.disobeyed, self.square) = (None, 0);
+            self.doing = match self.random.chance(0.5) {
+                true => Doing::Zero(now + self.for_up_to(1.0)),
+                false => Doing::Silent(now + self.for_up_to(1.0)),
+            };
+        }
+    }
+
+    /// A leg is over.
+    fn change(&mut self, now: Instant) {
+        let Behaviour { silence, zero, .. } = self.behaviour;
+        let chance = self.random.uniform();
+        self.doing = match () {
+            () if chance < silence => Doing::Silent(now + self.for_up_to(1.0)),
+            () if chance < silence + zero => Doing::Zero(now + self.for_up_to(1.0)),
+            () => self.leg(now),
+        };
+    }
+
+    fn for_up_to(&mut self, seconds: f64) -> Duration {
+        ZERO + Duration::from_secs_f64(seconds * self.random.uniform())
+    }
+
+    /// He has commanded zero for a while.
+    fn go(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
+        let planner = |process: &common::Process| {
+            process.module == PLANNER && process.state == common::DataState::RUN
+        };
+        if self.processes.processes.iter().any(planner) && self.random.chance(0.5) {
+            self.doing = Doing::Waits(now + GOAL);
+            self.goal += 1;
+            let waypoint = middlelevel::Waypoint { tolerance: 0.2, ..self.somewhere() };
+            let waypoints = vec![waypoint];
+            say(middlelevel::CmdGoal { timestamp: 0, id: self.goal, waypoints, r#loop: false }.into());
+            return;
+        }
+        self.doing = self.leg(now);
+    }
+
+    /// A place with room.
+    fn somewhere(&mut self) -> middlelevel::Waypoint {
+        let corners = self.world.walls.iter().flat_map(|wall| [wall.a, wall.b]);
+        let corners: Vec<Point> = corners.chain([self.world.start.point()]).collect();
+        let range = |of: fn(&Point) -> f64| {
+            let all = corners.iter().map(of);
+            (all.clone().fold(f64::INFINITY, f64::min), all.fold(f64::NEG_INFINITY, f64::max))
+        };
+        let (x, y) = (range(|p| p.x), range(|p| p.y));
+        for _ in 0..100 {
+            let pose = Pose::new(self.between(x.0, x.1), self.between(y.0, y.1), 0.0);
+            if self.clearance(pose) > 2.0 * self.behaviour.clearance {
+                return middlelevel::Waypoint { x: pose.x, y: pose.y, ..middlelevel::Waypoint::default() };
+            }
+        }
+        let start = self.world.start;
+        middlelevel::Waypoint { x: start.x, y: start.y, ..middlelevel::Waypoint::default() }
+    }
+
+    /// The next leg: of a square, or as it comes, wherever there is most room of some ways.
+    fn leg(&mut self, now: Instant) -> Doing {
+        let pose = self.pose();
+        let mut best = (f64::NEG_INFINITY, 0.0, 0.0, 0.0);
+        for thought in 0..THOUGHTS {
+            let (speed, steering, seconds) = self.thought(thought);
+            let room = self.room(pose, speed, steering, seconds);
+            if room > best.0 {
+                best = (room, speed, steering, seconds);
+            }
+            if room >= self.behaviour.clearance {
+                break;
+            }
+        }
+        let (_, speed, steering, seconds) = best;
+        self.square = self.square.saturating_sub(1);
+        Doing::Drive { speed, steering, until: now + Duration::from_secs_f64(seconds) }
+    }
+
+    /// A way to go: speed, steering, for how long.
+    fn thought(&mut self, number: u32) -> (f64, f64, f64) {
+        let Behaviour { speed, steering, leg, wheelbase, .. } = self.behaviour;
+        if number > 0 {
+            self.square = 0;
+        } else if self.square == 0 && self.random.chance(0.1) {
+            // Sides and corners in turn.
+            self.square = 8;
+        }
+        if self.square > 0 {
+            let radius = wheelbase / libm::tan(steering);
+            let quarter = core::f64::consts::FRAC_PI_2 * radius / (speed / 2.0);
+            return if self.square % 2 == 0 { (speed, 0.0, 2.0) } else { (speed / 2.0, steering, quarter) };
+        }
+        let forward = if self.random.chance(0.7) { 1.0 } else { -1.0 };
+        let speed = forward * self.between(0.1, speed);
+        let straight = self.random.chance(0.3);
+        let steering = if straight { 0.0 } else { self.between(-steering, steering) };
+        (speed, steering, self.between(leg.0, leg.1))
+    }
+
+    fn between(&mut self, least: f64, most: f64) -> f64 {
+        least + (most - least) * self.random.uniform()
+    }
+
+    fn pose(&self) -> Pose {
+        Pose::new(self.truth.x, self.truth.y, self.truth.theta)
+    }
+
+    fn clearance(&self, pose: Pose) -> f64 {
+        let (rear, front, half_width) = self.behaviour.body;
+        self.world.clearance(pose, -rear, front, half_width)
+    }
+
+    /// The least clearance on the way, and while it stops at its end; not at its very beginning, so that a way out of a
+    /// corner is one.
+    fn room(&self, mut pose: Pose, speed: f64, steering: f64, seconds: f64) -> f64 {
+        let geometry = Ackermann { wheelbase_m: self.behaviour.wheelbase, track_m: 0.0 };
+        let (beyond, step) = AHEAD;
+        let steps = libm::ceil((seconds + beyond) / step) as u32;
+        let mut least = f64::INFINITY;
+        for number in 0..steps {
+            pose = pose.along(geometry.motion(speed * step, steering));
+            if number + 1 >= steps.min(4) {
+                least = least.min(self.clearance(pose));
+            }
+        }
+        least
+    }
+}

@@ -1,0 +1,134 @@
+//! What a robot-hour is made of: how long chaos and calm last, what breaks how often, how the operator drives.
+
+use base::Duration;
+
+/// A scenario; read from a file by whoever reads files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// An episode: a robot that starts anew, for so long.
+    pub episode: Duration,
+    /// From its start to the first chaos: modules come up, the steering is homed.
+    pub settle: Duration,
+    /// Then things break for so long,
+    pub chaos: Duration,
+    /// and nothing breaks for so long; and so on in turn.
+    pub calm: Duration,
+    /// A message takes up to this longer than the usual latency.
+    pub lcm_jitter: Duration,
+    /// Probability that a receiver misses a message, always.
+    pub lcm_loss: f64,
+    /// The longest delay before a dead process is started again.
+    pub restart_delay_max: Duration,
+    /// In calm the robot has moved within this time, homing not counted.
+    pub moves_within: Duration,
+    /// How the operator behaves.
+    pub operator: Behaviour,
+    /// What can break, in the order of their names.
+    pub kinds: Vec<Kind>,
+}
+
+/// A kind of fault.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kind {
+    /// Its name in reports: `process_hung`.
+    pub name: String,
+    /// Whom it befalls, each as likely: modules, busses, boards, drives, `lcm`, `clock`.
+    pub targets: Vec<String>,
+    /// What happens, by the names of `SIM_CMD_FAULT`, and for modules and the clock of [`super::Fault`].
+    pub fault: String,
+    /// How often in an hour of chaos.
+    pub per_hour: f64,
+    /// Least and greatest value.
+    pub value: (f64, f64),
+    /// How long, s, at least and at most; cut short by the end of the chaos. 0: it is of the moment.
+    pub lasts: (f64, f64),
+}
+
+/// How the operator behaves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Behaviour {
+    /// As fast as this, m/s.
+    pub speed: f64,
+    /// Steers as far as this, rad.
+    pub steering: f64,
+    /// Keeps this far from what he sees, m.
+    pub clearance: f64,
+    /// The least and greatest duration of a piece of a drive, s.
+    pub leg: (f64, f64),
+    /// How often he falls silent at the end of a piece, instead of going on or commanding zero.
+    pub silence: f64,
+    /// How often he commands zero there.
+    pub zero: f64,
+    /// The wheelbase of what he drives, m: he knows where it will go.
+    pub wheelbase: f64,
+    /// Behind and ahead of the rear axle, and half its width, m.
+    pub body: (f64, f64, f64),
+}
+
+impl Default for Behaviour {
+    fn default() -> Self {
+        Self {
+            speed: 0.6,
+            steering: 0.5,
+            clearance: 0.3,
+            leg: (1.0, 6.0),
+            silence: 0.2,
+            zero: 0.2,
+            wheelbase: 0.6,
+            body: (0.15, 0.75, 0.30),
+        }
+    }
+}
+
+impl Default for Scenario {
+    fn default() -> Self {
+        Self {
+            episode: Duration::from_secs(600),
+            settle: Duration::from_secs(20),
+            chaos: Duration::from_secs(60),
+            calm: Duration::from_secs(60),
+            lcm_jitter: Duration::from_micros(200),
+            lcm_loss: 0.0,
+            restart_delay_max: Duration::from_secs(2),
+            moves_within: Duration::from_secs(20),
+            operator: Behaviour::default(),
+            kinds: Vec::new(),
+        }
+    }
+}
+
+/// What an episode is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// The robot starts.
+    Settle,
+    /// Things break.
+    Chaos,
+    /// Nothing breaks.
+    Calm,
+}
+
+impl Scenario {
+    /// The phases of an episode with their ends, in order. One that would not be over within the episode is left out,
+    /// with what follows.
+    pub fn phases(&self) -> impl Iterator<Item = (Phase, Duration)> {
+        let (turn, settle) = (self.chaos + self.calm, self.settle);
+        let turns = (0..).map(move |n| settle + turn * n).take_while(move |begin| *begin + turn <= self.episode);
+        let pair = |begin: Duration| [(Phase::Chaos, begin + self.chaos), (Phase::Calm, begin + self.chaos + self.calm)];
+        std::iter::once((Phase::Settle, self.settle)).chain(turns.flat_map(pair).collect::<Vec<_>>())
+    }
+
+    /// Whether an episode has at least one chaos with its calm, and times go forward.
+    ///
+    /// # Errors
+    /// One line why not.
+    pub fn check(&self) -> Result<(), String> {
+        if self.chaos.is_zero() || self.calm.is_zero() {
+            return Err("chaos and calm must last".into());
+        }
+        if self.settle + self.chaos + self.calm > self.episode {
+            return Err("an episode must have room for settling, chaos and calm".into());
+        }
+        Ok(())
+    }
+}
