@@ -24,10 +24,10 @@ pub struct MasterConfig {
     pub time: Option<Duration>,
     /// Whether no node is started before all mandatory ones are configured; default false.
     pub together: bool,
-    /// Frames per second, over a tenth of a second, from which a node is called babbling; default 2000. Answers to our
+    /// Frames per second, over a tenth of a second, from which a node is called babbling; default 1000. Answers to our
     /// own requests do not count.
     pub babbling: u32,
-    /// Share of the bus in percent from which a node is called babbling, however few its frames; default 50.
+    /// Share of the bus in percent from which a node is called babbling, however few its frames; default 30.
     pub babbling_share: u8,
     /// How long an SDO answer may take; default 500 ms.
     pub sdo_timeout: Duration,
@@ -50,8 +50,8 @@ impl Default for MasterConfig {
             sync_overflow: None,
             time: None,
             together: false,
-            babbling: 2000,
-            babbling_share: 50,
+            babbling: 1000,
+            babbling_share: 30,
             sdo_timeout: sdo::TIMEOUT,
             sdo_retries: 2,
             retry: Duration::from_secs(1),

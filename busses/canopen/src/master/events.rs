@@ -167,7 +167,8 @@ pub enum Event {
     /// Another device answers with this id: its serial number is not the one seen before. It is configured like any
     /// other before it counts as booted.
     Swapped { node: u8, serial: u32 },
-    /// Two nodes have this id: see [`BootError::DuplicateId`]. Told once until the node has booted again.
+    /// Two nodes have this id, see [`BootError::DuplicateId`], or it resets itself again and again. Told once until
+    /// the node has booted again.
     DuplicateId { node: u8 },
     /// Frames of one node take more of the bus than they may; `rate` a second. Node 0: of no known identifier.
     Babbling { node: u8, rate: u32 },

@@ -20,6 +20,10 @@ const EMERGENCY_EVERY: Duration = Duration::from_millis(100);
 /// Boot-up messages that nobody asked for before an attempt fails. One is forgiven: a node that was switched on
 /// just when it was reset sends two.
 const RESTLESS: u8 = 2;
+/// A node that is lost sooner than this after it was booted has not settled …
+const SETTLED: Duration = Duration::from_secs(1);
+/// … and when that happens so often in a row, it is not booted again at once: it would only be lost again.
+const UNSETTLED: u8 = 3;
 /// NMT starts sent before an attempt fails.
 const STARTS: u8 = 3;
 
@@ -96,6 +100,9 @@ pub(super) struct Peer {
     /// Another device than before: nothing that it says of its configuration counts.
     swapped: bool,
     boot_ups: u8,
+    /// When it was booted, and how often in a row it was lost soon after that.
+    booted_at: Instant,
+    unsettled: u8,
     doubt: Doubt,
     reported: Option<(Step, BootError)>,
     emergencies: Emergencies,
@@ -114,6 +121,8 @@ impl Peer {
             serial: None,
             swapped: false,
             boot_ups: 0,
+            booted_at: Instant::ZERO,
+            unsettled: 0,
             doubt: Doubt::default(),
             reported: None,
             emergencies: Emergencies::default(),
@@ -183,7 +192,8 @@ impl Peer {
                 self.lose(now, shared, LostReason::BootUp);
             }
             (NmtState::Initialising, Phase::Resetting { .. }) => self.work(now, shared, 0),
-            (NmtState::Initialising, Phase::Resting { .. }) => self.first(now, shared),
+            (NmtState::Initialising, Phase::Resting { .. }) if self.unsettled < UNSETTLED => self.first(now, shared),
+            (NmtState::Initialising, Phase::Resting { .. }) => {}
             (NmtState::Initialising, _) => self.booted_unasked(now, shared),
             (NmtState::Operational, Phase::Running { .. }) => {
                 let two = self.guard.is_none() && self.doubt.beat(now, self.config.heartbeat);

@@ -327,7 +327,7 @@ impl Canbus {
             Heard::DuplicateId { node } => {
                 let (subject, name) = self.name_of(node);
                 let message =
-                    format!("{name} answers twice: two nodes of {} have its id; the robot stops", self.config.bus);
+                    format!("{name} keeps resetting, or two nodes of {} have its id; the robot stops", self.config.bus);
                 out.raise(Severity::Error, Fault::NodeClash, subject, message);
             }
             Heard::Babbling { node, rate } => {

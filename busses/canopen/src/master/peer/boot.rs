@@ -1,7 +1,7 @@
 //! The boot-up of a node: reset, work, heartbeat, start; and what ends it.
 
 use super::guard::Guard;
-use super::{Peer, Phase, RESTLESS, STARTS, Shared};
+use super::{Peer, Phase, RESTLESS, SETTLED, STARTS, Shared, UNSETTLED};
 use crate::master::{BootError, Event, LostReason, Step};
 use crate::wire::{self, NmtCommand, NmtState};
 use base::Instant;
@@ -112,6 +112,7 @@ impl Peer {
         self.reported = None;
         self.swapped = false;
         self.stats.boots = self.stats.boots.saturating_add(1);
+        self.booted_at = now;
         shared.events.push(Event::Booted { node: self.id() });
         self.enter(Phase::Running { until: now + self.limit() }, shared);
         self.pump(now, shared);
@@ -149,6 +150,16 @@ impl Peer {
         shared.outbox.drop_pdos(self.id());
         shared.events.push(Event::Lost { node: self.id(), reason });
         self.channel.forget(shared);
-        self.first(now, shared);
+        let soon = now.since(self.booted_at) < SETTLED;
+        self.unsettled = if soon { self.unsettled.saturating_add(1) } else { 0 };
+        let Some(again) = self.unsettled.checked_sub(UNSETTLED) else {
+            return self.first(now, shared);
+        };
+        if again == 0 && reason == LostReason::BootUp {
+            // Two nodes that boot one after the other look the same as one that keeps resetting itself.
+            shared.events.push(Event::DuplicateId { node: self.id() });
+        }
+        self.guard = None;
+        self.enter(Phase::Resting { until: now + shared.config.retry * (1 << again.min(3)) }, shared);
     }
 }

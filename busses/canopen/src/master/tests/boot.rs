@@ -173,6 +173,21 @@ fn two_nodes_with_one_id_are_refused() {
 }
 
 #[test]
+fn a_second_node_that_boots_much_later_is_told_and_the_bus_grows_calm() {
+    let mut bus = booted();
+    let twin = Node::new(epos::dictionary(1), Duration::from_millis(300));
+    bus.nodes.push(twin);
+    bus.nodes[2].power_on(bus.now);
+    bus.run(20_000);
+    let at = |wanted: fn(&Event) -> bool| bus.events.iter().filter(move |(_, event)| wanted(event)).map(|(at, _)| *at);
+    assert_eq!(at(|event| matches!(event, Event::DuplicateId { node: 1 })).count(), 1);
+    let lost: Vec<_> = at(|event| matches!(event, Event::Lost { node: 1, .. })).collect();
+    // Three times at once, then after 1, 2, 4 and 8 s.
+    assert!((5..=8).contains(&lost.len()), "{lost:?}");
+    assert_eq!(bus.master.state(2), Some(State::Operational), "the other node is not disturbed");
+}
+
+#[test]
 fn configurations_that_cannot_work_are_refused() {
     let master = MasterConfig::default;
     let node = || NodeConfig::new(1, "a");

@@ -13,17 +13,17 @@ fn flood(bus: &mut Bus, id: u16, per_second: u64, millis: u64) {
 #[test]
 fn a_node_that_babbles_is_told_and_when_it_stops() {
     let mut bus = booted();
-    flood(&mut bus, 0x82, 1900, 500);
+    flood(&mut bus, 0x82, 900, 500);
     assert!(!bus.events.iter().any(|(_, event)| matches!(event, Event::Babbling { .. })));
     let from = bus.events.len();
-    flood(&mut bus, 0x82, 2500, 500);
+    flood(&mut bus, 0x82, 1250, 500);
     bus.run(300);
     let babble = told(&bus, from)
         .into_iter()
         .filter(|event| matches!(event, Event::Babbling { .. } | Event::BabblingOver { .. }));
     let babble: Vec<_> = babble.collect();
     assert!(
-        matches!(babble[..], [Event::Babbling { node: 2, rate: 2000..=2600 }, Event::BabblingOver { node: 2 }]),
+        matches!(babble[..], [Event::Babbling { node: 2, rate: 1000..=1300 }, Event::BabblingOver { node: 2 }]),
         "{babble:?}"
     );
     assert_eq!(bus.master.state(1), Some(State::Operational));
