@@ -139,6 +139,9 @@ faults! {
     BatteryLow = 0x0503, Resource;
     /// A power channel does not do what it was told.
     ChannelStuck = 0x0504, Device;
+
+    /// What a module is told is not all written down for replay: the disk is slow, full or broken.
+    InputsLost = 0x0601, Resource;
 }
 
 /// One report, as a module makes it; its host prints it and sends it as `common.error_t`.
