@@ -12,6 +12,7 @@ use base::{Duration, Instant, can};
 use messages::{Message, lowlevel};
 use module::State;
 use robot::topology::{Place, virtual_machine};
+use sim::check::Checkers;
 use sim::host::{Config, News, Virtual};
 use std::cell::RefCell;
 use std::path::Path;
@@ -27,13 +28,26 @@ struct Seen {
     critical: Option<Instant>,
 }
 
+/// A robot on which the rules of [`sim::check`] hold, whatever a test does.
 struct Robot {
     machine: Virtual,
     seen: Rc<RefCell<Seen>>,
+    checkers: Rc<RefCell<Checkers>>,
 }
 
 fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
+}
+
+fn place() -> Place {
+    Place {
+        config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
+        run_dir: "/run/advee".into(),
+        lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
+        sets: Vec::new(),
+        sim: true,
+        world: None,
+    }
 }
 
 impl Robot {
@@ -42,20 +56,16 @@ impl Robot {
     }
 
     fn with(config: Config) -> Self {
-        let place = Place {
-            config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
-            run_dir: "/run/advee".into(),
-            lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
-            sets: Vec::new(),
-            sim: true,
-            world: None,
-        };
-        let mut machine = virtual_machine(&place, config).expect("the shipped configuration");
+        let mut machine = virtual_machine(&place(), config).expect("the shipped configuration");
         let seen = Rc::new(RefCell::new(Seen::default()));
         let keep = seen.clone();
         machine.observe(move |now, news| keep.borrow_mut().take(now, news));
+        let limits = robot::checks::limits(&place(), Duration::from_secs(10)).expect("the shipped configuration");
+        let checkers = Rc::new(RefCell::new(Checkers::new(limits)));
+        let keep = checkers.clone();
+        machine.observe(move |now, news| keep.borrow_mut().observe(now, news));
         machine.spawn("watchdog", State::Run).expect("the watchdog starts");
-        Self { machine, seen }
+        Self { machine, seen, checkers }
     }
 
     /// All modules run, the steering is homed.
@@ -91,6 +101,14 @@ impl Robot {
         let stops = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] == 0x0B;
         let seen = self.seen.borrow();
         seen.frames.iter().find(|(at, frame)| *at > since && stops(frame)).expect("a quick stop").0
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            assert_eq!(self.checkers.borrow().violation(), None);
+        }
     }
 }
 
