@@ -182,7 +182,9 @@ impl Watchdog {
             }
             return;
         }
-        match guard.count(now) {
+        // What changes its state announces itself out of turn.
+        let counted = if guard.state == state { guard.count(now) } else { None };
+        match counted {
             Some(true) => {
                 let message = format!("{} is announced more often than it announces itself", guard.config.name);
                 out.raise(Severity::Warning, Fault::NameClaimed, guard.config.name.as_str(), message);

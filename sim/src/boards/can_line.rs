@@ -24,7 +24,8 @@ pub(crate) struct CanLine {
     dead: Instant,
     frames: u64,
     babblers: Vec<Babbler>,
-    twins: Vec<(u8, Node)>,
+    /// Their ids, and until when they are there.
+    twins: Vec<(u8, Instant, Node)>,
 }
 
 struct Babbler {
@@ -82,8 +83,8 @@ impl CanLine {
             Ailment::Clash => {
                 let mut twin = Node::new(dictionary(), Duration::ZERO);
                 twin.power_on(now);
-                self.twins.retain(|(other, _)| *other != node);
-                self.twins.push((node, twin));
+                self.twins.retain(|(other, ..)| *other != node);
+                self.twins.push((node, until, twin));
             }
             _ => return false,
         }
@@ -93,7 +94,7 @@ impl CanLine {
     /// A node is well again.
     pub fn heal_node(&mut self, node: u8) {
         self.babblers.retain(|babbler| babbler.node != node);
-        self.twins.retain(|(other, _)| *other != node);
+        self.twins.retain(|(other, ..)| *other != node);
     }
 
     /// Whether a frame gets over the bus.
@@ -109,14 +110,15 @@ impl CanLine {
     }
 
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
-        for (_, twin) in &mut self.twins {
+        for (.., twin) in &mut self.twins {
             twin.handle_rx(now, frame);
         }
     }
 
     pub fn handle_timeout(&mut self, now: Instant) {
         self.babblers.retain(|babbler| now < babbler.until);
-        for (_, twin) in &mut self.twins {
+        self.twins.retain(|(_, until, _)| now < *until);
+        for (.., twin) in &mut self.twins {
             twin.handle_timeout(now);
         }
     }
@@ -128,7 +130,7 @@ impl CanLine {
             babbler.next = now + pause;
             return Some(babbler.frame);
         }
-        self.twins.iter_mut().find_map(|(_, twin)| {
+        self.twins.iter_mut().find_map(|(.., twin)| {
             // Behind its objects there is nothing that could want to hear of them.
             while twin.poll_event().is_some() {}
             twin.poll_tx()
@@ -137,6 +139,6 @@ impl CanLine {
 
     pub fn poll_timeout(&self) -> Option<Instant> {
         let babblers = self.babblers.iter().map(|babbler| babbler.next.min(babbler.until));
-        babblers.chain(self.twins.iter().filter_map(|(_, twin)| twin.poll_timeout())).min()
+        babblers.chain(self.twins.iter().filter_map(|(.., twin)| twin.poll_timeout())).min()
     }
 }
