@@ -11,6 +11,7 @@ pub mod bench;
 mod event;
 pub mod exit;
 pub mod record;
+pub mod sabotage;
 mod shell;
 mod state;
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What all modules share, done around them once: the state machine, its announcement, commands, reports, the end.
 
 use crate::record::{Call, Recorder};
+use crate::sabotage::{self, Bug};
 use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
 use base::{Duration, Fault, Instant, Report, Severity, Ticker};
 use messages::{Channel, Message, common};
@@ -238,6 +239,7 @@ impl Shell {
             (Condition::Working, State::Init) => self.wanted(),
             (Condition::Working, State::Error) => match self.before_error {
                 State::Init => self.wanted(),
+                State::Stop if sabotage::is(Bug::StopLeftByError) => State::Run,
                 before => before,
             },
             (Condition::Failed, state) if state.allows(State::Error, Cause::Itself) => {
@@ -261,7 +263,7 @@ impl Shell {
         if !all && command.module != self.config.name {
             return;
         }
-        let cause = if command.manual { Cause::Manual } else { Cause::Command };
+        let cause = if command.manual || sabotage::is(Bug::StopLeft) { Cause::Manual } else { Cause::Command };
         match State::from_value(command.state) {
             Some(to) if to == self.state => {}
             Some(to) if self.state.allows(to, cause) => {

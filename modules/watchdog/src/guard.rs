@@ -3,6 +3,7 @@
 use crate::{ModuleConfig, NAME};
 use base::{Duration, Instant};
 use messages::common;
+use module::sabotage::{self, Bug};
 use module::{Action, Actions, Cause, ProcessCommand, State};
 
 /// The first delay after an immediate restart; doubles up to [`crate::Config::delay_max`].
@@ -227,7 +228,8 @@ impl Guard {
         if self.delay < DELAY_FIRST {
             self.delay = Duration::ZERO;
         }
-        let delay = self.delay;
+        let delay = if sabotage::is(Bug::RestartDelayIgnored) { Duration::ZERO } else { self.delay };
+        self.wanted = if sabotage::is(Bug::WantedForgotten) { State::Run } else { self.wanted };
         self.delay = (self.delay * 2).clamp(DELAY_FIRST, delay_max.max(DELAY_FIRST));
         self.storm |= delay >= STORM.min(delay_max);
         self.phase = Phase::Down { not_before: now + delay };

@@ -13,6 +13,7 @@ mod tests;
 use base::{Duration, Fault, Instant, Severity, Ticker};
 use guard::{Guard, Phase};
 use messages::{Channel, Message, common};
+use module::sabotage::{self, Bug};
 use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
 use std::collections::BTreeMap;
 
@@ -463,10 +464,16 @@ impl Watchdog {
 
 /// A process hangs: it is told, then ended, whatever it says.
 fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
+    if sabotage::is(Bug::WatchdogDeaf) {
+        return;
+    }
     let name = &guard.config.name;
     out.raise(Severity::Error, Fault::ModuleHung, name.as_str(), format!("{name} hangs, {why}: it is ended"));
     guard.end(now, HANG_GRACE, out);
     guard.state = State::Unknown;
+    if sabotage::is(Bug::TwoProcesses) {
+        guard.on_down(now, Duration::ZERO);
+    }
 }
 
 /// It was restarted too often: told once, until it has lived for a while.

@@ -14,7 +14,6 @@ mod agenda;
 mod can;
 mod config;
 mod digest;
-mod disturbance;
 mod life;
 mod news;
 mod serial;
@@ -25,6 +24,7 @@ mod wire;
 pub use config::Config;
 pub use news::{News, Traffic};
 
+use crate::disturbance::{Disturbance, part};
 use crate::faults::{self, Ailment};
 use crate::random::Random;
 use agenda::{Entry, Happening, Waiting};
@@ -32,9 +32,9 @@ use base::serial::Word;
 use base::{Duration, Instant};
 use can::Told;
 use digest::Digest;
-use disturbance::{Disturbance, part};
 use life::{Kept, Life};
 use messages::{Channel, Message};
+use module::sabotage::{self, Bug};
 use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell, State};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
@@ -524,6 +524,9 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         let process = &mut self.processes[place];
         let mut out = mem::take(&mut process.out);
+        if sabotage::is(Bug::WallClock) {
+            out = Actions::new(self.config.epoch);
+        }
         process.shell.handle(self.now, event, &mut out);
         self.perform(pid, out);
     }

@@ -3,6 +3,7 @@
 //! Pure policy over what the sources said. Knows no drive and no bus.
 
 use base::{Duration, Instant};
+use module::sabotage::{self, Bug};
 
 /// Sources remembered at once; further ones take the place of the one silent longest.
 const SOURCES_MAX: usize = 8;
@@ -66,6 +67,7 @@ impl Arbiter {
     /// An arbiter that lets a command live for `ttl`. The planner begins latched.
     #[must_use]
     pub fn new(ttl: Duration) -> Self {
+        let ttl = if sabotage::is(Bug::TimeToLiveIgnored) { Duration::from_secs(60) } else { ttl };
         Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true, since: Instant::ZERO }
     }
 
@@ -89,10 +91,10 @@ impl Arbiter {
         if !held {
             return if blocked { Verdict::Blocked } else { verdict };
         }
-        if !manual && self.latched {
+        if !manual && self.latched && !sabotage::is(Bug::PlannerNotLatched) {
             return Verdict::Latched;
         }
-        if manual && !source.armed {
+        if manual && !source.armed && !sabotage::is(Bug::ResumesByItself) {
             return Verdict::NotReleased;
         }
         let key = (source.command.source.clone(), source.command.priority);
@@ -154,7 +156,7 @@ impl Arbiter {
         let stronger = *priority > command.priority && self.current(at).is_some();
         // Of two equal priorities the first holds until it is silent and the robot stands.
         let equal = *priority == command.priority;
-        (!own && (stronger || equal)).then_some(*priority)
+        (!own && (stronger || equal) && !sabotage::is(Bug::TwoAuthorities)).then_some(*priority)
     }
 
     fn place(&mut self, at: Instant, command: &Command) -> usize {

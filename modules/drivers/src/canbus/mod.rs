@@ -28,6 +28,7 @@ use bus::Bus;
 use canopen::master::ConfigError;
 use canopen::{Event as Heard, Master, MasterConfig, NodeConfig, sdo};
 use messages::{Channel, Message, common, lowlevel};
+use module::sabotage::{self, Bug};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 use propulsion::Propulsion;
 use requests::{Requests, Whose};
@@ -133,7 +134,7 @@ impl Canbus {
 
     fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
         // A clock that was wrong when it was received must not make it live longer.
-        let at = at.min(now);
+        let at = if sabotage::is(Bug::QueuedCommandObeyed) { now } else { at.min(now) };
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(homing, out),
@@ -157,6 +158,7 @@ impl Canbus {
         }
         let limits = &self.config.limits;
         let in_limits = command.speed.abs() <= limits.speed && command.steering.abs() <= limits.steering;
+        let in_limits = in_limits || sabotage::is(Bug::LimitsIgnored);
         if !in_limits || !arbiter::is_priority(command.priority) {
             self.refuse(now, command, out);
             return;
@@ -273,6 +275,7 @@ impl Canbus {
                     drive.on_boot_failed(step, reason, out);
                 }
             }
+            Heard::Lost { .. } if sabotage::is(Bug::LostDriveIgnored) => {}
             Heard::Lost { node, reason } => {
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_lost(reason, out);
@@ -416,7 +419,7 @@ impl Canbus {
         if let Some(reason) = self.propulsion.drive.objection().or_else(|| self.steering.drive.objection()) {
             return plain(reason);
         }
-        if self.state != State::Run {
+        if self.state != State::Run && !sabotage::is(Bug::StateIgnored) {
             return plain(format!("{NAME} is in {}", self.state));
         }
         if let Some(objection) = self.around.objection(now) {
@@ -425,7 +428,7 @@ impl Canbus {
         if self.refused_until.is_some() {
             return plain("a command was out of limits".into());
         }
-        if !self.steering.is_homed() {
+        if !self.steering.is_homed() && !sabotage::is(Bug::HomingNotRequired) {
             // Asked last: this alone may be mended by moving the steering.
             return Some(Blocked { reason: self.steering.why_not_homed(), objection: None, only_not_homed: true });
         }

@@ -2,6 +2,7 @@
 
 use base::{Duration, Fault, Instant};
 use messages::{common, lowlevel, middlelevel};
+use module::sabotage::{self, Bug};
 use std::fmt;
 
 /// `CM_DATA_PROCESSES` comes ten times a second; without it for this long the watchdog is not heard.
@@ -70,13 +71,14 @@ impl Surroundings {
     /// The watchdog's list, received at `at`.
     pub fn on_processes(&mut self, at: Instant, list: &common::DataProcesses) {
         let runs = |name: &str| list.processes.iter().any(|p| p.module == name && p.phase == common::Process::RUNNING);
-        let missing = self.critical.iter().find(|name| !runs(name)).cloned();
+        let missing = self.critical.iter().find(|name| !runs(name) && !sabotage::is(Bug::CriticalIgnored)).cloned();
         self.processes = Some((at, missing));
     }
 
     /// The PAUSE line, received at `at`.
     pub fn on_stop(&mut self, at: Instant, stop: &lowlevel::EventStop) {
-        self.pause = (at, stop.engaged.then(|| stop.source.clone()));
+        let engaged = stop.engaged && !sabotage::is(Bug::PauseIgnored);
+        self.pause = (at, engaged.then(|| stop.source.clone()));
     }
 
     /// An estimate, received at `at`; a lost one does not count.
@@ -95,7 +97,9 @@ impl Surroundings {
             (_, None) => {}
         }
         match self.processes.as_ref()? {
-            (at, _) if now.since(*at) >= WATCHDOG_SILENT => Some(Objection::WatchdogSilent),
+            (at, _) if now.since(*at) >= WATCHDOG_SILENT && !sabotage::is(Bug::WatchdogNotMissed) => {
+                Some(Objection::WatchdogSilent)
+            }
             (_, Some(module)) => Some(Objection::Critical(module.clone())),
             (_, None) => None,
         }
@@ -104,7 +108,7 @@ impl Surroundings {
     /// Whether the planner may drive by the estimate it has.
     #[must_use]
     pub fn is_located(&self, now: Instant) -> bool {
-        self.estimate.is_some_and(|at| now.since(at) < ESTIMATE_OLD)
+        self.estimate.is_some_and(|at| now.since(at) < ESTIMATE_OLD) || sabotage::is(Bug::EstimateIgnored)
     }
 
     /// When, after `now`, silence may make an objection or an old estimate, if nothing is heard until then.
