@@ -12,6 +12,11 @@
 //! | a board | `reset` | as after a short loss of its supply: it has forgotten what it was told |
 //! | a board | `refuses` | it says of every instruction that it does not know it |
 //! | an odometry board | `stuck` | its encoders stand still |
+//! | an odometry board | `wrap` | its counters stand just before they wrap |
+//! | a sonar board | `blind`, `stuck` | its sonars hear nothing; they say what they said |
+//! | a sonar board | `crosstalk` | a sonar hears another's pulse with probability `value` (0: 0.1) |
+//! | a beacon scanner | `hidden` | somebody stands before the beacon `value`; 0: before all |
+//! | a beacon scanner | `false` | a sighting is of something else with probability `value` (0: 0.2) |
 //! | a power controller | `bumper` | the bumper switch `value`, 1 to 8, is pressed |
 //! | a power controller | `stop_button` | the stop button is pressed |
 //! | a power controller | `battery` | the battery has `value` V at rest |
@@ -71,8 +76,18 @@ pub enum Ailment {
     Reset,
     /// It knows no instruction.
     Refuses,
-    /// Its encoders stand.
+    /// What it measures stands.
     Stuck,
+    /// Its counters stand just before they wrap.
+    Wrap,
+    /// It hears nothing.
+    Blind,
+    /// It hears what is not for it with this probability.
+    Crosstalk(f64),
+    /// The beacon of this number is hidden; 0: all are.
+    Hidden(u8),
+    /// It sees what is not there with this probability.
+    False(f64),
     /// The bumper switch of this number is pressed.
     Bumper(u8),
     /// The stop button is pressed.
@@ -128,6 +143,11 @@ impl Ailment {
             "power_off" => Some(Self::PowerOff(or(value, 30.0) as u8)),
             "refuses" => Some(Self::Refuses),
             "stuck" => Some(Self::Stuck),
+            "wrap" => Some(Self::Wrap),
+            "blind" => Some(Self::Blind),
+            "crosstalk" => Some(Self::Crosstalk(or(value, 0.1).min(1.0))),
+            "hidden" => Some(Self::Hidden(or(value, 0.0) as u8)),
+            "false" => Some(Self::False(or(value, 0.2).min(1.0))),
             // As casts saturate, no value is out of range.
             "fault" => Some(Self::Fault(if value > 0.0 { value as u16 } else { 0x1000 })),
             "reboot" => Some(Self::Reboot),

@@ -8,6 +8,7 @@
 pub mod boards;
 pub mod body;
 pub mod check;
+mod disturbance;
 mod faults;
 pub mod host;
 mod random;

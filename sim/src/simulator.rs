@@ -365,6 +365,9 @@ impl Simulator {
         if self.config.can.as_ref().is_some_and(|can| can.bus == target) {
             return self.can.suffer(now, ailment, until);
         }
+        if let Some(line) = self.config.serial.iter().position(|serial| serial.bus == target) {
+            return self.lines[line].disturb(now, ailment, until);
+        }
         let board = boards(&mut self.lines).find(|board| board.name == target);
         board.is_some_and(|board| board.suffer(now, ailment, until, &self.scene))
     }

@@ -20,6 +20,7 @@ pub(crate) struct CanLine {
     random: Random,
     noise: (Instant, f64),
     corrupt: (Instant, u64),
+    loss: (Instant, f64),
     lose: u64,
     dead: Instant,
     frames: u64,
@@ -43,6 +44,7 @@ impl CanLine {
             random,
             noise: (Instant::ZERO, 0.0),
             corrupt: (Instant::ZERO, 0),
+            loss: (Instant::ZERO, 0.0),
             lose: 0,
             dead: Instant::ZERO,
             frames: 0,
@@ -56,10 +58,15 @@ impl CanLine {
         match ailment {
             Ailment::Noise(rate) => self.noise = (until, rate),
             Ailment::Corrupt(every) => self.corrupt = (until, every),
+            Ailment::Loss(chance) => self.loss = (until, chance),
+            // The host's wire does these, where there is one.
+            Ailment::Duplicate(_) | Ailment::Delay(_) => return !self.imitates,
             Ailment::Lose(nth) => self.lose = self.frames.saturating_add(nth),
             Ailment::Cut => self.dead = until,
             Ailment::BusOff => self.dead = if until == Instant::NEVER { now + OFF } else { until },
-            Ailment::None => (self.noise.0, self.corrupt.0, self.lose, self.dead) = (now, now, 0, now),
+            Ailment::None => {
+                (self.noise.0, self.corrupt.0, self.loss.0, self.lose, self.dead) = (now, now, now, 0, now);
+            }
             _ => return false,
         }
         true
@@ -106,7 +113,12 @@ impl CanLine {
         let noise =
             if now < self.noise.0 { 1.0 - libm::pow(1.0 - self.noise.1, f64::from(frame_bits(frame))) } else { 0.0 };
         let corrupt = now < self.corrupt.0 && self.frames.is_multiple_of(self.corrupt.1);
-        now >= self.dead && !corrupt && self.frames != self.lose && !self.random.chance(noise)
+        let loss = if now < self.loss.0 { self.loss.1 } else { 0.0 };
+        now >= self.dead
+            && !self.random.chance(loss)
+            && !corrupt
+            && self.frames != self.lose
+            && !self.random.chance(noise)
     }
 
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {

@@ -4,6 +4,7 @@ use super::psc1::Psc1;
 use super::sbs1::Sbs1;
 use super::sd1::Sd1;
 use super::so1::So1;
+use crate::disturbance::{Disturbance, garbled};
 use crate::faults::Ailment;
 use crate::random::Random;
 use crate::scene::Scene;
@@ -98,14 +99,28 @@ impl Board {
             }
             (Ailment::Reset, _) => self.reset(now, scene),
             (Ailment::Stuck, Kind::So1(_)) => self.ails.stuck = until,
+            (Ailment::Wrap, Kind::So1(board)) => board.wrap(scene),
+            (Ailment::Blind, Kind::Sd1(board)) => board.blind(until),
+            (Ailment::Stuck, Kind::Sd1(board)) => board.stick(now, until, scene),
+            (Ailment::Crosstalk(probability), Kind::Sd1(board)) => board.mix(until, probability),
+            (Ailment::Hidden(beacon), Kind::Sbs1(board)) => board.hide(until, beacon),
+            (Ailment::False(probability), Kind::Sbs1(board)) => board.mislead(until, probability),
             (Ailment::Bumper(number), Kind::Psc1(board)) => board.press(number, until),
             (Ailment::StopButton, Kind::Psc1(board)) => board.push_button(until),
             (Ailment::Battery(volts), Kind::Psc1(board)) => board.set_battery(volts, until),
             (Ailment::PowerOff(seconds), Kind::Psc1(board)) => board.power_off(now, seconds),
             (Ailment::None, kind) => {
-                if let Kind::Psc1(board) = kind {
-                    board.let_go(now);
-                    board.supply();
+                match kind {
+                    Kind::Psc1(board) => {
+                        board.let_go(now);
+                        board.supply();
+                    }
+                    Kind::Sd1(board) => board.heal(),
+                    Kind::Sbs1(board) => {
+                        board.hide(now, 0);
+                        board.mislead(now, 0.0);
+                    }
+                    Kind::So1(_) => {}
                 }
                 self.ails = Ails::default();
                 self.babbles = Instant::NEVER;
@@ -216,11 +231,11 @@ impl Board {
         if self.ails.clash > now {
             clash(words, random);
         }
-        let (garbled, probability) = self.ails.garbled;
-        if garbled > now {
+        let (until, probability) = self.ails.garbled;
+        if until > now {
             for word in words {
                 if random.chance(probability) {
-                    *word = wrong(*word, random);
+                    *word = garbled(random, *word);
                 }
             }
         }
@@ -242,16 +257,10 @@ fn clash(words: &mut Vec<Word>, random: &mut Random) {
         return;
     }
     for word in words.iter_mut().skip(offset) {
-        *word = wrong(*word, random);
+        *word = garbled(random, *word);
     }
     // Behind a gap, or where the first one's answer ends.
     words.extend(twin.into_iter().skip(words.len().saturating_sub(offset)));
-}
-
-/// Never what was said: a collision that does no harm would hide.
-fn wrong(word: Word, random: &mut Random) -> Word {
-    let bits = random.bits();
-    Word { byte: word.byte ^ (bits as u8 | 1), ninth: bits >> 8 & 7 == 0 }
 }
 
 fn frame(address: u8, instruction: u8, data: &[u8], crc: Crc8) -> Words {
@@ -279,6 +288,7 @@ pub(crate) struct SerialLine {
     /// When the last received word is over.
     heard: Instant,
     random: Random,
+    disturbance: Disturbance,
 }
 
 impl SerialLine {
@@ -286,15 +296,40 @@ impl SerialLine {
     pub fn new(baud: u32, crc: Crc8, wire_time: bool, boards: Vec<Board>, random: Random) -> Self {
         let word = word_time(baud);
         let played = if wire_time { word } else { Duration::ZERO };
-        Self { boards, crc, word, played, wire: VecDeque::new(), heard: Instant::ZERO, random }
+        Self {
+            boards,
+            crc,
+            word,
+            played,
+            wire: VecDeque::new(),
+            heard: Instant::ZERO,
+            random,
+            disturbance: Disturbance::default(),
+        }
     }
 
     pub fn handle_rx(&mut self, now: Instant, words: &[Word], scene: &Scene) {
         let at = self.heard.max(now) + self.played * words.len() as u32;
         self.heard = at;
+        if self.random.chance(self.disturbance.loss(now)) {
+            return;
+        }
         for board in self.boards.iter_mut().filter(|board| board.hears(now)) {
             board.handle_rx(at, now, words, scene);
         }
+    }
+
+    /// Lets a fault come over the line itself; false when that is none. Where the host models a wire, it does what a wire
+    /// does.
+    pub fn disturb(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
+        let known = matches!(
+            ailment,
+            Ailment::Noise(_) | Ailment::Loss(_) | Ailment::Duplicate(_) | Ailment::Delay(_) | Ailment::None
+        );
+        if known && self.played > Duration::ZERO {
+            self.disturbance.suffer(now, ailment, until);
+        }
+        known
     }
 
     pub fn handle_timeout(&mut self, now: Instant) {
@@ -329,10 +364,18 @@ impl SerialLine {
         let taken = others.max().unwrap_or(Instant::ZERO).since(begin);
         let overlap = taken.as_nanos().div_ceil(self.word.as_nanos().max(1)) as usize;
         for word in words.iter_mut().take(overlap) {
-            *word = wrong(*word, &mut self.random);
+            *word = garbled(&mut self.random, *word);
         }
         self.boards[place].talks = begin + self.word * words.len() as u32;
         let due = if self.played == Duration::ZERO { now } else { begin + self.played * words.len() as u32 };
+        if self.random.chance(self.disturbance.loss(now)) {
+            return;
+        }
+        self.disturbance.garble(now, &mut words, &mut self.random);
+        let due = self.disturbance.arrival(now, due);
+        if self.disturbance.duplicates(now, &mut self.random) {
+            self.wire.push_back((due, words.clone()));
+        }
         self.wire.push_back((due, words));
     }
 

@@ -65,18 +65,33 @@ pub struct Sbs1 {
     active: Vec<u8>,
     /// From here on the active beacons are looked for.
     since: Instant,
+    /// Until when a beacon is hidden; 0: all are.
+    hidden: (Instant, u8),
+    /// Until when more sightings are of something else, and how probably.
+    wild: (Instant, f64),
 }
 
 impl Sbs1 {
     /// A board that is switched on at `start` and looks for all beacons.
     #[must_use]
     pub fn new(address: u8, config: Sbs1Config, start: Instant) -> Self {
-        Self { config, address, start, active: Vec::new(), since: start }
+        let (hidden, wild) = ((Instant::ZERO, 0), (Instant::ZERO, 0.0));
+        Self { config, address, start, active: Vec::new(), since: start, hidden, wild }
     }
 
     /// As after a reset at `now`: all beacons again.
     pub fn reset(&mut self, now: Instant) {
-        *self = Self::new(self.address, self.config, now);
+        *self = Self { hidden: self.hidden, wild: self.wild, ..Self::new(self.address, self.config, now) };
+    }
+
+    /// Somebody stands before a beacon until then; 0: before all.
+    pub fn hide(&mut self, until: Instant, beacon: u8) {
+        self.hidden = (until, beacon);
+    }
+
+    /// A sighting is of something else with this probability until then.
+    pub fn mislead(&mut self, until: Instant, probability: f64) {
+        self.wild = (until, probability);
     }
 
     /// Answers a request.
@@ -137,6 +152,10 @@ impl Sbs1 {
         if distance > self.config.range || distance <= MOUNTING {
             return None;
         }
+        let (hidden, which) = self.hidden;
+        if at < hidden && (which == 0 || which == beacon.id) {
+            return None;
+        }
         let way = (dx / distance, dy / distance);
         if scene.world().ray(own.point(), way, distance - MOUNTING).is_some() {
             return None;
@@ -148,7 +167,8 @@ impl Sbs1 {
         let true_bearing = libm::atan2(dy, dx) - own.theta.radians();
         let noise =
             (random.normal() + self.drift(at, beacon.id, scene)) * self.config.sigma / core::f64::consts::SQRT_2;
-        let bearing = match random.chance(self.config.wild) {
+        let wild = if at < self.wild.0 { self.wild.1.max(self.config.wild) } else { self.config.wild };
+        let bearing = match random.chance(wild) {
             true => (random.uniform() - 0.5) * core::f64::consts::TAU,
             false => wrap(true_bearing + noise),
         };
@@ -260,6 +280,24 @@ mod tests {
         let mut board = Sbs1::new(0x30, exact(), Instant::ZERO);
         let sightings = beacons(&mut board, 2000, &scene);
         assert_eq!(sightings.iter().map(|sighting| sighting.id).collect::<Vec<_>>(), [2]);
+    }
+
+    #[test]
+    fn a_beacon_that_somebody_stands_before_is_not_sighted_and_one_may_be_something_else() {
+        let scene = scene(&[(1, 5.0, 0.0), (2, 5.0, 1.0)]);
+        let mut board = Sbs1::new(0x30, exact(), Instant::ZERO);
+        let ids = |sightings: &Sightings| sightings.iter().map(|sighting| sighting.id).collect::<Vec<_>>();
+        board.hide(Instant::from_millis(2000), 2);
+        board.reset(Instant::ZERO);
+        assert_eq!(ids(&beacons(&mut board, 1900, &scene)), [1]);
+        board.hide(Instant::from_millis(2000), 0);
+        assert_eq!(ids(&beacons(&mut board, 1900, &scene)), [0; 0]);
+        let right = beacons(&mut board, 3900, &scene);
+        assert_eq!(ids(&right), [1, 2]);
+        board.mislead(Instant::from_millis(6000), 1.0);
+        let wrong = beacons(&mut board, 5900, &scene);
+        assert!(wrong.iter().zip(&right).all(|(wrong, right)| wrong.bearing != right.bearing), "{wrong:?}");
+        assert_eq!(beacons(&mut board, 7900, &scene), right);
     }
 
     #[test]

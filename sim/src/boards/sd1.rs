@@ -16,6 +16,8 @@ const SLOT: Duration = Duration::from_millis(70);
 const SLOTS: u64 = 3;
 /// The floor rangers' cycle is 16.5 ms; sampled on the body's grid.
 pub const RANGER_PERIOD: Duration = Duration::from_millis(20);
+/// What a sonar that hears nothing hears of another's pulse is nearer than this, m.
+const FAR: f64 = 6.0;
 /// Beyond these the floor is not where it should be, m.
 const FLOOR: (f64, f64) = (0.080, 0.200);
 
@@ -28,6 +30,15 @@ pub struct Sd1Config {
     pub irs: Vec<Point>,
 }
 
+/// Until when what ails its sonars.
+#[derive(Clone, Debug, Default)]
+struct Ears {
+    blind: Instant,
+    stuck: (Instant, Srfs),
+    /// Each hears another's pulse with this probability.
+    crosstalk: (Instant, f64),
+}
+
 /// The board.
 #[derive(Debug)]
 pub struct Sd1 {
@@ -37,6 +48,7 @@ pub struct Sd1 {
     start: Instant,
     outside: [u8; IRS],
     pause: PauseSource,
+    ears: Ears,
 }
 
 impl Sd1 {
@@ -44,12 +56,33 @@ impl Sd1 {
     #[must_use]
     pub fn new(address: u8, config: Sd1Config, start: Instant) -> Self {
         let start = start + Duration::from_millis(u64::from(address % 7) * 10);
-        Self { config, address, start, outside: [0; IRS], pause: PauseSource::None }
+        Self { config, address, start, outside: [0; IRS], pause: PauseSource::None, ears: Ears::default() }
     }
 
     /// As after a reset at `now`.
     pub fn reset(&mut self, now: Instant) {
-        *self = Self::new(self.address, std::mem::take(&mut self.config), now);
+        let ears = std::mem::take(&mut self.ears);
+        *self = Self { ears, ..Self::new(self.address, std::mem::take(&mut self.config), now) };
+    }
+
+    /// Its sonars hear nothing until then.
+    pub fn blind(&mut self, until: Instant) {
+        self.ears.blind = until;
+    }
+
+    /// Its sonars say what they say now until then.
+    pub fn stick(&mut self, now: Instant, until: Instant, scene: &Scene) {
+        self.ears.stuck = (until, self.srfs(now, scene));
+    }
+
+    /// Each of its sonars hears another's pulse with this probability until then: too near.
+    pub fn mix(&mut self, until: Instant, probability: f64) {
+        self.ears.crosstalk = (until, probability);
+    }
+
+    /// Its sonars are well.
+    pub fn heal(&mut self) {
+        self.ears = Ears::default();
     }
 
     /// Its address on the bus.
@@ -103,6 +136,11 @@ impl Sd1 {
 
     /// What each channel's last finished slot measured.
     fn srfs(&self, now: Instant, scene: &Scene) -> Srfs {
+        if now < self.ears.stuck.0 {
+            return self.ears.stuck.1.clone();
+        }
+        let (mixed, probability) = self.ears.crosstalk;
+        let mixed = if now < mixed { probability } else { 0.0 };
         let slots = now.since(self.start).as_nanos() as u64 / SLOT.as_nanos() as u64;
         let measure = |(channel, mount): (usize, &Pose)| {
             // The latest slot before the running one that is this channel's.
@@ -111,7 +149,15 @@ impl Sd1 {
                 return NO_ECHO;
             };
             let fired = Instant::from_nanos(self.start.as_nanos() + slot * SLOT.as_nanos() as u64);
+            if now < self.ears.blind {
+                return NO_ECHO;
+            }
             let metres = scene.sonar(*mount, fired, self.stream(channel as u64, slot));
+            let mut random = scene.random(self.stream(32 + channel as u64, slot));
+            let metres = match random.chance(mixed) {
+                true => Some(metres.unwrap_or(FAR) * random.uniform()),
+                false => metres,
+            };
             metres.map_or(NO_ECHO, |metres| libm::round(metres * 1000.0) as u16)
         };
         self.config.srfs.iter().take(SRFS).enumerate().map(measure).collect()
@@ -176,6 +222,36 @@ mod tests {
             let expected = libm::round((20.0 - 0.75 - x) * 100.0) as u16 * 10;
             assert_eq!(mm, expected, "channel {channel}, fired at {} ms of {at}", slot * 70);
         }
+    }
+
+    #[test]
+    fn ears_that_are_blind_stuck_or_mixed_say_so_until_they_are_well() {
+        let mut world = World::hall(20.0, 12.0);
+        world.start = Pose::new(16.0, 6.0, 0.0);
+        let mut scene = scene(world);
+        let mut board = board(Vec::new());
+        let well = ask(&mut board, 500, 0x01, &scene);
+        board.blind(Instant::from_millis(900));
+        assert_eq!(ask(&mut board, 800, 0x01, &scene), [NO_ECHO.to_le_bytes(); 3].concat());
+        board.reset(Instant::from_millis(800));
+        assert_eq!(ask(&mut board, 899, 0x01, &scene), [NO_ECHO.to_le_bytes(); 3].concat(), "a reset does not help");
+        board.reset(Instant::ZERO);
+        assert_eq!(ask(&mut board, 1000, 0x01, &scene), well);
+        board.stick(Instant::from_millis(1000), Instant::from_millis(3000), &scene);
+        scene.demand.speed = Some(0.5);
+        for _ in 0..400 {
+            scene.step();
+        }
+        assert_eq!(ask(&mut board, 2900, 0x01, &scene), well);
+        let nearer = ask(&mut board, 3000, 0x01, &scene);
+        assert_ne!(nearer, well);
+        board.mix(Instant::from_millis(4000), 1.0);
+        let mixed = ask(&mut board, 3000, 0x01, &scene);
+        let metres =
+            |bytes: &[u8]| bytes.chunks(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect::<Vec<_>>();
+        assert!(metres(&mixed).iter().zip(metres(&nearer)).all(|(mixed, well)| *mixed < well), "{mixed:?}");
+        board.heal();
+        assert_eq!(ask(&mut board, 3000, 0x01, &scene), nearer);
     }
 
     #[test]

@@ -5,6 +5,9 @@ use rs485::boards::so1::{GET_TICKS, RESET_TICKS, Ticks, build_ticks};
 use rs485::slave::Asked;
 use rs485::{Data, frame::Status};
 
+/// A few millimetres before sixteen bits wrap.
+const NEAR_WRAP: i64 = 32_700;
+
 /// The board.
 #[derive(Debug, Default)]
 pub struct So1 {
@@ -31,6 +34,12 @@ impl So1 {
             }
             (false, None) => {}
         }
+    }
+
+    /// Puts the counters just before their wrap: forward it comes in a moment.
+    pub fn wrap(&mut self, scene: &Scene) {
+        let (left, right) = scene.body().ticks();
+        self.zero = (left - NEAR_WRAP, right - NEAR_WRAP);
     }
 
     /// Answers a request.
@@ -91,6 +100,16 @@ mod tests {
         assert!(wrapped > 32_767 && ticks(&mut board, &scene) == [wrapped as i16; 2]);
         assert_eq!(ask(&mut board, 0x02, &scene), []);
         assert_eq!(ticks(&mut board, &scene), [0, 0]);
+    }
+
+    #[test]
+    fn a_counter_just_before_its_wrap_wraps_soon() {
+        let mut scene = Scene::new(Instant::ZERO, World::default(), Parameters::default(), Sonar::default(), 1);
+        let mut board = So1::new(&scene);
+        board.wrap(&scene);
+        assert_eq!(ticks(&mut board, &scene), [32_700; 2]);
+        drive(&mut scene, 0.1);
+        assert!(ticks(&mut board, &scene)[0] < -32_000);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::Owner;
 use super::news::Traffic;
+use crate::disturbance::garbled;
 use crate::random::Random;
 use base::Instant;
 use base::serial::Word;
@@ -119,13 +120,6 @@ impl SerialWire {
     pub fn close(&mut self, pid: u32) {
         self.ports.retain(|owner| owner.pid != pid);
     }
-}
-
-/// Another word than what was sent.
-pub(super) fn garbled(random: &mut Random, word: Word) -> Word {
-    let bits = random.bits();
-    // Never what was sent: a collision that does no harm would hide.
-    Word { byte: word.byte ^ ((bits as u8) | 1), ninth: bits >> 8 & 7 == 0 }
 }
 
 #[cfg(test)]

@@ -2,9 +2,9 @@
 
 use super::can::CanWire;
 use super::config::Config;
-use super::disturbance::Disturbance;
 use super::news::Traffic;
-use super::serial::{SerialWire, garbled};
+use super::serial::SerialWire;
+use crate::disturbance::Disturbance;
 use crate::faults::Ailment;
 use crate::random::Random;
 use base::Instant;
@@ -67,12 +67,7 @@ impl Wire {
 
     /// Noise on a serial line.
     pub fn garble(&mut self, now: Instant, words: &mut [Word]) {
-        let chance = self.disturbance.noise(now, rs485::BITS_PER_WORD as f64);
-        for word in words {
-            if self.random.chance(chance) {
-                *word = garbled(&mut self.random, *word);
-            }
-        }
+        self.disturbance.garble(now, words, &mut self.random);
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {

@@ -105,7 +105,7 @@ fn faults_come_last_and_go() {
 #[test]
 fn a_fault_that_it_does_not_know_is_reported() {
     let mut bench = bench(config(false));
-    for (target, name) in [("so1", "melted"), ("nobody", "silent"), ("sd1_front", "stuck")] {
+    for (target, name) in [("so1", "melted"), ("nobody", "silent"), ("sbs1", "stuck")] {
         bench.done();
         fault(&mut bench, target, name, 1.0);
         let reported = bench
@@ -114,6 +114,18 @@ fn a_fault_that_it_does_not_know_is_reported() {
             .any(|(_, action)| matches!(action, module::Action::Report(report) if report.fault == Fault::FaultUnknown));
         assert!(reported, "{target} {name}");
     }
+}
+
+#[test]
+fn a_line_is_disturbed_where_no_wire_is_modelled() {
+    let mut bench = bench(config(true));
+    let answered = |bench: &mut Bench| (0..20).filter(|_| ask(bench, TICKS).is_some()).count();
+    assert_eq!(answered(&mut bench), 20);
+    fault_of(&mut bench, "rs485.a", "loss", 1.0);
+    bench.done();
+    assert_eq!(answered(&mut bench), 0);
+    fault(&mut bench, "rs485.a", "none", 0.0);
+    assert_eq!(answered(&mut bench), 20);
 }
 
 #[test]

@@ -50,9 +50,10 @@ impl fmt::Display for Fault {
 pub fn draw(scenario: &Scenario, seed: u64, episode: u64) -> Vec<Fault> {
     let mut faults = Vec::new();
     for kind in &scenario.kinds {
-        let name = kind.name.bytes().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
-        });
+        let name = kind
+            .name
+            .bytes()
+            .fold(0xCBF2_9CE4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3));
         let mut random = Random::stream(Random::stream(seed, episode).bits(), name);
         let mut begin = Duration::ZERO;
         for (phase, end) in scenario.phases() {

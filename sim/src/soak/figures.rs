@@ -121,7 +121,8 @@ impl Meter {
     fn on_lost(&mut self, now: Instant, module: &str, pid: u32) {
         self.down.entry(module.into()).or_insert(now);
         let limits = &self.limits;
-        let critical = module == limits.watchdog || module == limits.driver || limits.critical.iter().any(|m| m == module);
+        let critical =
+            module == limits.watchdog || module == limits.driver || limits.critical.iter().any(|m| m == module);
         if critical && self.moves && self.lost.is_none() {
             let speed = self.truth.as_ref().map_or(0.0, |truth| truth.speed.abs());
             self.lost = Some(Loss { at: now, pid, speed });

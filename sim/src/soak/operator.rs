@@ -187,9 +187,7 @@ impl Operator {
 
     /// He has commanded zero for a while.
     fn go(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
-        let planner = |process: &common::Process| {
-            process.module == PLANNER && process.state == common::DataState::RUN
-        };
+        let planner = |process: &common::Process| process.module == PLANNER && process.state == common::DataState::RUN;
         if self.processes.processes.iter().any(planner) && self.random.chance(0.5) {
             self.doing = Doing::Waits(now + GOAL);
             self.goal += 1;
@@ -251,7 +249,7 @@ impl Operator {
         if self.square > 0 {
             let radius = wheelbase / libm::tan(steering);
             let quarter = core::f64::consts::FRAC_PI_2 * radius / (speed / 2.0);
-            return if self.square % 2 == 0 { (speed, 0.0, 2.0) } else { (speed / 2.0, steering, quarter) };
+            return if self.square.is_multiple_of(2) { (speed, 0.0, 2.0) } else { (speed / 2.0, steering, quarter) };
         }
         let forward = if self.random.chance(0.7) { 1.0 } else { -1.0 };
         let speed = forward * self.between(0.1, speed);

@@ -114,7 +114,8 @@ impl Scenario {
     pub fn phases(&self) -> impl Iterator<Item = (Phase, Duration)> {
         let (turn, settle) = (self.chaos + self.calm, self.settle);
         let turns = (0..).map(move |n| settle + turn * n).take_while(move |begin| *begin + turn <= self.episode);
-        let pair = |begin: Duration| [(Phase::Chaos, begin + self.chaos), (Phase::Calm, begin + self.chaos + self.calm)];
+        let pair =
+            |begin: Duration| [(Phase::Chaos, begin + self.chaos), (Phase::Calm, begin + self.chaos + self.calm)];
         std::iter::once((Phase::Settle, self.settle)).chain(turns.flat_map(pair).collect::<Vec<_>>())
     }
 

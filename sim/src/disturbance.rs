@@ -2,11 +2,12 @@
 
 use crate::faults::Ailment;
 use crate::random::Random;
+use base::serial::Word;
 use base::{Duration, Instant};
 
 /// Each with the moment until which it lasts.
 #[derive(Debug, Default)]
-pub(super) struct Disturbance {
+pub(crate) struct Disturbance {
     /// Probability that a receiver (LCM), or everybody, does not get it.
     loss: (Instant, f64),
     /// Probability that it comes twice.
@@ -18,7 +19,7 @@ pub(super) struct Disturbance {
     /// Probability that a bit is wrong.
     noise: (Instant, f64),
     /// Nothing comes before this: what was delayed is not overtaken.
-    pub not_before: Instant,
+    not_before: Instant,
 }
 
 impl Disturbance {
@@ -39,10 +40,12 @@ impl Disturbance {
         true
     }
 
+    /// Probability of a loss.
     pub fn loss(&self, now: Instant) -> f64 {
         if now < self.loss.0 { self.loss.1 } else { 0.0 }
     }
 
+    /// How much later it comes.
     pub fn delay(&self, now: Instant) -> Duration {
         if now < self.delay.0 { self.delay.1 } else { Duration::ZERO }
     }
@@ -58,8 +61,18 @@ impl Disturbance {
     }
 
     /// Probability that something of so many bits is wrong.
-    pub fn noise(&self, now: Instant, bits: f64) -> f64 {
+    fn noise(&self, now: Instant, bits: f64) -> f64 {
         if now < self.noise.0 { 1.0 - libm::pow(1.0 - self.noise.1, bits) } else { 0.0 }
+    }
+
+    /// Noise on a serial line.
+    pub fn garble(&self, now: Instant, words: &mut [Word], random: &mut Random) {
+        let chance = self.noise(now, rs485::BITS_PER_WORD as f64);
+        for word in words {
+            if random.chance(chance) {
+                *word = garbled(random, *word);
+            }
+        }
     }
 
     /// When what would come at `at` comes: delayed, and not before what came before it.
@@ -69,7 +82,13 @@ impl Disturbance {
     }
 }
 
+/// Another word than what was sent: a disturbance that does no harm would hide.
+pub(crate) fn garbled(random: &mut Random, word: Word) -> Word {
+    let bits = random.bits();
+    Word { byte: word.byte ^ ((bits as u8) | 1), ninth: bits >> 8 & 7 == 0 }
+}
+
 /// A part of a time, each as likely as the other.
-pub(super) fn part(of: Duration, random: &mut Random) -> Duration {
+pub(crate) fn part(of: Duration, random: &mut Random) -> Duration {
     Duration::from_nanos((of.as_nanos() as f64 * random.uniform()) as u64)
 }
