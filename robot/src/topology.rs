@@ -1,10 +1,11 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
 use crate::config::{
-    self, CanBus, CanDriver, CanInterface, Config, ConfigError, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
+    self, CanBus, CanDriver, CanInterface, Config, ConfigError, ModuleEntry, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
+use crate::live::limits::Limits;
 use crate::live::ports::{PortConfig, TerminalConfig};
-use crate::live::processes::Launch;
+use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
 use base::Duration;
 use canopen::eds::Eds;
@@ -185,30 +186,41 @@ fn watchdog(config: &Config) -> watchdog::Config {
 /// How the watchdog's host starts a module: our own executable with our own arguments, unless the list says otherwise.
 fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
     let own = std::env::current_exe().map_err(|error| ConfigError(vec![format!("own executable: {error}")]))?;
-    let place = place.clone();
-    let modules = config.modules.clone();
-    Ok(Box::new(move |name, state| {
+    let (place, modules) = (place.clone(), config.modules.clone());
+    let run_dir = Some(place.run_dir.clone());
+    let divides = modules.iter().any(|module| module.memory_max.is_some() || module.cpu_max.is_some());
+    let start = move |name: &str, state: State| {
         let entry = modules.iter().find(|module| module.name == name);
         let args = entry.map(|entry| entry.args.as_slice()).unwrap_or_default();
-        if let Some(command) = entry.and_then(|entry| entry.command.as_ref()) {
-            // docs/writing-a-module.md
-            let mut command = Command::new(command);
-            command.args(args).env("ADVEE_MODULE", name).env("ADVEE_STATE", state.name());
-            command.env("LCM_DEFAULT_URL", foreign_url(&place.lcm_url));
-            return command;
-        }
-        let mut command = Command::new(&own);
-        command.args(["run", name, "--state", state.name()]).args(place.arguments()).args(args);
-        command
-    }))
+        let mut command = match entry.and_then(|entry| entry.command.as_ref()) {
+            Some(command) => {
+                // docs/writing-a-module.md
+                let mut command = Command::new(command);
+                command.env("ADVEE_MODULE", name).env("ADVEE_STATE", state.name());
+                command.env("LCM_DEFAULT_URL", foreign_url(&place.lcm_url));
+                command
+            }
+            None => {
+                let mut command = Command::new(&own);
+                command.args(["run", name, "--state", state.name()]).args(place.arguments());
+                command
+            }
+        };
+        command.args(args);
+        Start { command, limits: entry.map(limits).unwrap_or_default() }
+    };
+    Ok(Launch { start: Box::new(start), run_dir, divides })
+}
+
+fn limits(module: &ModuleEntry) -> Limits {
+    let ModuleEntry { rt_priority, nice, memory_max, cpu_max, .. } = *module;
+    Limits { rt_priority, cpus: module.cpus.clone(), nice, memory_max, cpu_max }
 }
 
 /// The bus as programs on the official library are told of it, which warns of options that are ours alone.
 fn foreign_url(url: &str) -> String {
     match lcm::Url::parse(url) {
-        Ok((lcm::Url::Udpm(udpm), _)) => {
-            lcm::Url::from(lcm::url::Udpm { shm: lcm::url::Shm::Off, ..udpm }).to_string()
-        }
+        Ok((lcm::Url::Udpm(udpm), _)) => lcm::Url::from(lcm::url::Udpm { shm: lcm::url::Shm::Off, ..udpm }).to_string(),
         _ => url.into(),
     }
 }

@@ -11,7 +11,7 @@ mod tests;
 mod tree;
 mod world;
 
-pub use modules::{ModuleEntry, SIMULATOR};
+pub use modules::{HardwareWatchdog, ModuleEntry, SIMULATOR};
 pub use reader::{Problems, Table};
 pub use robot::{
     Axis, Beacon, CanBus, CanDriver, CanInterface, CanNode, Crc, Direction, Geometry, Limits, Power, Ranger, Robot,
@@ -43,6 +43,8 @@ pub struct Config {
     pub robot: Robot,
     /// `modules.toml`; the simulator only in simulation.
     pub modules: Vec<ModuleEntry>,
+    /// What guards all of it, as `modules.toml` has it.
+    pub hardware_watchdog: Option<HardwareWatchdog>,
 }
 
 impl Config {
@@ -75,7 +77,9 @@ impl Config {
         let robot = Table::new(robot, "", &problems).and_then(Robot::read);
         let modules = Table::new(modules, "", &problems).map(|root| modules::read(root, sim));
         match (robot, modules, problems.lines()) {
-            (Some(robot), Some(modules), lines) if lines.is_empty() => Ok(Self { robot, modules }),
+            (Some(robot), Some((modules, hardware_watchdog)), lines) if lines.is_empty() => {
+                Ok(Self { robot, modules, hardware_watchdog })
+            }
             (_, _, lines) => Err(ConfigError(lines)),
         }
     }

@@ -1,6 +1,7 @@
 //! `modules.toml`: the modules that the watchdog starts, in this order, and how each is treated.
 
 use super::reader::Table;
+use std::path::PathBuf;
 
 /// One `[[modules]]`.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,15 +16,15 @@ pub struct ModuleEntry {
     pub depends: Vec<String>,
     /// Silence of its beat that counts as a hang, 0.02..=60 s; default 0.2.
     pub beat_timeout_s: f64,
-    /// `SCHED_FIFO` priority, 1..=99; none: the normal scheduler. Not acted upon yet.
+    /// `SCHED_FIFO` priority, 1..=98; none: the normal scheduler.
     pub rt_priority: Option<u8>,
-    /// Processors it may use; empty: all. Not acted upon yet.
+    /// Processors it may use; empty: all.
     pub cpus: Vec<u16>,
-    /// -20..=19; default 0. Not acted upon yet.
+    /// -20..=19; default 0.
     pub nice: i8,
-    /// Bytes, from 1 MiB; none: no limit. Not acted upon yet.
+    /// Bytes, from 1 MiB; none: no limit.
     pub memory_max: Option<u64>,
-    /// Cores, 0.01..=64; none: no limit. Not acted upon yet.
+    /// Cores, 0.01..=64; none: no limit.
     pub cpu_max: Option<f64>,
     /// Whether it is started again when it ends unasked; default true.
     pub restart: bool,
@@ -31,11 +32,23 @@ pub struct ModuleEntry {
     pub critical: bool,
 }
 
+/// The computer's own watchdog, which resets it when the robot's critical modules are not healthy.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HardwareWatchdog {
+    /// Its device.
+    pub path: PathBuf,
+    /// It resets when it was not fed for this long, 2..=3600 s; default 10.
+    pub timeout_s: u32,
+}
+
 /// The module that only a simulated robot has.
 pub const SIMULATOR: &str = "simulator";
 
 /// Reads the list; `sim` tells whether the simulator is part of it.
-pub(super) fn read(mut root: Table<'_>, sim: bool) -> Vec<ModuleEntry> {
+pub(super) fn read(mut root: Table<'_>, sim: bool) -> (Vec<ModuleEntry>, Option<HardwareWatchdog>) {
+    let path = root.text("hardware_watchdog", Some(""));
+    let timeout_s = root.integer("hardware_watchdog_timeout", Some(10), 2..=3600);
+    let hardware_watchdog = (!path.is_empty()).then(|| HardwareWatchdog { path: path.into(), timeout_s });
     let items: Vec<_> = root.tables("modules");
     let mut modules: Vec<ModuleEntry> = Vec::new();
     for mut item in items {
@@ -56,7 +69,7 @@ pub(super) fn read(mut root: Table<'_>, sim: bool) -> Vec<ModuleEntry> {
     }
     root.end();
     modules.retain(|module| sim || module.name != SIMULATOR);
-    modules
+    (modules, hardware_watchdog)
 }
 
 impl ModuleEntry {
@@ -72,7 +85,7 @@ impl ModuleEntry {
             args: table.texts("args"),
             depends: table.texts("depends"),
             beat_timeout_s: table.number("beat_timeout", Some(0.2), 0.02..=60.0),
-            rt_priority: Some(table.integer("rt_priority", Some(0), 0..=99)).filter(|priority| *priority > 0),
+            rt_priority: Some(table.integer("rt_priority", Some(0), 0..=98)).filter(|priority| *priority > 0),
             cpus: table.integers("cpus", 0..=1023),
             nice: table.integer("nice", Some(0), -20..=19),
             memory_max: none_if_zero(table.number("memory_max", Some(0.0), 0.0..=1e15)).map(|bytes| bytes as u64),

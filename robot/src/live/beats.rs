@@ -128,14 +128,23 @@ pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
     Ok(path)
 }
 
-/// The same name for the same run folder, another one for another (FNV-1a).
 fn shared_name(run_dir: &Path) -> String {
+    format!("advee-beats-{}-{:016x}", nix::unistd::geteuid(), hash(run_dir))
+}
+
+/// The same for the same run folder, another one for another.
+#[must_use]
+pub fn hash(run_dir: &Path) -> u64 {
     let path = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.into());
-    let bytes = path.as_os_str().as_encoded_bytes();
-    let hash = bytes
+    fnv(path.as_os_str().as_encoded_bytes())
+}
+
+/// FNV-1a, 64 bits: for names, not for secrets.
+#[must_use]
+pub fn fnv(bytes: &[u8]) -> u64 {
+    bytes
         .iter()
-        .fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3));
-    format!("advee-beats-{}-{hash:016x}", nix::unistd::geteuid())
+        .fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3))
 }
 
 /// A thread that the watchdog reads of.
@@ -197,7 +206,9 @@ impl Page {
     /// Looks at it. `held_up` is how long nobody looked beyond the usual: nobody is to blame for that.
     pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
         let mut page = [0; SIZE];
-        if self.file.read_exact_at(&mut page, 0).is_err() {
+        // No more than is known to be written, and one thread that may have come.
+        let length = (ENTRIES + ENTRY * (self.threads.len() + 1)).min(SIZE);
+        if self.file.read_exact_at(&mut page[..length], 0).is_err() {
             return Reading::Bad("is cut short");
         }
         let word = |place: usize| {
@@ -217,6 +228,14 @@ impl Page {
             () if count < self.threads.len() => return Reading::Bad("has lost threads"),
             () => {}
         }
+        if length < ENTRIES + ENTRY * count && self.file.read_exact_at(&mut page, 0).is_err() {
+            return Reading::Bad("is cut short");
+        }
+        let word = |place: usize| {
+            let mut bytes = [0; 4];
+            bytes.copy_from_slice(&page[place..place + 4]);
+            u32::from_le_bytes(bytes)
+        };
         for (index, thread) in self.threads.iter_mut().enumerate() {
             let beats = word(ENTRIES + ENTRY * index + NAME);
             thread.last = if beats == thread.count { (thread.last + held_up).min(now) } else { now };

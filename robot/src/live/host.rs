@@ -7,13 +7,15 @@ use super::bad_input::{self, BadInput};
 use super::beats::{Beat, Beats};
 use super::bus::{Bus, Received as FromBus};
 use super::clock;
+use super::limits;
 use super::log::Log;
+use super::notify::ToParent;
 use super::ports::{Port, PortConfig, PortState, Received};
-use super::processes::{Launch, Processes};
+use super::processes::{self, Launch, Processes};
 use super::raw::Tap;
 use base::{Duration, Fault, Instant, Report, Severity};
-use messages::{Message, Raw};
-use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, Shell};
+use messages::{Channel, Message, Raw};
+use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell};
 use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::signal::{SigSet, Signal};
@@ -33,10 +35,14 @@ const FLUSH: Duration = Duration::from_millis(100);
 /// Messages are no longer being lost when none was for this long.
 const LOSSES_OVER: Duration = Duration::from_secs(10);
 
+/// A module that a watchdog started ends when it hears of none for this long.
+const UNGUARDED: Duration = Duration::from_secs(3);
+
 const TIMER: u64 = 0;
 const SIGNALS: u64 = 1;
 const BUS: u64 = 2;
-const PORTS: u64 = 3;
+const ENDS: u64 = 3;
+const PORTS: u64 = 4;
 
 /// Where a module finds what it needs.
 pub struct HostConfig {
@@ -77,6 +83,10 @@ struct Host {
     /// The taps on those ports that are to be heard on the bus, and the bus's name there.
     taps: Vec<Option<(String, Tap)>>,
     processes: Option<Processes>,
+    /// For the watchdog: whom it tells how it is.
+    parent: Option<ToParent>,
+    /// When the watchdog that started this process, or another one, was last heard; none: nobody guards it.
+    guarded: Option<Instant>,
     epoll: Epoll,
     timer: TimerFd,
     armed: Option<Instant>,
@@ -90,9 +100,13 @@ impl Host {
     fn open(shell: Shell, config: HostConfig) -> Result<Self, String> {
         // Before anything else may start a thread: all of them inherit the mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
-        let mut channels: Vec<&str> = vec![messages::Channel::CmCmdState.name()];
-        channels.extend(shell.module().subscriptions().iter().map(|channel| channel.name()));
+        let guarded = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
+        let mut channels = vec![Channel::CmCmdState];
+        channels.extend(guarded.map(|_| Channel::CmDataProcesses));
+        channels.extend(shell.module().subscriptions());
+        channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
+        let channels: Vec<&str> = channels.into_iter().map(Channel::name).collect();
         let bus = Bus::open(&config.lcm_url, &channels)?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
@@ -108,11 +122,20 @@ impl Host {
         epoll.add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER)).map_err(polled)?;
         epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
         epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
+        let log = Log::new(shell.name());
+        if let Err(why) = limits::lock_memory() {
+            log.line(why);
+        }
+        let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
+        if let Some(processes) = &processes {
+            epoll.add(processes, EpollEvent::new(EpollFlags::EPOLLIN, ENDS)).map_err(polled)?;
+        }
+        let parent = processes.is_some().then(|| ToParent::open(clock::now())).transpose();
         let epoch = clock::epoch();
         let beats = Beats::open().map_err(|error| format!("the page of beats: {error}"))?;
         let beat = beats.map(|mut beats| beats.thread(clock::now(), "main")).transpose();
         Ok(Self {
-            log: Log::new(shell.name()),
+            log,
             shell,
             out: Actions::new(epoch),
             spare: Actions::new(epoch),
@@ -124,7 +147,9 @@ impl Host {
             notes: vec![String::new(); ports.len()],
             taps,
             ports,
-            processes: config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)),
+            processes,
+            parent: parent.map_err(|error| format!("the parent's socket: {error}"))?.flatten(),
+            guarded,
             epoll,
             timer,
             armed: None,
@@ -135,6 +160,8 @@ impl Host {
     }
 
     fn run(mut self) -> Result<u8, String> {
+        // What an earlier life left comes before anything else.
+        self.tell_of_processes();
         self.feed(Event::Start);
         let mut ready = [EpollEvent::empty(); 16];
         loop {
@@ -151,6 +178,7 @@ impl Host {
                     TIMER => self.timer_fired(),
                     SIGNALS => self.serve_signals(),
                     BUS => self.bus_more = true,
+                    ENDS => self.serve_ends(),
                     port => self.port_ready((port - PORTS) as usize, event.events()),
                 }
             }
@@ -158,6 +186,7 @@ impl Host {
             for index in 0..self.ports.len() {
                 self.serve_port(index);
             }
+            self.end_unguarded();
         }
     }
 
@@ -183,7 +212,9 @@ impl Host {
         let taps = self.taps.iter().flatten().filter_map(|(_, tap)| tap.poll_timeout()).min();
         let end = self.end.map(|(_, until)| until);
         let beat = self.beat.as_ref().map(Beat::next);
-        let due = [shell, ports, taps, processes, end, beat].into_iter().flatten().min();
+        let parent = self.parent.as_ref().map(ToParent::next);
+        let unguarded = self.guarded.map(|heard| heard + UNGUARDED);
+        let due = [shell, ports, taps, processes, end, beat, parent, unguarded].into_iter().flatten().min();
         if due == self.armed && due.is_none_or(|due| due > now) {
             return Ok(());
         }
@@ -221,21 +252,37 @@ impl Host {
             processes.handle_timeout(now);
             self.tell_of_processes();
         }
+        // After all that it is to vouch for.
+        if let Some(parent) = &mut self.parent {
+            parent.handle_timeout(now);
+        }
     }
 
     fn serve_signals(&mut self) {
-        while let Ok(Some(signal)) = self.signals.read_signal() {
-            if signal.ssi_signo == Signal::SIGCHLD as u32 {
-                // What it was told before it ended comes first: one that was told to end has not died.
-                self.serve_bus();
-                if let Some(processes) = &mut self.processes {
-                    processes.on_child_signal();
-                }
-                self.tell_of_processes();
-            } else {
-                self.shell.terminate(clock::now(), &mut self.out);
-                self.act();
-            }
+        while let Ok(Some(_)) = self.signals.read_signal() {
+            self.shell.terminate(clock::now(), &mut self.out);
+            self.act();
+        }
+    }
+
+    fn serve_ends(&mut self) {
+        // What it was told before it ended comes first: one that was told to end has not died.
+        self.serve_bus();
+        if let Some(processes) = &mut self.processes {
+            processes.on_ends();
+        }
+        self.tell_of_processes();
+    }
+
+    /// Ends a module whose watchdog was not replaced. Asked when all that has come is read: after having been held up
+    /// itself it finds there whether one was heard.
+    fn end_unguarded(&mut self) {
+        let now = clock::now();
+        if !self.bus_more && self.guarded.is_some_and(|heard| now.since(heard) >= UNGUARDED) {
+            self.guarded = None;
+            self.log.line(format_args!("no watchdog was heard for {} s: it ends", UNGUARDED.as_secs()));
+            self.shell.terminate(now, &mut self.out);
+            self.act();
         }
     }
 
@@ -251,6 +298,9 @@ impl Host {
                     return;
                 }
                 FromBus::Message { at, message } => {
+                    if let (Some(heard), Channel::CmDataProcesses) = (&mut self.guarded, message.channel()) {
+                        *heard = now;
+                    }
                     if self.shell.wants(message.channel()) {
                         self.feed(Event::Message { at, message: &message });
                     }
@@ -296,6 +346,11 @@ impl Host {
             Action::Send(PortId(index), output) => self.send(usize::from(index), &output),
             Action::Report(report) => self.log.report(&report),
             Action::Note(line) => self.log.line(line),
+            Action::Process(ProcessCommand::Health { healthy, status }) => {
+                if let Some(parent) = &mut self.parent {
+                    parent.set(healthy, status);
+                }
+            }
             Action::Process(command) => {
                 if let Some(processes) = &mut self.processes {
                     processes.command(clock::now(), command);
@@ -391,6 +446,9 @@ impl Host {
         };
         let (shell, out) = (&mut self.shell, &mut self.out);
         while processes.poll_event(|news| shell.handle(clock::now(), Event::Process(news), out)) {}
+        while let Some(note) = processes.poll_note() {
+            self.log.line(note);
+        }
     }
 
     fn send(&mut self, index: usize, output: &Output) {
@@ -565,7 +623,7 @@ fn taps(raw: Vec<Option<String>>, ports: usize) -> Vec<Option<(String, Tap)>> {
 /// The signals that a process of ours hears by its loop and not by a handler.
 fn signals() -> nix::Result<SignalFd> {
     let mut set = SigSet::empty();
-    for signal in [Signal::SIGTERM, Signal::SIGINT, Signal::SIGCHLD] {
+    for signal in [Signal::SIGTERM, Signal::SIGINT] {
         set.add(signal);
     }
     set.thread_block()?;

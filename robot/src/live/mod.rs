@@ -5,9 +5,13 @@
 mod bad_input;
 pub mod beats;
 pub mod bus;
+mod cgroups;
 pub mod clock;
+pub mod hardware_watchdog;
 mod host;
+pub mod limits;
 pub mod log;
+pub mod notify;
 pub mod ports;
 pub mod processes;
 pub mod raw;

@@ -1,6 +1,7 @@
 //! The few system calls that have no safe wrapper.
 #![allow(unsafe_code)]
 
+use super::limits::Birth;
 use nix::libc;
 use std::io;
 use std::mem;
@@ -128,6 +129,65 @@ pub fn die_with_parent(command: &mut Command) {
     // SAFETY: between fork and exec only system calls are made: prctl, getppid, sigprocmask. Nothing allocates: the
     // errors are plain numbers.
     unsafe { command.pre_exec(prepare) };
+}
+
+/// Makes the command's process one that outlives this one, starts with no signal blocked, and with these limits. What the
+/// machine does not permit is told through the birth's pipe, and the process starts without.
+pub fn give_limits(command: &mut Command, birth: Birth) {
+    let parent = nix::unistd::getpid();
+    let prepare = move || {
+        nix::sys::signal::SigSet::empty().thread_set_mask()?;
+        birth.take_on();
+        // Nobody will know of it who could end it.
+        if nix::unistd::getppid() != parent {
+            return Err(io::ErrorKind::NotFound.into());
+        }
+        Ok(())
+    };
+    // SAFETY: between fork and exec only system calls are made, on what was prepared before. Nothing allocates: the errors
+    // are plain numbers.
+    unsafe { command.pre_exec(prepare) };
+}
+
+/// -20 is served most, 19 least; of the calling process.
+pub fn set_nice(nice: i8) -> io::Result<()> {
+    // SAFETY: plain numbers.
+    check(unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, libc::c_int::from(nice)) })
+}
+
+/// `SCHED_FIFO` of the calling thread, 1 to 99; with `alone`, processes that it starts do not inherit that.
+pub fn set_fifo(priority: u8, alone: bool) -> io::Result<()> {
+    let parameter = libc::sched_param { sched_priority: libc::c_int::from(priority) };
+    let policy = libc::SCHED_FIFO | if alone { libc::SCHED_RESET_ON_FORK } else { 0 };
+    // SAFETY: the kernel reads a live sched_param.
+    check(unsafe { libc::sched_setscheduler(0, policy, &raw const parameter) })
+}
+
+/// Whether the calling thread has a real-time priority.
+#[must_use]
+pub fn is_fifo() -> bool {
+    // SAFETY: plain numbers.
+    unsafe { libc::sched_getscheduler(0) & !libc::SCHED_RESET_ON_FORK == libc::SCHED_FIFO }
+}
+
+/// A descriptor that becomes readable when the process ends, whoever its parent is (Linux 5.3).
+pub fn pidfd_open(pid: u32) -> io::Result<OwnedFd> {
+    // SAFETY: plain numbers in, a new descriptor or -1 out.
+    let fd = unsafe { libc::syscall(libc::SYS_pidfd_open, pid as libc::pid_t, 0) } as libc::c_int;
+    check(fd)?;
+    // SAFETY: `fd` was just opened and belongs to nobody else. The kernel closes it at exec.
+    Ok(unsafe { OwnedFd::from_raw_fd(fd) })
+}
+
+/// Tells a hardware watchdog after how many seconds without being fed it is to reset the computer; what it made of that
+/// (linux/watchdog.h).
+pub fn set_watchdog_timeout(device: BorrowedFd<'_>, seconds: u32) -> io::Result<u32> {
+    const WDIOC_SETTIMEOUT: libc::Ioctl =
+        nix::request_code_readwrite!(b'W', 6, size_of::<libc::c_int>()) as libc::Ioctl;
+    let mut timeout = seconds as libc::c_int;
+    // SAFETY: the kernel reads and fills a live int.
+    check(unsafe { libc::ioctl(device.as_raw_fd(), WDIOC_SETTIMEOUT, &raw mut timeout) })?;
+    Ok(timeout.unsigned_abs())
 }
 
 /// A raw CAN socket on an interface: non-blocking, frames of the error classes `errors` delivered (linux/can/error.h),

@@ -1,0 +1,466 @@
+//! The watchdog's hands: starts module processes, each in a group of its own, hears of their end, measures them, and takes
+//! over those of an earlier watchdog.
+//!
+//! A process outlives the watchdog that started it, so that a new one finds a robot that works. What that must know stands
+//! in a file ([`record`]). An end is told by a pidfd, of a child as of one that was adopted; how an adopted one ended, its
+//! parent keeps visible for a moment (`advee up` does).
+
+mod identity;
+mod record;
+#[cfg(test)]
+mod tests;
+
+use super::beats::{self, Page, Reading};
+use super::cgroups::{Cgroups, Leaf};
+use super::limits::Limits;
+use super::sys;
+use base::{Duration, Instant, Ticker};
+use identity::Stat;
+pub use identity::{VARIABLE, children};
+use module::{ExitStatus, ProcessCommand, ProcessEvent, State};
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
+use nix::sys::signal::{Signal, killpg};
+use nix::sys::wait::{Id, WaitPidFlag, WaitStatus, waitid};
+use nix::unistd::{Pid, SysconfVar, sysconf};
+use record::Record;
+use std::collections::{BTreeSet, VecDeque};
+use std::fs;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// How often it is measured what processes use.
+const USAGE: Duration = Duration::from_secs(1);
+/// How often it is looked whether they beat.
+const LOOK: Duration = Duration::from_millis(20);
+/// Beats are missing when a thread is this late.
+const LATE: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
+/// Of the record in the run folder.
+const RECORD: &str = "processes";
+
+/// How a module is started.
+pub struct Start {
+    /// The command.
+    pub command: Command,
+    /// What it may use.
+    pub limits: Limits,
+}
+
+/// How modules are started: makes the start of one, its first state included.
+pub struct Launch {
+    /// By name and first state.
+    pub start: Box<dyn Fn(&str, State) -> Start>,
+    /// The run folder; none: nothing is written down, and nobody is adopted.
+    pub run_dir: Option<PathBuf>,
+    /// Whether any module has a limit that takes a cgroup which divides.
+    pub divides: bool,
+}
+
+/// The processes of a watchdog.
+pub struct Processes {
+    launch: Launch,
+    running: Vec<Process>,
+    record: Option<Record>,
+    groups: Option<Cgroups>,
+    /// The pidfds; one that is readable has ended.
+    ends: Epoll,
+    usage: Ticker,
+    /// Where their pages are; none: they are judged by their announcements alone.
+    beats: Option<PathBuf>,
+    looks: Ticker,
+    looked: Instant,
+    news: VecDeque<News>,
+    /// Lines for people; each is told once.
+    notes: VecDeque<String>,
+    noted: BTreeSet<String>,
+    ticks_per_second: f64,
+    page: f64,
+}
+
+struct Process {
+    pid: u32,
+    module: String,
+    /// When it started; none: it ended at once.
+    start: Option<u64>,
+    /// None: it was adopted.
+    child: Option<Child>,
+    /// None where the kernel has none: it is looked after.
+    end: Option<OwnedFd>,
+    leaf: Option<Leaf>,
+    page: Option<Page>,
+    beats: bool,
+    /// Processor time at the last measurement, and when that was.
+    ticks: u64,
+    measured: Instant,
+}
+
+/// What the watchdog is to hear.
+#[derive(Debug)]
+enum News {
+    Started { module: String, pid: u32 },
+    Earlier { module: String, wanted: State, held: bool, pid: Option<u32> },
+    Unstartable { module: String, reason: String },
+    Exited { pid: u32, status: ExitStatus },
+    Usage { pid: u32, cpu: f64, rss: i64 },
+    Beating { pid: u32 },
+    Silent { pid: u32, thread: String, last: Instant },
+    BadBeats { pid: u32, why: String },
+}
+
+/// Removes what a robot's processes left behind; for whoever ends last.
+pub fn clean(run_dir: &Path) {
+    let _ = fs::remove_file(run_dir.join(RECORD));
+    let _ = fs::remove_file(run_dir.join(RECORD).with_extension("new"));
+    Cgroups::remove(&group_name(run_dir));
+}
+
+impl Processes {
+    /// Those of an earlier watchdog, if its record says so and they live. Pages of beats are in the folder `beats`.
+    ///
+    /// # Errors
+    /// The machine has no epoll left, in one line.
+    pub fn new(now: Instant, launch: Launch, beats: Option<PathBuf>) -> Result<Self, String> {
+        let value = |name, usual| sysconf(name).ok().flatten().map_or(usual, |value| value as f64);
+        let ends = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(|errno| format!("epoll: {}", errno.desc()))?;
+        let groups = launch.run_dir.as_ref().and_then(|run_dir| Cgroups::open(&group_name(run_dir), launch.divides));
+        let mut processes = Self {
+            launch,
+            running: Vec::new(),
+            record: None,
+            groups,
+            ends,
+            usage: Ticker::new(now + USAGE, USAGE),
+            beats,
+            looks: Ticker::new(now + LOOK, LOOK),
+            looked: now,
+            news: VecDeque::new(),
+            notes: VecDeque::new(),
+            noted: BTreeSet::new(),
+            ticks_per_second: value(SysconfVar::CLK_TCK, 100.0),
+            page: value(SysconfVar::PAGE_SIZE, 4096.0),
+        };
+        processes.adopt(now);
+        Ok(processes)
+    }
+
+    /// Takes over what an earlier watchdog wrote down.
+    fn adopt(&mut self, now: Instant) {
+        let Some(run_dir) = &self.launch.run_dir else { return };
+        // As a child sees it, whatever folder it runs in.
+        let run_dir = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.clone());
+        let (mut record, told) = Record::read(&run_dir.join(RECORD), identity::boot());
+        self.notes.extend(told.err());
+        for entry in record.entries().to_vec() {
+            let owner = identity::owner(record.path(), &entry.module);
+            let found = match entry.process {
+                None if entry.starting => identity::find(&owner),
+                other => other,
+            };
+            let process = found.and_then(|(pid, start)| self.take_over(now, &entry.module, pid, start, &owner));
+            // One that was started otherwise than it would be now is of no use.
+            let mark =
+                identity::mark(record.path(), &entry.module, &(self.launch.start)(&entry.module, State::Run).command);
+            let process = match process {
+                Some((pid, _)) if identity::mark_of(pid) != Some(mark) => {
+                    self.signal(pid, Signal::SIGKILL);
+                    None
+                }
+                other => other,
+            };
+            let _ = record.change(&entry.module, |entry| (entry.process, entry.starting) = (process, false));
+            let (module, wanted, held) = (entry.module, entry.wanted, entry.held);
+            self.news.push_back(News::Earlier { module, wanted, held, pid: process.map(|(pid, _)| pid) });
+        }
+        self.record = Some(record);
+    }
+
+    fn take_over(&mut self, now: Instant, module: &str, pid: u32, start: u64, owner: &str) -> Option<(u32, u64)> {
+        let end = sys::pidfd_open(pid).ok();
+        // The descriptor is of whoever has the number now: that must be the one that was written down.
+        Stat::of(pid).filter(|stat| stat.start == start && !stat.zombie)?;
+        identity::mark_of(pid).filter(|mark| mark.starts_with(owner))?;
+        let page = self.beats.as_ref().and_then(|folder| Page::open(&folder.join(module)).ok());
+        let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(module).ok());
+        let mut process = Process {
+            pid,
+            module: module.into(),
+            start: Some(start),
+            child: None,
+            end,
+            leaf,
+            page,
+            beats: false,
+            ticks: 0,
+            measured: now,
+        };
+        process.ticks = Stat::of(pid).map_or(0, |stat| stat.ticks);
+        self.watch(&process);
+        self.running.push(process);
+        Some((pid, start))
+    }
+
+    fn watch(&self, process: &Process) {
+        if let Some(end) = &process.end {
+            // One that cannot be watched is looked after.
+            let _ = self.ends.add(end, EpollEvent::new(EpollFlags::EPOLLIN, u64::from(process.pid)));
+        }
+    }
+
+    /// Does what the watchdog asks.
+    pub fn command(&mut self, now: Instant, command: ProcessCommand) {
+        match command {
+            ProcessCommand::Spawn { module, wanted } => self.spawn(now, module, wanted),
+            ProcessCommand::Terminate { pid } => self.signal(pid, Signal::SIGTERM),
+            ProcessCommand::Kill { pid } => self.signal(pid, Signal::SIGKILL),
+            ProcessCommand::Remember { module, wanted, held } => {
+                self.write_down(&module, |entry| (entry.wanted, entry.held) = (wanted, held));
+            }
+            // Its host tells whoever guards it.
+            ProcessCommand::Health { .. } => {}
+        }
+    }
+
+    fn spawn(&mut self, now: Instant, module: String, wanted: State) {
+        let Start { mut command, limits } = (self.launch.start)(&module, wanted);
+        command.stdin(Stdio::null()).process_group(0);
+        if let Some(record) = &self.record {
+            let mark = identity::mark(record.path(), &module, &command);
+            command.env(VARIABLE, mark);
+        }
+        let page = self.beats.as_ref().map(|folder| {
+            let path = folder.join(&module);
+            command.env(beats::VARIABLE, &path);
+            Page::create(&path)
+        });
+        // Before it is there: whoever comes after us must look for it.
+        self.write_down(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
+        match self.give_birth(&module, command, &limits) {
+            Ok((child, leaf)) => {
+                let pid = child.id();
+                let start = Stat::of(pid).map(|stat| stat.start);
+                self.write_down(&module, |entry| {
+                    (entry.process, entry.starting) = (start.map(|start| (pid, start)), false)
+                });
+                self.news.push_back(News::Started { module: module.clone(), pid });
+                let (page, refused) = page.transpose().map_or_else(|error| (None, Some(error)), |page| (page, None));
+                if let Some(error) = refused {
+                    self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
+                }
+                let (end, child) = (sys::pidfd_open(pid).ok(), Some(child));
+                let process =
+                    Process { pid, module, start, child, end, leaf, page, beats: false, ticks: 0, measured: now };
+                self.watch(&process);
+                self.running.push(process);
+            }
+            Err(reason) => {
+                self.write_down(&module, |entry| entry.starting = false);
+                self.news.push_back(News::Unstartable { module, reason });
+            }
+        }
+    }
+
+    fn give_birth(
+        &mut self,
+        module: &str,
+        mut command: Command,
+        limits: &Limits,
+    ) -> Result<(Child, Option<Leaf>), String> {
+        let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(module).ok());
+        let (birth, refused) = limits.prepare(leaf.as_ref()).map_err(|error| error.to_string())?;
+        sys::give_limits(&mut command, birth);
+        let child = command.spawn().map_err(|error| format!("{}: {error}", command.get_program().display()))?;
+        for line in refused.lines() {
+            self.note(format!("{module}: {line}"));
+        }
+        Ok((child, leaf))
+    }
+
+    fn write_down(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
+        let Some(record) = &mut self.record else { return };
+        if let Err(error) = record.change(module, change) {
+            let line = format!("{}: {error}: a new watchdog will not know these processes", record.path().display());
+            self.note(line);
+        }
+    }
+
+    /// The same line is told once.
+    fn note(&mut self, line: String) {
+        if self.noted.insert(line.clone()) {
+            self.notes.push_back(line);
+        }
+    }
+
+    /// To a group of ours; a pid that is none of ours is left alone.
+    fn signal(&self, pid: u32, signal: Signal) {
+        if let Some(process) = self.running.iter().find(|process| process.pid == pid && process.is_itself()) {
+            process.signal(signal);
+        }
+    }
+
+    /// Some may have ended; which, is looked up.
+    pub fn on_ends(&mut self) {
+        let mut ended = Vec::new();
+        let news = &mut self.news;
+        self.running.retain_mut(|process| {
+            let status = process.ended();
+            news.extend(status.map(|status| News::Exited { pid: process.pid, status }));
+            ended.extend(status.map(|_| (process.module.clone(), process.pid)));
+            status.is_none()
+        });
+        for (module, pid) in ended {
+            self.write_down(&module, |entry| entry.process = entry.process.filter(|(own, _)| *own != pid));
+        }
+    }
+
+    /// Looks and measures when that is due.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        if self.looks.due(now) {
+            self.look(now);
+            if self.running.iter().any(|process| process.end.is_none()) {
+                self.on_ends();
+            }
+        }
+        if !self.usage.due(now) {
+            return;
+        }
+        for process in &mut self.running {
+            let Some(Stat { ticks, pages, .. }) = Stat::of(process.pid) else { continue };
+            let seconds = now.since(process.measured).as_secs_f64().max(1e-3);
+            let cpu = ticks.saturating_sub(process.ticks) as f64 / self.ticks_per_second / seconds;
+            (process.ticks, process.measured) = (ticks, now);
+            self.news.push_back(News::Usage { pid: process.pid, cpu, rss: (pages as f64 * self.page) as i64 });
+        }
+    }
+
+    /// Whether they beat.
+    fn look(&mut self, now: Instant) {
+        let held_up = now.since(self.looked + LOOK);
+        // A look that is a little late is no excuse for them.
+        let held_up = if held_up < LATE { Duration::ZERO } else { held_up };
+        self.looked = now;
+        for process in &mut self.running {
+            let (Some(page), pid) = (&mut process.page, process.pid) else { continue };
+            match page.read(now, pid, held_up) {
+                Reading::Blank => {}
+                Reading::Oldest { thread, last } => {
+                    if !std::mem::replace(&mut process.beats, true) {
+                        self.news.push_back(News::Beating { pid });
+                    }
+                    if now.since(last) >= LATE {
+                        self.news.push_back(News::Silent { pid, thread: thread.into(), last });
+                    }
+                }
+                Reading::Bad(why) => {
+                    self.news.push_back(News::BadBeats { pid, why: why.into() });
+                    process.page = None;
+                }
+            }
+        }
+    }
+
+    /// When to look or to measure next.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let looked_after = |process: &Process| process.page.is_some() || process.end.is_none();
+        let looks = self.running.iter().any(looked_after).then(|| self.looks.next());
+        let usage = (!self.running.is_empty()).then(|| self.usage.next());
+        looks.into_iter().chain(usage).min()
+    }
+
+    /// Takes the oldest news and hands it to `take`; false when there is none.
+    pub fn poll_event(&mut self, take: impl FnOnce(ProcessEvent<'_>)) -> bool {
+        let Some(news) = self.news.pop_front() else {
+            return false;
+        };
+        take(match &news {
+            News::Started { module, pid } => ProcessEvent::Started { module, pid: *pid },
+            News::Earlier { module, wanted, held, pid } => {
+                ProcessEvent::Earlier { module, wanted: *wanted, held: *held, pid: *pid }
+            }
+            News::Unstartable { module, reason } => ProcessEvent::Unstartable { module, reason },
+            News::Exited { pid, status } => ProcessEvent::Exited { pid: *pid, status: *status },
+            News::Usage { pid, cpu, rss } => ProcessEvent::Usage { pid: *pid, cpu: *cpu, rss: *rss },
+            News::Beating { pid } => ProcessEvent::Beating { pid: *pid },
+            News::Silent { pid, thread, last } => ProcessEvent::Silent { pid: *pid, thread, last: *last },
+            News::BadBeats { pid, why } => ProcessEvent::BadBeats { pid: *pid, why },
+        });
+        true
+    }
+
+    /// Takes a line for people.
+    pub fn poll_note(&mut self) -> Option<String> {
+        self.notes.pop_front()
+    }
+}
+
+/// Readable when some have ended.
+impl AsFd for Processes {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.ends.0.as_fd()
+    }
+}
+
+impl Process {
+    /// Whether its number is still its own: a child's is until it is waited for.
+    fn is_itself(&self) -> bool {
+        self.child.is_some() || Stat::of(self.pid).is_some_and(|stat| Some(stat.start) == self.start)
+    }
+
+    /// To all of it. It may just have ended: then its end is on the way.
+    fn signal(&self, signal: Signal) {
+        let _ = killpg(Pid::from_raw(self.pid as i32), signal);
+        if let (Signal::SIGKILL, Some(leaf)) = (signal, &self.leaf) {
+            leaf.kill();
+        }
+    }
+
+    /// How it ended, if it did. What it left in its group is killed before its number may be given away.
+    fn ended(&mut self) -> Option<ExitStatus> {
+        let Some(child) = &mut self.child else {
+            return self.adopted_ended();
+        };
+        let flags = WaitPidFlag::WEXITED | WaitPidFlag::WNOHANG | WaitPidFlag::WNOWAIT;
+        if let Ok(WaitStatus::StillAlive) = waitid(Id::Pid(Pid::from_raw(self.pid as i32)), flags) {
+            return None;
+        }
+        let status = {
+            let _ = killpg(Pid::from_raw(self.pid as i32), Signal::SIGKILL);
+            child.try_wait().ok().flatten()?
+        };
+        self.clear();
+        Some(exit_status(status))
+    }
+
+    /// Its parent waits for it; until then, and if we may, the kernel shows how it ended.
+    fn adopted_ended(&self) -> Option<ExitStatus> {
+        let stat = Stat::of(self.pid).filter(|stat| Some(stat.start) == self.start);
+        let status = match stat {
+            Some(Stat { zombie: false, .. }) => return None,
+            Some(Stat { zombie: true, status, .. }) => {
+                let _ = killpg(Pid::from_raw(self.pid as i32), Signal::SIGKILL);
+                exit_status(std::process::ExitStatus::from_raw(status))
+            }
+            None => ExitStatus::Code(-1),
+        };
+        self.clear();
+        Some(status)
+    }
+
+    fn clear(&self) {
+        if let Some(leaf) = &self.leaf {
+            leaf.kill();
+        }
+    }
+}
+
+fn exit_status(status: std::process::ExitStatus) -> ExitStatus {
+    match status.signal() {
+        Some(signal) => ExitStatus::Signal(signal),
+        None => ExitStatus::Code(status.code().unwrap_or_default()),
+    }
+}
+
+fn group_name(run_dir: &Path) -> String {
+    format!("advee-{:016x}", beats::hash(run_dir))
+}
