@@ -47,7 +47,8 @@ namespace advee {
 
 constexpr double ANNOUNCE = 1.0; // s between two announcements
 constexpr double BEAT = 0.05;    // s between two beats
-constexpr double ORPHANED = 3.0; // s without CM_DATA_PROCESSES: whoever started us is gone, and no one came instead
+constexpr double LOOK = 0.5;     // s between two looks for the watchdog
+constexpr int ORPHANED = 6;      // looks without its CM_DATA_PROCESSES: it is gone, and none came in its place
 constexpr int BURST = 64;        // messages taken in one turn of the loop, so that a flood delays nothing else for long
 
 // Exit codes: a class plus a number 0 to 16.
@@ -225,10 +226,9 @@ public:
         subscribe<common::cmd_state_t>("CM_CMD_STATE", [this](const auto &command) { obey(command); });
         watch(bus.getFileno(), [this] { on_bus(); });
         watch(signals.fd, [this] { end(); });
-        if (std::getenv("ADVEE_MODULE")) { // a watchdog has started us
-            guarded_until = now() + ORPHANED;
-            channel("CM_DATA_PROCESSES", [this](const auto &) { guarded_until = now() + ORPHANED; });
-            every(ORPHANED / 6, [this] { look_for_watchdog(); });
+        if (std::getenv("ADVEE_GUARDED")) { // a watchdog has started us
+            channel("CM_DATA_PROCESSES", [this](const auto &) { unheard = 0; });
+            every(LOOK, [this] { look_for_watchdog(); });
         }
     }
     Module(const Module &) = delete;
@@ -426,7 +426,8 @@ private:
 
     void look_for_watchdog()
     {
-        if (now() < guarded_until)
+        // Looks are counted, not seconds: one who was held up himself looks once, and then hears what has come.
+        if (++unheard <= ORPHANED)
             return;
         std::fprintf(stderr, "%s: the watchdog is gone: it ends\n", name.c_str());
         end();
@@ -510,7 +511,7 @@ private:
     std::map<std::pair<int, std::string>, Kind> faults;
     State current = State::Init, before_error = State::Init, wanted;
     bool lost = false; // what the module said last of its device
-    double guarded_until = 0;
+    int unheard = 0;   // looks for the watchdog since it was heard
     int code = -1; // not below 0: it ends with this
 };
 

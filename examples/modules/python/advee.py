@@ -36,7 +36,8 @@ from common import cmd_state_t, data_state_t, error_t  # noqa: E402
 
 ANNOUNCE = 1.0              # s between two announcements
 BEAT = 0.05                 # s between two beats
-ORPHANED = 3.0              # s without CM_DATA_PROCESSES: whoever started us is gone, and no one came instead
+LOOK = 0.5                  # s between two looks for the watchdog
+ORPHANED = 6                # looks without its CM_DATA_PROCESSES: it is gone, and none came in its place
 BURST = 64                  # messages taken in one turn of the loop, so that a flood delays nothing else for long
 
 # Exit codes: a class plus a number 0 to 16.
@@ -163,10 +164,10 @@ class Module:
             sys.exit(RESOURCE)
         self.subscribe("CM_CMD_STATE", cmd_state_t, self._on_command)
         self.watch(self._lcm.fileno(), self._on_bus)
-        if "ADVEE_MODULE" in os.environ:  # a watchdog has started us
-            self._guarded_until = time.monotonic() + ORPHANED
+        if "ADVEE_GUARDED" in os.environ:  # a watchdog has started us
+            self._unheard = 0
             self._lcm.subscribe("CM_DATA_PROCESSES", self._on_watchdog)
-            self.every(ORPHANED / 6, self._look_for_watchdog)
+            self.every(LOOK, self._look_for_watchdog)
 
     # --- for the module ---
 
@@ -286,10 +287,12 @@ class Module:
                 return
 
     def _on_watchdog(self, _channel, _data):
-        self._guarded_until = time.monotonic() + ORPHANED
+        self._unheard = 0
 
     def _look_for_watchdog(self):
-        if time.monotonic() >= self._guarded_until:
+        # Looks are counted, not seconds: one who was held up himself looks once, and then hears what has come.
+        self._unheard += 1
+        if self._unheard > ORPHANED:
             print(f"{self.name}: the watchdog is gone: it ends", file=sys.stderr)
             self.end()
 

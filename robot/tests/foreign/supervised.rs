@@ -1,0 +1,244 @@
+//! Foreign modules under the watchdog of a simulated robot.
+
+use crate::built::Built;
+use crate::support::{Robot, signal, workspace};
+use base::Fault;
+use lcm::live::Lcm;
+use messages::{Message, common};
+use module::State;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// The battery watch and the sonars' (docs/writing-a-module.md).
+const WATCHED: i32 = 0x8002;
+/// By their beats, by their announcement alone, with a page that is none.
+const BEATING: [&str; 2] = ["battery_watch", "nearest_obstacle"];
+const QUIET: &str = "battery_quiet";
+const TORN: &str = "torn_page";
+
+#[test]
+fn foreign_modules_live_under_the_watchdog() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    let mut test = Supervised::start(built);
+    test.they_run();
+    test.a_torn_page_is_told_and_the_module_lives_on();
+    test.they_obey();
+    test.a_fault_is_reported_and_cleared();
+    test.a_hung_one_is_restarted();
+    test.a_killed_one_comes_back_into_its_wanted_state();
+    test.terminate_keeps_it_down();
+    assert_eq!(test.robot.view.pid(TORN), test.torn, "the one with the torn page has lived through all of it");
+    test.ends();
+}
+
+struct Supervised {
+    robot: Robot,
+    /// Hears every announcement, for the order of states.
+    announced: Lcm,
+    config: PathBuf,
+    torn: i32,
+}
+
+impl Supervised {
+    fn start(built: &Built) -> Self {
+        let config = std::env::temp_dir().join(format!("advee-foreign-{}", std::process::id()));
+        configure(built, &config);
+        let folder = config.join("advee");
+        let folder = folder.to_str().expect("UTF-8");
+        let robot = Robot::start(&["--config", folder]);
+        let mut announced = Lcm::new(&lcm::Url::parse(&robot.url).expect("a good url").0).expect("the bus opens");
+        announced.subscribe("CM_DATA_STATE").expect("a good name");
+        Self { robot, announced, config, torn: 0 }
+    }
+
+    fn they_run(&mut self) {
+        self.robot.until("the watchdog is heard", 10.0, |view| !view.processes.is_empty());
+        let took = self.robot.until("all modules RUN", 5.0, |view| view.all_run());
+        println!("all RUN after {:.2} s", took.as_secs_f64());
+    }
+
+    fn a_torn_page_is_told_and_the_module_lives_on(&mut self) {
+        let told = |error: &&common::Error| error.number == Fault::BeatsBad as i32;
+        self.robot.until("BeatsBad", 2.0, |view| view.errors.iter().any(|error| told(&error)));
+        let told: Vec<_> = self.robot.view.errors.iter().filter(told).collect();
+        let [told] = told[..] else { panic!("once: {told:?}") };
+        assert!(told.module == "watchdog" && told.message.starts_with("torn_page: its page of beats "), "{told:?}");
+        self.torn = self.robot.view.pid(TORN);
+    }
+
+    fn they_obey(&mut self) {
+        self.command("battery_watch", State::Pause, false);
+        self.reaches("battery_watch", State::Pause);
+        self.command("*", State::Stop, false);
+        self.reaches("battery_watch", State::Pause);
+        for module in [BEATING[0], BEATING[1], QUIET, TORN] {
+            self.robot.until("the refusal", 2.0, |view| view.errors.iter().any(|error| refused(error, module, "STOP")));
+        }
+        self.command("battery_watch", State::Run, false);
+        self.reaches("battery_watch", State::Run);
+        // As people do, who may.
+        let output = self.robot.advee(&["state", "nearest_obstacle", "STOP"]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        self.reaches("nearest_obstacle", State::Stop);
+        self.command("nearest_obstacle", State::Run, false);
+        let module = "nearest_obstacle";
+        self.robot.until("the refusal", 2.0, |view| view.errors.iter().any(|error| refused(error, module, "RUN")));
+        self.command_manually("nearest_obstacle", State::Run);
+        self.reaches("nearest_obstacle", State::Run);
+    }
+
+    fn a_fault_is_reported_and_cleared(&mut self) {
+        let of = |severity| {
+            move |error: &common::Error| {
+                let own = error.module == "battery_watch" && error.number == WATCHED;
+                own && error.severity == severity && error.r#type == common::Error::RESOURCE
+            }
+        };
+        let output = self.robot.advee(&["fault", "psc1", "battery", "22"]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        self.robot.until("its report", 4.0, |view| view.errors.iter().any(of(common::Error::WARNING)));
+        self.robot.advee(&["fault", "psc1", "none"]);
+        self.robot.until("its end", 4.0, |view| view.errors.iter().any(of(common::Error::NOTICE)));
+    }
+
+    /// Both at once: one that beats, and one that is judged by its announcements.
+    fn a_hung_one_is_restarted(&mut self) {
+        let before = [BEATING[0], BEATING[1], QUIET].map(|module| self.robot.view.pid(module));
+        before.iter().for_each(|pid| signal(*pid, "STOP"));
+        let stopped = Instant::now();
+        let mut another = |robot: &mut Robot, index: usize, within: f64| {
+            let module = [BEATING[0], BEATING[1], QUIET][index];
+            robot.until("another process", within, |view| ![0, before[index]].contains(&view.pid(module)));
+            println!("{module}: another process {:.2} s after it hung", stopped.elapsed().as_secs_f64());
+        };
+        another(&mut self.robot, 1, 1.0);
+        self.robot.until("RUN", 1.0, |view| view.runs(BEATING[1]));
+        another(&mut self.robot, 0, 1.0);
+        assert_eq!(self.robot.view.pid(QUIET), before[2], "it does not beat: nothing is known yet");
+        assert!(stopped.elapsed() < Duration::from_millis(1800), "a machine too slow to tell");
+        another(&mut self.robot, 2, 3.0);
+        assert!(stopped.elapsed() > Duration::from_millis(900), "an announcement is missing for 2 s");
+        let hung = |module: &str, why: &str, errors: &[common::Error]| {
+            let start = format!("{module} hangs, {why}");
+            errors.iter().any(|error| error.number == Fault::ModuleHung as i32 && error.message.starts_with(&start))
+        };
+        let errors = &self.robot.view.errors;
+        for module in BEATING {
+            assert!(hung(module, "its thread main has not beaten for ", errors), "{errors:?}");
+        }
+        assert!(hung(QUIET, "it has not announced itself for ", errors), "{errors:?}");
+        self.robot.until("all RUN again", 5.0, |view| view.all_run());
+    }
+
+    /// In STOP before and after, and in between in no state that acts.
+    fn a_killed_one_comes_back_into_its_wanted_state(&mut self) {
+        for module in BEATING {
+            self.command_manually(module, State::Stop);
+            self.reaches(module, State::Stop);
+            let before = self.robot.view.pid(module);
+            self.states_of(module);
+            signal(before, "KILL");
+            self.robot.until("another process", 2.0, |view| ![0, before].contains(&view.pid(module)));
+            self.reaches(module, State::Stop);
+            let states = self.states_of(module);
+            let calm = states.iter().all(|state| [State::Init, State::Stop].contains(state));
+            assert!(calm && states.contains(&State::Init), "{module}: {states:?}");
+            self.command_manually(module, State::Run);
+            self.reaches(module, State::Run);
+        }
+    }
+
+    fn terminate_keeps_it_down(&mut self) {
+        for module in BEATING {
+            self.command(module, State::Terminate, false);
+            self.robot.until("its end", 3.0, |view| view.processes[module].pid == 0);
+            assert_eq!(self.robot.view.processes[module].last_exit, 0, "it ended in good order");
+            assert_eq!(self.states_of(module).last(), Some(&State::Terminate));
+        }
+        self.robot.pass(1.5);
+        for module in BEATING {
+            assert_eq!(self.robot.view.pid(module), 0, "{module} stays down");
+            self.command(module, State::Run, false);
+            self.reaches(module, State::Run);
+        }
+    }
+
+    /// Nothing is left over.
+    fn ends(mut self) {
+        let foreign = [BEATING[0], BEATING[1], QUIET, TORN].map(|module| self.robot.view.pid(module));
+        assert_eq!(self.robot.stop(), 0);
+        for pid in foreign {
+            assert!(!Path::new(&format!("/proc/{pid}")).exists(), "{pid} is left over");
+        }
+    }
+
+    fn command(&mut self, module: &str, state: State, manual: bool) {
+        let (module, source, state) = (module.into(), "test".into(), state as i8);
+        self.robot.publish(common::CmdState { timestamp: 0, module, state, manual, source });
+    }
+
+    fn command_manually(&mut self, module: &str, state: State) {
+        self.command(module, state, true);
+    }
+
+    #[track_caller]
+    fn reaches(&mut self, module: &str, state: State) {
+        self.robot.until(&format!("{module} in {state}"), 4.0, |view| view.processes[module].state == state as i8);
+    }
+
+    /// The states that it has announced since the last call.
+    fn states_of(&mut self, module: &str) -> Vec<State> {
+        let mut states = Vec::new();
+        while self.announced.wait(Duration::from_millis(50)).expect("the bus can be waited for") {
+            let received = self.announced.recv().expect("the bus can be read");
+            let heard = received.and_then(|received| Message::receive(received.channel, received.payload));
+            if let Some(Ok(Message::CmDataState(state))) = heard
+                && state.module == module
+            {
+                states.extend(State::from_value(state.state));
+            }
+        }
+        states
+    }
+}
+
+impl Drop for Supervised {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.config);
+    }
+}
+
+fn refused(error: &common::Error, module: &str, state: &str) -> bool {
+    let message = format!("command {state} from test refused in ");
+    error.number == Fault::CommandForbidden as i32 && error.module == module && error.message.starts_with(&message)
+}
+
+/// The shipped robot with the example modules instead of the drives'.
+fn configure(built: &Built, config: &Path) {
+    let (advee, worlds) = (config.join("advee"), config.join("worlds"));
+    for (from, to) in [("conf/advee", &advee), ("conf/worlds", &worlds)] {
+        fs::create_dir_all(to).expect("a folder");
+        for entry in fs::read_dir(workspace().join(from)).expect("shipped") {
+            let entry = entry.expect("an entry");
+            fs::copy(entry.path(), to.join(entry.file_name())).expect("copied");
+        }
+    }
+    let mut modules = String::from("[[modules]]\nname = \"simulator\"\n");
+    for driver in ["driver_power", "driver_rs485a"] {
+        modules += &format!("[[modules]]\nname = \"{driver}\"\ndepends = [\"simulator\"]\ncritical = true\n");
+    }
+    let mut add = |name: &str, line: Vec<String>| {
+        modules += &format!("[[modules]]\nname = {name:?}\ncommand = {:?}\nargs = {:?}\n", line[0], &line[1..]);
+    };
+    let below = |mut line: Vec<String>| {
+        line.extend(["--below", "24"].map(String::from));
+        line
+    };
+    add(BEATING[0], below(built.command("battery_watch")));
+    add(BEATING[1], [built.command("nearest_obstacle"), vec!["0.02".into()]].concat());
+    let quiet = ["env", "-u", "ADVEE_BEATS"].map(String::from).to_vec();
+    add(QUIET, [quiet, below(built.command("battery_watch"))].concat());
+    add(TORN, built.command("torn_page"));
+    fs::write(advee.join("modules.toml"), modules).expect("written");
+}
