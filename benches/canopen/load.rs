@@ -118,6 +118,7 @@ pub fn report() {
         raw: Vec::new(),
         launch: None,
         beats: None,
+        inputs: None,
     };
     run(Shell::new(config, Box::new(ear)), place).expect("a host");
     over.store(true, Relaxed);

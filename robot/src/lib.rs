@@ -6,5 +6,6 @@ pub mod checks;
 pub mod cli;
 pub mod config;
 pub mod live;
+pub mod recording;
 pub mod run_folder;
 pub mod topology;

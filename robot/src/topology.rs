@@ -3,18 +3,20 @@
 use crate::config::{
     self, CanBus, CanDriver, CanInterface, Config, ConfigError, ModuleEntry, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
-use crate::live::limits::Limits;
 use crate::live::ports::{PortConfig, TerminalConfig};
+use crate::live::limits::Limits;
 use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
+use crate::recording;
 use base::Duration;
 use canopen::eds::Eds;
 use drivers::{canbus, power, rs485a, rs485b};
+use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
 use rs485::crc::Crc8;
 use sim::host::{self, Virtual};
-use sim::world::Beacon;
+use sim::world::{Beacon, World};
 use std::ffi::OsString;
 use std::net::SocketAddrV4;
 use std::path::PathBuf;
@@ -41,8 +43,7 @@ pub struct Place {
 /// Makes the module `name` in its shell, to start in `wanted`, and says where its host finds what it needs.
 pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostConfig), ConfigError> {
     let config = Config::load(&place.config, place.sim, &place.sets)?;
-    // A pseudo-terminal has no wire: the time on it must be played.
-    let shell = shell(place, &config, name, wanted, true)?;
+    let shell = shell(place, &config, name, wanted, Made::LIVE)?;
     let simulated_side = name == SIMULATOR;
     let ports = shell.module().ports().iter().map(|port| place_of(place, &config.robot, &port.bus, simulated_side));
     let ports = ports.collect::<Result<_, _>>()?;
@@ -55,30 +56,83 @@ pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostCo
     };
     // Without a folder for their pages modules are judged by their announcements.
     let beats = launch.as_ref().and_then(|_| beats::folder(&place.run_dir).ok());
-    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, raw, launch, beats };
+    let inputs = recording::inputs(place, &config, name, wanted)?;
+    let host = HostConfig { lcm_url: place.lcm_url.clone(), ports, raw, launch, beats, inputs };
     Ok((shell, host))
 }
 
 /// The same robot in virtual time: spawn its watchdog, and it starts the rest.
-pub fn virtual_machine(place: &Place, mut config: host::Config) -> Result<Virtual, ConfigError> {
-    let read = Config::load(&place.config, place.sim, &place.sets)?;
-    config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
-    let place = place.clone();
-    Ok(Virtual::new(config, move |name, wanted| {
-        shell(&place, &read, name, wanted, false).map_err(|error| error.to_string())
-    }))
+pub fn virtual_machine(place: &Place, config: host::Config) -> Result<Virtual, ConfigError> {
+    virtual_machine_recorded(place, config, |_| None)
 }
 
-fn shell(place: &Place, config: &Config, name: &str, wanted: State, wire_time: bool) -> Result<Shell, ConfigError> {
+/// The same; what each process is told and answers is written to the sink that there is for its module, if any.
+pub fn virtual_machine_recorded(
+    place: &Place,
+    mut config: host::Config,
+    mut sink: impl FnMut(&str) -> Option<Sink> + 'static,
+) -> Result<Virtual, ConfigError> {
+    let read = Config::load(&place.config, place.sim, &place.sets)?;
+    config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
+    let made = Made {
+        wire_time: false,
+        seed: Some(config.seed),
+        restart_delay_max: Some(config.restart_delay_max),
+    };
+    let place = place.clone();
+    let mut make = move |name: &str, wanted| {
+        let mut shell = shell(&place, &read, name, wanted, made)?;
+        if let Some(sink) = sink(name) {
+            let header = recording::header(&place, name, wanted, made)?;
+            shell.record(Recorder::new(&header, u64::MAX, sink));
+        }
+        Ok(shell)
+    };
+    Ok(Virtual::new(config, move |name, wanted| make(name, wanted).map_err(|error: ConfigError| error.to_string())))
+}
+
+/// What a host decides about its modules, beside the configuration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Made {
+    /// The simulator plays the time that words take on a wire.
+    pub wire_time: bool,
+    /// What the simulator's chance comes from; none: always the same.
+    pub seed: Option<u64>,
+    /// The watchdog's longest delay before a restart; none: the usual.
+    pub restart_delay_max: Option<Duration>,
+}
+
+impl Made {
+    /// A pseudo-terminal has no wire: the time on it must be played.
+    pub const LIVE: Self = Self { wire_time: true, seed: None, restart_delay_max: None };
+}
+
+fn shell(place: &Place, config: &Config, name: &str, wanted: State, made: Made) -> Result<Shell, ConfigError> {
+    shell_in(place, config, name, wanted, made, || config::world(&place.config, place.world.as_deref()))
+}
+
+/// Makes a module in its shell; the simulated robot is in `world`.
+pub(crate) fn shell_in(
+    place: &Place,
+    config: &Config,
+    name: &str,
+    wanted: State,
+    made: Made,
+    world: impl FnOnce() -> Result<World, ConfigError>,
+) -> Result<Shell, ConfigError> {
     let module: Box<dyn Module> = match name {
-        watchdog::NAME => Box::new(Watchdog::new(watchdog(config))),
+        watchdog::NAME => {
+            let usual = watchdog(config);
+            let delay_max = made.restart_delay_max.unwrap_or(usual.delay_max);
+            Box::new(Watchdog::new(watchdog::Config { delay_max, ..usual }))
+        }
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
         rs485b::NAME => Box::new(rs485b(&config.robot)?),
         power::NAME => Box::new(power(place, config)?),
         canbus::NAME => Box::new(canbus(place, config)?),
         SIMULATOR if place.sim => {
-            let config = simulator(place, &config.robot, wire_time)?;
-            Box::new(sim::Simulator::new(config))
+            let usual = simulator(world()?, &config.robot, made.wire_time);
+            Box::new(sim::Simulator::new(sim::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
         }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
         _ => {
@@ -220,7 +274,9 @@ fn limits(module: &ModuleEntry) -> Limits {
 /// The bus as programs on the official library are told of it, which warns of options that are ours alone.
 fn foreign_url(url: &str) -> String {
     match lcm::Url::parse(url) {
-        Ok((lcm::Url::Udpm(udpm), _)) => lcm::Url::from(lcm::url::Udpm { shm: lcm::url::Shm::Off, ..udpm }).to_string(),
+        Ok((lcm::Url::Udpm(udpm), _)) => {
+            lcm::Url::from(lcm::url::Udpm { shm: lcm::url::Shm::Off, ..udpm }).to_string()
+        }
         _ => url.into(),
     }
 }
@@ -429,8 +485,7 @@ fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
 }
 
 /// `simulator`: every serial bus with its boards, the robot's body, a world.
-fn simulator(place: &Place, robot: &Robot, wire_time: bool) -> Result<sim::Config, ConfigError> {
-    let mut world = config::world(&place.config, place.world.as_deref())?;
+fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> sim::Config {
     if world.beacons.is_empty() {
         let beacon = |beacon: &config::Beacon| Beacon { id: beacon.id, at: Point { x: beacon.x, y: beacon.y } };
         world.beacons = robot.beacons.iter().map(beacon).collect();
@@ -455,14 +510,14 @@ fn simulator(place: &Place, robot: &Robot, wire_time: bool) -> Result<sim::Confi
         crc: crc(bus.crc),
         boards: bus.nodes.iter().map(|node| board(robot, node)).collect(),
     });
-    Ok(sim::Config {
+    sim::Config {
         world,
         parameters,
         can: can.map(|(can, _)| can),
         serial: serial.collect(),
         wire_time,
         ..sim::Config::default()
-    })
+    }
 }
 
 /// A CAN bus with both drives on it, and the gear of the propulsion.
@@ -544,7 +599,7 @@ mod tests {
         let mut with = |sheet: &str| {
             let sheet = Path::new(env!("CARGO_MANIFEST_DIR")).join("../busses/canopen/eds").join(sheet);
             config.robot.can[0].nodes[1].eds = Some(sheet);
-            shell(&place, &config, canbus::NAME, State::Run, false).map(|_| ()).map_err(|error| error.to_string())
+            shell(&place, &config, canbus::NAME, State::Run, Made::LIVE).map(|_| ()).map_err(|error| error.to_string())
         };
         assert_eq!(with("icla_sim.eds"), Ok(()));
         let refused = with("epos_sim.eds").unwrap_err();

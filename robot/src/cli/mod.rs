@@ -9,6 +9,7 @@ mod holder;
 mod home;
 mod lcm;
 mod port;
+mod replay;
 mod rs485;
 mod run;
 mod state;
@@ -25,10 +26,10 @@ use std::process::ExitCode;
 
 /// The bus when neither `--lcm-url` nor `LCM_DEFAULT_URL` names one.
 const LCM_URL: &str = "udpm://239.255.76.67:7667?ttl=0&shm=auto";
-/// Where an installed robot has its configuration and its run folder.
-const INSTALLED: (&str, &str) = ("/opt/advee/conf", "/run/advee");
+/// Where an installed robot has its configuration, its run folder and its logs.
+const INSTALLED: (&str, &str, &str) = ("/opt/advee/conf", "/run/advee", "/opt/advee/log");
 /// The same in a checkout.
-const CHECKOUT: (&str, &str) = ("conf/advee", "run");
+const CHECKOUT: (&str, &str, &str) = ("conf/advee", "run", "log");
 
 /// Embedded control system of an autonomous mobile robot.
 #[derive(Parser)]
@@ -71,6 +72,8 @@ enum Command {
     Home(home::Home),
     /// Inject a fault into the simulation
     Fault(fault::Fault),
+    /// Play again what the modules of a run were told, and compare what they answer
+    Replay(replay::Replay),
     /// Check machine and configuration: what is wrong, why it matters, what helps
     Doctor(doctor::Doctor),
     /// See the LCM bus
@@ -106,6 +109,7 @@ pub fn main() -> ExitCode {
         Command::Drive(command) => drive::drive(&common, &command),
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
+        Command::Replay(command) => replay::replay(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),
         Command::Can(command) => can::can(&common, &command),
@@ -167,6 +171,10 @@ impl Common {
 
     fn run_dir(&self) -> PathBuf {
         self.run_dir.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.1 } else { INSTALLED.1 }).into())
+    }
+
+    fn log_dir(&self) -> PathBuf {
+        Path::new(if in_checkout() { CHECKOUT.2 } else { INSTALLED.2 }).into()
     }
 
     fn lcm_url(&self) -> String {

@@ -6,7 +6,8 @@ mod parent;
 use super::{Common, Failed, Outcome};
 use crate::config::{self, Config};
 use crate::live::log::Log;
-use crate::live::{beats, processes};
+use crate::live::{beats, clock, processes};
+use crate::recording;
 use crate::run_folder::RunFolder;
 use guards::Guards;
 use parent::Parent;
@@ -53,8 +54,9 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     let watchdog = watchdog(common, command)?;
     // Signals are held back before there is anything to leave behind.
     let guards = Guards::new(log.clone(), config.hardware_watchdog.clone(), command.sim)?;
-    let parent = Parent::new(log, guards)?;
+    let mut parent = Parent::new(log.clone(), guards)?;
     let folder = RunFolder::take(&common.run_dir())?;
+    parent.log_to(run(common, &config, &log));
     let result = parent.run(&watchdog);
     let beats = beats::folder(folder.path());
     clean(&folder, &config);
@@ -65,6 +67,20 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     processes::clean(folder.path());
     folder.give_back();
     result
+}
+
+/// The folder of this run's logs, where anything is to be written there. Without one the robot runs all the same.
+fn run(common: &Common, config: &Config, log: &Log) -> Option<PathBuf> {
+    if !config.robot.log.inputs {
+        return None;
+    }
+    let folder = match &config.robot.log.folder {
+        Some(folder) => common.config_dir().join(folder),
+        None => common.log_dir(),
+    };
+    let made = std::path::absolute(&folder).and_then(|folder| recording::make_run(&folder, clock::wall()));
+    let refused = |error| log.line(format_args!("inputs are not recorded: {}: {error}", folder.display()));
+    made.map_err(refused).ok()
 }
 
 /// Removes what modules leave in the run folder when they are killed.

@@ -3,6 +3,7 @@
 //! `robot.toml` says what the robot is made of; in simulation `sim.toml` is laid over it, then every `--set`.
 //! `modules.toml` lists the modules (`--set modules.NAME.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
 
+mod log;
 mod modules;
 mod reader;
 mod robot;
@@ -11,6 +12,7 @@ mod tests;
 mod tree;
 mod world;
 
+pub use log::Log;
 pub use modules::{HardwareWatchdog, ModuleEntry, SIMULATOR};
 pub use reader::{Problems, Table};
 pub use robot::{
@@ -18,7 +20,7 @@ pub use robot::{
     Rs485Bus, Rs485Driver, Rs485Node, Transport,
 };
 pub use tree::{Node, Origin, Value};
-pub use world::{check as check_world, world};
+pub use world::{check as check_world, place as world_place, world};
 
 use std::fmt;
 use std::fs;
@@ -61,9 +63,15 @@ impl Config {
         let robot = take("robot.toml");
         let over = if sim { take("sim.toml").map(Some) } else { Some(None) };
         let modules = take("modules.toml");
-        let (Some(mut robot), Some(over), Some(mut modules)) = (robot, over, modules) else {
+        let (Some(robot), Some(over), Some(modules)) = (robot, over, modules) else {
             return Err(ConfigError(problems));
         };
+        Self::merge(robot, over, modules, sets)
+    }
+
+    /// The same of files that were read: `robot.toml`, `sim.toml` for the simulated robot, `modules.toml`.
+    pub fn merge(mut robot: Node, over: Option<Node>, mut modules: Node, sets: &[String]) -> Result<Self, ConfigError> {
+        let sim = over.is_some();
         if let Some(over) = over {
             robot.merge(over);
         }

@@ -3,6 +3,7 @@
 //! The robot's frame: origin on the floor under the middle of the rear axle, x forward, y to the left, angles
 //! counter-clockwise.
 
+use super::log::Log;
 use super::reader::Table;
 use base::Severity;
 use std::net::Ipv4Addr;
@@ -31,6 +32,8 @@ pub struct Robot {
     pub beacons: Vec<Beacon>,
     /// The power controller, where there is one that tells of the PAUSE line.
     pub power: Option<Power>,
+    /// What a run writes down.
+    pub log: Log,
 }
 
 /// `[geometry]`.
@@ -314,9 +317,11 @@ impl Robot {
         let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
         let beacons = Beacon::read_all(&mut root);
         let power = root.table_if_any("power").map(|table| Power::read(table, &rs485));
+        let log = root.table_if_any("log").map_or_else(Log::default, Log::read);
         root.end();
         let (name, report_from) = robot?;
-        Some(Self { name, report_from, geometry: geometry?, limits: limits?, can, rs485, srfs, irs, beacons, power })
+        let (geometry, limits) = (geometry?, limits?);
+        Some(Self { name, report_from, geometry, limits, can, rs485, srfs, irs, beacons, power, log })
     }
 
     /// The EIA-485 bus that is called so, `rs485.a`.

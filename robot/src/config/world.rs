@@ -13,15 +13,21 @@ const MAX: f64 = 1e4;
 /// Reads the world of a file, or of a name in the folder `worlds` in or beside the configuration `dir`; without either
 /// the hall.
 pub fn world(dir: &Path, file: Option<&Path>) -> Result<World, ConfigError> {
-    let path = match file {
-        Some(file) if file.components().count() > 1 || file.extension().is_some() => file.into(),
-        name => named(dir, name.unwrap_or(Path::new("hall"))),
-    };
+    let path = place(dir, file);
     let node = read(&path)?;
     check(&node).and_then(|world| match world.check() {
         Ok(()) => Ok(world),
         Err(error) => Err(ConfigError(vec![format!("{}: {error}", path.display())])),
     })
+}
+
+/// The file that [`world`] reads.
+#[must_use]
+pub fn place(dir: &Path, file: Option<&Path>) -> PathBuf {
+    match file {
+        Some(file) if file.components().count() > 1 || file.extension().is_some() => file.into(),
+        name => named(dir, name.unwrap_or(Path::new("hall"))),
+    }
 }
 
 fn named(dir: &Path, name: &Path) -> PathBuf {

@@ -13,6 +13,7 @@ use super::notify::ToParent;
 use super::ports::{Port, PortConfig, PortState, Received};
 use super::processes::{self, Launch, Processes};
 use super::raw::Tap;
+use super::recorder::{Inputs, Recording};
 use base::{Duration, Fault, Instant, Report, Severity};
 use messages::{Channel, Message, Raw};
 use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell};
@@ -57,6 +58,8 @@ pub struct HostConfig {
     pub launch: Option<Launch>,
     /// For the watchdog: the folder of the pages that modules beat in.
     pub beats: Option<PathBuf>,
+    /// Where what the module is told is to be written down.
+    pub inputs: Option<Inputs>,
 }
 
 /// Runs a module until it ends; its exit code. An error says what the machine refused at the start, in one line.
@@ -66,6 +69,8 @@ pub fn run(shell: Shell, config: HostConfig) -> Result<u8, String> {
 
 struct Host {
     shell: Shell,
+    /// Of the shell, and so dropped after it.
+    recording: Option<Recording>,
     out: Actions,
     /// What `out` is swapped with while its actions are done.
     spare: Actions,
@@ -97,7 +102,7 @@ struct Host {
 }
 
 impl Host {
-    fn open(shell: Shell, config: HostConfig) -> Result<Self, String> {
+    fn open(mut shell: Shell, config: HostConfig) -> Result<Self, String> {
         // Before anything else may start a thread: all of them inherit the mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
         let guarded = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
@@ -131,12 +136,17 @@ impl Host {
             epoll.add(processes, EpollEvent::new(EpollFlags::EPOLLIN, ENDS)).map_err(polled)?;
         }
         let parent = processes.is_some().then(|| ToParent::open(clock::now())).transpose();
+        let recording = config.inputs.and_then(|inputs| {
+            let refused = |error| log.line(format_args!("inputs are not recorded: {}: {error}", inputs.run.display()));
+            Recording::start(&mut shell, &inputs).map_err(refused).ok()
+        });
         let epoch = clock::epoch();
         let beats = Beats::open().map_err(|error| format!("the page of beats: {error}"))?;
         let beat = beats.map(|mut beats| beats.thread(clock::now(), "main")).transpose();
         Ok(Self {
             log,
             shell,
+            recording,
             out: Actions::new(epoch),
             spare: Actions::new(epoch),
             bus,
@@ -243,6 +253,9 @@ impl Host {
         }
         if self.shell.poll_timeout().is_some_and(|due| due <= now) {
             self.feed(Event::Timer);
+        }
+        if let Some(trouble) = self.recording.as_mut().and_then(Recording::trouble) {
+            self.raise(Fault::InputsLost, "inputs", trouble);
         }
         for index in 0..self.ports.len() {
             self.port_time(index);

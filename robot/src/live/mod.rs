@@ -15,6 +15,7 @@ pub mod notify;
 pub mod ports;
 pub mod processes;
 pub mod raw;
+pub mod recorder;
 pub mod sys;
 #[cfg(test)]
 mod tests;

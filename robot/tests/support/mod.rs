@@ -129,6 +129,7 @@ impl Robot {
         let bus = listen(&url);
         let up = advee(&url, &run_dir)
             .args(["up", "--sim", "--headless", "--goal", "none"])
+            .args(["--set", &format!("log.folder={:?}", logs(&run_dir))])
             .args(extra)
             .stdin(Stdio::null())
             .spawn()
@@ -250,7 +251,13 @@ impl Drop for Robot {
             let _ = self.up.wait();
         }
         let _ = std::fs::remove_dir_all(&self.run_dir);
+        let _ = std::fs::remove_dir_all(logs(&self.run_dir));
     }
+}
+
+/// Where a robot of that run folder keeps its logs.
+pub fn logs(run_dir: &Path) -> PathBuf {
+    run_dir.with_extension("log")
 }
 
 pub fn signal(pid: i32, name: &str) {

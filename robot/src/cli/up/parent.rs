@@ -8,6 +8,7 @@ use crate::cli::{Failed, Outcome};
 use crate::live::log::Log;
 use crate::live::notify::{self, FromWatchdog};
 use crate::live::{clock, processes, sys};
+use crate::recording;
 use base::{Duration, Instant};
 use nix::errno::Errno;
 use nix::sys::signal::{SigSet, Signal, kill, killpg};
@@ -17,7 +18,7 @@ use nix::unistd::Pid;
 use std::ffi::OsString;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::process::CommandExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 /// The first delay after an immediate restart of the watchdog; doubles up to `DELAY_MAX`.
@@ -45,6 +46,8 @@ pub struct Parent {
     delay: Duration,
     /// When to wait for orphans that have ended.
     sweep: Instant,
+    /// The folder of the run's logs, if it has any.
+    run: Option<PathBuf>,
 }
 
 enum State {
@@ -74,7 +77,12 @@ impl Parent {
         let signals = SignalFd::with_flags(&set, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC);
         let signals = signals.map_err(refused("signalfd"))?;
         let state = State::Down { start: Instant::ZERO };
-        Ok(Self { log, guards, signals, state, delay: Duration::ZERO, sweep: Instant::NEVER })
+        Ok(Self { log, guards, signals, state, delay: Duration::ZERO, sweep: Instant::NEVER, run: None })
+    }
+
+    /// Tells all processes where the run's logs are.
+    pub fn log_to(&mut self, run: Option<PathBuf>) {
+        self.run = run;
     }
 
     /// Until the watchdog has ended in good order; `watchdog` are its arguments.
@@ -150,9 +158,10 @@ impl Parent {
         let mut command = Command::new(exe);
         command.args(args).stdin(OwnedFd::from(told)).process_group(0).env(notify::VARIABLE, "stdin");
         // Whom others mean by these is us.
-        for variable in ["NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC", processes::VARIABLE] {
+        for variable in ["NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC", processes::VARIABLE, recording::VARIABLE] {
             command.env_remove(variable);
         }
+        command.envs(self.run.iter().map(|run| (recording::VARIABLE, run)));
         sys::die_with_parent(&mut command);
         Ok((Pid::from_raw(command.spawn()?.id() as i32), heard))
     }

@@ -1,0 +1,184 @@
+//! From a module to what its recording needs to begin with, and from a recording back to the module.
+//!
+//! A file of inputs carries the configuration that made the module, as texts, so that it can be played on another machine
+//! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and of the simulated robot
+//! `sim.toml` and for the simulator its world. Data sheets of drives are checked when a module is made and say nothing
+//! about what it does; they are left out.
+
+use crate::config::{self, Config, ConfigError, Node, SIMULATOR};
+use crate::live::recorder::Inputs;
+use crate::topology::{self, Made, Place};
+use base::Duration;
+use module::record::Header;
+use module::{Shell, State};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Where a process finds the folder of its run.
+pub const VARIABLE: &str = "ADVEE_LOG";
+/// Names of texts in a header.
+const ROBOT: &str = "robot.toml";
+const SIM: &str = "sim.toml";
+const MODULES: &str = "modules.toml";
+const WORLD: &str = "world.toml";
+const SET: &str = "--set";
+/// What the host decided: [`Made`].
+const WIRE_TIME: &str = "wire_time";
+const SEED: &str = "seed";
+const DELAY_MAX: &str = "restart_delay_max_ns";
+
+/// What the host of a module is to record, where the configuration and the run want that.
+pub fn inputs(place: &Place, config: &Config, name: &str, wanted: State) -> Result<Option<Inputs>, ConfigError> {
+    let Some(run) = std::env::var_os(VARIABLE).filter(|_| config.robot.log.inputs) else {
+        return Ok(None);
+    };
+    let header = header(place, name, wanted, Made::LIVE)?;
+    Ok(Some(Inputs { run: run.into(), header, limit: config.robot.log.inputs_max_bytes }))
+}
+
+/// The beginning of the file of a module.
+pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<Header, ConfigError> {
+    let mut texts = Vec::new();
+    let mut add = |name: &str, path: PathBuf| match fs::read_to_string(&path) {
+        Ok(text) => {
+            texts.push((name.to_string(), text));
+            Ok(())
+        }
+        Err(error) => Err(ConfigError(vec![format!("{}: {error}", path.display())])),
+    };
+    add(ROBOT, place.config.join(ROBOT))?;
+    add(MODULES, place.config.join(MODULES))?;
+    if place.sim {
+        add(SIM, place.config.join(SIM))?;
+    }
+    if name == SIMULATOR {
+        add(WORLD, config::world_place(&place.config, place.world.as_deref()))?;
+    }
+    texts.extend(place.sets.iter().map(|set| (SET.to_string(), set.clone())));
+    let delay_max = made.restart_delay_max.map(|delay| u64::try_from(delay.as_nanos()).unwrap_or(u64::MAX));
+    texts.extend(made.wire_time.then(|| (WIRE_TIME.into(), String::new())));
+    texts.extend(made.seed.map(|seed| (SEED.into(), seed.to_string())));
+    texts.extend(delay_max.map(|delay| (DELAY_MAX.into(), delay.to_string())));
+    Ok(Header { program: program(), module: name.into(), wanted, texts })
+}
+
+/// This program, as it stands in a header.
+#[must_use]
+pub fn program() -> String {
+    format!("advee {}", env!("CARGO_PKG_VERSION"))
+}
+
+/// Makes the module of a header again; `sets` are further overrides, after the recorded ones.
+pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
+    let node = |name: &str| {
+        let text = header.text(name).ok_or_else(|| ConfigError(vec![format!("{name}: not in the file")]))?;
+        Node::parse(Path::new(name), text).map_err(ConfigError)
+    };
+    let sim = header.text(SIM).is_some();
+    let sets = [&header.texts(SET), sets].concat();
+    let over = if sim { Some(node(SIM)?) } else { None };
+    let mut config = Config::merge(node(ROBOT)?, over, node(MODULES)?, &sets)?;
+    for node in config.robot.can.iter_mut().flat_map(|can| &mut can.nodes) {
+        node.eds = None;
+    }
+    let nowhere =
+        Place { config: PathBuf::new(), run_dir: PathBuf::new(), lcm_url: String::new(), sets, sim, world: None };
+    let world = || {
+        let world = config::check_world(&node(WORLD)?)?;
+        world.check().map_err(|error| ConfigError(vec![format!("{WORLD}: {error}")]))?;
+        Ok(world)
+    };
+    topology::shell_in(&nowhere, &config, &header.module, header.wanted, made(header)?, world)
+}
+
+fn made(header: &Header) -> Result<Made, ConfigError> {
+    let number = |name: &str| {
+        let read = |text: &str| {
+            text.parse().map_err(|_| ConfigError(vec![format!("{name} = {text:?}: expected a number of nanoseconds")]))
+        };
+        header.text(name).map(read).transpose()
+    };
+    Ok(Made {
+        wire_time: header.text(WIRE_TIME).is_some(),
+        seed: number(SEED)?,
+        restart_delay_max: number(DELAY_MAX)?.map(Duration::from_nanos),
+    })
+}
+
+/// Makes the folder of a run that begins now: `YYYY_MM_DD_HH_MM_SS`, in UTC. Where another run has that name it is the
+/// next free second's.
+pub fn make_run(folder: &Path, wall_ns: u64) -> io::Result<PathBuf> {
+    fs::create_dir_all(folder)?;
+    let first = wall_ns / 1_000_000_000;
+    for second in first..first + 60 {
+        let run = folder.join(run_name(second));
+        match fs::create_dir(&run) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            result => return result.map(|()| run),
+        }
+    }
+    Err(io::ErrorKind::AlreadyExists.into())
+}
+
+/// The name of a second since the UNIX epoch.
+fn run_name(second: u64) -> String {
+    let (mut days, time) = (second / 86_400, second % 86_400);
+    let leap = |year: u64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let mut year = 1970;
+    while days >= 365 + u64::from(leap(year)) {
+        days -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let lengths = [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+    let mut month = 0;
+    while days >= lengths[month] {
+        days -= lengths[month];
+        month += 1;
+    }
+    let (hour, minute, second) = (time / 3600, time / 60 % 60, time % 60);
+    format!("{year:04}_{:02}_{:02}_{hour:02}_{minute:02}_{second:02}", month + 1, days + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_is_named_by_its_second() {
+        assert_eq!(run_name(0), "1970_01_01_00_00_00");
+        assert_eq!(run_name(951_782_399), "2000_02_28_23_59_59");
+        assert_eq!(run_name(951_782_400), "2000_02_29_00_00_00");
+        assert_eq!(run_name(1_767_225_599), "2025_12_31_23_59_59");
+        assert_eq!(run_name(4_107_542_400), "2100_03_01_00_00_00");
+    }
+
+    #[test]
+    fn two_runs_of_one_second_have_two_folders() {
+        let folder = std::env::temp_dir().join(format!("advee-runs-{}", std::process::id()));
+        let runs = [1, 1, 2].map(|second| make_run(&folder, second * 1_000_000_000).unwrap());
+        let names = runs.map(|run| run.file_name().unwrap().to_string_lossy().into_owned());
+        fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(names, ["1970_01_01_00_00_01", "1970_01_01_00_00_02", "1970_01_01_00_00_03"]);
+    }
+
+    #[test]
+    fn every_module_is_made_again_of_what_its_file_begins_with() {
+        let place = Place {
+            config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
+            run_dir: "/run/advee".into(),
+            lcm_url: String::new(),
+            sets: vec!["limits.command_ttl_s=0.5".into()],
+            sim: true,
+            world: Some("empty".into()),
+        };
+        let config = Config::load(&place.config, true, &place.sets).unwrap();
+        let listed = config.modules.iter().map(|module| module.name.as_str());
+        for name in listed.chain([watchdog::NAME]) {
+            let header = header(&place, name, State::Pause, Made::LIVE).unwrap();
+            assert_eq!(rebuild(&header, &[]).unwrap().name(), name);
+            let refused = rebuild(&header, &["limits.command_ttl_s=9".into()]).err().unwrap().to_string();
+            assert!(refused.starts_with("--set: limits.command_ttl_s = 9: expected"), "{refused}");
+        }
+    }
+}
