@@ -28,6 +28,8 @@ mod single;
 mod sources;
 mod stop;
 mod stopped;
+#[cfg(test)]
+mod tests;
 mod wanted;
 
 use crate::host::News;

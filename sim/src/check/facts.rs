@@ -87,8 +87,8 @@ pub(super) struct Facts {
     lost: Instant,
     /// The bus of the drives is disturbed: since, until.
     disturbed: (Instant, Instant),
-    /// LCM is disturbed until then.
-    lcm: Instant,
+    /// LCM is disturbed until then, or was.
+    lcm: Option<Instant>,
     /// The propulsion does not hear until then.
     deaf: Instant,
     /// The propulsion may have no power until then: it rolls.
@@ -114,7 +114,7 @@ impl Facts {
             located: None,
             lost: Instant::ZERO,
             disturbed: (Instant::ZERO, Instant::ZERO),
-            lcm: Instant::ZERO,
+            lcm: None,
             deaf: Instant::ZERO,
             rolls: Instant::ZERO,
         }
@@ -131,9 +131,9 @@ impl Facts {
         now < self.disturbed.1
     }
 
-    /// When messages were last lost or delayed on purpose; now, while they are.
-    pub fn lcm_disturbed(&self, now: Instant) -> Instant {
-        self.lcm.min(now)
+    /// When messages were last lost or delayed on purpose; now, while they are; none, if they never were.
+    pub fn lcm_disturbed(&self, now: Instant) -> Option<Instant> {
+        self.lcm.map(|until| until.min(now))
     }
 
     /// Whether the propulsion may not hear what it is told.
@@ -213,7 +213,8 @@ impl Facts {
             let until = if over { now } else { self.disturbed.1.max(until) };
             self.disturbed = (since, until + AFTERMATH);
         } else if target == "lcm" {
-            self.lcm = if over { now } else { self.lcm.max(until) };
+            let until = if over { now } else { until };
+            self.lcm = Some(self.lcm.filter(|_| !over).map_or(until, |before| before.max(until)));
         } else if target == "propulsion" {
             match fault {
                 "silent" => self.deaf = until + AFTERMATH,

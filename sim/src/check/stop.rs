@@ -56,7 +56,7 @@ impl Rule {
         let others = others.into_iter().filter(|name| ***name != *lost.module);
         let ill = others.filter_map(|name| facts.life(name)).map(|life| life.ill(now)).max().unwrap_or_default();
         let bus = if facts.is_disturbed(now) || facts.is_deaf(now) { now } else { Instant::ZERO };
-        let from = lost.at.max(ill).max(bus).max(facts.lcm_disturbed(now));
+        let from = lost.at.max(ill).max(bus).max(facts.lcm_disturbed(now).unwrap_or_default());
         if from > lost.at && facts.life(&lost.module).is_some_and(super::life::Life::is_well) {
             // It is back before anybody could know, or who had to know was not there.
             self.lost = None;

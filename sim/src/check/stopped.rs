@@ -11,7 +11,7 @@ use module::State;
 /// Commands of two senders may overtake each other by so much.
 const ORDER: Duration = Duration::from_millis(2);
 /// The same where LCM is disturbed.
-const DISORDER: Duration = Duration::from_secs(2);
+const DISORDER: Duration = Duration::from_millis(200);
 
 /// A module.
 #[derive(Debug, Default)]
@@ -63,7 +63,8 @@ impl Rule {
                 let Some(stopped) = module.stopped.take() else { return Ok(()) };
                 let into = module.commands.into.max(all.into).unwrap_or(stopped);
                 let out = module.commands.out.max(all.out);
-                let order = if now.since(facts.lcm_disturbed(now)) < DISORDER { DISORDER } else { ORDER };
+                let disturbed = facts.lcm_disturbed(now).is_some_and(|at| now.since(at) < DISORDER);
+                let order = if disturbed { DISORDER } else { ORDER };
                 if out.is_none_or(|out| out + order < into) {
                     return Err(format!(
                         "{name} goes to {state}; it was stopped at {stopped:?}, and no operator let it go"
