@@ -21,7 +21,9 @@ mod strangers;
 #[cfg(test)]
 mod tests;
 
-pub use config::{ConfigError, ConfigWrite, Expect, Guarding, How, MasterConfig, NodeConfig, PdoMapping, Stamp};
+pub use config::{
+    ConfigError, ConfigWrite, Expect, Farewell, Guarding, How, MasterConfig, NodeConfig, PdoMapping, Stamp,
+};
 pub use events::{BootError, Event, LostReason, PdoError, RequestError, State, Step, Ticket};
 pub use stats::{Jitter, RoundTrip, Spread, Stats};
 

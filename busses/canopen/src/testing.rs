@@ -46,6 +46,8 @@ pub(crate) struct Bus {
     pub(crate) doubling: u64,
     /// The frame that is lost, by its number, the first one being 0.
     pub(crate) lost: Option<usize>,
+    /// The node that the master does not hear, counted from 0.
+    pub(crate) unheard: Option<usize>,
     /// Whether senders get their own frames back.
     pub(crate) echo: bool,
     random: Random,
@@ -65,6 +67,7 @@ impl Bus {
             loss: 0,
             doubling: 0,
             lost: None,
+            unheard: None,
             echo: false,
             random: Random::new(1),
             wire: VecDeque::new(),
@@ -129,7 +132,7 @@ impl Bus {
 
     fn step(&mut self) {
         while let Some((_, from, frame)) = self.wire.pop_front_if(|(at, ..)| *at <= self.now) {
-            if from != 0 || self.echo {
+            if (from != 0 || self.echo) && self.unheard.is_none_or(|node| from != node + 1) {
                 self.master.handle_rx(self.now, &frame);
             }
             for at in 0..self.nodes.len() {

@@ -6,7 +6,7 @@
 //! Traps     no 0x605A: quick stop is kept until enabled again; Refresh and Measure Init look like Switched On
 
 use super::epos_objects::OBJECTS;
-use super::inhibit;
+use super::{inhibit, quick_stop};
 use crate::Dictionary;
 use crate::axis::AxisConfig;
 use crate::axis::modes::Mode;
@@ -106,7 +106,9 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
         ConfigWrite::new(0x1803, 3, inhibit(parameters.velocity_inhibit)),
         ConfigWrite::new(0x1803, 1, velocity_cob_id),
     ];
+    let Parameters { velocity_max_rpm, quick_stop_deceleration, .. } = *parameters;
     NodeConfig {
+        farewell: Some(quick_stop(RPDO, &pack(QUICK_STOP, 0), velocity_max_rpm, quick_stop_deceleration)),
         device_type: Some(DEVICE_TYPE),
         identity: [
             Expect::equal(0x1018, 1, VENDOR),

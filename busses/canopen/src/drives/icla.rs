@@ -10,10 +10,10 @@
 //! Silence   the drive watches the master's heartbeat (0x1016); 0x6007 = 3: quick stop
 
 use super::icla_objects::OBJECTS;
-use super::inhibit;
+use super::{inhibit, quick_stop};
 use crate::Dictionary;
-use crate::axis::AxisConfig;
 use crate::axis::modes::Mode;
+use crate::axis::{AxisConfig, control};
 use crate::master::{ConfigWrite, Expect, NodeConfig, PdoMapping};
 use base::Duration;
 
@@ -109,7 +109,9 @@ pub fn node_config(name: &str, parameters: &Parameters) -> NodeConfig {
     if let Some((min, max)) = parameters.position_limits {
         writes.extend([ConfigWrite::new(0x607D, 1, min), ConfigWrite::new(0x607D, 2, max)]);
     }
+    let Parameters { velocity_rpm, quick_stop_deceleration, .. } = *parameters;
     NodeConfig {
+        farewell: Some(quick_stop(RPDO, &pack(control::QUICK_STOP, 0), velocity_rpm, quick_stop_deceleration)),
         device_type: Some(DEVICE_TYPE),
         identity: [
             Expect::equal(0x1018, 1, VENDOR),

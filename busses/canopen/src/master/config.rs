@@ -212,6 +212,18 @@ pub struct Stamp {
     pub store: bool,
 }
 
+/// An RPDO for a node that counts as lost, and the time that it is given before it is reset: a drive stops by its
+/// ramp meanwhile.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Farewell {
+    /// The RPDO, 1 to 4.
+    pub number: u8,
+    /// Its data, at most 8 bytes.
+    pub data: heapless::Vec<u8, 8>,
+    /// The time; a boot-up message of the node ends it.
+    pub pause: Duration,
+}
+
 /// What a node must be and how it is set up.
 #[derive(Clone, Debug)]
 pub struct NodeConfig {
@@ -242,6 +254,8 @@ pub struct NodeConfig {
     pub guarding: Option<Guarding>,
     /// What is written to 0x1017, the period of the node's heartbeat: 1 ms to 65 s; default 100 ms.
     pub heartbeat: Duration,
+    /// What is sent to it when it counts as lost: it may live and only not be heard. Default nothing.
+    pub farewell: Option<Farewell>,
     /// How long the node's heartbeat may be missing; more than its period; default 200 ms.
     pub heartbeat_limit: Duration,
 }
@@ -264,6 +278,7 @@ impl NodeConfig {
             master_limit: None,
             guarding: None,
             heartbeat: Duration::from_millis(100),
+            farewell: None,
             heartbeat_limit: Duration::from_millis(200),
         }
     }

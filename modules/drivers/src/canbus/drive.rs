@@ -20,6 +20,9 @@ const QUIET: Duration = Duration::from_millis(400);
 /// What was measured longer ago is not known any more.
 const KNOWN: Duration = Duration::from_secs(1);
 
+/// So many questions in a row without an answer, and it counts as deaf.
+const UNANSWERED: u8 = 2;
+
 /// One drive.
 pub(super) struct Drive {
     /// `propulsion` or `steering`.
@@ -43,7 +46,9 @@ pub(super) struct Drive {
     ask: Instant,
     /// Questions under way.
     asked: u8,
-    /// It was asked and did not answer, whatever its heartbeat says.
+    /// Questions in a row that it did not answer.
+    unanswered: u8,
+    /// It was asked again and again and did not answer, whatever its heartbeat says.
     deaf: bool,
 }
 
@@ -65,6 +70,7 @@ impl Drive {
             measured: Instant::ZERO,
             ask: Instant::NEVER,
             asked: 0,
+            unanswered: 0,
             deaf: false,
         }
     }
@@ -100,7 +106,7 @@ impl Drive {
         self.booted = false;
         self.axis.lost();
         (self.trouble, self.reset, self.doubt) = (None, None, false);
-        (self.asked, self.deaf) = (0, false);
+        (self.asked, self.unanswered, self.deaf) = (0, 0, false);
         self.why = format!("is lost: {reason}");
         self.changed = true;
         let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
@@ -161,7 +167,14 @@ impl Drive {
     /// A question has ended, without an answer or with one.
     pub(super) fn on_answer(&mut self, answered: bool, out: &mut Actions) {
         self.asked = self.asked.saturating_sub(1);
-        if !answered && self.booted && !self.deaf {
+        if answered {
+            self.unanswered = 0;
+            return;
+        }
+        // One frame that is lost is asked for again.
+        self.unanswered = self.unanswered.saturating_add(1);
+        self.doubt = true;
+        if self.unanswered >= UNANSWERED && self.booted && !self.deaf {
             self.deaf = true;
             let message =
                 format!("{} drive (node {}) lives but does not answer; the robot stops", self.name, self.node);

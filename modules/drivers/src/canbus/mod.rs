@@ -44,6 +44,8 @@ const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
 const MEASURED: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
+/// Drives answer within a few ms. Two questions without an answer, and the robot stops.
+const SDO_TIMEOUT: Duration = Duration::from_millis(250);
 /// A second master is told at most every 10 s while it is heard.
 const SECOND_MASTER: Duration = Duration::from_secs(11);
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
@@ -100,7 +102,7 @@ impl Canbus {
         let steering = Steering::new(&config);
         let nodes = [propulsion.node_config(), steering.node_config()];
         let (id, bit_rate, sync) = (config.node_id, config.bitrate, config.sync);
-        let master = MasterConfig { id, bit_rate, sync, ..MasterConfig::default() };
+        let master = MasterConfig { id, bit_rate, sync, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
         let master = Master::new(master, &nodes)?;
         Ok(Self {
             master,

@@ -17,6 +17,8 @@ use module::Actions;
 const ACKNOWLEDGE: Duration = Duration::from_millis(100);
 /// So many edges in a row without an answer are worth a report.
 const TRIES: u32 = 5;
+/// A transfer of homing that is not answered is tried again so often: one lost frame is no reason to call a person.
+const RETRIES: u8 = 2;
 /// After homing the wheels are straight when they are within this of the middle, rad.
 const STRAIGHT: f64 = 0.01;
 /// The edge of the switch is searched at this share of the speed towards it.
@@ -52,7 +54,11 @@ pub(super) struct Steering {
     want: Want,
     reference: Reference,
     homing: Homing,
-    ticket: Option<Ticket>,
+    /// The transfer under way for homing, and how often it was not answered.
+    access: Option<(Ticket, Access)>,
+    /// It is to be tried again.
+    again: Option<Access>,
+    unanswered: u8,
     setpoint: Setpoint,
     /// Counts, as the drive says.
     position: Option<i32>,
@@ -78,7 +84,9 @@ impl Steering {
             want: Want::Stop,
             reference: Reference::None,
             homing: Homing::new(homing),
-            ticket: None,
+            access: None,
+            again: None,
+            unanswered: 0,
             setpoint: Setpoint::new(ACKNOWLEDGE),
             position: None,
         }
@@ -104,7 +112,7 @@ impl Steering {
     pub(super) fn on_lost(&mut self) {
         self.reference = Reference::None;
         self.homing.lost();
-        self.ticket = None;
+        (self.access, self.again, self.unanswered) = (None, None, 0);
         self.position = None;
     }
 
@@ -135,10 +143,16 @@ impl Steering {
             Heard::SdoFailed { ticket, error, .. } => (ticket, Err(*error)),
             _ => return,
         };
-        if self.ticket == Some(*ticket) {
-            self.ticket = None;
-            self.homing.handle_sdo(now, result);
+        let Some((_, access)) = self.access.take_if(|(own, _)| own == ticket) else {
+            return;
+        };
+        if result == Err(sdo::Error::Timeout) && self.unanswered < RETRIES {
+            self.unanswered += 1;
+            self.again = Some(access);
+            return;
         }
+        self.unanswered = 0;
+        self.homing.handle_sdo(now, result);
     }
 
     /// Steer to `angle`, rad.
@@ -186,14 +200,14 @@ impl Steering {
             _ => self.homing.cancel(),
         }
         self.homing.handle_timeout(now);
-        while let Some(access) = self.homing.poll_sdo() {
+        while let Some(access) = self.again.take().or_else(|| self.homing.poll_sdo()) {
             let node = self.config.node;
-            let asked = match access {
+            let asked = match access.clone() {
                 Access::Read { index, sub } => master.sdo_read(now, node, index, sub),
                 Access::Write { index, sub, data } => master.sdo_write(now, node, index, sub, data),
             };
             match asked {
-                Ok(ticket) => self.ticket = Some(ticket),
+                Ok(ticket) => self.access = Some((ticket, access)),
                 Err(_) => self.homing.handle_sdo(now, Err(sdo::Error::Cancelled)),
             }
         }

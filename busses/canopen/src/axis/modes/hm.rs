@@ -11,8 +11,10 @@ use crate::{Payload, sdo};
 use base::{Duration, Instant};
 use core::fmt;
 
-/// How long a drive may take to switch its mode, or to show that it has started.
+/// How long a drive may take to show that it has started.
 const REACT_WITHIN: Duration = Duration::from_millis(500);
+/// How long it may take to show the new mode, with transfers that are tried again.
+const SWITCH_WITHIN: Duration = Duration::from_secs(2);
 
 /// How to home.
 #[derive(Clone, Copy, Debug)]
@@ -139,7 +141,7 @@ impl Homing {
     /// Not begun.
     #[must_use]
     pub fn new(config: HomingConfig) -> Self {
-        let switch = Switch::new(REACT_WITHIN);
+        let switch = Switch::new(SWITCH_WITHIN);
         Self { config, state: State::Idle, switch, wanted: None, pending: None, statusword: 0, finished: None }
     }
 

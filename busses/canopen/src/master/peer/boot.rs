@@ -3,8 +3,9 @@
 use super::guard::Guard;
 use super::{Peer, Phase, RESTLESS, SETTLED, STARTS, Shared, UNSETTLED};
 use crate::master::{BootError, Event, LostReason, Step};
-use crate::wire::{self, NmtCommand, NmtState};
-use base::Instant;
+use crate::wire::{self, NmtCommand, NmtState, Service};
+use base::can::Frame;
+use base::{Duration, Instant};
 
 impl Peer {
     pub(super) fn step(&self) -> Step {
@@ -152,8 +153,21 @@ impl Peer {
         self.channel.forget(shared);
         let soon = now.since(self.booted_at) < SETTLED;
         self.unsettled = if soon { self.unsettled.saturating_add(1) } else { 0 };
+        let pause = match &self.config.farewell {
+            // One that has just booted, or is not Operational, does nothing and hears no PDO.
+            Some(farewell) if !matches!(reason, LostReason::BootUp | LostReason::State(_)) => {
+                let service = Service::Rpdo { node: self.id(), number: farewell.number };
+                shared.outbox.push(Frame::standard(service.cob_id(), &farewell.data));
+                farewell.pause
+            }
+            _ => Duration::ZERO,
+        };
         let Some(again) = self.unsettled.checked_sub(UNSETTLED) else {
-            return self.first(now, shared);
+            if pause.is_zero() {
+                return self.first(now, shared);
+            }
+            self.guard = None;
+            return self.enter(Phase::Resting { until: now + pause }, shared);
         };
         if again == 0 && reason == LostReason::BootUp {
             // Two nodes that boot one after the other look the same as one that keeps resetting itself.

@@ -176,6 +176,6 @@ fn a_node_that_is_swapped_between_two_boots_is_told_and_configured() {
     assert_eq!((bus.nodes[0].get(0x6060, 0), bus.nodes[0].get(0x1803, 1)), (Some(3), Some(0x4000_0481)));
     // Told once.
     bus.master.reboot(bus.now, 1);
-    bus.run_to(1000, is_booted(1));
+    bus.run_to(3000, is_booted(1));
     assert_eq!(told(&bus, from).iter().filter(|event| matches!(event, Event::Swapped { .. })).count(), 1);
 }

@@ -144,3 +144,20 @@ fn an_emergency_flood_is_told_by_its_first_and_last() {
     assert_eq!(told, [(0x3210, 0), (0x3210 + 49, 48)]);
     assert_eq!(bus.master.stats(1).unwrap().emergencies, 50);
 }
+
+#[test]
+fn a_drive_that_is_not_heard_is_told_to_stop_and_given_time_before_it_is_reset() {
+    let mut bus = booted();
+    bus.master.send_pdo(1, 4, &epos::pack(0x0F, 1500)).unwrap();
+    bus.run(5);
+    bus.unheard = Some(0);
+    bus.run_to(400, |event| matches!(event, Event::Lost { node: 1, reason: LostReason::Heartbeat }));
+    bus.run(2);
+    assert_eq!(bus.nodes[0].get(0x6040, 0), Some(0x0B), "quick stop");
+    assert_eq!(bus.nodes[0].nmt_state(), Some(NmtState::Operational));
+    bus.unheard = None;
+    // 25 000 rpm at 10 000 rpm/s, and no more than 2 s.
+    bus.run(1990);
+    assert_eq!(bus.nodes[0].nmt_state(), Some(NmtState::Operational));
+    bus.run_to(500, is_booted(1));
+}
