@@ -5,6 +5,10 @@
 mod alone;
 #[path = "foreign/built.rs"]
 mod built;
+#[path = "foreign/milestones.rs"]
+mod milestones;
+#[path = "foreign/page.rs"]
+mod page;
 #[path = "foreign/supervised.rs"]
 mod supervised;
 mod support;

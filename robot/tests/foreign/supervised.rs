@@ -107,7 +107,7 @@ impl Supervised {
         let before = [BEATING[0], BEATING[1], QUIET].map(|module| self.robot.view.pid(module));
         before.iter().for_each(|pid| signal(*pid, "STOP"));
         let stopped = Instant::now();
-        let mut another = |robot: &mut Robot, index: usize, within: f64| {
+        let another = |robot: &mut Robot, index: usize, within: f64| {
             let module = [BEATING[0], BEATING[1], QUIET][index];
             robot.until("another process", within, |view| ![0, before[index]].contains(&view.pid(module)));
             println!("{module}: another process {:.2} s after it hung", stopped.elapsed().as_secs_f64());

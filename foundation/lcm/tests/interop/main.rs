@@ -12,7 +12,6 @@ mod cases;
 #[path = "../common/mod.rs"]
 mod common;
 mod logs;
-mod modules;
 mod official;
 mod peer;
 mod table;
