@@ -109,7 +109,7 @@ fn an_unknown_table_is_refused() {
         "[powder]\nport = \"x\"\n[limits]",
         &[
             "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs, beacons, \
-           power",
+           power, log",
         ],
     );
 }
@@ -353,6 +353,19 @@ fn modules_are_checked_too() {
             "modules.toml:10: modules[2].rt_priority = 100: expected an integer from 0 to 99",
         ]
     );
+}
+
+#[test]
+fn what_a_run_writes_down_is_configured() {
+    let [real, sim] = [false, true].map(|sim| Config::load(&shipped(), sim, &[]).unwrap().robot.log);
+    assert_eq!((real.inputs, sim.inputs), (false, true), "the default in simulation");
+    assert_eq!((real.inputs_max_bytes, real.folder), (256_000_000, None));
+    let sets = ["log.folder=/var/log/advee".into(), "log.inputs_max_bytes=1e6".into()];
+    let log = Config::load(&shipped(), true, &sets).unwrap().robot.log;
+    assert_eq!((log.inputs_max_bytes, log.folder), (1_000_000, Some("/var/log/advee".into())));
+    let sets = ["log.folder=".into(), "log.inputs_max_bytes=1".into(), "log.inputs=1".into()];
+    let ConfigError(lines) = Config::load(&shipped(), true, &sets).unwrap_err();
+    assert_eq!(lines.len(), 3, "{lines:?}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::wire::{self, Take};
 use super::{Malformed, report, state, take_message, take_report, take_state};
-use crate::{Event, ExitStatus, Input, PortId, ProcessEvent};
+use crate::{Actions, Event, ExitStatus, Input, PortId, ProcessEvent, Shell};
 use base::serial::Word;
 use base::{Instant, Report, can};
 use messages::Message;
@@ -19,6 +19,18 @@ pub enum Call<'a> {
     Raise(&'a Report),
     /// [`crate::Shell::clear`]
     Clear(&'a Report),
+}
+
+impl Call<'_> {
+    /// Tells it to a shell.
+    pub fn tell(self, shell: &mut Shell, now: Instant, out: &mut Actions) {
+        match self {
+            Self::Event(event) => shell.handle(now, event, out),
+            Self::Terminate => shell.terminate(now, out),
+            Self::Raise(report) => shell.raise(now, report.clone(), out),
+            Self::Clear(report) => shell.clear(now, report.clone(), out),
+        }
+    }
 }
 
 impl fmt::Display for Call<'_> {

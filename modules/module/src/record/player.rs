@@ -1,6 +1,6 @@
 //! Plays records to a shell and holds its answers against the recorded ones.
 
-use super::{Call, Record, Refusal, answer};
+use super::{Record, Refusal, answer};
 use crate::{Action, Actions, Shell};
 use base::Instant;
 
@@ -70,12 +70,7 @@ impl Player {
             self.out = Actions::new(record.epoch);
         }
         let (shell, out) = (&mut self.shell, &mut self.out);
-        let ((), recorded) = record.call(|call| match call {
-            Call::Event(event) => shell.handle(now, event, out),
-            Call::Terminate => shell.terminate(now, out),
-            Call::Raise(report) => shell.raise(now, report.clone(), out),
-            Call::Clear(report) => shell.clear(now, report.clone(), out),
-        })?;
+        let ((), recorded) = record.call(|call| call.tell(shell, now, out))?;
         let wake = self.shell.poll_timeout();
         let changed = (wake != self.wake).then_some(wake);
         self.answer.clear();
