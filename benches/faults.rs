@@ -1,0 +1,306 @@
+//! Fault campaign on real processes: `cargo bench --bench faults`.
+//!
+//! Simulated robots drive. Again and again a module of one is harmed, and two times are taken: until a stop has begun
+//! (on the CAN bus: quick stop, zero velocity, or the drive's own emergency that its master is lost), and until the
+//! module is in RUN again. Bounds: 300 ms for every fault of a critical module; 1 s for 99 of 100 faults. Beside it the
+//! thesis's settings: hangs are found by announcements alone (2 s, looked at every 200 ms).
+//!
+//! In the environment: FAULTS (1000, or as many as 15 minutes take; a number given is not cut short), ROBOTS at a time,
+//! SEED.
+
+#[path = "faults/can.rs"]
+mod can;
+#[path = "faults/canary.rs"]
+mod canary;
+#[path = "faults/figures.rs"]
+mod figures;
+#[path = "faults/kind.rs"]
+mod kind;
+#[path = "faults/rig.rs"]
+mod rig;
+#[path = "../robot/tests/support/mod.rs"]
+mod support;
+#[path = "faults/trial.rs"]
+mod trial;
+
+use canary::Canary;
+use figures::Times;
+use kind::Kind;
+use rig::{Rig, Yard};
+use sim::Random;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use trial::{Ending, Outcome};
+
+const FAULTS: usize = 1000;
+const ROBOTS: usize = 4;
+/// Without FAULTS given.
+const LIMIT: Duration = Duration::from_secs(15 * 60);
+/// Of the control group: one for so many of the others.
+const CONTROL: usize = 20;
+/// A restart after this much life is not delayed, and leaves no debt.
+const REST: Duration = Duration::from_millis(10_500);
+/// What a module may use here: a memory hog ends there.
+const MEMORY_MAX: u32 = 256 << 20;
+
+/// The module harmed, and how.
+type Fault = (String, Kind);
+
+fn main() {
+    let given = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
+    let faults = given("FAULTS").map_or(FAULTS, |faults| faults as usize);
+    let limit = if given("FAULTS").is_some() { Duration::MAX } else { LIMIT };
+    let robots = given("ROBOTS").map_or(ROBOTS, |robots| robots as usize).max(1);
+    let seed = given("SEED").unwrap_or(1);
+    let folder = Folder::new();
+    let saboteur = build(&folder.0);
+    let canary = Canary::start();
+    let campaign = |name: &str, settings: &str, faults: usize, limit| {
+        let config = configure(&folder.0.join(name), settings);
+        let modules = modules(&config);
+        let yard = Yard { config: &config, saboteur: &saboteur, folder: &folder.0 };
+        let deck = deck(&modules, faults, &mut Random::stream(seed, faults as u64));
+        let campaign = Campaign { yard, canary: &canary, critical: &modules, limit, deck: Mutex::new(deck), seed };
+        campaign.run(robots)
+    };
+    let begin = Instant::now();
+    let ours = campaign("ours", &format!("memory_max = {MEMORY_MAX}"), faults, limit);
+    println!("{faults} faults, {robots} robots at a time, seed {seed}, {:.0} s", begin.elapsed().as_secs_f64());
+    ours.print("beats, looked at every 20 ms");
+    let settings = format!("memory_max = {MEMORY_MAX}\nbeat_timeout = 60");
+    let control = campaign("control", &settings, faults.div_ceil(CONTROL), Duration::MAX);
+    control.print("the thesis's settings: announcements, 2 s, looked at every 200 ms");
+    ours.judge();
+}
+
+/// Of this campaign alone, removed with all in it.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Self {
+        let folder = std::env::temp_dir().join(format!("advee-faults-{}", std::process::id()));
+        fs::create_dir_all(&folder).expect("a folder");
+        Self(folder)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn build(folder: &Path) -> PathBuf {
+    let (source, library) = (support::workspace().join("benches/faults/saboteur.c"), folder.join("saboteur.so"));
+    let mut cc = Command::new("cc");
+    cc.args(["-O1", "-shared", "-fPIC", "-pthread", "-Wno-unused-result", "-o"]).arg(&library).arg(source);
+    assert!(cc.status().expect("a C compiler").success(), "saboteur.c is not compiled");
+    library
+}
+
+/// The shipped configuration, with further settings of every module.
+fn configure(folder: &Path, settings: &str) -> PathBuf {
+    fs::create_dir_all(folder).expect("a folder");
+    let shipped = support::workspace().join("conf/advee");
+    for file in ["robot.toml", "sim.toml"] {
+        fs::copy(shipped.join(file), folder.join(file)).expect("the shipped configuration");
+    }
+    let modules = fs::read_to_string(shipped.join("modules.toml")).expect("the shipped modules");
+    let modules = modules.replace("\n[[modules]]\n", &format!("\n[[modules]]\n{settings}\n"));
+    fs::write(folder.join("modules.toml"), modules).expect("a file");
+    folder.into()
+}
+
+/// The modules that are harmed, and whether they are critical. The simulator plays the hardware.
+fn modules(config: &Path) -> BTreeMap<String, bool> {
+    let config = robot::config::Config::load(config, true, &[]).expect("a good configuration");
+    let modules = config.modules.into_iter().map(|module| (module.name, module.critical));
+    modules.filter(|(name, _)| name != "simulator").chain([(watchdog::NAME.into(), true)]).collect()
+}
+
+/// Every fault as often as every other, shuffled.
+fn deck(modules: &BTreeMap<String, bool>, count: usize, random: &mut Random) -> Vec<Fault> {
+    // The watchdog has one thread.
+    let can = |fault: &Fault| fault.0 != watchdog::NAME || fault.1 != Kind::Worker;
+    let all = Kind::ALL.into_iter().flat_map(|kind| modules.keys().map(move |module| (module.clone(), kind)));
+    let all: Vec<Fault> = all.filter(can).collect();
+    let mut deck: Vec<Fault> = Vec::new();
+    while deck.len() < count {
+        let mut round = all.clone();
+        for index in (1..round.len()).rev() {
+            round.swap(index, (random.bits() % (index as u64 + 1)) as usize);
+        }
+        deck.extend(round);
+    }
+    deck.truncate(count);
+    deck
+}
+
+struct Campaign<'a> {
+    yard: Yard<'a>,
+    canary: &'a Canary,
+    critical: &'a BTreeMap<String, bool>,
+    limit: Duration,
+    deck: Mutex<Vec<Fault>>,
+    seed: u64,
+}
+
+impl Campaign<'_> {
+    fn run(&self, robots: usize) -> Results {
+        let results = Mutex::new(Results::default());
+        let begin = Instant::now();
+        std::thread::scope(|scope| {
+            for number in 0..robots {
+                let results = &results;
+                let mut random = Random::stream(self.seed, 1 << 32 | number as u64);
+                scope.spawn(move || self.robot(begin, results, &mut random));
+            }
+        });
+        results.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// One robot after the other, until there is no fault left; a new one where one does not recover.
+    fn robot(&self, begin: Instant, results: &Mutex<Results>, random: &mut Random) {
+        static NUMBER: AtomicU16 = AtomicU16::new(0);
+        let add = |outcome: Outcome| results.lock().unwrap_or_else(PoisonError::into_inner).add(outcome);
+        while !self.is_over(begin) {
+            let mut rig = Rig::start(&self.yard, NUMBER.fetch_add(1, Ordering::Relaxed));
+            assert!(rig.until_driving(), "the robot does not start:\n{}", rig.lines().join("\n"));
+            let mut harmed: BTreeMap<String, Instant> = BTreeMap::new();
+            let started = Instant::now();
+            while !self.is_over(begin) {
+                let rests = |module: &str| harmed.get(module).unwrap_or(&started).elapsed() >= REST;
+                let Some((module, kind)) = self.draw(rests) else {
+                    rig.turn();
+                    continue;
+                };
+                let phase = Duration::from_secs_f64(0.2 * random.uniform());
+                let critical = self.critical[&module];
+                let Some(outcome) = trial::run(&mut rig, &module, kind, critical, phase, self.canary) else {
+                    self.give_back((module, kind));
+                    if !rig.until_driving() {
+                        break;
+                    }
+                    continue;
+                };
+                harmed.insert(module.clone(), Instant::now());
+                if matches!(outcome.ending, Ending::Stalled(_)) {
+                    self.give_back((module, kind));
+                }
+                let missed = outcome.is_missed();
+                if missed {
+                    eprintln!("missed: {outcome:?}\n{}", rig.lines().join("\n"));
+                }
+                add(outcome);
+                if !rig.until_driving() {
+                    eprintln!("does not drive again:\n{}", rig.lines().join("\n"));
+                    results.lock().unwrap_or_else(PoisonError::into_inner).lost += 1;
+                    break;
+                }
+            }
+        }
+    }
+
+    fn is_over(&self, begin: Instant) -> bool {
+        begin.elapsed() >= self.limit || self.deck.lock().unwrap_or_else(PoisonError::into_inner).is_empty()
+    }
+
+    /// The next fault of a module that has rested.
+    fn draw(&self, rests: impl Fn(&str) -> bool) -> Option<Fault> {
+        let mut deck = self.deck.lock().unwrap_or_else(PoisonError::into_inner);
+        let index = deck.iter().position(|(module, _)| rests(module))?;
+        Some(deck.remove(index))
+    }
+
+    fn give_back(&self, fault: Fault) {
+        self.deck.lock().unwrap_or_else(PoisonError::into_inner).push(fault);
+    }
+}
+
+/// What a campaign found.
+#[derive(Default)]
+struct Results {
+    kinds: BTreeMap<Kind, Row>,
+    /// Repeated, as the machine stood still meanwhile, and how long at most.
+    stalled: (usize, Duration),
+    /// Robots that did not drive again.
+    lost: usize,
+}
+
+#[derive(Clone, Default)]
+struct Row {
+    faults: usize,
+    stop: Times,
+    run: Times,
+    missed: usize,
+}
+
+impl Results {
+    fn add(&mut self, outcome: Outcome) {
+        if let Ending::Stalled(stall) = outcome.ending {
+            self.stalled = (self.stalled.0 + 1, self.stalled.1.max(stall));
+            return;
+        }
+        let row = self.kinds.entry(outcome.kind).or_default();
+        row.faults += 1;
+        row.missed += usize::from(outcome.is_missed());
+        if let Some(took) = outcome.stop {
+            row.stop.add(took);
+        }
+        if let Some(took) = outcome.run {
+            row.run.add(took);
+        }
+    }
+
+    fn all(&self) -> Row {
+        let mut all = Row::default();
+        for row in self.kinds.values() {
+            all.faults += row.faults;
+            all.missed += row.missed;
+            all.stop.append(&row.stop);
+            all.run.append(&row.run);
+        }
+        all
+    }
+
+    fn print(&self, name: &str) {
+        let all = self.all();
+        println!("\n{name}");
+        println!("{:21} {:>6}  {:>20}  {:>20}  {:>6}", "", "", "ms to stop begun", "ms to RUN", "");
+        println!(
+            "{:21} {:>6}  {:>6} {:>6} {:>6}  {:>6} {:>6} {:>6}  missed",
+            "", "faults", "p50", "p99", "p100", "p50", "p99", "p100"
+        );
+        for (name, row) in self.kinds.iter().map(|(kind, row)| (kind.name(), row)).chain([("all", &all)]) {
+            println!("{name:21} {:6}  {}  {}  {:6}", row.faults, row.stop.columns(), row.run.columns(), row.missed);
+        }
+        let (count, stall) = self.stalled;
+        println!(
+            "repeated, as the machine itself stood still (40 ms and more): {count}, {} ms at most",
+            stall.as_millis()
+        );
+        println!("robots that did not drive again: {}", self.lost);
+        println!(
+            "stop begun, ms\n{}RUN again, ms\n{}",
+            all.stop.histogram(Duration::from_millis(20)),
+            all.run.histogram(Duration::from_millis(50))
+        );
+    }
+
+    fn judge(&self) {
+        let all = self.all();
+        let held = |value: Option<f64>, bound: f64| match value {
+            Some(value) if value <= bound => format!("{value:.0} ms, within {bound:.0}"),
+            Some(value) => format!("{value:.0} ms, NOT within {bound:.0}"),
+            None => "not measured".into(),
+        };
+        println!("stop begun at p100: {}", held(all.stop.worst(), 300.0));
+        println!("RUN again at p99:   {}", held(all.run.p99(), 1000.0));
+        println!("missed:             {}", all.missed + self.lost);
+    }
+}

@@ -1,0 +1,261 @@
+//! A simulated robot that is driven, listened to and harmed.
+
+use super::can::{Can, Sign};
+use crate::support;
+use lcm::live::Lcm;
+use messages::{Channel, Message, common, lowlevel};
+use module::State;
+use std::collections::{BTreeMap, VecDeque};
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStderr, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The operator's commands come at 20 Hz.
+const COMMANDS: Duration = Duration::from_millis(50);
+/// A turn of the bench's loop is this long at most.
+const STEP: Duration = Duration::from_millis(5);
+const SPEED: f64 = 0.3;
+const STEERING: f64 = 0.4;
+/// The last lines of the robot's log that are kept for people.
+const LINES: usize = 200;
+
+/// The robot, and what was last heard of it.
+pub struct Rig {
+    pub run_dir: PathBuf,
+    up: Child,
+    bus: Lcm,
+    can: Can,
+    log: Arc<Mutex<VecDeque<String>>>,
+    reader: Option<JoinHandle<()>>,
+    pub processes: BTreeMap<String, common::Process>,
+    homed: bool,
+    speed: f64,
+    /// What the operator asks for, and when he says so next.
+    wanted: f64,
+    next: Instant,
+    /// The last sign on the CAN bus.
+    sign: Option<(Instant, Sign)>,
+    /// Since [`Rig::mark`]: the first sign of a stop, the longest turn of this loop, announcements of the watchdog.
+    pub stop: Option<Instant>,
+    pub slowest: Duration,
+    pub announced: Option<Instant>,
+    turn: Instant,
+    marked: Instant,
+}
+
+/// Where robots are made.
+pub struct Yard<'a> {
+    /// Its configuration.
+    pub config: &'a Path,
+    /// What is loaded into every process.
+    pub saboteur: &'a Path,
+    /// For what belongs to each robot.
+    pub folder: &'a Path,
+}
+
+impl Rig {
+    /// Starts one; no other robot has `number`.
+    pub fn start(yard: &Yard<'_>, number: u16) -> Self {
+        let port = 50_000 + (std::process::id() as u16).wrapping_mul(31) % 450 * 32 + number % 32;
+        let url = format!("udpm://239.255.76.67:{port}?ttl=0&shm=auto");
+        let run_dir = yard.folder.join(number.to_string());
+        let logs = run_dir.with_extension("log");
+        let bus = support::listen(&url);
+        let can = Can::listen(robot::topology::can_port_beside(port));
+        let world = support::workspace().join("conf/worlds/empty.toml");
+        let mut up = support::advee(&url, &run_dir)
+            .arg("--config")
+            .arg(yard.config)
+            .args(["--set", &format!("log.folder={:?}", logs)])
+            .args(["up", "--sim", "--headless", "--goal", "none", "--world"])
+            .arg(world)
+            .env("LD_PRELOAD", yard.saboteur)
+            .env("ADVEE_SABOTAGE", run_dir.with_extension("fifo"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the executable is built");
+        let log = Arc::new(Mutex::new(VecDeque::new()));
+        let (stderr, kept) = (up.stderr.take().expect("it is piped"), log.clone());
+        let reader = Some(std::thread::spawn(move || keep(stderr, &kept)));
+        let now = Instant::now();
+        Self {
+            run_dir,
+            up,
+            bus,
+            can,
+            log,
+            reader,
+            processes: BTreeMap::new(),
+            homed: false,
+            speed: 0.0,
+            wanted: 0.0,
+            next: now,
+            sign: None,
+            stop: None,
+            slowest: Duration::ZERO,
+            announced: None,
+            turn: now,
+            marked: now,
+        }
+    }
+
+    /// From now on is counted.
+    pub fn mark(&mut self) -> Instant {
+        self.turn();
+        self.marked = Instant::now();
+        (self.stop, self.slowest, self.announced, self.turn) = (None, Duration::ZERO, None, self.marked);
+        self.marked
+    }
+
+    /// What the operator asks for from now on; at once, if it is a stop.
+    pub fn drive(&mut self, on: bool) {
+        self.wanted = if on { SPEED } else { 0.0 };
+        if !on {
+            self.next = Instant::now();
+        }
+    }
+
+    /// Until the robot drives again: whoever had it stopped must let go first. False when it does not within 40 s.
+    pub fn until_driving(&mut self) -> bool {
+        let begin = Instant::now();
+        let mut calm = Instant::now();
+        self.drive(false);
+        while begin.elapsed() < Duration::from_secs(40) {
+            self.turn();
+            if !self.all_run() || !self.homed {
+                self.drive(false);
+                calm = Instant::now();
+            } else if self.wanted == 0.0 && calm.elapsed() >= Duration::from_millis(150) {
+                self.drive(true);
+            } else if self.wanted != 0.0 && calm.elapsed() >= Duration::from_millis(1500) && !self.drives() {
+                // It was stopped once more.
+                self.drive(false);
+                calm = Instant::now();
+            } else if self.drives() && self.speed > SPEED / 2.0 {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Whether the drive turns, by its last command.
+    pub fn drives(&self) -> bool {
+        matches!(self.sign, Some((_, Sign::Drives)))
+    }
+
+    pub fn all_run(&self) -> bool {
+        let runs = |process: &common::Process| process.state == State::Run as i8;
+        !self.processes.is_empty() && self.processes.values().all(runs)
+    }
+
+    /// Of a module; of the watchdog, which is in no list, by its command line. None: there is none now.
+    pub fn pid(&self, module: &str) -> Option<i32> {
+        if module != watchdog::NAME {
+            return self.processes.get(module).map(|process| process.pid).filter(|pid| *pid > 0);
+        }
+        let own = self.run_dir.to_string_lossy().into_owned();
+        let entries = fs::read_dir("/proc").expect("/proc").filter_map(|entry| entry.ok());
+        let mut pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
+        pids.find(|pid| {
+            let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            let words: Vec<_> = line.split(|byte| *byte == 0).map(String::from_utf8_lossy).collect();
+            words.len() > 2 && words[1] == "run" && words[2] == watchdog::NAME && words.iter().any(|word| *word == own)
+        })
+    }
+
+    /// Whether another process than `old` has this module in RUN.
+    pub fn is_back(&self, module: &str, old: i32) -> bool {
+        if module == watchdog::NAME {
+            return self.announced.is_some() && self.pid(module).is_some_and(|pid| pid != old);
+        }
+        self.processes.get(module).is_some_and(|process| {
+            process.pid != old && process.phase == common::Process::RUNNING && process.state == State::Run as i8
+        })
+    }
+
+    /// For a moment, whatever comes.
+    pub fn pass(&mut self, time: Duration) {
+        let end = Instant::now() + time;
+        while Instant::now() < end {
+            self.turn();
+        }
+    }
+
+    /// Says what the operator says, and hears what comes.
+    pub fn turn(&mut self) {
+        let now = Instant::now();
+        self.slowest = self.slowest.max(now - self.turn);
+        self.turn = now;
+        if self.next <= now {
+            self.next = now + COMMANDS;
+            let (speed, source) = (self.wanted, "bench".into());
+            let command = lowlevel::CmdMotion { timestamp: 0, speed, steering: STEERING, priority: 1, source };
+            let mut bytes = Vec::new();
+            Message::from(command).encode(&mut bytes).expect("encodable");
+            self.bus.publish(Channel::LlCmdMotion.name(), &bytes).expect("the bus takes it");
+        }
+        let wait = STEP.min(self.next.saturating_duration_since(Instant::now()));
+        self.bus.wait(wait).expect("the bus can be waited for");
+        while let Some(received) = self.bus.recv().expect("the bus can be read") {
+            let Some(channel) = Channel::from_name(received.channel) else { continue };
+            match Message::decode(channel, received.payload) {
+                Ok(Message::SimDataTruth(truth)) => self.speed = truth.speed.abs(),
+                Ok(Message::LlDataMotion(motion)) => self.homed = motion.homed,
+                Ok(Message::CmDataProcesses(list)) => {
+                    self.processes =
+                        list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();
+                }
+                Ok(Message::CmDataState(state))
+                    if state.module == watchdog::NAME && state.state == State::Run as i8 =>
+                {
+                    self.announced = Some(Instant::now());
+                }
+                _ => {}
+            }
+        }
+        while let Ok((at, sign)) = self.can.signs.try_recv() {
+            self.sign = Some((at, sign));
+            if sign == Sign::Stops && at >= self.marked {
+                self.stop.get_or_insert(at);
+            }
+        }
+    }
+
+    /// The last lines of its log.
+    pub fn lines(&self) -> Vec<String> {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        support::signal(self.up.id() as i32, "TERM");
+        let begin = Instant::now();
+        while self.up.try_wait().is_ok_and(|status| status.is_none()) && begin.elapsed() < Duration::from_secs(15) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let _ = self.up.kill();
+        let _ = self.up.wait();
+        let _ = self.reader.take().map(JoinHandle::join);
+    }
+}
+
+fn keep(stderr: ChildStderr, log: &Mutex<VecDeque<String>>) {
+    let (mut stderr, mut line) = (BufReader::with_capacity(1 << 16, stderr), Vec::new());
+    while stderr.read_until(b'\n', &mut line).is_ok_and(|length| length > 0) {
+        if !line.ends_with(b"and again\n") {
+            let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
+            log.push_back(String::from_utf8_lossy(&line).trim_end().to_string());
+            if log.len() > LINES {
+                log.pop_front();
+            }
+        }
+        line.clear();
+    }
+}

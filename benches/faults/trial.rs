@@ -1,0 +1,165 @@
+//! One fault, from its injection until the module is back.
+
+use super::canary::{Canary, STALL};
+use super::kind::Kind;
+use super::rig::Rig;
+use crate::support;
+use robot::live::beats;
+use std::fs;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// What has not happened by then does not.
+const PATIENCE: Duration = Duration::from_secs(6);
+/// A burden lasts for 2 s; meanwhile the operator stops the robot.
+const BURDEN: Duration = Duration::from_millis(2300);
+const OBEY: Duration = Duration::from_millis(500);
+/// The operator, who is this bench, must not pause as long himself: a command lives for 250 ms.
+const OWN_PAUSE: Duration = Duration::from_millis(100);
+
+/// What came of a fault.
+#[derive(Debug)]
+pub struct Outcome {
+    pub module: String,
+    pub kind: Kind,
+    pub critical: bool,
+    /// From the fault, or where it has no instant of hanging from the last beat, or the operator's word, on.
+    pub stop: Option<Duration>,
+    pub run: Option<Duration>,
+    pub ending: Ending,
+}
+
+/// How it ended.
+#[derive(Debug, PartialEq)]
+pub enum Ending {
+    /// The module is in RUN: again, or all the time under a burden.
+    Back,
+    /// It is not.
+    Never,
+    /// The machine stood still for this long meanwhile: no figure.
+    Stalled(Duration),
+}
+
+impl Outcome {
+    /// A hang unseen, or a robot out of control.
+    pub fn is_missed(&self) -> bool {
+        let stop_owed = self.critical || self.kind.is_burden();
+        self.ending == Ending::Never || (self.ending == Ending::Back && stop_owed && self.stop.is_none())
+    }
+}
+
+/// The last sign of life of a process: its beats, or where it has none that it is there.
+struct Vital {
+    page: Option<PathBuf>,
+    pid: i32,
+    count: Option<[u8; 4]>,
+    last: Instant,
+}
+
+impl Vital {
+    fn new(rig: &Rig, module: &str, pid: i32, now: Instant) -> Self {
+        let page = beats::folder(&rig.run_dir).ok().map(|folder| folder.join(module)).filter(|page| page.exists());
+        Self { page, pid, count: None, last: now }
+    }
+
+    fn look(&mut self) {
+        let now = Instant::now();
+        let Some(page) = &self.page else {
+            let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).unwrap_or_default();
+            if stat.rsplit(") ").next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with('Z')) {
+                self.last = now;
+            }
+            return;
+        };
+        let bytes = fs::read(page).unwrap_or_default();
+        // docs/beats.md: whose it is, and the count of its first thread.
+        let (Some(pid), Some(count)) = (bytes.get(8..12), bytes.get(112..116)) else { return };
+        if pid == self.pid.to_le_bytes() && self.count.is_none_or(|last| last != count) {
+            self.count = count.try_into().ok();
+            self.last = now;
+        }
+    }
+}
+
+/// Harms a module of a robot that drives; none when it stopped by itself before, or has no such process.
+pub fn run(
+    rig: &mut Rig,
+    module: &str,
+    kind: Kind,
+    critical: bool,
+    phase: Duration,
+    canary: &Canary,
+) -> Option<Outcome> {
+    rig.pass(phase);
+    let pid = rig.pid(module).filter(|_| rig.drives() && rig.all_run())?;
+    let fault = rig.mark();
+    kind.inject(pid);
+    let mut outcome = Outcome { module: module.into(), kind, critical, stop: None, run: None, ending: Ending::Never };
+    if kind.is_burden() {
+        burden(rig, fault, pid, &mut outcome);
+    } else {
+        hang(rig, fault, pid, &mut outcome);
+    }
+    if outcome.ending == Ending::Never && rig.pid(module) == Some(pid) {
+        // Nobody else does.
+        support::signal(pid, "KILL");
+    }
+    if let Some(stall) = canary.stalled(fault, Instant::now()).or(Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE))
+    {
+        outcome.ending = Ending::Stalled(stall.max(STALL));
+    }
+    Some(outcome)
+}
+
+fn hang(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
+    let mut vital = Vital::new(rig, &outcome.module, pid, fault);
+    let mut back = None;
+    while fault.elapsed() < PATIENCE {
+        rig.turn();
+        if outcome.kind == Kind::Memory {
+            vital.look();
+        }
+        if rig.stop.is_some() {
+            rig.drive(false);
+        }
+        if back.is_none() && rig.is_back(&outcome.module, pid) {
+            back = Some(Instant::now());
+        }
+        if back.is_some() && (rig.stop.is_some() || !outcome.critical) {
+            break;
+        }
+    }
+    let since = if outcome.kind == Kind::Memory { vital.last } else { fault };
+    outcome.run = back.map(|at| at.saturating_duration_since(since));
+    if outcome.critical {
+        outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
+    }
+    if back.is_some() {
+        outcome.ending = Ending::Back;
+    }
+}
+
+fn burden(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
+    let mut vital = Vital::new(rig, &outcome.module, pid, fault);
+    let (mut told, mut back) = (None, None);
+    while fault.elapsed() < BURDEN
+        || (back.is_none() && rig.pid(&outcome.module) != Some(pid) && fault.elapsed() < PATIENCE)
+    {
+        rig.turn();
+        vital.look();
+        if told.is_none() && fault.elapsed() >= OBEY {
+            // Where it has stopped already the operator has nothing to add.
+            told = Some(rig.stop.is_none().then(Instant::now));
+            rig.drive(false);
+        }
+        if back.is_none() && rig.is_back(&outcome.module, pid) {
+            back = Some(Instant::now());
+        }
+    }
+    outcome.run = back.map(|at| at.saturating_duration_since(vital.last));
+    let since = told.flatten().unwrap_or(vital.last);
+    outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
+    if back.is_some() || (rig.pid(&outcome.module) == Some(pid) && rig.all_run()) {
+        outcome.ending = Ending::Back;
+    }
+}
