@@ -119,24 +119,68 @@ fn whose_watchdog_is_gone_ends_after_three_seconds_and_no_sooner() {
 #[test]
 fn what_breaks_in_a_handler_is_reported_and_ends_it_with_a_code_of_its_class() {
     let Some(built) = Built::on_the_wheel() else { return };
-    let mut robot = Robot::start(built, "broken", &["timer"], &[]);
-    assert_eq!(robot.fatal(), (UNHANDLED, "RuntimeError: in a timer".into()));
-    assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
+    for (name, kind) in [("broken", "RuntimeError: "), ("broken_cpp", "")] {
+        let mut robot = Robot::start(built, name, &["timer"], &[]);
+        assert_eq!(robot.fatal(), (UNHANDLED, format!("{kind}in a timer")));
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
 
-    let mut robot = Robot::start(built, "broken", &["state"], &[]);
-    robot.expect_state(State::Init);
-    robot.expect_change(State::Init, State::Run);
-    robot.command("broken", State::Pause as i8, false);
-    robot.expect_change(State::Run, State::Pause);
-    assert_eq!(robot.fatal(), (UNHANDLED, "RuntimeError: on a command".into()));
-    assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
+        let mut robot = Robot::start(built, name, &["state"], &[]);
+        robot.expect_state(State::Init);
+        robot.expect_change(State::Init, State::Run);
+        robot.command(name, State::Pause as i8, false);
+        robot.expect_change(State::Run, State::Pause);
+        assert_eq!(robot.fatal(), (UNHANDLED, format!("{kind}on a command")));
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
 
-    let mut robot = Robot::start(built, "broken", &["device"], &[]);
-    assert_eq!(robot.fatal(), (0x8001, "the device burns".into()));
-    assert_eq!(robot.module.wait().unwrap().code(), Some(0x23));
+        let mut robot = Robot::start(built, name, &["device"], &[]);
+        assert_eq!(robot.fatal(), (0x8001, "the device burns".into()));
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x23));
 
-    let mut robot = Robot::start(built, "broken", &["constructor"], &[]);
-    assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
+        let mut robot = Robot::start(built, name, &["constructor"], &[]);
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
+    }
+}
+
+/// The page as docs/beats.md has it.
+#[test]
+fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    for name in ["broken", "broken_cpp"] {
+        let path = std::env::temp_dir().join(format!("advee-page-of-{name}-{}", std::process::id()));
+        std::fs::write(&path, [0; 4096]).unwrap();
+        let mut robot = Robot::start(built, name, &["worker"], &[("ADVEE_BEATS", path.to_str().unwrap())]);
+        robot.expect_state(State::Init);
+        robot.expect_change(State::Init, State::Run);
+        robot.expect_state(State::Run);
+        let page = std::fs::read(&path).unwrap();
+        let number = |page: &[u8], at: usize| u32::from_le_bytes(page[at..at + 4].try_into().unwrap());
+        assert_eq!((page.len(), &page[..4]), (4096, &b"BEAT"[..]));
+        assert_eq!([4, 8, 12].map(|at| number(&page, at)), [1, robot.module.id(), 2]);
+        let name_of =
+            |thread: usize| std::str::from_utf8(&page[64 + 64 * thread..][..48]).unwrap().trim_end_matches('\0');
+        let main = usize::from(name_of(1) == "main");
+        assert_eq!([name_of(main), name_of(1 - main)], ["main", "worker"]);
+
+        // Beats of both in some 0.6 s.
+        let counts = |page: &[u8]| [main, 1 - main].map(|thread| number(page, 64 + 64 * thread + 48));
+        let beats = || {
+            let before = counts(&std::fs::read(&path).unwrap());
+            thread::sleep(Duration::from_millis(600));
+            let after = counts(&std::fs::read(&path).unwrap());
+            [after[0] - before[0], after[1] - before[1]]
+        };
+        let both = beats();
+        // Each 50 ms where the machine is not loaded; never more often.
+        assert!(both.iter().all(|beats| (2..=13).contains(beats)), "{name}: {both:?}");
+        robot.command(name, State::Pause as i8, false);
+        robot.expect_change(State::Run, State::Pause);
+        thread::sleep(Duration::from_millis(100));
+        let one = beats();
+        assert!(one[0] >= 2 && one[1] == 0, "{name}: {one:?}");
+        signal(robot.module.id() as i32, "TERM");
+        assert!(robot.ends(State::Pause).success());
+        std::fs::remove_file(&path).unwrap();
+    }
 }
 
 #[test]

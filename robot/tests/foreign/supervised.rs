@@ -28,6 +28,7 @@ fn foreign_modules_live_under_the_watchdog() {
     test.a_hung_one_is_restarted();
     test.a_killed_one_comes_back_into_its_wanted_state();
     test.terminate_keeps_it_down();
+    test.they_outlive_their_watchdog_and_serve_the_next();
     assert_eq!(test.robot.view.pid(TORN), test.torn, "the one with the torn page has lived through all of it");
     test.ends();
 }
@@ -162,6 +163,32 @@ impl Supervised {
             self.command(module, State::Run, false);
             self.reaches(module, State::Run);
         }
+    }
+
+    fn they_outlive_their_watchdog_and_serve_the_next(&mut self) {
+        let modules = [BEATING[0], BEATING[1], QUIET, TORN];
+        let before = modules.map(|module| self.robot.view.pid(module));
+        let line = "\0run\0watchdog\0";
+        let watchdog = |robot: &Robot| {
+            robot.processes().into_iter().find(|pid| {
+                let own = fs::read(format!("/proc/{pid}/cmdline"));
+                own.is_ok_and(|own| String::from_utf8_lossy(&own).contains(line))
+            })
+        };
+        let old = watchdog(&self.robot).expect("it runs");
+        signal(old as i32, "KILL");
+        let begin = Instant::now();
+        while watchdog(&self.robot).is_none_or(|pid| pid == old) {
+            assert!(begin.elapsed() < Duration::from_secs(3), "no new watchdog");
+            self.robot.pass(0.02);
+        }
+        // Longer than they wait for one that does not come.
+        self.robot.pass(3.5);
+        assert_eq!(modules.map(|module| self.robot.view.pid(module)), before);
+        // It guards them.
+        signal(before[0], "STOP");
+        self.robot.until("another process", 1.0, |view| ![0, before[0]].contains(&view.pid(BEATING[0])));
+        self.reaches(BEATING[0], State::Run);
     }
 
     /// Nothing is left over.

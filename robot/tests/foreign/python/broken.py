@@ -1,14 +1,19 @@
 """A module that breaks in every way that the helper has to catch: as it is told by its argument."""
+import threading
+import time
+
 import advee
 
 
 class Broken(advee.Module):
     def __init__(self, args):
         super().__init__(args)
-        self.how = args.how
+        self.how, self.hangs = args.how, False
         if self.how == "constructor":
             raise RuntimeError("in its constructor")
         self.every(0.01, self.on_tick)
+        if self.how == "worker":
+            threading.Thread(target=self.work, daemon=True).start()
 
     def on_tick(self):
         self.working()
@@ -20,6 +25,15 @@ class Broken(advee.Module):
     def on_state(self, state):
         if self.how == "state" and state == advee.State.PAUSE:
             raise RuntimeError("on a command")
+        self.hangs = state == advee.State.PAUSE
+
+    def work(self):
+        """Beats, but for PAUSE, where it waits for what does not come."""
+        beat = self.beats.thread("worker")
+        while True:
+            if not self.hangs:
+                beat()
+            time.sleep(0.01)
 
 
 if __name__ == "__main__":
