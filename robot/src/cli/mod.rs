@@ -12,6 +12,7 @@ mod port;
 mod replay;
 mod rs485;
 mod run;
+pub mod soak;
 mod state;
 mod up;
 
@@ -74,6 +75,8 @@ enum Command {
     Fault(fault::Fault),
     /// Play again what the modules of a run were told, and compare what they answer
     Replay(replay::Replay),
+    /// Robot-hours in virtual time: everything breaks, and rules must hold
+    Soak(soak::Soak),
     /// Check machine and configuration: what is wrong, why it matters, what helps
     Doctor(doctor::Doctor),
     /// See the LCM bus
@@ -110,6 +113,7 @@ pub fn main() -> ExitCode {
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
         Command::Replay(command) => replay::replay(&common, &command),
+        Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),
         Command::Can(command) => can::can(&common, &command),

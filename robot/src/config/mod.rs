@@ -7,6 +7,7 @@ mod log;
 mod modules;
 mod reader;
 mod robot;
+mod scenario;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -19,6 +20,7 @@ pub use robot::{
     Axis, Beacon, CanBus, CanDriver, CanInterface, CanNode, Crc, Direction, Geometry, Limits, Power, Ranger, Robot,
     Rs485Bus, Rs485Driver, Rs485Node, Transport,
 };
+pub use scenario::{Regression, regressions, scenario};
 pub use tree::{Node, Origin, Value};
 pub use world::{check as check_world, place as world_place, world};
 

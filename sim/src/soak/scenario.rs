@@ -5,14 +5,14 @@ use base::Duration;
 /// A scenario; read from a file by whoever reads files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// An episode: a robot that starts anew, for so long.
-    pub episode: Duration,
-    /// From its start to the first chaos: modules come up, the steering is homed.
+    /// From the start of an episode's robot to its first chaos: modules come up, the steering is homed.
     pub settle: Duration,
     /// Then things break for so long,
     pub chaos: Duration,
-    /// and nothing breaks for so long; and so on in turn.
+    /// and nothing breaks for so long;
     pub calm: Duration,
+    /// and so on, so many times in an episode.
+    pub turns: u32,
     /// A message takes up to this longer than the usual latency.
     pub lcm_jitter: Duration,
     /// Probability that a receiver misses a message, always.
@@ -83,10 +83,10 @@ impl Default for Behaviour {
 impl Default for Scenario {
     fn default() -> Self {
         Self {
-            episode: Duration::from_secs(600),
             settle: Duration::from_secs(20),
             chaos: Duration::from_secs(60),
             calm: Duration::from_secs(60),
+            turns: 5,
             lcm_jitter: Duration::from_micros(200),
             lcm_loss: 0.0,
             restart_delay_max: Duration::from_secs(2),
@@ -109,27 +109,17 @@ pub enum Phase {
 }
 
 impl Scenario {
-    /// The phases of an episode with their ends, in order. One that would not be over within the episode is left out,
-    /// with what follows.
+    /// The phases of an episode with their ends, in order.
     pub fn phases(&self) -> impl Iterator<Item = (Phase, Duration)> {
-        let (turn, settle) = (self.chaos + self.calm, self.settle);
-        let turns = (0..).map(move |n| settle + turn * n).take_while(move |begin| *begin + turn <= self.episode);
-        let pair =
-            |begin: Duration| [(Phase::Chaos, begin + self.chaos), (Phase::Calm, begin + self.chaos + self.calm)];
-        std::iter::once((Phase::Settle, self.settle)).chain(turns.flat_map(pair).collect::<Vec<_>>())
+        let (settle, chaos, turn) = (self.settle, self.chaos, self.chaos + self.calm);
+        let turns = (0..self.turns).map(move |number| settle + turn * number);
+        let pair = move |begin| [(Phase::Chaos, begin + chaos), (Phase::Calm, begin + turn)];
+        std::iter::once((Phase::Settle, settle)).chain(turns.flat_map(pair))
     }
 
-    /// Whether an episode has at least one chaos with its calm, and times go forward.
-    ///
-    /// # Errors
-    /// One line why not.
-    pub fn check(&self) -> Result<(), String> {
-        if self.chaos.is_zero() || self.calm.is_zero() {
-            return Err("chaos and calm must last".into());
-        }
-        if self.settle + self.chaos + self.calm > self.episode {
-            return Err("an episode must have room for settling, chaos and calm".into());
-        }
-        Ok(())
+    /// How long an episode lasts.
+    #[must_use]
+    pub fn episode(&self) -> Duration {
+        self.settle + (self.chaos + self.calm) * self.turns
     }
 }
