@@ -261,7 +261,8 @@ fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
             }
         };
         command.args(args);
-        Start { command, limits: entry.map(limits).unwrap_or_default() }
+        let foreign = entry.is_some_and(|entry| entry.command.is_some());
+        Start { command, limits: entry.map(limits).unwrap_or_default(), foreign }
     };
     Ok(Launch { start: Box::new(start), run_dir, divides })
 }

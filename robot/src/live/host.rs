@@ -23,6 +23,7 @@ use nix::sys::signal::{SigSet, Signal};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
+use nix::unistd::alarm;
 use std::mem;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
@@ -38,6 +39,8 @@ const LOSSES_OVER: Duration = Duration::from_secs(10);
 
 /// A module that a watchdog started ends when it hears of none for this long.
 const UNGUARDED: Duration = Duration::from_secs(3);
+/// The kernel ends it after so many seconds, were it to hang meanwhile; and after so many more once it is ending.
+const ALARM: (u32, u32) = (4, 3);
 
 const TIMER: u64 = 0;
 const SIGNALS: u64 = 1;
@@ -106,6 +109,9 @@ impl Host {
         // Before anything else may start a thread: all of them inherit the mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
         let guarded = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
+        if guarded.is_some() {
+            alarm::set(ALARM.0);
+        }
         let mut channels = vec![Channel::CmCmdState];
         channels.extend(guarded.map(|_| Channel::CmDataProcesses));
         channels.extend(shell.module().subscriptions());
@@ -293,6 +299,7 @@ impl Host {
         let now = clock::now();
         if !self.bus_more && self.guarded.is_some_and(|heard| now.since(heard) >= UNGUARDED) {
             self.guarded = None;
+            alarm::set(ALARM.1);
             self.log.line(format_args!("no watchdog was heard for {} s: it ends", UNGUARDED.as_secs()));
             self.shell.terminate(now, &mut self.out);
             self.act();
@@ -313,6 +320,7 @@ impl Host {
                 FromBus::Message { at, message } => {
                     if let (Some(heard), Channel::CmDataProcesses) = (&mut self.guarded, message.channel()) {
                         *heard = now;
+                        alarm::set(ALARM.0);
                     }
                     if self.shell.wants(message.channel()) {
                         self.feed(Event::Message { at, message: &message });

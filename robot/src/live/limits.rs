@@ -46,7 +46,12 @@ enum Limit {
     Cpus,
     Memory,
     Fifo,
+    /// None of them: the number of the process.
+    Number,
 }
+
+/// Of what goes through the pipe: what, a number, and a zero.
+const TOLD: usize = 6;
 
 impl Limits {
     /// Prepares a birth: what is to be taken on, and where to read later what was refused. `leaf` is the module's cgroup.
@@ -100,9 +105,16 @@ impl Birth {
         }
     }
 
+    /// Tells the number of the process that will run. Only system calls, here too.
+    pub(super) fn is_born(&self) {
+        let [a, b, c, d] = std::process::id().to_le_bytes();
+        let _ = write(&self.refused, &[Limit::Number as u8, a, b, c, d, 0]);
+    }
+
     fn told(&self, limit: Limit, result: io::Result<()>) {
         if let Err(error) = result {
-            let _ = write(&self.refused, &[limit as u8, error.raw_os_error().unwrap_or(0) as u8]);
+            let [a, b, c, d] = error.raw_os_error().unwrap_or(0).to_le_bytes();
+            let _ = write(&self.refused, &[limit as u8, a, b, c, d, 0]);
         }
     }
 }
@@ -114,22 +126,27 @@ pub struct Refused {
 }
 
 impl Refused {
-    /// Once it has started: a line for each.
-    pub fn lines(self) -> Vec<String> {
-        let mut lines = self.unprepared;
-        let mut told = [0; 16];
+    /// Once it has started: a line for each limit, and the number of the process where it was told.
+    pub fn read(self) -> (Vec<String>, Option<u32>) {
+        let (mut lines, mut pid) = (self.unprepared, None);
+        let mut told = [0; 8 * TOLD];
         let length = (&self.pipe).read(&mut told).unwrap_or(0);
-        for pair in told[..length].chunks_exact(2) {
-            let error = io::Error::from_raw_os_error(i32::from(pair[1]));
-            lines.push(match pair[0] {
+        for told in told[..length].chunks_exact(TOLD) {
+            let number = i32::from_le_bytes([told[1], told[2], told[3], told[4]]);
+            let error = io::Error::from_raw_os_error(number);
+            lines.push(match told[0] {
                 limit if limit == Limit::Group as u8 => format!("cgroup: {error}; it is guarded by its process group"),
                 limit if limit == Limit::Nice as u8 => format!("nice: {error}; it runs at the usual one"),
                 limit if limit == Limit::Cpus as u8 => format!("cpus: {error}; it may use all"),
                 limit if limit == Limit::Memory as u8 => format!("memory_max: {error}; it may use more"),
-                _ => format!("rt_priority: {error}; it runs without"),
+                limit if limit == Limit::Fifo as u8 => format!("rt_priority: {error}; it runs without"),
+                _ => {
+                    pid = Some(number.unsigned_abs());
+                    continue;
+                }
             });
         }
-        lines
+        (lines, pid)
     }
 }
 
@@ -161,9 +178,10 @@ mod tests {
         let (birth, refused) = limits.prepare(None).unwrap();
         let mut command = Command::new("/bin/sh");
         command.args(["-c", script]).stdout(Stdio::piped()).process_group(0);
-        sys::give_limits(&mut command, birth);
+        sys::give_limits(&mut command, birth, None);
         let child = command.spawn().unwrap();
-        let refused = refused.lines();
+        let (refused, pid) = refused.read();
+        assert_eq!(pid, None);
         let output = child.wait_with_output().unwrap();
         (String::from_utf8(output.stdout).unwrap(), refused)
     }

@@ -133,13 +133,19 @@ pub fn die_with_parent(command: &mut Command) {
 
 /// Makes the command's process one that outlives this one, starts with no signal blocked, and with these limits. What the
 /// machine does not permit is told through the birth's pipe, and the process starts without.
-pub fn give_limits(command: &mut Command, birth: Birth) {
+///
+/// With `foster`, our parent and a subreaper, the process becomes that one's child and is killed when it ends; what
+/// `spawn` returns is then a process that has ended already, and the birth's pipe tells the number of the other.
+pub fn give_limits(command: &mut Command, birth: Birth, foster: Option<nix::unistd::Pid>) {
     let parent = nix::unistd::getpid();
     let prepare = move || {
         nix::sys::signal::SigSet::empty().thread_set_mask()?;
+        if let Some(foster) = foster {
+            go_to(foster, &birth)?;
+        }
         birth.take_on();
         // Nobody will know of it who could end it.
-        if nix::unistd::getppid() != parent {
+        if nix::unistd::getppid() != foster.unwrap_or(parent) {
             return Err(io::ErrorKind::NotFound.into());
         }
         Ok(())
@@ -147,6 +153,26 @@ pub fn give_limits(command: &mut Command, birth: Birth) {
     // SAFETY: between fork and exec only system calls are made, on what was prepared before. Nothing allocates: the errors
     // are plain numbers.
     unsafe { command.pre_exec(prepare) };
+}
+
+/// Goes on in a child of its own, in a process group of its own, which the kernel gives to the next subreaper when the
+/// process between ends.
+fn go_to(foster: nix::unistd::Pid, birth: &Birth) -> io::Result<()> {
+    // SAFETY: the caller is the only thread of a process that was just forked, and makes system calls only.
+    match unsafe { libc::fork() } {
+        -1 => return Err(io::Error::last_os_error()),
+        0 => {}
+        // SAFETY: ends this process without running anything of ours.
+        _ => unsafe { libc::_exit(0) },
+    }
+    nix::unistd::setpgid(nix::unistd::Pid::from_raw(0), nix::unistd::Pid::from_raw(0))?;
+    birth.is_born();
+    let between = nix::unistd::getppid();
+    while nix::unistd::getppid() == between && between != foster {
+        // SAFETY: takes and returns plain numbers.
+        unsafe { libc::sched_yield() };
+    }
+    Ok(nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?)
 }
 
 /// -20 is served most, 19 least; of the calling process.

@@ -13,6 +13,7 @@ mod tests;
 use super::beats::{self, Page, Reading};
 use super::cgroups::{Cgroups, Leaf};
 use super::limits::Limits;
+use super::notify;
 use super::sys;
 use base::{Duration, Instant, Ticker};
 use identity::Stat;
@@ -45,12 +46,18 @@ pub struct Start {
     pub command: Command,
     /// What it may use.
     pub limits: Limits,
+    /// A program that may not know that it must end when nobody guards it: our parent takes it over at once, and it dies
+    /// with that one.
+    pub foreign: bool,
 }
+
+/// Makes the start of a module, by its name and its first state.
+pub type Starter = Box<dyn Fn(&str, State) -> Start>;
 
 /// How modules are started: makes the start of one, its first state included.
 pub struct Launch {
     /// By name and first state.
-    pub start: Box<dyn Fn(&str, State) -> Start>,
+    pub start: Starter,
     /// The run folder; none: nothing is written down, and nobody is adopted.
     pub run_dir: Option<PathBuf>,
     /// Whether any module has a limit that takes a cgroup which divides.
@@ -83,7 +90,7 @@ struct Process {
     module: String,
     /// When it started; none: it ended at once.
     start: Option<u64>,
-    /// None: it was adopted.
+    /// None: it is another's, or was adopted.
     child: Option<Child>,
     /// None where the kernel has none: it is looked after.
     end: Option<OwnedFd>,
@@ -222,7 +229,7 @@ impl Processes {
     }
 
     fn spawn(&mut self, now: Instant, module: String, wanted: State) {
-        let Start { mut command, limits } = (self.launch.start)(&module, wanted);
+        let Start { mut command, limits, foreign } = (self.launch.start)(&module, wanted);
         command.stdin(Stdio::null()).process_group(0);
         if let Some(record) = &self.record {
             let mark = identity::mark(record.path(), &module, &command);
@@ -235,19 +242,18 @@ impl Processes {
         });
         // Before it is there: whoever comes after us must look for it.
         self.write_down(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
-        match self.give_birth(&module, command, &limits) {
-            Ok((child, leaf)) => {
-                let pid = child.id();
+        match self.give_birth(&module, command, &limits, foreign) {
+            Ok((pid, child, leaf)) => {
                 let start = Stat::of(pid).map(|stat| stat.start);
                 self.write_down(&module, |entry| {
-                    (entry.process, entry.starting) = (start.map(|start| (pid, start)), false)
+                    (entry.process, entry.starting) = (start.map(|start| (pid, start)), false);
                 });
                 self.news.push_back(News::Started { module: module.clone(), pid });
                 let (page, refused) = page.transpose().map_or_else(|error| (None, Some(error)), |page| (page, None));
                 if let Some(error) = refused {
                     self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
                 }
-                let (end, child) = (sys::pidfd_open(pid).ok(), Some(child));
+                let end = sys::pidfd_open(pid).ok();
                 let process =
                     Process { pid, module, start, child, end, leaf, page, beats: false, ticks: 0, measured: now };
                 self.watch(&process);
@@ -260,20 +266,31 @@ impl Processes {
         }
     }
 
+    /// Its number, and itself where it is a child of ours.
     fn give_birth(
         &mut self,
         module: &str,
         mut command: Command,
         limits: &Limits,
-    ) -> Result<(Child, Option<Leaf>), String> {
+        foreign: bool,
+    ) -> Result<(u32, Option<Child>, Option<Leaf>), String> {
         let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(module).ok());
         let (birth, refused) = limits.prepare(leaf.as_ref()).map_err(|error| error.to_string())?;
-        sys::give_limits(&mut command, birth);
-        let child = command.spawn().map_err(|error| format!("{}: {error}", command.get_program().display()))?;
-        for line in refused.lines() {
+        let foster = foreign.then(foster).flatten();
+        sys::give_limits(&mut command, birth, foster);
+        let mut child = command.spawn().map_err(|error| format!("{}: {error}", command.get_program().display()))?;
+        let (lines, other) = refused.read();
+        for line in lines {
             self.note(format!("{module}: {line}"));
         }
-        Ok((child, leaf))
+        match other {
+            Some(pid) => {
+                // Only the one between, which has ended.
+                let _ = child.wait();
+                Ok((pid, None, leaf))
+            }
+            None => Ok((child.id(), Some(child), leaf)),
+        }
     }
 
     fn write_down(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
@@ -459,6 +476,11 @@ fn exit_status(status: std::process::ExitStatus) -> ExitStatus {
         Some(signal) => ExitStatus::Signal(signal),
         None => ExitStatus::Code(status.code().unwrap_or_default()),
     }
+}
+
+/// Our parent, where that is `advee up`, which cares for orphans.
+fn foster() -> Option<Pid> {
+    std::env::var_os(notify::VARIABLE).map(|_| nix::unistd::getppid())
 }
 
 fn group_name(run_dir: &Path) -> String {

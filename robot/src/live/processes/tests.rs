@@ -10,7 +10,7 @@ fn launch(program: &'static str, args: Vec<&'static str>, run_dir: Option<&Path>
     let start = move |_: &str, _| {
         let mut command = Command::new(program);
         command.args(&args);
-        Start { command, limits: Limits::default() }
+        Start { command, limits: Limits::default(), foreign: false }
     };
     Launch { start: Box::new(start), run_dir: run_dir.map(Into::into), divides: false }
 }
