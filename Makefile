@@ -27,6 +27,8 @@ bench:
 	@tools/require cc python3-venv glib ip
 	@tools/venv
 	cargo bench -p advee --locked --bench start --bench wheel
+	cargo bench -p advee --locked --bench world
+	cargo bench -p advee --locked --bench faults
 	cargo bench -p lcm-gen --locked --bench codec
 	cargo bench -p rs485 --locked --bench rs485
 	cargo bench -p advee --locked --bench canopen

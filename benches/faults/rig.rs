@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -21,7 +21,7 @@ const STEP: Duration = Duration::from_millis(5);
 const SPEED: f64 = 0.3;
 const STEERING: f64 = 0.4;
 /// The last lines of the robot's log that are kept for people.
-const LINES: usize = 200;
+const LINES: usize = 40;
 
 /// The robot, and what was last heard of it.
 pub struct Rig {
@@ -67,7 +67,14 @@ impl Rig {
         let bus = support::listen(&url);
         let can = Can::listen(robot::topology::can_port_beside(port));
         let world = support::workspace().join("conf/worlds/empty.toml");
-        let mut up = support::advee(&url, &run_dir)
+        // The watchdog has no limit of its own: it is one of whoever starts the robot (systemd: LimitDATA=).
+        let advee = support::advee(&url, &run_dir);
+        let limits = format!("ulimit -c 0; ulimit -d {}; exec \"$0\" \"$@\"", super::MEMORY_MAX >> 10);
+        let mut up = Command::new("/bin/sh")
+            .current_dir(support::workspace())
+            .args(["-c", &limits])
+            .arg(advee.get_program())
+            .args(advee.get_args())
             .arg("--config")
             .arg(yard.config)
             .args(["--set", &format!("log.folder={:?}", logs)])
@@ -115,8 +122,8 @@ impl Rig {
 
     /// What the operator asks for from now on; at once, if it is a stop.
     pub fn drive(&mut self, on: bool) {
-        self.wanted = if on { SPEED } else { 0.0 };
-        if !on {
+        let before = std::mem::replace(&mut self.wanted, if on { SPEED } else { 0.0 });
+        if self.wanted < before {
             self.next = Instant::now();
         }
     }
@@ -150,8 +157,11 @@ impl Rig {
     }
 
     pub fn all_run(&self) -> bool {
-        let runs = |process: &common::Process| process.state == State::Run as i8;
-        !self.processes.is_empty() && self.processes.values().all(runs)
+        !self.processes.is_empty() && self.processes.keys().all(|module| self.runs(module))
+    }
+
+    pub fn runs(&self, module: &str) -> bool {
+        self.processes.get(module).is_some_and(|process| process.state == State::Run as i8)
     }
 
     /// Of a module; of the watchdog, which is in no list, by its command line. None: there is none now.

@@ -3,7 +3,9 @@
 use super::canary::{Canary, STALL};
 use super::kind::Kind;
 use super::rig::Rig;
+use super::{RUN_MS, STOP_MS};
 use crate::support;
+use robot::config::SIMULATOR;
 use robot::live::beats;
 use std::fs;
 use std::path::PathBuf;
@@ -14,6 +16,8 @@ const PATIENCE: Duration = Duration::from_secs(6);
 /// A burden lasts for 2 s; meanwhile the operator stops the robot.
 const BURDEN: Duration = Duration::from_millis(2300);
 const OBEY: Duration = Duration::from_millis(500);
+/// Whoever moves the robot misses the watchdog after this time, and stops.
+const WATCHDOG_MISSED: Duration = Duration::from_millis(250);
 /// The operator, who is this bench, must not pause as long himself: a command lives for 250 ms.
 const OWN_PAUSE: Duration = Duration::from_millis(100);
 
@@ -38,13 +42,31 @@ pub enum Ending {
     Never,
     /// The machine stood still for this long meanwhile: no figure.
     Stalled(Duration),
+    /// The simulator, which plays the hardware, was not there all the time: no figure.
+    NoHardware,
 }
 
 impl Outcome {
     /// A hang unseen, or a robot out of control.
     pub fn is_missed(&self) -> bool {
-        let stop_owed = self.critical || self.kind.is_burden();
+        // A watchdog that is back before it is missed need stop nobody.
+        let unmissed = self.module == watchdog::NAME && self.run.is_some_and(|took| took < WATCHDOG_MISSED);
+        let stop_owed = (self.critical && !unmissed) || self.kind.is_burden();
         self.ending == Ending::Never || (self.ending == Ending::Back && stop_owed && self.stop.is_none())
+    }
+}
+
+impl Outcome {
+    /// What to tell people of at once: a miss, or a time beyond its bound.
+    pub fn objection(&self) -> Option<&'static str> {
+        let beyond = |took: Option<Duration>, bound: f64| took.is_some_and(|took| took.as_secs_f64() * 1e3 > bound);
+        match self {
+            _ if self.ending.is_void() => None,
+            _ if self.is_missed() => Some("missed"),
+            _ if beyond(self.stop, STOP_MS) => Some("late stop"),
+            _ if beyond(self.run, RUN_MS) => Some("late RUN"),
+            _ => None,
+        }
     }
 }
 
@@ -81,6 +103,13 @@ impl Vital {
     }
 }
 
+impl Ending {
+    /// Whether it says nothing, and is to be tried again.
+    pub fn is_void(&self) -> bool {
+        matches!(self, Self::Stalled(_) | Self::NoHardware)
+    }
+}
+
 /// Harms a module of a robot that drives; none when it stopped by itself before, or has no such process.
 pub fn run(
     rig: &mut Rig,
@@ -92,6 +121,7 @@ pub fn run(
 ) -> Option<Outcome> {
     rig.pass(phase);
     let pid = rig.pid(module).filter(|_| rig.drives() && rig.all_run())?;
+    let hardware = rig.pid(SIMULATOR);
     let fault = rig.mark();
     kind.inject(pid);
     let mut outcome = Outcome { module: module.into(), kind, critical, stop: None, run: None, ending: Ending::Never };
@@ -107,6 +137,8 @@ pub fn run(
     if let Some(stall) = canary.stalled(fault, Instant::now()).or(Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE))
     {
         outcome.ending = Ending::Stalled(stall.max(STALL));
+    } else if rig.pid(SIMULATOR) != hardware || !rig.runs(SIMULATOR) {
+        outcome.ending = Ending::NoHardware;
     }
     Some(outcome)
 }
@@ -125,7 +157,7 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
         if back.is_none() && rig.is_back(&outcome.module, pid) {
             back = Some(Instant::now());
         }
-        if back.is_some() && (rig.stop.is_some() || !outcome.critical) {
+        if back.is_some_and(|at| rig.stop.is_some() || !outcome.critical || at.elapsed() >= WATCHDOG_MISSED) {
             break;
         }
     }
