@@ -327,7 +327,7 @@ impl Robot {
     fn reports_a_bad_message_once(&mut self) {
         for _ in 0..3 {
             for channel in [Channel::LlDataPower, Channel::LlDataSrfs] {
-                self.bus.publish(channel.name(), b"nonsense").unwrap();
+                self.bus.publish(channel.name(), b"nonsense").expect("the bus takes it");
             }
         }
         let Said::Report { number, severity, message, .. } = self.report() else { panic!("no report") };
@@ -360,7 +360,7 @@ impl Robot {
     /// Says TERMINATE as its last word.
     fn ends(&mut self, from: State) -> ExitStatus {
         self.expect_change(from, State::Terminate);
-        self.module.wait().unwrap()
+        self.module.wait().expect("it is our child")
     }
 
     fn command(&mut self, module: &str, state: i8, manual: bool) {
@@ -370,8 +370,8 @@ impl Robot {
 
     fn publish(&mut self, message: impl Into<Message>) {
         let (message, mut bytes) = (message.into(), Vec::new());
-        message.encode(&mut bytes).unwrap();
-        self.bus.publish(message.channel().name(), &bytes).unwrap();
+        message.encode(&mut bytes).expect("encodable");
+        self.bus.publish(message.channel().name(), &bytes).expect("the bus takes it");
     }
 
     /// What there is of a robot speaks, when that is due.
@@ -396,8 +396,8 @@ impl Robot {
         let end = Instant::now() + PATIENCE;
         while Instant::now() < end {
             self.play();
-            let Some(received) = self.bus.recv().unwrap() else {
-                self.bus.wait(PERIOD / 4).unwrap();
+            let Some(received) = self.bus.recv().expect("the bus can be read") else {
+                self.bus.wait(PERIOD / 4).expect("the bus can be waited for");
                 continue;
             };
             let heard = Message::receive(received.channel, received.payload);

@@ -9,7 +9,7 @@ use robot::config::Config;
 use std::fs;
 
 fn page() -> String {
-    fs::read_to_string(workspace().join("docs/writing-a-module.md")).unwrap()
+    fs::read_to_string(workspace().join("docs/writing-a-module.md")).expect("the page")
 }
 
 /// The text of the fenced block of that language.

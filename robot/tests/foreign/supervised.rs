@@ -1,7 +1,7 @@
 //! Foreign modules under the watchdog of a simulated robot.
 
 use crate::built::Built;
-use crate::support::{Robot, signal, workspace};
+use crate::support::{Robot, View, signal, workspace};
 use base::Fault;
 use lcm::live::Lcm;
 use messages::{Message, common};
@@ -55,7 +55,7 @@ impl Supervised {
 
     fn they_run(&mut self) {
         self.robot.until("the watchdog is heard", 10.0, |view| !view.processes.is_empty());
-        let took = self.robot.until("all modules RUN", 5.0, |view| view.all_run());
+        let took = self.robot.until("all modules RUN", 5.0, View::all_run);
         println!("all RUN after {:.2} s", took.as_secs_f64());
     }
 
@@ -129,7 +129,7 @@ impl Supervised {
             assert!(hung(module, "its thread main has not beaten for ", errors), "{errors:?}");
         }
         assert!(hung(QUIET, "it has not announced itself for ", errors), "{errors:?}");
-        self.robot.until("all RUN again", 5.0, |view| view.all_run());
+        self.robot.until("all RUN again", 5.0, View::all_run);
     }
 
     /// In STOP before and after, and in between in no state that acts.
