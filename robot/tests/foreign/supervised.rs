@@ -103,23 +103,16 @@ impl Supervised {
         self.robot.until("its end", 4.0, |view| view.errors.iter().any(of(common::Error::NOTICE)));
     }
 
-    /// Both at once: one that beats, and one that is judged by its announcements.
+    /// Those that beat within a second, the one that is judged by its announcements after two; on a machine that others
+    /// load, too, in one of three attempts.
     fn a_hung_one_is_restarted(&mut self) {
-        let before = [BEATING[0], BEATING[1], QUIET].map(|module| self.robot.view.pid(module));
-        before.iter().for_each(|pid| signal(*pid, "STOP"));
-        let stopped = Instant::now();
-        let another = |robot: &mut Robot, index: usize, within: f64| {
-            let module = [BEATING[0], BEATING[1], QUIET][index];
-            robot.until("another process", within, |view| ![0, before[index]].contains(&view.pid(module)));
-            println!("{module}: another process {:.2} s after it hung", stopped.elapsed().as_secs_f64());
-        };
-        another(&mut self.robot, 1, 1.0);
-        self.robot.until("RUN", 1.0, |view| view.runs(BEATING[1]));
-        another(&mut self.robot, 0, 1.0);
-        assert_eq!(self.robot.view.pid(QUIET), before[2], "it does not beat: nothing is known yet");
-        assert!(stopped.elapsed() < Duration::from_millis(1800), "a machine too slow to tell");
-        another(&mut self.robot, 2, 3.0);
-        assert!(stopped.elapsed() > Duration::from_millis(900), "an announcement is missing for 2 s");
+        let in_time = (0..3).any(|_| {
+            let took = self.hang();
+            println!("another process so long after it hung: {took:.2?} s");
+            self.robot.until("all RUN again", 5.0, View::all_run);
+            matches!(took, [..1.0, ..1.0, 0.9..3.0])
+        });
+        assert!(in_time, "not once in three attempts");
         let hung = |module: &str, why: &str, errors: &[common::Error]| {
             let start = format!("{module} hangs, {why}");
             errors.iter().any(|error| error.number == Fault::ModuleHung as i32 && error.message.starts_with(&start))
@@ -129,7 +122,24 @@ impl Supervised {
             assert!(hung(module, "its thread main has not beaten for ", errors), "{errors:?}");
         }
         assert!(hung(QUIET, "it has not announced itself for ", errors), "{errors:?}");
-        self.robot.until("all RUN again", 5.0, View::all_run);
+    }
+
+    /// Stops three at once, and tells after how many seconds each has another process.
+    fn hang(&mut self) -> [f64; 3] {
+        let modules = [BEATING[0], BEATING[1], QUIET];
+        let before = modules.map(|module| self.robot.view.pid(module));
+        before.iter().for_each(|pid| signal(*pid, "STOP"));
+        let stopped = Instant::now();
+        let mut took = [f64::INFINITY; 3];
+        self.robot.until("another process each", 10.0, |view| {
+            for (index, took) in took.iter_mut().enumerate().filter(|(_, took)| took.is_infinite()) {
+                if ![0, before[index]].contains(&view.pid(modules[index])) {
+                    *took = stopped.elapsed().as_secs_f64();
+                }
+            }
+            took.iter().all(|took| took.is_finite())
+        });
+        took
     }
 
     /// In STOP before and after, and in between in no state that acts.
@@ -187,7 +197,7 @@ impl Supervised {
         assert_eq!(modules.map(|module| self.robot.view.pid(module)), before);
         // It guards them.
         signal(before[0], "STOP");
-        self.robot.until("another process", 1.0, |view| ![0, before[0]].contains(&view.pid(BEATING[0])));
+        self.robot.until("another process", 3.0, |view| ![0, before[0]].contains(&view.pid(BEATING[0])));
         self.reaches(BEATING[0], State::Run);
     }
 
