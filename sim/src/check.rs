@@ -182,6 +182,9 @@ impl Checkers {
             News::Message { pid, message } => self.on_message(now, *pid, message),
             News::Started { module, pid } => {
                 self.clock.on_started(*pid);
+                if *module == facts.limits.watchdog {
+                    self.stop.on_back(module);
+                }
                 named("single", self.single.on_started(module, *pid))?;
                 named("restarts", self.restarts.on_started(now, module, facts))
             }
@@ -197,7 +200,7 @@ impl Checkers {
                 Ok(())
             }
             News::Resumed { module, .. } => {
-                self.stop.on_resumed(module);
+                self.stop.on_back(module);
                 Ok(())
             }
             News::State { module, state } => named("stopped", self.stopped.on_state(now, module, *state, facts)),
@@ -207,12 +210,13 @@ impl Checkers {
     }
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) -> Result<(), (&'static str, String)> {
-        let facts = &self.facts;
         let Id::Standard(id) = frame.id() else { return Ok(()) };
-        if id != 0x500 + u16::from(facts.limits.propulsion) {
-            self.drives.on_frame(now, id, frame.data(), facts);
+        if id != 0x500 + u16::from(self.facts.limits.propulsion) {
+            self.drives.on_frame(now, id, frame.data(), &self.facts);
             return Ok(());
         }
+        let left_over = self.facts.is_left_over(now);
+        let facts = &self.facts;
         if frame.data().len() < 6 {
             return Err(("fresh", "a short RPDO4".into()));
         }
@@ -221,8 +225,8 @@ impl Checkers {
             self.authority.on_still(facts.set_point);
             return Ok(());
         };
-        if now.since(facts.driver.started) <= facts.slack(now) {
-            // Its process died; what it had handed over still leaves.
+        if left_over || now.since(facts.driver.started) <= facts.slack(now) {
+            // Or its process died: what it had handed over still leaves.
             return Ok(());
         }
         self.setpoints += 1;

@@ -85,8 +85,10 @@ pub(super) struct Facts {
     located: Option<Instant>,
     /// When the estimate was told to be lost.
     lost: Instant,
-    /// The bus of the drives is disturbed: since, until.
-    disturbed: (Instant, Instant),
+    /// The bus of the drives is disturbed until then.
+    disturbed: Instant,
+    /// It is cut until then, and nothing of the driver has left since.
+    cut: Option<Instant>,
     /// LCM is disturbed until then, or was.
     lcm: Option<Instant>,
     /// The propulsion does not hear until then.
@@ -113,7 +115,8 @@ impl Facts {
             goal: None,
             located: None,
             lost: Instant::ZERO,
-            disturbed: (Instant::ZERO, Instant::ZERO),
+            disturbed: Instant::ZERO,
+            cut: None,
             lcm: None,
             deaf: Instant::ZERO,
             rolls: Instant::ZERO,
@@ -122,13 +125,18 @@ impl Facts {
 
     /// How late a decision of the driver may be seen on the wire.
     pub fn slack(&self, now: Instant) -> Duration {
-        // A frame that nobody acknowledged is sent again until somebody does.
-        if self.is_disturbed(now) { now.since(self.disturbed.0) + QUEUE_AGE } else { SLACK }
+        if self.is_disturbed(now) { QUEUE_AGE } else { SLACK }
     }
 
     /// Whether the bus of the drives is disturbed, or was a moment ago.
     pub fn is_disturbed(&self, now: Instant) -> bool {
-        now < self.disturbed.1
+        now < self.disturbed
+    }
+
+    /// Whether this set-point is a frame that was on the wire when that was cut: a controller sends it again until
+    /// somebody acknowledges it, however old it is. A drive that heard nobody for 200 ms does not follow it.
+    pub fn is_left_over(&mut self, now: Instant) -> bool {
+        self.cut.take_if(|until| *until <= now).is_some_and(|until| now.since(until) < SLACK)
     }
 
     /// When messages were last lost or delayed on purpose; now, while they are; none, if they never were.
@@ -209,9 +217,11 @@ impl Facts {
     fn on_fault(&mut self, now: Instant, target: &str, fault: &str, until: Instant) {
         let over = fault == "none";
         if target == self.limits.bus {
-            let since = if self.is_disturbed(now) { self.disturbed.0 } else { now };
-            let until = if over { now } else { self.disturbed.1.max(until) };
-            self.disturbed = (since, until + AFTERMATH);
+            let until = if over { now } else { until };
+            self.disturbed = if over { now + AFTERMATH } else { self.disturbed.max(until + AFTERMATH) };
+            if over || fault == "cut" {
+                self.cut = Some(until);
+            }
         } else if target == "lcm" {
             let until = if over { now } else { until };
             self.lcm = Some(self.lcm.filter(|_| !over).map_or(until, |before| before.max(until)));

@@ -39,8 +39,9 @@ impl Rule {
         }
     }
 
-    /// A process that hung goes on.
-    pub fn on_resumed(&mut self, module: &str) {
+    /// A process that hung goes on, or the watchdog is there again before anybody missed it: a module that died and is
+    /// there again is no such thing.
+    pub fn on_back(&mut self, module: &str) {
         self.lost.take_if(|lost| *lost.module == *module);
     }
 
