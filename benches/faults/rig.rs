@@ -170,7 +170,7 @@ impl Rig {
             return self.processes.get(module).map(|process| process.pid).filter(|pid| *pid > 0);
         }
         let own = self.run_dir.to_string_lossy().into_owned();
-        let entries = fs::read_dir("/proc").expect("/proc").filter_map(|entry| entry.ok());
+        let entries = fs::read_dir("/proc").expect("/proc").filter_map(Result::ok);
         let mut pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
         pids.find(|pid| {
             let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
