@@ -124,7 +124,7 @@ pub fn make_run(folder: &Path, wall_ns: u64) -> io::Result<PathBuf> {
 /// The name of a second since the UNIX epoch.
 fn run_name(second: u64) -> String {
     let (mut days, time) = (second / 86_400, second % 86_400);
-    let leap = |year: u64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
     let mut year = 1970;
     while days >= 365 + u64::from(leap(year)) {
         days -= 365 + u64::from(leap(year));

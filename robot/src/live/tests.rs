@@ -115,7 +115,8 @@ impl Module for Toy {
 
 fn host(toy: Toy, lcm_url: &str, ports: Vec<PortConfig>) -> u8 {
     let shell = Shell::new(ShellConfig::new("toy"), Box::new(toy));
-    run(shell, HostConfig { lcm_url: lcm_url.into(), ports, raw: Vec::new(), launch: None, beats: None, inputs: None }).unwrap()
+    run(shell, HostConfig { lcm_url: lcm_url.into(), ports, raw: Vec::new(), launch: None, beats: None, inputs: None })
+        .unwrap()
 }
 
 fn count(notes: &Notes, what: &str) -> usize {
