@@ -173,6 +173,11 @@ impl Actions {
         self.list.drain(..)
     }
 
+    /// Moves what was pushed since there were `from` to `to`.
+    pub(crate) fn split_off(&mut self, from: usize, to: &mut Self) {
+        to.list.extend(self.list.drain(from..));
+    }
+
     /// What was pushed and not drained yet.
     #[must_use]
     pub fn as_slice(&self) -> &[Action] {

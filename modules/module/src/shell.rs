@@ -55,6 +55,9 @@ pub struct Shell {
     announce: Ticker,
     /// Faults that stand, with the severity they were reported with.
     faults: BTreeMap<(Fault, String), Severity>,
+    /// When the module wants its next timer: as it said after its last event, asked once.
+    due: Option<Instant>,
+    /// Room for what the module answers.
     inner: Actions,
     ending: Ending,
     recorder: Option<Recorder>,
@@ -74,6 +77,7 @@ impl Shell {
     pub fn new(config: ShellConfig, module: Box<dyn Module>) -> Self {
         Self {
             config,
+            due: module.poll_timeout(),
             module,
             state: State::Init,
             before_error: State::Init,
@@ -139,7 +143,6 @@ impl Shell {
         }
         match event {
             Event::Start => {
-                self.inner = Actions::new(out.epoch());
                 self.announce = Ticker::new(now + ANNOUNCE, ANNOUNCE);
                 out.push(Action::State(self.state));
                 self.announce(now, out);
@@ -149,7 +152,7 @@ impl Shell {
                 if self.announce.due(now) {
                     self.announce(now, out);
                 }
-                if self.module.poll_timeout().is_some_and(|due| due <= now) {
+                if self.due.is_some_and(|due| due <= now) {
                     self.pass(now, Event::Timer, out);
                 }
             }
@@ -214,13 +217,19 @@ impl Shell {
             Ending::By(end) => self.announce.next().min(end),
             Ending::Done => return None,
         };
-        Some(self.module.poll_timeout().map_or(shell, |due| due.min(shell)))
+        Some(self.due.map_or(shell, |due| due.min(shell)))
     }
 
     fn pass(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        let before = out.as_slice().len();
+        self.module.handle(now, event, out);
+        self.due = self.module.poll_timeout();
+        if !out.as_slice()[before..].iter().any(is_for_the_shell) {
+            return;
+        }
         // Entering a state on the way calls the module again, with a list of its own.
-        let mut inner = mem::replace(&mut self.inner, Actions::new(out.epoch()));
-        self.module.handle(now, event, &mut inner);
+        let mut inner = mem::take(&mut self.inner);
+        out.split_off(before, &mut inner);
         for action in inner.drain() {
             match action {
                 Action::Raise(report) => self.fault(now, &report, out),
@@ -327,4 +336,8 @@ impl Shell {
         });
         out.push(Action::Report(report));
     }
+}
+
+fn is_for_the_shell(action: &Action) -> bool {
+    matches!(action, Action::Raise(_) | Action::Clear(_) | Action::Report(_) | Action::Condition(_))
 }
