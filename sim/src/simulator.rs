@@ -443,11 +443,11 @@ impl Module for Simulator {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let step = (!self.rests()).then(|| self.scene.next_step());
-        let lines = self.lines.iter().filter_map(SerialLine::poll_timeout);
-        let drives = self.drives.iter().filter_map(Drive::poll_timeout);
-        let own = [self.truth.next(), self.clock.next(), self.rangers.next()];
-        own.into_iter().chain(step).chain(lines).chain(drives).chain(self.can.poll_timeout()).min()
+        let step = if self.rests() { Instant::NEVER } else { self.scene.next_step() };
+        let own = step.min(self.truth.next()).min(self.clock.next()).min(self.rangers.next());
+        let lines = self.lines.iter().map(SerialLine::poll_timeout).fold(own, Instant::min);
+        let drives = self.drives.iter().filter_map(Drive::poll_timeout).fold(lines, Instant::min);
+        Some(self.can.poll_timeout().map_or(drives, |due| due.min(drives)))
     }
 }
 

@@ -241,10 +241,9 @@ impl Board {
         }
     }
 
-    fn poll_timeout(&self) -> Option<Instant> {
-        let own = if let Kind::Psc1(board) = &self.kind { Some(board.poll_timeout()) } else { None };
-        let babbles = (self.babbles < Instant::NEVER).then_some(self.babbles);
-        [self.slave.poll_timeout(), own, babbles].into_iter().flatten().min()
+    fn poll_timeout(&self) -> Instant {
+        let own = if let Kind::Psc1(board) = &self.kind { board.poll_timeout() } else { Instant::NEVER };
+        self.slave.poll_timeout().map_or(own, |due| due.min(own)).min(self.babbles)
     }
 }
 
@@ -385,8 +384,9 @@ impl SerialLine {
         self.wire.remove(place).map(|(_, words)| words)
     }
 
-    pub fn poll_timeout(&self) -> Option<Instant> {
-        let boards = self.boards.iter().filter_map(Board::poll_timeout);
-        boards.chain(self.wire.iter().map(|(due, _)| *due)).min()
+    /// When [`SerialLine::handle_timeout`] is wanted.
+    pub fn poll_timeout(&self) -> Instant {
+        let boards = self.boards.iter().map(Board::poll_timeout).fold(Instant::NEVER, Instant::min);
+        self.wire.iter().map(|(due, _)| *due).fold(boards, Instant::min)
     }
 }

@@ -258,11 +258,13 @@ impl Psc1 {
     /// When [`Psc1::handle_timeout`] is wanted.
     #[must_use]
     pub fn poll_timeout(&self) -> Instant {
-        let pressed = self.bumpers.iter().chain([&self.button]).copied().filter(|until| *until != Instant::ZERO);
+        let pressed = |until: &&Instant| **until != Instant::ZERO;
+        let pressed =
+            self.bumpers.iter().chain([&self.button]).filter(pressed).copied().fold(self.tell.next(), Instant::min);
         let stops = (self.on & !self.target != 0).then_some(self.next_stop);
         let starts = (stops.is_none() && self.target & !self.on != 0).then_some(self.next_start);
         let cut = self.cut.as_ref().map(|(due, announce)| announce.next().min(*due));
-        pressed.chain(stops).chain(starts).chain(cut).fold(self.tell.next(), Instant::min)
+        [stops, starts, cut].into_iter().flatten().fold(pressed, Instant::min)
     }
 }
 

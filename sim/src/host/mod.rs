@@ -247,12 +247,22 @@ impl Virtual {
     }
 
     fn next(&self) -> Option<(Instant, Next)> {
-        let agenda = self.agenda.peek().map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
-        let wires = self.wires.iter().enumerate().filter_map(|(place, wire)| Some((wire.due?, Next::Wire(place))));
-        let timers = self.processes.iter().enumerate();
-        let timers = timers.filter_map(|(place, process)| Some((process.due?, Next::Process(place))));
-        let ((at, _), next) = agenda.into_iter().chain(wires).chain(timers).min_by_key(|(key, _)| *key)?;
-        Some((at, next))
+        // There are a dozen at most, and this is asked before everything that happens: plain loops, no chain of iterators.
+        let mut first = self.agenda.peek().map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
+        let mut sooner = |due: Option<(Instant, u64)>, next| {
+            if let Some(due) = due
+                && first.as_ref().is_none_or(|(key, _)| due < *key)
+            {
+                first = Some((due, next));
+            }
+        };
+        for (place, wire) in self.wires.iter().enumerate() {
+            sooner(wire.due, Next::Wire(place));
+        }
+        for (place, process) in self.processes.iter().enumerate() {
+            sooner(process.due, Next::Process(place));
+        }
+        first.map(|((at, _), next)| (at, next))
     }
 
     fn number(&mut self) -> u64 {
