@@ -1,0 +1,150 @@
+//! The virtual world beside real time: `cargo bench -p advee --bench world`.
+//!
+//! The whole robot as it is shipped, all its modules and the watchdog, on virtual busses, in the worlds `empty` and
+//! `hall`: standing, and driven by commands at 20 Hz. For each: virtual seconds in a second of CPU time, what an
+//! observer was told of, allocations, way, digest. Each runs twice; two digests that differ end the bench. Figure to
+//! reach: 1000 × real time on one core, `empty`, driving.
+//!
+//! `-- --minutes 10 empty driving`: how long, of which world, how.
+
+#[path = "sys.rs"]
+mod sys;
+
+use base::{Duration, Instant};
+use messages::{Message, lowlevel};
+use robot::topology::{Place, virtual_machine};
+use sim::host::{Config, News, Virtual};
+use std::cell::Cell;
+use std::path::Path;
+use std::rc::Rc;
+
+#[global_allocator]
+static MEMORY: sys::Counting = sys::Counting::new();
+
+/// From the start until the steering is homed and everything is warm.
+const READY: Duration = Duration::from_secs(15);
+const MINUTES: u64 = 5;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let at = arguments.iter().position(|argument| argument == "--minutes");
+    let minutes = at.map_or(MINUTES, |at| arguments[at + 1].parse().expect("a number of minutes"));
+    // A kind of which nothing is named is not chosen from.
+    let chosen = |all: [&'static str; 2]| {
+        let named: Vec<_> = all.into_iter().filter(|one| arguments.iter().any(|argument| argument == one)).collect();
+        if named.is_empty() { all.to_vec() } else { named }
+    };
+    println!("world  robot     x real time  CPU us/s   news/s  allocations/s    way m  digest ({minutes} min, 2 runs)");
+    for world in chosen(["empty", "hall"]) {
+        for robot in chosen(["standing", "driving"]) {
+            let run = || Run::of(world, robot == "driving", minutes);
+            let (first, second) = (run(), run());
+            assert_eq!(first.digest, second.digest, "the same run twice");
+            first.min(second).print(world, robot);
+        }
+    }
+}
+
+/// What an observer has seen.
+#[derive(Default)]
+struct Seen {
+    news: Cell<u64>,
+    way: Cell<f64>,
+    at: Cell<Option<(f64, f64)>>,
+    homed: Cell<bool>,
+}
+
+struct Run {
+    seconds: f64,
+    cpu_s: f64,
+    news: u64,
+    allocations: u64,
+    way: f64,
+    digest: u64,
+}
+
+impl Run {
+    fn of(world: &str, drives: bool, minutes: u64) -> Self {
+        let (mut machine, seen) = machine(world);
+        machine.run_until(Instant::ZERO + READY);
+        assert!(seen.homed.get(), "the steering is homed");
+        let begin = (sys::cpu_ns(), seen.news.get(), MEMORY.allocations(), seen.way.get());
+        for second in 0..60 * minutes {
+            let now = machine.now();
+            if drives {
+                for n in 0..20 {
+                    machine.inject(now + n * Duration::from_millis(50), command(second));
+                }
+            }
+            machine.run_until(now + Duration::from_secs(1));
+        }
+        Self {
+            seconds: 60.0 * minutes as f64,
+            cpu_s: (sys::cpu_ns() - begin.0) as f64 / 1e9,
+            news: seen.news.get() - begin.1,
+            allocations: MEMORY.allocations() - begin.2,
+            way: seen.way.get() - begin.3,
+            digest: machine.digest(),
+        }
+    }
+
+    /// The one that was disturbed less.
+    fn min(self, other: Self) -> Self {
+        if other.cpu_s < self.cpu_s { other } else { self }
+    }
+
+    fn print(&self, world: &str, robot: &str) {
+        println!(
+            "{world:6} {robot:9} {:11.0} {:9.0} {:8.0} {:14.1} {:8.1}  {:016x}",
+            self.seconds / self.cpu_s,
+            self.cpu_s / self.seconds * 1e6,
+            self.news as f64 / self.seconds,
+            self.allocations as f64 / self.seconds,
+            self.way,
+            self.digest
+        );
+    }
+}
+
+/// Forth for five seconds and the same way back, each time on another arc: it stays where it began.
+fn command(second: u64) -> lowlevel::CmdMotion {
+    let speed = if second % 10 < 5 { 0.4 } else { -0.4 };
+    let steering = [0.0, 0.55, -0.3, 0.2, -0.5][(second / 10 % 5) as usize];
+    let priority = lowlevel::CmdMotion::REMOTE;
+    lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: "bench".into() }
+}
+
+fn machine(world: &str) -> (Virtual, Rc<Seen>) {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let place = Place {
+        config: root.join("conf/advee"),
+        run_dir: "/run/advee".into(),
+        lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
+        sets: Vec::new(),
+        sim: true,
+        world: Some(root.join("conf/worlds").join(world).with_extension("toml")),
+    };
+    let config = Config { lcm_jitter: Duration::from_micros(200), ..Config::default() };
+    let mut machine = virtual_machine(&place, config).expect("the shipped configuration");
+    let seen = Rc::new(Seen::default());
+    let keep = seen.clone();
+    machine.observe(move |_, news| keep.take(news));
+    machine.keep("watchdog").expect("the watchdog starts");
+    (machine, seen)
+}
+
+impl Seen {
+    fn take(&self, news: &News<'_>) {
+        self.news.set(self.news.get() + 1);
+        match news {
+            News::Message { message: Message::SimDataTruth(truth), .. } => {
+                if let Some((x, y)) = self.at.replace(Some((truth.x, truth.y))) {
+                    let (dx, dy) = (truth.x - x, truth.y - y);
+                    self.way.set(self.way.get() + dx.hypot(dy));
+                }
+            }
+            News::Message { message: Message::LlDataMotion(motion), .. } => self.homed.set(motion.homed),
+            _ => {}
+        }
+    }
+}
