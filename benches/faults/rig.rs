@@ -157,11 +157,13 @@ impl Rig {
     }
 
     pub fn all_run(&self) -> bool {
-        !self.processes.is_empty() && self.processes.keys().all(|module| self.runs(module))
+        !self.processes.is_empty() && self.processes.values().all(|process| process.state == State::Run as i8)
     }
 
-    pub fn runs(&self, module: &str) -> bool {
-        self.processes.get(module).is_some_and(|process| process.state == State::Run as i8)
+    /// The process of a module that was not asked to end, whatever its state: a new watchdog does not know that at once.
+    pub fn process(&self, module: &str) -> Option<i32> {
+        let process = self.processes.get(module).filter(|process| process.phase == common::Process::RUNNING);
+        process.map(|process| process.pid)
     }
 
     /// Of a module; of the watchdog, which is in no list, by its command line. None: there is none now.

@@ -121,7 +121,7 @@ pub fn run(
 ) -> Option<Outcome> {
     rig.pass(phase);
     let pid = rig.pid(module).filter(|_| rig.drives() && rig.all_run())?;
-    let hardware = rig.pid(SIMULATOR);
+    let hardware = rig.process(SIMULATOR);
     let fault = rig.mark();
     kind.inject(pid);
     let mut outcome = Outcome { module: module.into(), kind, critical, stop: None, run: None, ending: Ending::Never };
@@ -137,7 +137,7 @@ pub fn run(
     if let Some(stall) = canary.stalled(fault, Instant::now()).or(Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE))
     {
         outcome.ending = Ending::Stalled(stall.max(STALL));
-    } else if rig.pid(SIMULATOR) != hardware || !rig.runs(SIMULATOR) {
+    } else if rig.process(SIMULATOR) != hardware {
         outcome.ending = Ending::NoHardware;
     }
     Some(outcome)
