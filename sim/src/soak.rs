@@ -14,6 +14,7 @@ mod chaos;
 mod figures;
 mod operator;
 mod report;
+mod rivals;
 mod scenario;
 mod shrink;
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Faults: drawn from the seed before an episode begins, then let loose on the machine at their moments.
 
+use super::rivals;
 use super::scenario::{Phase, Scenario};
 use crate::host::Virtual;
 use crate::random::Random;
@@ -23,7 +24,8 @@ pub struct Fault {
     /// Whom it befalls.
     pub target: String,
     /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
-    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. The rest by the names of
+    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. Of others who command the robot:
+    /// `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the names of
     /// `SIM_CMD_FAULT`.
     pub fault: String,
     /// How much.
@@ -160,7 +162,7 @@ impl<'a> Chaos<'a> {
             ("terminate", _) => order(machine, target, State::Terminate, true),
             ("run", _) => order(machine, target, State::Run, false),
             (name, _) => {
-                if !machine.fault(target, name, fault.value, fault.lasts) {
+                if !rivals::speak(machine, fault) && !machine.fault(target, name, fault.value, fault.lasts) {
                     let (target, fault_name) = (fault.target.clone(), fault.fault.clone());
                     let (value, duration) = (fault.value, fault.lasts);
                     let command = simulation::CmdFault { timestamp: 0, target, fault: fault_name, value, duration };
