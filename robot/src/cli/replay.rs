@@ -82,7 +82,7 @@ fn files(run: &Path, module: Option<&str>) -> Result<Vec<PathBuf>, Failed> {
         |error| format!("{}: {error}; a run has it when it was recorded with log.inputs = true", folder.display());
     let entries = fs::read_dir(&folder).map_err(refused)?;
     let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    files.retain(|path| module.is_none_or(|module| of_module(path) == module));
+    files.retain(|path| path.is_file() && module.is_none_or(|module| of_module(path) == module));
     files.sort_by_key(|path| (of_module(path).to_string(), name(path).len(), name(path)));
     match files.is_empty() {
         true => Err(format!("{}: no inputs of {}", folder.display(), module.unwrap_or("any module")).into()),
@@ -243,7 +243,7 @@ fn as_json(played: &Played) -> Value {
         Verdict::Unmade(why) => ("refused", json!({ "why": why })),
     };
     value["result"] = result.into();
-    value[if result == "same" { "same" } else { result }] = details;
+    value[result] = details;
     value
 }
 
