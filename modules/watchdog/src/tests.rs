@@ -505,12 +505,10 @@ fn a_storm_is_told_once_and_cleared_when_it_is_calm() {
         }
         spawned
     };
-    let mut pid = 1;
-    for _ in 0..30 {
+    for pid in 2..32 {
         while !hear(&mut bench) {
             bench.pass(Duration::from_millis(50));
         }
-        pid += 1;
         bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid }));
         bench.message(common::DataState { timestamp: 0, module: "nerves".into(), state: State::Run as i8 });
         bench.event(Event::Process(ProcessEvent::Exited { pid, status: ExitStatus::Code(64) }));
