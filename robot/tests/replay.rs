@@ -52,6 +52,9 @@ impl Run {
     }
 }
 
+/// What a process has written so far.
+type File = Rc<RefCell<Vec<u8>>>;
+
 /// A recorded run in virtual time: homed, driven, a module killed.
 fn recorded(name: &str) -> Run {
     let run = Run(std::env::temp_dir().join(format!("advee-replay-{name}-{}", std::process::id())));
@@ -64,7 +67,7 @@ fn recorded(name: &str) -> Run {
         sim: true,
         world: None,
     };
-    let files: Rc<RefCell<BTreeMap<String, Rc<RefCell<Vec<u8>>>>>> = Rc::default();
+    let files: Rc<RefCell<BTreeMap<String, File>>> = Rc::default();
     let keep = files.clone();
     let sink = move |module: &str| {
         let lives = keep.borrow().keys().filter(|name| name.split('.').next() == Some(module)).count();
@@ -152,7 +155,7 @@ fn what_is_cut_damaged_or_has_a_gap_is_refused_with_its_place() {
     let run = recorded("harmed");
     let whole = fs::read(run.file("driver_power")).unwrap();
     let harmed = run.file("harmed");
-    let mut refused = |bytes: &[u8]| {
+    let refused = |bytes: &[u8]| {
         fs::write(&harmed, bytes).unwrap();
         let (code, lines) = Run::replay(&harmed, &[]);
         assert_eq!((code, &lines[0]["result"]), (1, &"refused".into()), "{lines:?}");
