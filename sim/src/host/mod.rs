@@ -209,24 +209,23 @@ impl Virtual {
     /// Lets a fault come over a bus for so many seconds (0: for good), as `SIM_CMD_FAULT` with the bus's name as its target
     /// does; `lcm` is one. False when there is no such bus, or that is no fault of it.
     pub fn fault(&mut self, target: &str, fault: &str, value: f64, lasts: f64) -> bool {
-        let known = Ailment::from_name(fault, value).is_some_and(|ailment| self.suffer(target, ailment, lasts));
-        if known {
-            self.news(&News::Fault { target, fault, until: faults::until(self.now, lasts) });
-        }
-        known
-    }
-
-    fn suffer(&mut self, target: &str, ailment: Ailment, lasts: f64) -> bool {
         let (now, until) = (self.now, faults::until(self.now, lasts));
-        if target == LCM {
-            return !matches!(ailment, Ailment::Noise(_)) && self.lcm_disturbance.suffer(now, ailment, until);
-        }
-        let Some(place) = self.wires.iter().position(|wire| &*wire.bus == target) else {
-            return false;
+        let Some(ailment) = Ailment::from_name(fault, value) else { return false };
+        let place = self.wires.iter().position(|wire| &*wire.bus == target);
+        let known = match place {
+            Some(place) => self.wires[place].suffer(now, ailment, until),
+            None if target == LCM && matches!(ailment, Ailment::Noise(_)) => false,
+            None if target == LCM => self.lcm_disturbance.suffer(now, ailment, until),
+            None => false,
         };
-        let known = self.wires[place].suffer(now, ailment, until);
-        self.pass_told(place);
-        self.arm_wire(place);
+        if known {
+            self.news(&News::Fault { target, fault, until });
+        }
+        if let Some(place) = place {
+            // What it does at once is told after it.
+            self.pass_told(place);
+            self.arm_wire(place);
+        }
         known
     }
 
@@ -345,15 +344,17 @@ impl Virtual {
     }
 
     fn deliver(&mut self, message: &Rc<Message>) {
-        if let Message::SimCmdFault(command) = &**message
-            && let Some(ailment) = Ailment::from_name(&command.fault, command.value)
-        {
-            // What is no fault of a bus is one of the simulator's, or the simulator says that it is none.
-            self.suffer(&command.target, ailment, command.duration);
+        let mut loss = self.config.lcm_loss.max(self.lcm_disturbance.loss(self.now));
+        if let Message::SimCmdFault(command) = &**message {
+            // What breaks the world is not broken by it.
+            loss = 0.0;
             let (target, fault) = (command.target.as_str(), command.fault.as_str());
-            self.news(&News::Fault { target, fault, until: faults::until(self.now, command.duration) });
+            let of_a_bus = self.fault(target, fault, command.value, command.duration);
+            // Else it is one of the simulator's, or the simulator says that it is none.
+            if !of_a_bus && Ailment::from_name(fault, command.value).is_some() {
+                self.news(&News::Fault { target, fault, until: faults::until(self.now, command.duration) });
+            }
         }
-        let loss = self.config.lcm_loss.max(self.lcm_disturbance.loss(self.now));
         let mut pid = 0;
         // By number, not by place: serving one may end or start others.
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
