@@ -3,8 +3,8 @@
 use crate::config::{
     self, CanBus, CanDriver, CanInterface, Config, ConfigError, ModuleEntry, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
-use crate::live::ports::{PortConfig, TerminalConfig};
 use crate::live::limits::Limits;
+use crate::live::ports::{PortConfig, TerminalConfig};
 use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
 use crate::recording;
@@ -74,11 +74,7 @@ pub fn virtual_machine_recorded(
 ) -> Result<Virtual, ConfigError> {
     let read = Config::load(&place.config, place.sim, &place.sets)?;
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
-    let made = Made {
-        wire_time: false,
-        seed: Some(config.seed),
-        restart_delay_max: Some(config.restart_delay_max),
-    };
+    let made = Made { wire_time: false, seed: Some(config.seed), restart_delay_max: Some(config.restart_delay_max) };
     let place = place.clone();
     let mut make = move |name: &str, wanted| {
         let mut shell = shell(&place, &read, name, wanted, made)?;
@@ -243,6 +239,7 @@ fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
     let (place, modules) = (place.clone(), config.modules.clone());
     let run_dir = Some(place.run_dir.clone());
     let divides = modules.iter().any(|module| module.memory_max.is_some() || module.cpu_max.is_some());
+    let rt_priority = modules.iter().filter_map(|module| module.rt_priority).max().map(|highest| highest + 1);
     let start = move |name: &str, state: State| {
         let entry = modules.iter().find(|module| module.name == name);
         let args = entry.map(|entry| entry.args.as_slice()).unwrap_or_default();
@@ -264,7 +261,7 @@ fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
         let foreign = entry.is_some_and(|entry| entry.command.is_some());
         Start { command, limits: entry.map(limits).unwrap_or_default(), foreign }
     };
-    Ok(Launch { start: Box::new(start), run_dir, divides })
+    Ok(Launch { start: Box::new(start), run_dir, divides, rt_priority })
 }
 
 fn limits(module: &ModuleEntry) -> Limits {
@@ -275,9 +272,7 @@ fn limits(module: &ModuleEntry) -> Limits {
 /// The bus as programs on the official library are told of it, which warns of options that are ours alone.
 fn foreign_url(url: &str) -> String {
     match lcm::Url::parse(url) {
-        Ok((lcm::Url::Udpm(udpm), _)) => {
-            lcm::Url::from(lcm::url::Udpm { shm: lcm::url::Shm::Off, ..udpm }).to_string()
-        }
+        Ok((lcm::Url::Udpm(udpm), _)) => lcm::Url::from(lcm::url::Udpm { shm: lcm::url::Shm::Off, ..udpm }).to_string(),
         _ => url.into(),
     }
 }

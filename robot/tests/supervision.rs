@@ -1,5 +1,7 @@
 //! Nothing hangs unseen and nothing is left over: the watchdog, its parent and what guards both, on real processes.
 
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
+
 mod support;
 
 use base::Fault;

@@ -14,14 +14,19 @@ use std::sync::Arc;
 
 /// Where a module finds its page.
 pub const VARIABLE: &str = "ADVEE_BEATS";
-/// A thread beats this often.
+/// A thread beats this often, or a little earlier when it is awake.
 pub const PERIOD: Duration = Duration::from_millis(50);
+const EARLY: Duration = Duration::from_millis(10);
+/// The watchdog shows this often that it reads a page.
+const SHOWN: Duration = Duration::from_millis(500);
 
 const SIZE: usize = 4096;
 const MAGIC: [u8; 4] = *b"BEAT";
 const VERSION: u32 = 1;
 /// Where the first thread's entry begins, and how long each is.
 const ENTRIES: usize = 64;
+/// Where the watchdog's own count is.
+const READER: u64 = 16;
 const ENTRY: usize = 64;
 /// Of an entry: a name, and the count behind it.
 const NAME: usize = 48;
@@ -55,7 +60,7 @@ impl Beats {
     }
 
     fn at(path: &Path) -> io::Result<Self> {
-        let file = OpenOptions::new().write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
+        let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
         if !file.metadata()?.is_file() {
             return Err(io::ErrorKind::InvalidInput.into());
         }
@@ -89,13 +94,26 @@ impl Beats {
 }
 
 impl Beat {
-    /// Counts up when that is due. To be called from the loop that does the work, at least each [`PERIOD`].
-    pub fn beat(&mut self, now: Instant) {
-        if self.next <= now {
+    /// Counts up when that is due; whether it was. To be called from the loop that does the work, at least each
+    /// [`PERIOD`].
+    pub fn beat(&mut self, now: Instant) -> bool {
+        let due = self.next <= now + EARLY;
+        if due {
             self.next = now + PERIOD;
             self.count = self.count.wrapping_add(1);
             // A page that cannot be written is a beat that is missing, which the watchdog sees.
             let _ = self.file.write_all_at(&self.count.to_le_bytes(), self.place);
+        }
+        due
+    }
+
+    /// What the watchdog counts up in this page while it reads it; zero where it cannot be read.
+    #[must_use]
+    pub fn reader(&self) -> u32 {
+        let mut count = [0; 4];
+        match self.file.read_exact_at(&mut count, READER) {
+            Ok(()) => u32::from_le_bytes(count),
+            Err(_) => 0,
         }
     }
 
@@ -161,6 +179,8 @@ struct Thread {
 pub struct Page {
     file: File,
     threads: Vec<Thread>,
+    /// When to show the next time that it is read.
+    show: Instant,
 }
 
 /// What a page says.
@@ -191,7 +211,7 @@ impl Page {
         }
         let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(path)?;
         file.set_len(SIZE as u64)?;
-        Ok(Self { file, threads: Vec::new() })
+        Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
     /// The page of a process that runs already.
@@ -199,8 +219,19 @@ impl Page {
     /// # Errors
     /// It is not there.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let file = OpenOptions::new().read(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
-        Ok(Self { file, threads: Vec::new() })
+        let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
+        Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
+    }
+
+    /// Shows the module that somebody guards it, when that is due; also where what it writes itself is bad.
+    pub fn show(&mut self, now: Instant) {
+        if self.show <= now {
+            self.show = now + SHOWN;
+            // Another watchdog may have counted before.
+            let mut count = [0; 4];
+            let _ = self.file.read_exact_at(&mut count, READER);
+            let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER);
+        }
     }
 
     /// Looks at it. `held_up` is how long nobody looked beyond the usual: nobody is to blame for that.
@@ -313,8 +344,22 @@ mod tests {
             beat.beat(at(ms));
         }
         page.read(at(500), std::process::id(), Duration::ZERO);
-        assert_eq!(page.threads[0].count, 10);
-        assert_eq!(beat.next(), at(500));
+        assert_eq!(page.threads[0].count, 13, "each 40 ms: it was always awake");
+        assert_eq!(beat.next(), at(530));
+    }
+
+    #[test]
+    fn a_module_sees_whether_its_page_is_read() {
+        let dir = Dir::new("read");
+        let (mut page, mut beats) = pair(&dir);
+        let beat = beats.thread(at(0), "main").unwrap();
+        assert_eq!(beat.reader(), 0);
+        for ms in (0..1000).step_by(20) {
+            page.show(at(ms));
+        }
+        assert_eq!(beat.reader(), 2);
+        Page::open(&dir.0.join("module")).unwrap().show(at(5000));
+        assert_eq!(beat.reader(), 3, "the next watchdog goes on");
     }
 
     #[test]

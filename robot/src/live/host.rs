@@ -34,6 +34,8 @@ const BURST: usize = 64;
 /// What a module sent last has this long to leave.
 const FLUSH: Duration = Duration::from_millis(100);
 
+/// The bus is asked this often although it says nothing: what is lost or over is told there.
+const BUS_SERVED: Duration = Duration::from_millis(100);
 /// Messages are no longer being lost when none was for this long.
 const LOSSES_OVER: Duration = Duration::from_secs(10);
 
@@ -80,6 +82,8 @@ struct Host {
     log: Log,
     bus: Bus,
     bus_more: bool,
+    /// When it was last asked.
+    bus_served: Instant,
     /// The bus did not take the last message.
     bus_refuses: bool,
     /// Messages that the kernel had no room for, and when that was last seen to grow.
@@ -95,6 +99,8 @@ struct Host {
     parent: Option<ToParent>,
     /// When the watchdog that started this process, or another one, was last heard; none: nobody guards it.
     guarded: Option<Instant>,
+    /// What a watchdog has counted in the page of beats.
+    reader: u32,
     epoll: Epoll,
     timer: TimerFd,
     armed: Option<Instant>,
@@ -112,8 +118,10 @@ impl Host {
         if guarded.is_some() {
             alarm::set(ALARM.0);
         }
+        let beats = Beats::open().map_err(|error| format!("the page of beats: {error}"))?;
         let mut channels = vec![Channel::CmCmdState];
-        channels.extend(guarded.map(|_| Channel::CmDataProcesses));
+        // In its page of beats it sees the watchdog for less.
+        channels.extend(guarded.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
         channels.extend(shell.module().subscriptions());
         channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
@@ -134,10 +142,10 @@ impl Host {
         epoll.add(&signals, EpollEvent::new(EpollFlags::EPOLLIN, SIGNALS)).map_err(polled)?;
         epoll.add(&bus, EpollEvent::new(EpollFlags::EPOLLIN, BUS)).map_err(polled)?;
         let log = Log::new(shell.name());
+        let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
         if let Err(why) = limits::lock_memory() {
             log.line(why);
         }
-        let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
         if let Some(processes) = &processes {
             epoll.add(processes, EpollEvent::new(EpollFlags::EPOLLIN, ENDS)).map_err(polled)?;
         }
@@ -147,7 +155,6 @@ impl Host {
             Recording::start(&mut shell, &inputs).map_err(refused).ok()
         });
         let epoch = clock::epoch();
-        let beats = Beats::open().map_err(|error| format!("the page of beats: {error}"))?;
         let beat = beats.map(|mut beats| beats.thread(clock::now(), "main")).transpose();
         Ok(Self {
             log,
@@ -157,6 +164,7 @@ impl Host {
             spare: Actions::new(epoch),
             bus,
             bus_more: true,
+            bus_served: Instant::ZERO,
             bus_refuses: false,
             lost: (0, None),
             bad: BadInput::default(),
@@ -166,6 +174,7 @@ impl Host {
             processes,
             parent: parent.map_err(|error| format!("the parent's socket: {error}"))?.flatten(),
             guarded,
+            reader: 0,
             epoll,
             timer,
             armed: None,
@@ -179,6 +188,9 @@ impl Host {
         // What an earlier life left comes before anything else.
         self.tell_of_processes();
         self.feed(Event::Start);
+        if let (Some(processes), Some(due)) = (&mut self.processes, self.shell.poll_timeout()) {
+            processes.align(clock::now(), due);
+        }
         let mut ready = [EpollEvent::empty(); 16];
         loop {
             self.serve_time();
@@ -191,14 +203,17 @@ impl Host {
             let count = self.wait(now, &mut ready).map_err(|errno| format!("epoll: {}", errno.desc()))?;
             for event in &ready[..count] {
                 match event.data() {
-                    TIMER => self.timer_fired(),
+                    // Setting it anew is what makes it quiet.
+                    TIMER => self.armed = None,
                     SIGNALS => self.serve_signals(),
                     BUS => self.bus_more = true,
                     ENDS => self.serve_ends(),
                     port => self.port_ready((port - PORTS) as usize, event.events()),
                 }
             }
-            self.serve_bus();
+            if self.bus_more || clock::now().since(self.bus_served) >= BUS_SERVED {
+                self.serve_bus();
+            }
             for index in 0..self.ports.len() {
                 self.serve_port(index);
             }
@@ -245,17 +260,11 @@ impl Host {
         }
     }
 
-    fn timer_fired(&mut self) {
-        self.armed = None;
-        // Reading is what makes it quiet; what it says is not needed.
-        let _ = self.timer.wait();
-    }
-
     /// Whatever is due by the clock.
     fn serve_time(&mut self) {
         let now = clock::now();
-        if let Some(beat) = &mut self.beat {
-            beat.beat(now);
+        if self.beat.as_mut().is_some_and(|beat| beat.beat(now)) {
+            self.look_for_watchdog(now);
         }
         if self.shell.poll_timeout().is_some_and(|due| due <= now) {
             self.feed(Event::Timer);
@@ -293,11 +302,33 @@ impl Host {
         self.tell_of_processes();
     }
 
+    /// It counts in the page of beats.
+    fn look_for_watchdog(&mut self, now: Instant) {
+        if let (Some(beat), Some(_)) = (&self.beat, self.guarded) {
+            let reader = beat.reader();
+            if mem::replace(&mut self.reader, reader) != reader {
+                self.hear_watchdog(now);
+            }
+        }
+    }
+
+    fn hear_watchdog(&mut self, now: Instant) {
+        if let Some(heard) = &mut self.guarded {
+            *heard = now;
+            alarm::set(ALARM.0);
+        }
+    }
+
     /// Ends a module whose watchdog was not replaced. Asked when all that has come is read: after having been held up
     /// itself it finds there whether one was heard.
     fn end_unguarded(&mut self) {
         let now = clock::now();
-        if !self.bus_more && self.guarded.is_some_and(|heard| now.since(heard) >= UNGUARDED) {
+        let unheard = |guarded: Option<Instant>| guarded.is_some_and(|heard| now.since(heard) >= UNGUARDED);
+        if self.bus_more || !unheard(self.guarded) {
+            return;
+        }
+        self.look_for_watchdog(now);
+        if unheard(self.guarded) {
             self.guarded = None;
             alarm::set(ALARM.1);
             self.log.line(format_args!("no watchdog was heard for {} s: it ends", UNGUARDED.as_secs()));
@@ -312,15 +343,15 @@ impl Host {
             match self.bus.receive(now) {
                 FromBus::Nothing => {
                     self.bus_more = false;
+                    self.bus_served = now;
                     self.watch_losses(now);
                     self.watch_datagrams(now);
                     self.tell_what_is_over(now);
                     return;
                 }
                 FromBus::Message { at, message } => {
-                    if let (Some(heard), Channel::CmDataProcesses) = (&mut self.guarded, message.channel()) {
-                        *heard = now;
-                        alarm::set(ALARM.0);
+                    if let Channel::CmDataProcesses = message.channel() {
+                        self.hear_watchdog(now);
                     }
                     if self.shell.wants(message.channel()) {
                         self.feed(Event::Message { at, message: &message });

@@ -99,8 +99,6 @@ impl Birth {
             self.told(Limit::Memory, setrlimit(Resource::RLIMIT_DATA, bytes, bytes).map_err(Into::into));
         }
         if let Some(priority) = self.fifo {
-            // It is asked for again by what wants to lock its memory.
-            let _ = setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY);
             self.told(Limit::Fifo, sys::set_fifo(priority, false));
         }
     }
@@ -159,6 +157,7 @@ pub fn lock_memory() -> Result<(), String> {
     if !sys::is_fifo() {
         return Ok(());
     }
+    let _ = setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY);
     // A limit would refuse further memory later, when that hurts.
     match getrlimit(Resource::RLIMIT_MEMLOCK) {
         Ok((RLIM_INFINITY, _)) => mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE)

@@ -10,8 +10,9 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 /// Set for the watchdog's process where its standard input is a socket to its parent.
 pub const VARIABLE: &str = "ADVEE_UP";
-/// The watchdog tells its parent this often.
-pub const PERIOD: Duration = Duration::from_millis(100);
+/// The watchdog tells its parent this often, or a little later when it is awake anyway.
+const PERIOD: Duration = Duration::from_millis(100);
+const LATER: Duration = Duration::from_millis(50);
 /// More than this of a status is not told.
 const STATUS_MAX: usize = 200;
 
@@ -74,10 +75,10 @@ impl ToParent {
         }
     }
 
-    /// When it is due.
+    /// When it must be called.
     #[must_use]
     pub fn next(&self) -> Instant {
-        self.next
+        self.next + LATER
     }
 }
 

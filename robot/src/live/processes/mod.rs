@@ -62,6 +62,8 @@ pub struct Launch {
     pub run_dir: Option<PathBuf>,
     /// Whether any module has a limit that takes a cgroup which divides.
     pub divides: bool,
+    /// The watchdog's own `SCHED_FIFO` priority: above that of any module, so that none can keep it from ending it.
+    pub rt_priority: Option<u8>,
 }
 
 /// The processes of a watchdog.
@@ -96,6 +98,8 @@ struct Process {
     end: Option<OwnedFd>,
     leaf: Option<Leaf>,
     page: Option<Page>,
+    /// What stands in its page cannot be.
+    bad: bool,
     beats: bool,
     /// Processor time at the last measurement, and when that was.
     ticks: u64,
@@ -147,6 +151,9 @@ impl Processes {
             ticks_per_second: value(SysconfVar::CLK_TCK, 100.0),
             page: value(SysconfVar::PAGE_SIZE, 4096.0),
         };
+        if let Some(Err(error)) = processes.launch.rt_priority.map(|priority| sys::set_fifo(priority, true)) {
+            processes.note(format!("rt_priority of the watchdog: {error}; it runs without"));
+        }
         processes.adopt(now);
         Ok(processes)
     }
@@ -197,6 +204,7 @@ impl Processes {
             end,
             leaf,
             page,
+            bad: false,
             beats: false,
             ticks: 0,
             measured: now,
@@ -254,8 +262,19 @@ impl Processes {
                     self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
                 }
                 let end = sys::pidfd_open(pid).ok();
-                let process =
-                    Process { pid, module, start, child, end, leaf, page, beats: false, ticks: 0, measured: now };
+                let process = Process {
+                    pid,
+                    module,
+                    start,
+                    child,
+                    end,
+                    leaf,
+                    page,
+                    bad: false,
+                    beats: false,
+                    ticks: 0,
+                    measured: now,
+                };
                 self.watch(&process);
                 self.running.push(process);
             }
@@ -358,6 +377,10 @@ impl Processes {
         self.looked = now;
         for process in &mut self.running {
             let (Some(page), pid) = (&mut process.page, process.pid) else { continue };
+            page.show(now);
+            if process.bad {
+                continue;
+            }
             match page.read(now, pid, held_up) {
                 Reading::Blank => {}
                 Reading::Oldest { thread, last } => {
@@ -370,19 +393,27 @@ impl Processes {
                 }
                 Reading::Bad(why) => {
                     self.news.push_back(News::BadBeats { pid, why: why.into() });
-                    process.page = None;
+                    process.bad = true;
                 }
             }
         }
+    }
+
+    /// Looks at the same moments as something else that is due then: one waking less.
+    pub fn align(&mut self, now: Instant, due: Instant) {
+        let ahead = due.since(now).as_nanos() % LOOK.as_nanos();
+        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), LOOK);
     }
 
     /// When to look or to measure next.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         let looked_after = |process: &Process| process.page.is_some() || process.end.is_none();
-        let looks = self.running.iter().any(looked_after).then(|| self.looks.next());
-        let usage = (!self.running.is_empty()).then(|| self.usage.next());
-        looks.into_iter().chain(usage).min()
+        match self.running.iter().any(looked_after) {
+            // Measuring waits for the next look.
+            true => Some(self.looks.next()),
+            false => (!self.running.is_empty()).then(|| self.usage.next()),
+        }
     }
 
     /// Takes the oldest news and hands it to `take`; false when there is none.

@@ -12,7 +12,7 @@ fn launch(program: &'static str, args: Vec<&'static str>, run_dir: Option<&Path>
         command.args(&args);
         Start { command, limits: Limits::default(), foreign: false }
     };
-    Launch { start: Box::new(start), run_dir: run_dir.map(Into::into), divides: false }
+    Launch { start: Box::new(start), run_dir: run_dir.map(Into::into), divides: false, rt_priority: None }
 }
 
 fn shell(script: &'static str, run_dir: Option<&Path>) -> Launch {
