@@ -37,7 +37,8 @@ fn main() -> ExitCode {
         && word == "module"
     {
         let lcm_url = std::env::var("LCM_DEFAULT_URL").unwrap_or_default();
-        let config = HostConfig { lcm_url, ports: Vec::new(), raw: Vec::new(), launch: None, beats: None, inputs: None };
+        let config =
+            HostConfig { lcm_url, ports: Vec::new(), raw: Vec::new(), launch: None, beats: None, inputs: None };
         return ExitCode::from(live::run(Shell::new(ShellConfig::new(name), Box::new(Idle)), config).unwrap_or(1));
     }
     let folder = std::env::temp_dir().join(format!("advee-bench-{}", std::process::id()));
@@ -55,7 +56,8 @@ fn main() -> ExitCode {
     assert_eq!(pids.len(), 2 + MODULES, "the parent, the watchdog and ten modules");
     let before: Vec<f64> = pids.iter().map(|pid| cpu_s(*pid)).collect();
     sleep(SECONDS);
-    let used: Vec<f64> = pids.iter().zip(before).map(|(pid, before)| (cpu_s(*pid) - before) / SECONDS * 100.0).collect();
+    let used: Vec<f64> =
+        pids.iter().zip(before).map(|(pid, before)| (cpu_s(*pid) - before) / SECONDS * 100.0).collect();
     println!(
         "{MODULES} idle modules guarded: {:.2} % of a core over {SECONDS} s (advee up {:.2}, watchdog {:.2}, all modules {:.2})",
         used.iter().sum::<f64>(),

@@ -234,7 +234,7 @@ impl InVirtualTime {
             match news {
                 News::Report { module, report } => seen.reports.push(((*module).into(), (*report).clone())),
                 News::Message { message: Message::LlDataBus(bus), .. } if bus.bus == "rs485.a" => {
-                    seen.bus = bus.clone()
+                    seen.bus = bus.clone();
                 }
                 News::Message { message: Message::LlDataOdo(_), .. } => seen.odo += 1,
                 News::Message { message: Message::SimDataTruth(truth), .. } => seen.speed = truth.speed,

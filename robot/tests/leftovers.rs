@@ -46,7 +46,7 @@ fn a_watchdog_that_is_killed_is_replaced_and_its_modules_live_on() {
     let (old, modules) = (watchdog(&robot), pids(&robot));
     support::signal(old, "KILL");
     robot.pass(0.2);
-    robot.until("the new one has heard of all", 3.0, |view| view.all_run());
+    robot.until("the new one has heard of all", 3.0, support::View::all_run);
     assert_ne!(watchdog(&robot), old);
     assert_eq!(pids(&robot), modules);
     assert_eq!(robot.stop(), 0);
