@@ -350,7 +350,7 @@ fn modules_are_checked_too() {
             "modules.toml:6: modules[1].restart = \"maybe\": expected \"always\" or \"never\"",
             "modules.toml:7: modules[1].cpus = [2 items]: expected a list of integers from 0 to 1023",
             "modules.toml:9: modules[2].name = \"x\": expected one that no other module has",
-            "modules.toml:10: modules[2].rt_priority = 100: expected an integer from 0 to 99",
+            "modules.toml:10: modules[2].rt_priority = 100: expected an integer from 0 to 98",
         ]
     );
 }
