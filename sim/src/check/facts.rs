@@ -16,6 +16,8 @@ pub(super) const SLACK: Duration = Duration::from_millis(2);
 const QUEUE_AGE: Duration = Duration::from_millis(60);
 /// After a fault of a bus: nodes that went off come back, queues empty, what was delayed comes.
 const AFTERMATH: Duration = Duration::from_millis(100);
+/// A controller that was off again and again stays off for so long.
+const OFF: Duration = Duration::from_secs(6);
 /// From the greatest speed without power: 0.17 m/s².
 const ROLLS: Duration = Duration::from_secs(10);
 /// The highest priority of a command.
@@ -133,6 +135,11 @@ impl Facts {
         now < self.disturbed
     }
 
+    /// Whether the bus of the drives is disturbed, or was so lately that a controller may be off yet.
+    pub fn was_disturbed(&self, now: Instant) -> bool {
+        self.disturbed > Instant::ZERO && now < self.disturbed + OFF
+    }
+
     /// Whether this set-point is a frame that was on the wire when that was cut: a controller sends it again until
     /// somebody acknowledges it, however old it is. A drive that heard nobody for 200 ms does not follow it.
     pub fn is_left_over(&mut self, now: Instant) -> bool {
@@ -216,6 +223,9 @@ impl Facts {
 
     fn on_fault(&mut self, now: Instant, target: &str, fault: &str, until: Instant) {
         let over = fault == "none";
+        if ["propulsion", "steering"].contains(&target) && ["babble", "clash"].contains(&fault) {
+            self.disturbed = self.disturbed.max(until + AFTERMATH);
+        }
         if target == self.limits.bus {
             let until = if over { now } else { until };
             self.disturbed = if over { now + AFTERMATH } else { self.disturbed.max(until + AFTERMATH) };

@@ -12,7 +12,7 @@ pub(super) fn on_dropped(now: Instant, whose: &str, count: u64, facts: &Facts) -
     let excused = match facts.life(whose) {
         Some(life) => now.since(life.ill(now)) < CATCHES_UP,
         // A driver that was held up has its frames sent late, too.
-        None => facts.is_disturbed(now) || now.since(facts.driver.ill(now)) < CATCHES_UP,
+        None => facts.was_disturbed(now) || now.since(facts.driver.ill(now)) < CATCHES_UP,
     };
     if excused { Ok(()) } else { Err(format!("{count} found no room in the queue of {whose}")) }
 }
