@@ -104,8 +104,8 @@ fn a_fault_that_outlives_the_chaos_is_found_and_is_all_that_is_left_of_the_list(
     let faults = draw(&scenario, 1, number);
     assert!(faults.len() > 5, "{faults:?}");
     let breaks = |faults: &[Fault]| robot.episode(number, faults).unwrap().violation.map(|violation| violation.rule);
-    assert_eq!(breaks(&faults), Some("moves"));
-    let minimal = shrink(&faults, 100, |some| breaks(some) == Some("moves"));
+    assert_eq!(breaks(&faults), Some("wanted"));
+    let minimal = shrink(&faults, 100, |some| breaks(some) == Some("wanted"));
     assert_eq!(minimal.iter().map(|fault| fault.kind.as_str()).collect::<Vec<_>>(), ["mute"]);
 }
 
@@ -158,7 +158,7 @@ fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
     let arguments: Vec<&str> = repeat.split(' ').collect();
     let at = arguments.iter().position(|word| *word == "--config").expect("the configuration is part of it");
     let (code, again, _) = advee(&[&arguments[..at], &arguments[at + 2..]].concat());
-    assert!(code == Some(1) && again.contains("rule moves"), "{again}");
+    assert!(code == Some(1) && again.contains("rule wanted"), "{again}");
 
     write("turns = 0\n[faults.x]\nfault = \"hang\"\n");
     let (code, _, complaints) = advee(&["--scenario", &path]);

@@ -114,9 +114,10 @@ fn a_watchdog_that_is_killed_again_and_again_loses_nobody() {
     let mut robot = running(&[]);
     let modules = pids(&robot);
     for _ in 0..5 {
-        support::signal(watchdog(&robot), "KILL");
+        let old = watchdog(&robot);
+        support::signal(old, "KILL");
         let begin = Instant::now();
-        while find(&robot, "\0run\0watchdog\0").is_none() {
+        while find(&robot, "\0run\0watchdog\0").is_none_or(|pid| pid == old) {
             assert!(begin.elapsed() < Duration::from_secs(3), "no new watchdog");
             std::thread::sleep(Duration::from_millis(5));
         }
