@@ -17,6 +17,7 @@ test: lint
 	@tools/venv
 	@tools/lcm-1.3.1
 	cargo test --workspace --locked
+	cargo test -p advee --features sabotage --test sabotage --locked
 
 lint:
 	@tools/require cc

@@ -8,8 +8,6 @@
 pub enum Bug {
     /// A command of motion is followed for a minute after its source fell silent.
     TimeToLiveIgnored,
-    /// A command that waited in a frozen process counts as new.
-    QueuedCommandObeyed,
     /// A command out of limits is followed.
     LimitsIgnored,
     /// The PAUSE line is taken for open.
@@ -50,9 +48,8 @@ pub enum Bug {
 
 impl Bug {
     /// All of them.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 19] = [
         Self::TimeToLiveIgnored,
-        Self::QueuedCommandObeyed,
         Self::LimitsIgnored,
         Self::PauseIgnored,
         Self::ResumesByItself,

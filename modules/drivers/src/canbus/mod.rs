@@ -136,7 +136,7 @@ impl Canbus {
 
     fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
         // A clock that was wrong when it was received must not make it live longer.
-        let at = if sabotage::is(Bug::QueuedCommandObeyed) { now } else { at.min(now) };
+        let at = at.min(now);
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(homing, out),
