@@ -186,7 +186,8 @@ mod tests {
         assert_eq!(lines[0], "s.toml:1: chaos_s = 0: expected a number from 1 to 86400");
         assert!(lines[1].starts_with("s.toml:2: foo: unknown key, expected one of settle_s, "), "{why}");
         assert!(lines[2].starts_with("s.toml:3: faults.x.targets: missing, expected a list of modules"), "{why}");
-        let range = "faults.x.lasts_s = [2 items]: expected a number from 0 to 86400, or a list of two, the lesser first";
+        let range =
+            "faults.x.lasts_s = [2 items]: expected a number from 0 to 86400, or a list of two, the lesser first";
         assert_eq!(lines[3], format!("s.toml:6: {range}"));
     }
 
