@@ -1,0 +1,3 @@
+//! I2C transfers, SMBus commands, a bit-banged master, and drivers of chips.
+#![no_std]
+#![forbid(unsafe_code)]

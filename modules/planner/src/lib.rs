@@ -1,0 +1,2 @@
+//! From goals to motion: obstacles, planning, following.
+#![forbid(unsafe_code)]
