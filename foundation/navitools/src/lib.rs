@@ -1,4 +1,4 @@
-//! Angles, poses, Ackermann kinematics and odometry: pure maths in SI units and radians.
+//! Angles, poses, arcs, Ackermann kinematics, odometry and resection: pure maths in SI units and radians.
 //!
 //! Robot frame: x forward, y left, origin in the middle of the rear axle; angles counter-clockwise. Knows no message,
 //! no bus and no clock.
@@ -7,11 +7,15 @@
 
 mod ackermann;
 mod angle;
+mod arc;
+pub mod circular;
 pub mod odometry;
 mod pose;
+pub mod resection;
 
 pub use ackermann::Ackermann;
 pub use angle::{Angle, wrap};
+pub use arc::Arc;
 pub use pose::{Point, Pose};
 
 /// The motion of the rear axle's middle.
