@@ -1,4 +1,4 @@
-//! Angles, poses, arcs, Ackermann kinematics, odometry and resection: pure maths in SI units and radians.
+//! Angles, poses, arcs, curves of Dubins and of Reeds and Shepp, Ackermann kinematics, odometry and resection: pure maths in SI units and radians.
 //!
 //! Robot frame: x forward, y left, origin in the middle of the rear axle; angles counter-clockwise. Knows no message,
 //! no bus and no clock.
@@ -9,14 +9,20 @@ mod ackermann;
 mod angle;
 mod arc;
 pub mod circular;
+mod curve;
+mod dubins;
 pub mod odometry;
 mod pose;
+mod reeds_shepp;
 pub mod resection;
 
 pub use ackermann::Ackermann;
 pub use angle::{Angle, wrap};
 pub use arc::Arc;
+pub use curve::Curve;
+pub use dubins::{dubins, dubins_length};
 pub use pose::{Point, Pose};
+pub use reeds_shepp::{reeds_shepp, reeds_shepp_length, reeds_shepp_words};
 
 /// The motion of the rear axle's middle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,0 +1,46 @@
+//! Curves of arcs and straight lines: what a car-like robot can drive.
+
+use crate::{Arc, Pose};
+
+/// Up to five pieces: a word of Reeds and Shepp, or of Dubins.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Curve {
+    arcs: [Arc; 5],
+    count: u8,
+}
+
+impl Curve {
+    /// A curve of these pieces, in the order of driving; at most five, none of length zero is kept.
+    pub(crate) fn new(pieces: impl Iterator<Item = Arc>) -> Self {
+        let mut curve = Self::default();
+        for piece in pieces.filter(|piece| piece.length != 0.0) {
+            curve.arcs[usize::from(curve.count)] = piece;
+            curve.count += 1;
+        }
+        curve
+    }
+
+    /// Its pieces in the order of driving; a straight line is an arc of curvature 0.
+    #[must_use]
+    pub fn arcs(&self) -> &[Arc] {
+        &self.arcs[..usize::from(self.count)]
+    }
+
+    /// m, forwards and in reverse together.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.arcs().iter().map(|arc| libm::fabs(arc.length)).sum()
+    }
+
+    /// How often it changes between forwards and reverse.
+    #[must_use]
+    pub fn cusps(&self) -> usize {
+        self.arcs().windows(2).filter(|pair| (pair[0].length < 0.0) != (pair[1].length < 0.0)).count()
+    }
+
+    /// Where it ends, begun at `start`.
+    #[must_use]
+    pub fn end(&self, start: Pose) -> Pose {
+        self.arcs().iter().fold(start, |pose, arc| pose.along(arc.motion()))
+    }
+}
