@@ -5,7 +5,7 @@
 #![no_main]
 use base::{Epoch, Instant};
 use module::record::{Header, Item, MAGIC, Player, Reader, Recorder, VERSION};
-use module::{Actions, Event, Input, Module, Shell, ShellConfig, State};
+use module::{Action, Actions, Event, Input, Module, Output, Shell, ShellConfig, State};
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -19,6 +19,13 @@ impl Module for Echo {
             Event::Message { message, .. } => out.publish(message.clone()),
             Event::Port { port, input: Input::Can(frame) } => out.send_can(port, frame),
             Event::Port { port, input: Input::Words(words) } => out.send_words(port, words),
+            Event::Port { port, input: Input::I2c(outcome) } => {
+                out.push(Action::Send(port, Output::I2cAnswer(outcome.clone())));
+            }
+            Event::Port { port, input: Input::I2cAsked(transfer) } => out.transfer(port, transfer.clone()),
+            Event::Port { port, input: Input::OneWire(answer) } => {
+                out.push(Action::Send(port, Output::OneWireIs(answer.clone())));
+            }
             _ => {}
         }
     }

@@ -12,6 +12,7 @@ mod queue;
 mod report;
 pub mod serial;
 mod time;
+pub mod w1;
 
 pub use queue::Queue;
 pub use report::{Fault, Kind, Location, Report, Severity};

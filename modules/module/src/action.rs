@@ -2,7 +2,7 @@
 
 use crate::{PortId, State};
 use base::serial::Word;
-use base::{Epoch, Fault, Instant, Report, Severity, can};
+use base::{Epoch, Fault, Instant, Report, Severity, can, i2c, w1};
 use messages::Message;
 
 /// What a module wants done.
@@ -49,7 +49,19 @@ pub enum Output {
     Can(can::Frame),
     /// Words of a 9-bit line; the host answers with `Input::Sent` when the last has left the wire.
     Words(Vec<Word>),
+    /// A transfer on an I2C bus; the host answers with `Input::I2c`. At most [`OUTSTANDING`] may wait for theirs.
+    I2c(i2c::Transfer),
+    /// The simulator's end of an I2C bus: what comes of the oldest `Input::I2cAsked` that has none yet.
+    I2cAnswer(i2c::Outcome),
+    /// A request on a 1-Wire bus; the host answers with `Input::OneWire`. At most [`OUTSTANDING`] may wait for theirs.
+    OneWire(w1::Request),
+    /// The simulator's end of a 1-Wire bus: which thermometers are there, or what one of them says, from now on.
+    OneWireIs(w1::Answer),
 }
+
+/// Transfers and requests that wait for their answers on one port; more are dropped, which a live host reports as
+/// `PortOverrun`.
+pub const OUTSTANDING: usize = 8;
 
 /// What the watchdog asks of the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -133,6 +145,16 @@ impl Actions {
     /// Sends words of a 9-bit line.
     pub fn send_words(&mut self, port: PortId, words: &[Word]) {
         self.push(Action::Send(port, Output::Words(words.to_vec())));
+    }
+
+    /// Makes a transfer on an I2C bus.
+    pub fn transfer(&mut self, port: PortId, transfer: i2c::Transfer) {
+        self.push(Action::Send(port, Output::I2c(transfer)));
+    }
+
+    /// Asks on a 1-Wire bus.
+    pub fn ask_w1(&mut self, port: PortId, request: w1::Request) {
+        self.push(Action::Send(port, Output::OneWire(request)));
     }
 
     /// A fault stands from now on; reported once until cleared.

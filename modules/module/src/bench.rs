@@ -2,7 +2,7 @@
 
 use crate::{Action, Actions, Event, Input, Output, PortId, Shell};
 use base::serial::Word;
-use base::{Duration, Epoch, Instant, can};
+use base::{Duration, Epoch, Instant, can, i2c, w1};
 use messages::Message;
 
 /// A shell, a clock that only the test moves, and everything the shell asked for.
@@ -57,6 +57,16 @@ impl Bench {
     /// Feeds words.
     pub fn words(&mut self, port: PortId, words: &[Word]) {
         self.event(Event::Port { port, input: Input::Words(words) });
+    }
+
+    /// Feeds what came of a transfer.
+    pub fn i2c(&mut self, port: PortId, outcome: &i2c::Outcome) {
+        self.event(Event::Port { port, input: Input::I2c(outcome) });
+    }
+
+    /// Feeds an answer of a 1-Wire bus.
+    pub fn w1(&mut self, port: PortId, answer: &w1::Answer) {
+        self.event(Event::Port { port, input: Input::OneWire(answer) });
     }
 
     /// Lets `duration` pass, serving every deadline on the way at its own moment.

@@ -2,7 +2,7 @@
 
 use crate::State;
 use base::serial::Word;
-use base::{Instant, can};
+use base::{Instant, can, i2c, w1};
 use messages::Message;
 
 /// What happened.
@@ -61,6 +61,13 @@ pub enum Line {
         /// Bd.
         baud: u32,
     },
+    /// An I2C bus or SMBus, whose clock runs at so many Hz at most.
+    I2c {
+        /// Hz.
+        hz: u32,
+    },
+    /// A 1-Wire bus with thermometers.
+    OneWire,
 }
 
 /// What a port says.
@@ -78,6 +85,14 @@ pub enum Input<'a> {
     Words(&'a [Word]),
     /// The last word of what was sent has left the wire.
     Sent,
+    /// What came of a transfer: one for each [`Output::I2c`](crate::Output::I2c), in order. What was on its way when the
+    /// port went down has none.
+    I2c(&'a i2c::Outcome),
+    /// The simulator's end of an I2C bus: the master makes this transfer, and waits for what comes of it.
+    I2cAsked(&'a i2c::Transfer),
+    /// What came of a request: one for each [`Output::OneWire`](crate::Output::OneWire), in order; none, too, for what
+    /// was on its way when the port went down.
+    OneWire(&'a w1::Answer),
 }
 
 /// News of the processes that the watchdog asked for.

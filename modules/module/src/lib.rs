@@ -17,7 +17,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub use action::{Action, Actions, Condition, Output, ProcessCommand};
+pub use action::{Action, Actions, Condition, OUTSTANDING, Output, ProcessCommand};
 pub use event::{Event, ExitStatus, Input, Line, PortId, PortSpec, ProcessEvent};
 pub use messages::{Channel, Message};
 pub use shell::{Shell, ShellConfig};

@@ -12,6 +12,7 @@
 //! `docs/replay.md` has the format for readers in other languages. Read [`call`] and [`answer`] for what is in a record.
 
 mod answer;
+mod auxiliary;
 mod call;
 mod player;
 mod reader;

@@ -300,6 +300,10 @@ impl Compared {
     }
 }
 
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+}
+
 /// Where an action goes, and its fields.
 fn show(action: &Action, ports: &[PortSpec]) -> (String, Value) {
     let bus =
@@ -314,13 +318,22 @@ fn show(action: &Action, ports: &[PortSpec]) -> (String, Value) {
                 can::Id::Standard(id) => format!("{id:03X}"),
                 can::Id::Extended(id) => format!("{id:08X}"),
             };
-            let data = frame.data().iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
-            (bus(*port), json!({ "id": id, "remote": frame.is_remote(), "length": frame.dlc(), "data": data }))
+            let (remote, length, data) = (frame.is_remote(), frame.dlc(), hex(frame.data()));
+            (bus(*port), json!({ "id": id, "remote": remote, "length": length, "data": data }))
         }
         Action::Send(port, Output::Words(words)) => {
             let word = |word: &base::serial::Word| format!("{}{:02X}", if word.ninth { "*" } else { "" }, word.byte);
             (bus(*port), json!({ "words": words.iter().map(word).collect::<Vec<_>>().join(" ") }))
         }
+        Action::Send(port, Output::I2c(transfer)) => {
+            let read = format!("{:?}", transfer.read);
+            let address = transfer.address.to_string();
+            (bus(*port), json!({ "address": address, "write": hex(&transfer.write), "read": read }))
+        }
+        Action::Send(port, Output::I2cAnswer(Ok(read))) => (bus(*port), json!({ "read": hex(read) })),
+        Action::Send(port, Output::I2cAnswer(Err(error))) => (bus(*port), json!({ "error": error.to_string() })),
+        Action::Send(port, Output::OneWire(request)) => (bus(*port), json!({ "asked": format!("{request:?}") })),
+        Action::Send(port, Output::OneWireIs(answer)) => (bus(*port), json!({ "is": format!("{answer:?}") })),
         Action::Report(report) | Action::Raise(report) | Action::Clear(report) => {
             let fields = json!({
                 "fault": report.fault.name(),

@@ -1,10 +1,12 @@
 //! What crosses a bus, frame by frame, for `LL_DATA_RAW_<BUS>`: the tap on a port whose bus has `raw = true`.
 
 use base::serial::Word;
+use base::i2c::{self, Read};
 use base::{Duration, Instant, can};
 use messages::lowlevel::DataRaw;
 use module::{Input, Output};
 use rs485::frame::{HEADER, MAX_WORDS, OVERHEAD};
+use std::collections::VecDeque;
 
 /// Flag of a frame on EIA-485: it is not whole: cut short, or of another length than it says.
 pub const PART: i32 = 1;
@@ -13,6 +15,15 @@ pub const STRAY: i32 = 2;
 /// Flags of a CAN frame: extended identifier, remote frame.
 const EXTENDED: i32 = 1;
 const REMOTE: i32 = 2;
+// Flags of a transfer on I2C: how many bytes are to be read, and whether they are a block of SMBus with so many behind it;
+// of what came of it: 0, or why it failed.
+const BLOCK: i32 = 0x100;
+const NO_ADDRESS: i32 = 1;
+const NO_DATA: i32 = 2;
+const ARBITRATION: i32 = 3;
+const STRETCHED: i32 = 4;
+const STUCK: i32 = 5;
+const OTHER: i32 = 6;
 
 /// A frame whose words do not go on is over: longer than any board may take between two words.
 const OVER: Duration = Duration::from_millis(20);
@@ -25,6 +36,8 @@ pub struct Tap {
     first: Instant,
     last: Instant,
     ready: Vec<(Instant, DataRaw)>,
+    /// The chips of transfers that wait for their outcomes.
+    asked: VecDeque<i2c::Address>,
 }
 
 impl Tap {
@@ -33,7 +46,18 @@ impl Tap {
         match input {
             Input::Words(words) => words.iter().for_each(|word| self.push(now, *word, DataRaw::RECEIVED)),
             Input::Can(frame) => self.ready.push((now, of_can(frame, DataRaw::RECEIVED))),
-            Input::Up | Input::Down(_) | Input::CanNotice(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
+            Input::I2c(outcome) => {
+                if let Some(address) = self.asked.pop_front() {
+                    self.ready.push((now, of_outcome(address, outcome)));
+                }
+            }
+            Input::Up | Input::Down(_) => {
+                self.asked.clear();
+                self.finish(DataRaw::RECEIVED);
+            }
+            Input::CanNotice(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
+            // The simulator's end of a bus has no tap, a 1-Wire bus no frames: the kernel speaks on it.
+            Input::I2cAsked(_) | Input::OneWire(_) => {}
         }
     }
 
@@ -46,6 +70,11 @@ impl Tap {
                 self.finish(DataRaw::SENT);
             }
             Output::Can(frame) => self.ready.push((now, of_can(frame, DataRaw::SENT))),
+            Output::I2c(transfer) => {
+                self.asked.push_back(transfer.address);
+                self.ready.push((now, of_transfer(transfer)));
+            }
+            Output::I2cAnswer(_) | Output::OneWire(_) | Output::OneWireIs(_) => {}
         }
     }
 
@@ -108,6 +137,29 @@ fn of_can(frame: &can::Frame, direction: i8) -> DataRaw {
     DataRaw { timestamp: 0, direction, id, flags, data: frame.data().to_vec() }
 }
 
+fn of_transfer(transfer: &i2c::Transfer) -> DataRaw {
+    let flags = match transfer.read {
+        Read::None => 0,
+        Read::Exactly(count) => i32::from(count),
+        Read::Block { extra } => BLOCK | i32::from(extra),
+    };
+    let (id, data) = (i32::from(transfer.address.get()), transfer.write.to_vec());
+    DataRaw { timestamp: 0, direction: DataRaw::SENT, id, flags, data }
+}
+
+fn of_outcome(address: i2c::Address, outcome: &i2c::Outcome) -> DataRaw {
+    let (flags, data) = match outcome {
+        Ok(read) => (0, read.to_vec()),
+        Err(i2c::Error::NoAddress) => (NO_ADDRESS, Vec::new()),
+        Err(i2c::Error::NoData { at }) => (NO_DATA, vec![*at]),
+        Err(i2c::Error::Arbitration) => (ARBITRATION, Vec::new()),
+        Err(i2c::Error::Stretched) => (STRETCHED, Vec::new()),
+        Err(i2c::Error::Stuck) => (STUCK, Vec::new()),
+        Err(i2c::Error::Other) => (OTHER, Vec::new()),
+    };
+    DataRaw { timestamp: 0, direction: DataRaw::RECEIVED, id: i32::from(address.get()), flags, data }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -159,6 +211,22 @@ mod tests {
         let mut tap = Tap::default();
         (0..1000).for_each(|n| tap.received(ms(n), &Input::Words(&[Word::data(n as u8)])));
         assert_eq!(taken(&mut tap).len(), 1000 / MAX_WORDS);
+    }
+
+    #[test]
+    fn what_comes_of_a_transfer_names_the_chip_that_was_asked() {
+        let mut tap = Tap::default();
+        let transfer = |address, read| i2c::Transfer {
+            address: i2c::Address::new(address).unwrap(),
+            write: i2c::Bytes::from_slice(&[0x0D]).unwrap(),
+            read,
+        };
+        tap.sent(ms(0), &Output::I2c(transfer(0x18, Read::Exactly(1))));
+        tap.sent(ms(0), &Output::I2c(transfer(0x29, Read::Block { extra: 1 })));
+        tap.received(ms(1), &Input::I2c(&Ok(i2c::Bytes::from_slice(&[0x60]).unwrap())));
+        tap.received(ms(2), &Input::I2c(&Err(i2c::Error::NoAddress)));
+        tap.received(ms(3), &Input::I2c(&Err(i2c::Error::NoAddress)));
+        assert_eq!(taken(&mut tap), ["0 1 18 1 [0d]", "0 1 29 257 [0d]", "1 0 18 0 [60]", "2 0 29 1 []"]);
     }
 
     #[test]

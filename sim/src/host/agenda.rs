@@ -1,8 +1,8 @@
 //! What is to happen, in a total order: by moment, then by who asked first.
 
-use base::Instant;
 use base::can::{Frame, Notice};
 use base::serial::Word;
+use base::{Instant, i2c, w1};
 use messages::Message;
 use module::{ExitStatus, PortId};
 use std::cmp::Ordering;
@@ -17,6 +17,9 @@ pub(super) enum Waiting {
     Up(PortId),
     Words(PortId, Rc<[Word]>),
     Sent(PortId),
+    I2c(PortId, i2c::Outcome),
+    I2cAsked(PortId, i2c::Transfer),
+    OneWire(PortId, w1::Answer),
     Exited(u32, ExitStatus),
     Started(Rc<str>, u32),
     Unstartable(Rc<str>, Rc<str>),

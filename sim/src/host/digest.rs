@@ -3,6 +3,7 @@
 use base::Instant;
 use base::can::{Frame, Id};
 use base::serial::Word;
+use base::{i2c, w1};
 use xxhash_rust::xxh64::Xxh64;
 
 /// xxh64 over every message and every frame, in order.
@@ -46,6 +47,49 @@ impl Digest {
         let pairs = words.iter().flat_map(|word| [word.byte, u8::from(word.ninth)]);
         let n = bytes.iter_mut().zip(pairs).map(|(to, from)| *to = from).count();
         self.record(3, at, &[bus.as_bytes(), &bytes[..n]]);
+    }
+
+    pub fn i2c(&mut self, at: Instant, bus: &str, transfer: &i2c::Transfer, outcome: &i2c::Outcome) {
+        let (kind, count) = match transfer.read {
+            i2c::Read::None => (0, 0),
+            i2c::Read::Exactly(count) => (1, count),
+            i2c::Read::Block { extra } => (2, extra),
+        };
+        let (error, read): (u8, &[u8]) = match outcome {
+            Ok(read) => (0, read),
+            Err(i2c::Error::NoAddress) => (1, &[]),
+            Err(i2c::Error::NoData { at }) => (2, std::slice::from_ref(at)),
+            Err(i2c::Error::Arbitration) => (3, &[]),
+            Err(i2c::Error::Stretched) => (4, &[]),
+            Err(i2c::Error::Stuck) => (5, &[]),
+            Err(i2c::Error::Other) => (6, &[]),
+        };
+        let head = [transfer.address.get(), kind, count, error];
+        self.record(4, at, &[bus.as_bytes(), &head, &transfer.write, read]);
+    }
+
+    pub fn w1(&mut self, at: Instant, bus: &str, answer: &w1::Answer) {
+        let mut bytes = Vec::new();
+        let mut rom = |rom: &w1::Rom| {
+            bytes.push(rom.family());
+            bytes.extend(rom.serial().to_le_bytes());
+        };
+        match answer {
+            w1::Answer::List(list) => list.iter().for_each(rom),
+            w1::Answer::Temperature(of, said) => {
+                rom(of);
+                let (error, value) = match said {
+                    Ok(value) => (0, *value),
+                    Err(w1::Error::Absent) => (1, 0),
+                    Err(w1::Error::Crc) => (2, 0),
+                    Err(w1::Error::Nonsense) => (3, 0),
+                    Err(w1::Error::Other) => (4, 0),
+                };
+                bytes.push(error);
+                bytes.extend(value.to_le_bytes());
+            }
+        }
+        self.record(5, at, &[bus.as_bytes(), &bytes]);
     }
 
     pub fn value(&self) -> u64 {

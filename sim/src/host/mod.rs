@@ -6,6 +6,7 @@
 //!
 //! What is modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN
 //! with exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits a word and collisions ([`serial`]);
+//! I2C with the time that its bits take ([`i2c`]), 1-Wire with that of a search or a measurement ([`w1`]);
 //! processes that are started, ended, killed, hung, slow, that beat as live ones do, and outlive their watchdog for a
 //! while; what faults do to all of these. What is not: computing time (an event is served at once, or so much late),
 //! resource usage ([`module::ProcessEvent::Usage`] is never sent).
@@ -14,11 +15,13 @@ mod agenda;
 mod can;
 mod config;
 mod digest;
+mod i2c;
 mod life;
 mod news;
 mod serial;
 #[cfg(test)]
 mod tests;
+mod w1;
 mod wire;
 
 pub use config::Config;
@@ -386,6 +389,21 @@ impl Virtual {
                     self.words_over(place, arrival);
                 }
             }
+            Kind::I2c(wire) => match wire.handle_timeout(now) {
+                Some(i2c::Told::Asked(chips, transfer)) => {
+                    self.tell(chips.pid, Waiting::I2cAsked(chips.port, transfer));
+                }
+                Some(i2c::Told::Over(owner, transfer, outcome)) => self.transfer_over(place, owner, &transfer, outcome),
+                None => {}
+            },
+            Kind::OneWire(wire) => {
+                if let Some((owner, answer)) = wire.handle_timeout(now) {
+                    let bus = self.wires[place].bus.clone();
+                    self.digest.w1(now, &bus, &answer);
+                    self.news(&News::OneWire { bus: &bus, answer: &answer });
+                    self.tell(owner.pid, Waiting::OneWire(owner.port, answer));
+                }
+            }
         }
         self.arm_wire(place);
     }
@@ -422,7 +440,7 @@ impl Virtual {
         self.each_port(place, |host, port| {
             let hears = match &host.wires[place].kind {
                 Kind::Can(wire) => wire.hears(host.now, port),
-                Kind::Serial(_) => false,
+                Kind::Serial(_) | Kind::I2c(_) | Kind::OneWire(_) => false,
             };
             if hears && (port != owner || echo) {
                 for _ in 0..times {
@@ -450,6 +468,19 @@ impl Virtual {
         if arrival.sent {
             self.tell(owner.pid, Waiting::Sent(owner.port));
         }
+    }
+
+    fn transfer_over(
+        &mut self,
+        place: usize,
+        owner: Owner,
+        transfer: &base::i2c::Transfer,
+        outcome: base::i2c::Outcome,
+    ) {
+        let bus = self.wires[place].bus.clone();
+        self.digest.i2c(self.now, &bus, transfer, &outcome);
+        self.news(&News::I2c { bus: &bus, transfer, outcome: &outcome });
+        self.tell(owner.pid, Waiting::I2c(owner.port, outcome));
     }
 
     /// Serves the ports that a wire has now; what they do may open and close ports.
@@ -508,6 +539,11 @@ impl Virtual {
             Waiting::Down(port) => self.handle(pid, Event::Port { port, input: Input::Down(BUS_OFF) }),
             Waiting::Up(port) => self.handle(pid, Event::Port { port, input: Input::Up }),
             Waiting::Words(port, words) => self.handle(pid, Event::Port { port, input: Input::Words(&words) }),
+            Waiting::I2c(port, outcome) => self.handle(pid, Event::Port { port, input: Input::I2c(&outcome) }),
+            Waiting::I2cAsked(port, transfer) => {
+                self.handle(pid, Event::Port { port, input: Input::I2cAsked(&transfer) });
+            }
+            Waiting::OneWire(port, answer) => self.handle(pid, Event::Port { port, input: Input::OneWire(&answer) }),
             Waiting::Sent(port) => self.handle(pid, Event::Port { port, input: Input::Sent }),
             Waiting::Exited(pid_ended, status) => {
                 self.handle(pid, Event::Process(ProcessEvent::Exited { pid: pid_ended, status }));
@@ -616,6 +652,10 @@ impl Virtual {
             (Kind::Serial(wire), Output::Words(words)) if !words.is_empty() => {
                 wire.send(self.now, owner, words);
             }
+            (Kind::I2c(wire), Output::I2c(transfer)) => wire.send(owner, transfer),
+            (Kind::I2c(wire), Output::I2cAnswer(outcome)) => wire.answer(self.now, owner, outcome),
+            (Kind::OneWire(wire), Output::OneWire(request)) => wire.send(self.now, owner, request),
+            (Kind::OneWire(wire), Output::OneWireIs(answer)) => wire.is(owner, answer),
             // A frame on a serial line, or nothing: nothing leaves.
             _ => return,
         }
@@ -648,10 +688,7 @@ impl Virtual {
         let Some(place) = self.place(pid) else { return };
         let process = self.processes.remove(place);
         for wire in &mut self.wires {
-            match &mut wire.kind {
-                Kind::Can(wire) => wire.close(pid),
-                Kind::Serial(wire) => wire.close(pid),
-            }
+            wire.close(pid);
         }
         self.news(&News::Exited { module: &process.module, pid, status });
         if process.parent != 0 {

@@ -1,7 +1,7 @@
 //! What observers of a virtual machine are told.
 
 use base::serial::Word;
-use base::{Duration, Instant, Report};
+use base::{Duration, Instant, Report, i2c, w1};
 use messages::Message;
 use module::{ExitStatus, State};
 
@@ -46,6 +46,22 @@ pub enum News<'a> {
         pid: u32,
         /// The words.
         words: &'a [Word],
+    },
+    /// A transfer on an I2C bus is over.
+    I2c {
+        /// The bus.
+        bus: &'a str,
+        /// What the master did.
+        transfer: &'a i2c::Transfer,
+        /// What came of it.
+        outcome: &'a i2c::Outcome,
+    },
+    /// A request on a 1-Wire bus is answered.
+    OneWire {
+        /// The bus.
+        bus: &'a str,
+        /// How.
+        answer: &'a w1::Answer,
     },
     /// A module reported.
     Report {
@@ -128,11 +144,11 @@ pub enum News<'a> {
 /// What has passed on a bus since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// CAN frames that left the wire, or words that were put on it.
+    /// CAN frames that left the wire, words that were put on it, transfers and requests that are over.
     pub sent: u64,
-    /// CAN frames that found the sender's queue full, grew old in it, or were in it when the sender went bus-off.
+    /// Transfers and requests that found a queue full; CAN frames that did, grew old in it, or were in it when the sender went bus-off.
     pub dropped: u64,
-    /// CAN frames that were destroyed by an error on the wire; they are sent again.
+    /// CAN frames that were destroyed by an error on the wire, and are sent again; transfers that failed.
     pub errors: u64,
     /// Serial talk that began while another talked.
     pub collisions: u64,

@@ -510,3 +510,76 @@ fn a_disturbed_wire_loses_delays_repeats_and_garbles() {
     assert!(!run("rs485.a", "reorder", 0.1).0 && !run("rs485.a", "cut", 0.0).0 && !run("can.other", "noise", 0.0).0);
     assert!(!run("lcm", "noise", 0.1).0);
 }
+
+/// Reads a register again and again, without a pause.
+struct Reader {
+    ports: [PortSpec; 1],
+    read: u32,
+}
+
+impl Module for Reader {
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, _: Instant, event: Event<'_>, out: &mut Actions) {
+        let Event::Port { port, input: Input::Up | Input::I2c(Ok(_)) } = event else { return };
+        self.read += 1;
+        out.transfer(port, read_register());
+        out.note(self.read.to_string());
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+}
+
+/// A chip that says 0x29.
+struct Chip([PortSpec; 1]);
+
+impl Module for Chip {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::SimCmdFault]
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.0
+    }
+
+    fn handle(&mut self, _: Instant, event: Event<'_>, out: &mut Actions) {
+        if let Event::Port { port, input: Input::I2cAsked(_) } = event {
+            let read = base::i2c::Bytes::from_slice(&[0x29]).unwrap();
+            out.push(Action::Send(port, Output::I2cAnswer(Ok(read))));
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+}
+
+fn read_register() -> base::i2c::Transfer {
+    let address = base::i2c::Address::new(0x18).unwrap();
+    let write = base::i2c::Bytes::from_slice(&[0x00]).unwrap();
+    base::i2c::Transfer { address, write, read: base::i2c::Read::Exactly(1) }
+}
+
+#[test]
+fn a_register_is_read_as_often_as_the_wire_allows() {
+    let port = || [PortSpec { bus: "i2c.aux".into(), line: Line::I2c { hz: 100_000 } }];
+    let mut virt = Virtual::new(Config::default(), move |name, _| {
+        let module: Box<dyn Module> = match name {
+            "chip" => Box::new(Chip(port())),
+            _ => Box::new(Reader { ports: port(), read: 0 }),
+        };
+        Ok(Shell::new(ShellConfig::new(name), module))
+    });
+    virt.spawn("chip", State::Run).unwrap();
+    virt.spawn("reader", State::Run).unwrap();
+    virt.run_until(Instant::from_millis(1020));
+    // 40 clocks each: two STARTs, four bytes of nine, STOP and the pause after it.
+    let bound = 100_000 / 40;
+    let traffic = virt.traffic("i2c.aux").unwrap();
+    assert!(traffic.sent * 100 >= bound * 95, "{} of {bound}", traffic.sent);
+    assert_eq!((traffic.errors, traffic.dropped), (0, 0));
+}

@@ -2,8 +2,10 @@
 
 use super::can::CanWire;
 use super::config::Config;
+use super::i2c::I2cWire;
 use super::news::Traffic;
 use super::serial::SerialWire;
+use super::w1::W1Wire;
 use crate::disturbance::Disturbance;
 use crate::faults::Ailment;
 use crate::random::Random;
@@ -34,6 +36,8 @@ pub(super) struct Wire {
 pub(super) enum Kind {
     Can(CanWire),
     Serial(SerialWire),
+    I2c(I2cWire),
+    OneWire(W1Wire),
 }
 
 impl Wire {
@@ -42,6 +46,8 @@ impl Wire {
         let own = match &mut self.kind {
             Kind::Can(wire) => wire.suffer(now, ailment, until),
             Kind::Serial(_) => false,
+            // What ails these are their chips.
+            Kind::I2c(_) | Kind::OneWire(_) => return false,
         };
         // On a CAN bus noise destroys frames, which are sent again; the wire knows.
         let common = !matches!(ailment, Ailment::Reorder(_)) && (!own || ailment == Ailment::None);
@@ -59,8 +65,7 @@ impl Wire {
 
     /// How much was dropped since this was asked last, if anything was.
     pub fn dropped(&mut self) -> Option<u64> {
-        let Kind::Can(wire) = &self.kind else { return None };
-        let count = wire.traffic.dropped - self.told_dropped;
+        let count = self.traffic().dropped - self.told_dropped;
         self.told_dropped += count;
         (count > 0).then_some(count)
     }
@@ -74,6 +79,8 @@ impl Wire {
         match &self.kind {
             Kind::Can(wire) => wire.poll_timeout(),
             Kind::Serial(wire) => wire.poll_timeout(),
+            Kind::I2c(wire) => wire.poll_timeout(),
+            Kind::OneWire(wire) => wire.poll_timeout(),
         }
     }
 
@@ -81,6 +88,8 @@ impl Wire {
         match &self.kind {
             Kind::Can(wire) => Line::Can { bitrate: wire.bitrate },
             Kind::Serial(wire) => Line::Serial { baud: wire.baud },
+            Kind::I2c(wire) => Line::I2c { hz: wire.hz },
+            Kind::OneWire(_) => Line::OneWire,
         }
     }
 
@@ -88,6 +97,8 @@ impl Wire {
         match &self.kind {
             Kind::Can(wire) => wire.traffic,
             Kind::Serial(wire) => wire.traffic,
+            Kind::I2c(wire) => wire.traffic,
+            Kind::OneWire(wire) => wire.traffic,
         }
     }
 
@@ -95,6 +106,8 @@ impl Wire {
         match &self.kind {
             Kind::Can(wire) => &wire.ports,
             Kind::Serial(wire) => &wire.ports,
+            Kind::I2c(wire) => &wire.ports,
+            Kind::OneWire(wire) => &wire.ports,
         }
     }
 
@@ -106,6 +119,24 @@ impl Wire {
                 wire.ports.push(owner);
                 true
             }
+            Kind::I2c(wire) => {
+                wire.join(owner, emulates);
+                true
+            }
+            Kind::OneWire(wire) => {
+                wire.join(owner, emulates);
+                true
+            }
+        }
+    }
+
+    /// Its process is gone.
+    pub fn close(&mut self, pid: u32) {
+        match &mut self.kind {
+            Kind::Can(wire) => wire.close(pid),
+            Kind::Serial(wire) => wire.close(pid),
+            Kind::I2c(wire) => wire.close(pid),
+            Kind::OneWire(wire) => wire.close(pid),
         }
     }
 }
@@ -123,6 +154,8 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         Line::Serial { baud } => {
             Kind::Serial(SerialWire::new(baud, config.full_duplex.iter().any(|name| name == bus), random))
         }
+        Line::I2c { hz } => Kind::I2c(I2cWire::new(hz)),
+        Line::OneWire => Kind::OneWire(W1Wire::default()),
     };
     let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));
     wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random, told_dropped: 0 });

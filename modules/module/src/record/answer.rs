@@ -2,7 +2,7 @@
 
 use super::call::{before, since};
 use super::wire::{self, Take};
-use super::{Malformed, report, state, take_message, take_report, take_state};
+use super::{Malformed, auxiliary, report, state, take_message, take_report, take_state};
 use crate::{Action, Condition, Output, PortId, ProcessCommand};
 use base::Instant;
 use messages::Message;
@@ -25,6 +25,10 @@ const HEALTH: u8 = 14;
 const RUN: u8 = 15;
 const STATE: u8 = 16;
 const EXIT: u8 = 17;
+const SEND_I2C: u8 = 18;
+const SEND_I2C_ANSWER: u8 = 19;
+const SEND_ONE_WIRE: u8 = 20;
+const SEND_ONE_WIRE_IS: u8 = 21;
 
 // When the shell wants to be woken: as before, never, or at a moment.
 const SAME: u8 = 0;
@@ -67,6 +71,22 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
         Action::Send(PortId(port), Output::Words(words)) => {
             out.extend([SEND_WORDS, *port]);
             super::words(out, words);
+        }
+        Action::Send(PortId(port), Output::I2c(transfer)) => {
+            out.extend([SEND_I2C, *port]);
+            auxiliary::transfer(out, transfer);
+        }
+        Action::Send(PortId(port), Output::I2cAnswer(outcome)) => {
+            out.extend([SEND_I2C_ANSWER, *port]);
+            auxiliary::outcome(out, outcome);
+        }
+        Action::Send(PortId(port), Output::OneWire(request)) => {
+            out.extend([SEND_ONE_WIRE, *port]);
+            auxiliary::request(out, *request);
+        }
+        Action::Send(PortId(port), Output::OneWireIs(answer)) => {
+            out.extend([SEND_ONE_WIRE_IS, *port]);
+            auxiliary::answer(out, answer);
         }
         Action::Raise(about) => {
             out.push(RAISE);
@@ -159,6 +179,10 @@ fn take_action(take: &mut Take<'_>) -> Result<Action, Malformed> {
         PUBLISH => Action::Publish(take_message(take)?),
         SEND_CAN => Action::Send(PortId(take.u8()?), Output::Can(super::take_frame(take)?)),
         SEND_WORDS => Action::Send(PortId(take.u8()?), Output::Words(super::take_words(take)?)),
+        SEND_I2C => Action::Send(PortId(take.u8()?), Output::I2c(auxiliary::take_transfer(take)?)),
+        SEND_I2C_ANSWER => Action::Send(PortId(take.u8()?), Output::I2cAnswer(auxiliary::take_outcome(take)?)),
+        SEND_ONE_WIRE => Action::Send(PortId(take.u8()?), Output::OneWire(auxiliary::take_request(take)?)),
+        SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireIs(auxiliary::take_answer(take)?)),
         RAISE => Action::Raise(take_report(take)?),
         CLEAR => Action::Clear(take_report(take)?),
         REPORT => Action::Report(take_report(take)?),

@@ -1,7 +1,7 @@
 //! What a host hands to a shell, as bytes.
 
 use super::wire::{self, Take};
-use super::{Malformed, report, state, take_message, take_report, take_state};
+use super::{Malformed, auxiliary, report, state, take_message, take_report, take_state};
 use crate::{Actions, Event, ExitStatus, Input, PortId, ProcessEvent, Shell};
 use base::serial::Word;
 use base::{Instant, Report, can};
@@ -81,6 +81,9 @@ const USAGE: u8 = 22;
 const TERMINATE: u8 = 23;
 const RAISE: u8 = 24;
 const CLEAR: u8 = 25;
+const I2C: u8 = 26;
+const I2C_ASKED: u8 = 27;
+const ONE_WIRE: u8 = 28;
 
 /// Appends a call. Moments in it are told relative to `now`.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
@@ -138,6 +141,18 @@ fn put_input(out: &mut Vec<u8>, PortId(port): PortId, input: &Input<'_>) {
             super::words(out, words);
         }
         Input::Sent => out.extend([SENT, port]),
+        Input::I2c(outcome) => {
+            out.extend([I2C, port]);
+            auxiliary::outcome(out, outcome);
+        }
+        Input::I2cAsked(transfer) => {
+            out.extend([I2C_ASKED, port]);
+            auxiliary::transfer(out, transfer);
+        }
+        Input::OneWire(answer) => {
+            out.extend([ONE_WIRE, port]);
+            auxiliary::answer(out, answer);
+        }
     }
 }
 
@@ -204,6 +219,18 @@ pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>
             let port = PortId(take.u8()?);
             let words: Vec<Word> = super::take_words(take)?;
             return Ok(f(Call::Event(Event::Port { port, input: Input::Words(&words) })));
+        }
+        I2C => {
+            let (port, outcome) = (PortId(take.u8()?), auxiliary::take_outcome(take)?);
+            return Ok(f(Call::Event(Event::Port { port, input: Input::I2c(&outcome) })));
+        }
+        I2C_ASKED => {
+            let (port, transfer) = (PortId(take.u8()?), auxiliary::take_transfer(take)?);
+            return Ok(f(Call::Event(Event::Port { port, input: Input::I2cAsked(&transfer) })));
+        }
+        ONE_WIRE => {
+            let (port, answer) = (PortId(take.u8()?), auxiliary::take_answer(take)?);
+            return Ok(f(Call::Event(Event::Port { port, input: Input::OneWire(&answer) })));
         }
         UP..=SENT => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take)? },
         STARTED..=USAGE => Event::Process(take_process(tag, take, now)?),

@@ -2,7 +2,7 @@ use super::*;
 use crate::{
     Actions, Event, ExitStatus, Input, Module, Output, PortId, ProcessCommand, ProcessEvent, Shell, ShellConfig,
 };
-use base::Duration;
+use base::{Duration, i2c, w1};
 use messages::{common, lowlevel};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -50,6 +50,15 @@ fn header() -> Header {
 
 fn at(ms: u64) -> Instant {
     Instant::from_millis(ms)
+}
+
+fn transfer(write: &[u8], read: i2c::Read) -> i2c::Transfer {
+    let address = i2c::Address::new(0x18).unwrap();
+    i2c::Transfer { address, write: i2c::Bytes::from_slice(write).unwrap(), read }
+}
+
+fn list(roms: &[w1::Rom]) -> w1::Answer {
+    w1::Answer::List(roms.iter().copied().collect())
 }
 
 type File = Rc<RefCell<Vec<u8>>>;
@@ -285,6 +294,16 @@ fn every_call_is_read_as_it_was_written() {
     let health = can::Health { state: can::BusState::Off, transmit_errors: 255, receive_errors: 7 };
     let process = |event| Call::Event(Event::Process(event));
     let (module, pid) = ("driver", 4711);
+    let block = transfer(&[0x00], i2c::Read::Block { extra: 1 });
+    let read = [&[][..], &[0xFF, 0x00, 0x18], &[7; i2c::MAX]].map(|read| Ok(i2c::Bytes::from_slice(read).unwrap()));
+    let errors = [i2c::Error::NoAddress, i2c::Error::NoData { at: 35 }, i2c::Error::Arbitration, i2c::Error::Stretched];
+    let errors = errors.into_iter().chain([i2c::Error::Stuck, i2c::Error::Other]).map(Err);
+    let outcomes: Vec<i2c::Outcome> = read.into_iter().chain(errors).collect();
+    let [rom, other] = [0, (1 << 48) - 1].map(|serial| w1::Rom::new(0x28, serial).unwrap());
+    let temperatures = [Ok(-55_000), Ok(i32::MAX), Err(w1::Error::Absent), Err(w1::Error::Crc)];
+    let temperatures = temperatures.into_iter().chain([Err(w1::Error::Nonsense), Err(w1::Error::Other)]);
+    let answers = temperatures.map(|said| w1::Answer::Temperature(rom, said));
+    let answers: Vec<w1::Answer> = answers.chain([&[][..], &[rom, other]].map(list)).collect();
     let calls = [
         Call::Event(Event::Start),
         Call::Event(Event::Timer),
@@ -303,6 +322,7 @@ fn every_call_is_read_as_it_was_written() {
         input(Input::Words(&words)),
         input(Input::Words(&[])),
         input(Input::Sent),
+        input(Input::I2cAsked(&block)),
         process(ProcessEvent::Started { module, pid }),
         process(ProcessEvent::Earlier { module, wanted: State::Stop, held: true, pid: None }),
         process(ProcessEvent::Earlier { module, wanted: State::Run, held: false, pid: Some(pid) }),
@@ -317,7 +337,9 @@ fn every_call_is_read_as_it_was_written() {
         Call::Raise(&report),
         Call::Clear(&report),
     ];
-    for call in calls {
+    let outcomes = outcomes.iter().map(|outcome| input(Input::I2c(outcome)));
+    let answers = answers.iter().map(|answer| input(Input::OneWire(answer)));
+    for call in calls.into_iter().chain(outcomes).chain(answers) {
         let mut bytes = Vec::new();
         call::put(&mut bytes, at(5000), &call);
         let mut rest = Take(&bytes);
@@ -334,10 +356,17 @@ fn every_call_is_read_as_it_was_written() {
 fn every_action_is_read_as_it_was_written() {
     let report = || Report::new(Severity::Notice, Fault::BoardLost, "sd1", "answers");
     let module = || String::from("driver");
+    let rom = w1::Rom::parse("28-0316a2795bff").unwrap();
     let actions = [
         Action::Publish(command(0.5)),
         Action::Send(PortId(0), Output::Can(can::Frame::standard(0x80, &[]))),
         Action::Send(PortId(255), Output::Words(vec![Word::address(1), Word::data(2)])),
+        Action::Send(PortId(1), Output::I2c(transfer(&[], i2c::Read::None))),
+        Action::Send(PortId(1), Output::I2c(transfer(&[7; i2c::MAX], i2c::Read::Exactly(36)))),
+        Action::Send(PortId(1), Output::I2cAnswer(Err(i2c::Error::Stuck))),
+        Action::Send(PortId(2), Output::OneWire(w1::Request::List)),
+        Action::Send(PortId(2), Output::OneWire(w1::Request::Temperature(rom))),
+        Action::Send(PortId(2), Output::OneWireIs(w1::Answer::Temperature(rom, Ok(85_000)))),
         Action::Raise(report()),
         Action::Clear(report()),
         Action::Report(report()),

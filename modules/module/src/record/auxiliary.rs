@@ -1,0 +1,154 @@
+//! What crosses an I2C bus and a 1-Wire bus, as it stands in a record.
+
+use super::Malformed;
+use super::wire::{self, Take};
+use base::i2c::{Address, Bytes, Error, MAX, Outcome, Read, Transfer};
+use base::w1::{self, Answer, Request, Rom};
+
+// What is read by a transfer.
+const NOTHING: u8 = 0;
+const EXACTLY: u8 = 1;
+const BLOCK: u8 = 2;
+
+// What came of it.
+const OK: u8 = 0;
+const NO_ADDRESS: u8 = 1;
+const NO_DATA: u8 = 2;
+const ARBITRATION: u8 = 3;
+const STRETCHED: u8 = 4;
+const STUCK: u8 = 5;
+const OTHER: u8 = 6;
+
+// Requests and answers of a 1-Wire bus; what is wrong with a temperature follows.
+const LIST: u8 = 0;
+const TEMPERATURE: u8 = 1;
+const ABSENT: u8 = 2;
+const CRC: u8 = 3;
+const NONSENSE: u8 = 4;
+const UNREADABLE: u8 = 5;
+
+pub(super) fn transfer(out: &mut Vec<u8>, transfer: &Transfer) {
+    let (kind, count) = match transfer.read {
+        Read::None => (NOTHING, 0),
+        Read::Exactly(count) => (EXACTLY, count),
+        Read::Block { extra } => (BLOCK, extra),
+    };
+    out.extend([transfer.address.get(), kind, count]);
+    wire::bytes(out, &transfer.write);
+}
+
+pub(super) fn take_transfer(take: &mut Take<'_>) -> Result<Transfer, Malformed> {
+    let address = Address::new(take.u8()?).ok_or(Malformed("an address of seven bits"))?;
+    let read = match (take.u8()?, take.u8()?) {
+        (NOTHING, 0) => Read::None,
+        (EXACTLY, count) if usize::from(count) <= MAX => Read::Exactly(count),
+        (BLOCK, extra @ 0..=3) => Read::Block { extra },
+        _ => return Err(Malformed("what a transfer can read")),
+    };
+    Ok(Transfer { address, write: take_bytes(take)?, read })
+}
+
+fn take_bytes(take: &mut Take<'_>) -> Result<Bytes, Malformed> {
+    Bytes::from_slice(take.bytes()?).map_err(|_| Malformed("as many bytes as a transfer can have"))
+}
+
+pub(super) fn outcome(out: &mut Vec<u8>, outcome: &Outcome) {
+    match outcome {
+        Ok(read) => {
+            out.push(OK);
+            wire::bytes(out, read);
+        }
+        Err(Error::NoAddress) => out.push(NO_ADDRESS),
+        Err(Error::NoData { at }) => out.extend([NO_DATA, *at]),
+        Err(Error::Arbitration) => out.push(ARBITRATION),
+        Err(Error::Stretched) => out.push(STRETCHED),
+        Err(Error::Stuck) => out.push(STUCK),
+        Err(Error::Other) => out.push(OTHER),
+    }
+}
+
+pub(super) fn take_outcome(take: &mut Take<'_>) -> Result<Outcome, Malformed> {
+    Ok(match take.u8()? {
+        OK => Ok(take_bytes(take)?),
+        NO_ADDRESS => Err(Error::NoAddress),
+        NO_DATA => Err(Error::NoData { at: take.u8()? }),
+        ARBITRATION => Err(Error::Arbitration),
+        STRETCHED => Err(Error::Stretched),
+        STUCK => Err(Error::Stuck),
+        OTHER => Err(Error::Other),
+        _ => return Err(Malformed("what can come of a transfer")),
+    })
+}
+
+pub(super) fn request(out: &mut Vec<u8>, request: Request) {
+    match request {
+        Request::List => out.push(LIST),
+        Request::Temperature(of) => {
+            out.push(TEMPERATURE);
+            rom(out, of);
+        }
+    }
+}
+
+pub(super) fn take_request(take: &mut Take<'_>) -> Result<Request, Malformed> {
+    match take.u8()? {
+        LIST => Ok(Request::List),
+        TEMPERATURE => take_rom(take).map(Request::Temperature),
+        _ => Err(Malformed("a request of a 1-Wire bus")),
+    }
+}
+
+pub(super) fn answer(out: &mut Vec<u8>, answer: &Answer) {
+    match answer {
+        Answer::List(list) => {
+            out.push(LIST);
+            wire::varint(out, list.len() as u64);
+            list.iter().for_each(|of| rom(out, *of));
+        }
+        Answer::Temperature(of, Ok(millidegrees)) => {
+            out.push(TEMPERATURE);
+            rom(out, *of);
+            wire::signed(out, (*millidegrees).into());
+        }
+        Answer::Temperature(of, Err(error)) => {
+            out.push(match error {
+                w1::Error::Absent => ABSENT,
+                w1::Error::Crc => CRC,
+                w1::Error::Nonsense => NONSENSE,
+                w1::Error::Other => UNREADABLE,
+            });
+            rom(out, *of);
+        }
+    }
+}
+
+pub(super) fn take_answer(take: &mut Take<'_>) -> Result<Answer, Malformed> {
+    let error = match take.u8()? {
+        LIST => {
+            let mut list = w1::List::new();
+            for _ in 0..take.count()? {
+                list.push(take_rom(take)?).map_err(|_| Malformed("as many thermometers as are listed"))?;
+            }
+            return Ok(Answer::List(list));
+        }
+        TEMPERATURE => {
+            let (rom, value) = (take_rom(take)?, i32::try_from(take.signed()?));
+            return Ok(Answer::Temperature(rom, Ok(value.map_err(|_| Malformed("a number in its range"))?)));
+        }
+        ABSENT => w1::Error::Absent,
+        CRC => w1::Error::Crc,
+        NONSENSE => w1::Error::Nonsense,
+        UNREADABLE => w1::Error::Other,
+        _ => return Err(Malformed("an answer of a 1-Wire bus")),
+    };
+    Ok(Answer::Temperature(take_rom(take)?, Err(error)))
+}
+
+fn rom(out: &mut Vec<u8>, rom: Rom) {
+    out.push(rom.family());
+    wire::varint(out, rom.serial());
+}
+
+fn take_rom(take: &mut Take<'_>) -> Result<Rom, Malformed> {
+    Rom::new(take.u8()?, take.varint()?).ok_or(Malformed("a ROM code"))
+}

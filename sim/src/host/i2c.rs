@@ -1,0 +1,237 @@
+//! An I2C bus: one transfer after the other, each as long as its bits take. Who emulates the chips is asked at the START
+//! and answers at once; the master hears of it when the STOP is over.
+
+use super::Owner;
+use super::news::Traffic;
+use base::i2c::{Error, Outcome, Transfer};
+use base::{Duration, Instant};
+use module::OUTSTANDING;
+use std::collections::VecDeque;
+
+/// A chip that does not answer at all holds the clock; a master gives up after this (SMBus 3.2, 3.1.1.3: 25 to 35 ms).
+const GIVES_UP: Duration = Duration::from_millis(35);
+
+/// One wire.
+#[derive(Debug)]
+pub(super) struct I2cWire {
+    pub hz: u32,
+    pub ports: Vec<Owner>,
+    /// Who emulates the chips.
+    chips: Option<Owner>,
+    queue: VecDeque<(Owner, Transfer)>,
+    now: Now,
+    /// Questions that were given up, and whose answers may still come.
+    stale: u32,
+    pub traffic: Traffic,
+}
+
+/// What is on the wire.
+#[derive(Debug)]
+enum Now {
+    Nothing,
+    /// Who emulates the chips was asked; given up at the moment.
+    Asked(Instant, Instant),
+    /// This came of it, and is over at the moment.
+    Answered(Instant, Outcome),
+}
+
+/// Whom to tell.
+#[derive(Debug, PartialEq)]
+pub(super) enum Told {
+    /// Who emulates the chips: what the master does.
+    Asked(Owner, Transfer),
+    /// A master: what came of its transfer.
+    Over(Owner, Transfer, Outcome),
+}
+
+impl I2cWire {
+    pub fn new(hz: u32) -> Self {
+        let (ports, queue) = (Vec::new(), VecDeque::new());
+        Self { hz: hz.max(1), ports, chips: None, queue, now: Now::Nothing, stale: 0, traffic: Traffic::default() }
+    }
+
+    pub fn join(&mut self, owner: Owner, emulates: bool) {
+        self.ports.push(owner);
+        if emulates {
+            (self.chips, self.stale) = (Some(owner), 0);
+        }
+    }
+
+    pub fn send(&mut self, owner: Owner, transfer: Transfer) {
+        if self.queue.iter().filter(|(own, _)| *own == owner).count() < OUTSTANDING {
+            self.queue.push_back((owner, transfer));
+        } else {
+            self.traffic.dropped += 1;
+        }
+    }
+
+    /// What the chips make of the transfer that they were asked about.
+    pub fn answer(&mut self, now: Instant, owner: Owner, outcome: Outcome) {
+        if self.chips != Some(owner) {
+            return;
+        }
+        if self.stale > 0 {
+            self.stale -= 1;
+        } else if let (Now::Asked(start, _), Some((_, transfer))) = (&self.now, self.queue.front()) {
+            let over = (*start + duration(transfer, &outcome, self.hz)).max(now);
+            self.now = Now::Answered(over, outcome);
+        }
+    }
+
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        match &self.now {
+            // At once.
+            Now::Nothing => (!self.queue.is_empty()).then_some(Instant::ZERO),
+            Now::Asked(_, until) | Now::Answered(until, _) => Some(*until),
+        }
+    }
+
+    /// What is to be told at `now`, one at a time.
+    pub fn handle_timeout(&mut self, now: Instant) -> Option<Told> {
+        match &self.now {
+            Now::Nothing => self.start(now),
+            Now::Asked(_, until) if *until <= now => {
+                self.stale += 1;
+                self.finish(GIVES_UP, Err(Error::Stretched))
+            }
+            Now::Answered(until, outcome) if *until <= now => {
+                let outcome = outcome.clone();
+                let busy = self.queue.front().map_or(Duration::ZERO, |(_, t)| duration(t, &outcome, self.hz));
+                self.finish(busy, outcome)
+            }
+            Now::Asked(..) | Now::Answered(..) => None,
+        }
+    }
+
+    fn start(&mut self, now: Instant) -> Option<Told> {
+        let (_, transfer) = self.queue.front()?;
+        match self.chips {
+            Some(chips) => {
+                self.now = Now::Asked(now, now + GIVES_UP);
+                Some(Told::Asked(chips, transfer.clone()))
+            }
+            None => {
+                let outcome = Err(Error::NoAddress);
+                self.now = Now::Answered(now + duration(transfer, &outcome, self.hz), outcome);
+                None
+            }
+        }
+    }
+
+    fn finish(&mut self, busy: Duration, outcome: Outcome) -> Option<Told> {
+        self.now = Now::Nothing;
+        self.traffic.sent += 1;
+        self.traffic.errors += u64::from(outcome.is_err());
+        self.traffic.busy += busy;
+        self.queue.pop_front().map(|(owner, transfer)| Told::Over(owner, transfer, outcome))
+    }
+
+    pub fn close(&mut self, pid: u32) {
+        self.ports.retain(|owner| owner.pid != pid);
+        let busy = !matches!(self.now, Now::Nothing);
+        if busy && self.queue.front().is_some_and(|(owner, _)| owner.pid == pid) {
+            // The lines are free again; what the chips say of it is for nobody.
+            self.stale += u32::from(matches!(self.now, Now::Asked(..)));
+            self.now = Now::Nothing;
+        }
+        self.queue.retain(|(owner, _)| owner.pid != pid);
+        if self.chips.take_if(|chips| chips.pid == pid).is_some() && matches!(self.now, Now::Asked(..)) {
+            self.now = Now::Nothing;
+        }
+    }
+}
+
+/// How long a transfer that had this outcome takes on the wire.
+pub(crate) fn duration(transfer: &Transfer, outcome: &Outcome, hz: u32) -> Duration {
+    let clocks = match outcome {
+        Ok(read) => {
+            let (writes, reads) = (!transfer.begins_with_read(), transfer.reads());
+            let addresses = u64::from(writes) + u64::from(reads);
+            // START or repeated START before each address, nine clocks a byte, STOP and the time that the bus is free then.
+            addresses + 9 * (addresses + transfer.write.len() as u64 + read.len() as u64) + 2
+        }
+        Err(Error::NoAddress) => 1 + 9 + 2,
+        Err(Error::NoData { at }) => 1 + 9 * (2 + u64::from(*at)) + 2,
+        // Nine clocks that free nobody.
+        Err(Error::Stuck) => 9,
+        Err(Error::Arbitration | Error::Other) => 1 + 9,
+        Err(Error::Stretched) => return GIVES_UP,
+    };
+    Duration::from_nanos(clocks * 1_000_000_000 / u64::from(hz.max(1)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use base::i2c::{Address, Bytes, Read};
+    use module::PortId;
+
+    fn owner(pid: u32) -> Owner {
+        Owner { pid, port: PortId(0) }
+    }
+
+    fn read_byte() -> Transfer {
+        let write = Bytes::from_slice(&[0x00]).unwrap();
+        Transfer { address: Address::new(0x18).unwrap(), write, read: Read::Exactly(1) }
+    }
+
+    fn at(us: u64) -> Instant {
+        Instant::from_nanos(us * 1000)
+    }
+
+    fn wire() -> I2cWire {
+        let mut wire = I2cWire::new(100_000);
+        wire.join(owner(1), true);
+        wire.join(owner(2), false);
+        wire
+    }
+
+    #[test]
+    fn reading_a_byte_takes_forty_clocks() {
+        let mut wire = wire();
+        wire.send(owner(2), read_byte());
+        assert_eq!(wire.handle_timeout(at(100)), Some(Told::Asked(owner(1), read_byte())));
+        let outcome = Ok(Bytes::from_slice(&[41]).unwrap());
+        wire.answer(at(100), owner(1), outcome.clone());
+        // Two STARTs, four bytes, STOP and the pause.
+        assert_eq!(wire.poll_timeout(), Some(at(100 + 400)));
+        assert_eq!(wire.handle_timeout(at(499)), None);
+        assert_eq!(wire.handle_timeout(at(500)), Some(Told::Over(owner(2), read_byte(), outcome)));
+        assert_eq!((wire.poll_timeout(), wire.traffic.busy), (None, Duration::from_micros(400)));
+    }
+
+    #[test]
+    fn without_chips_nobody_acknowledges_and_a_master_that_is_gone_is_told_nothing() {
+        let mut wire = wire();
+        wire.close(1);
+        wire.send(owner(2), read_byte());
+        assert_eq!(wire.handle_timeout(at(0)), None);
+        let over = wire.poll_timeout().unwrap();
+        assert_eq!(wire.handle_timeout(over), Some(Told::Over(owner(2), read_byte(), Err(Error::NoAddress))));
+        wire.send(owner(2), read_byte());
+        assert_eq!(wire.handle_timeout(at(1000)), None);
+        wire.close(2);
+        assert_eq!(wire.poll_timeout(), None);
+    }
+
+    #[test]
+    fn an_answer_that_comes_after_the_master_gave_up_is_not_taken_for_the_next_one() {
+        let mut wire = wire();
+        wire.send(owner(2), read_byte());
+        wire.send(owner(2), read_byte());
+        assert!(matches!(wire.handle_timeout(at(0)), Some(Told::Asked(..))));
+        assert_eq!(wire.handle_timeout(at(35_000)), Some(Told::Over(owner(2), read_byte(), Err(Error::Stretched))));
+        assert!(matches!(wire.handle_timeout(at(35_000)), Some(Told::Asked(..))));
+        wire.answer(at(36_000), owner(1), Ok(Bytes::from_slice(&[1]).unwrap()));
+        wire.answer(at(36_000), owner(1), Ok(Bytes::from_slice(&[2]).unwrap()));
+        let told = wire.handle_timeout(at(37_000));
+        assert_eq!(told, Some(Told::Over(owner(2), read_byte(), Ok(Bytes::from_slice(&[2]).unwrap()))));
+    }
+
+    #[test]
+    fn few_transfers_may_wait() {
+        let mut wire = wire();
+        (0..20).for_each(|_| wire.send(owner(2), read_byte()));
+        assert_eq!((wire.queue.len(), wire.traffic.dropped), (OUTSTANDING, 12));
+    }
+}
