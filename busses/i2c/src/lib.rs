@@ -1,3 +1,20 @@
-//! I2C transfers, SMBus commands, a bit-banged master, and drivers of chips.
+//! I2C and SMBus without a port and without a clock: SMBus commands, a bit-banged master, a target bit by bit, and the
+//! MAX6615 fan controller from both ends.
+//!
+//! Read first: `docs/i2c.md`; clause by clause: `docs/conformance/i2c.md`. Has never heard of Linux, of GPIO numbers or
+//! of modules.
 #![no_std]
 #![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod bitbang;
+pub mod hal;
+pub mod smbus;
+pub mod target;
+#[cfg(test)]
+mod testing;
+pub mod wire;
+
+pub use base::i2c::{Address, Bytes, Error, MAX, Outcome, Read, Transfer};

@@ -1,0 +1,297 @@
+//! A bus master made of two open-drain lines. Reads no clock and owns no pin: the caller says what time it is and, when
+//! asked, which levels the lines have, and is told which levels to give them and when to come back.
+//!
+//! UM10204 rev. 7, 3.1 and table 10; SMBus 3.2, 4.2 and 4.3. A bit is: pull SCL, after a while set SDA if it changes,
+//! release SCL, look at both lines. The look sees a clock that is held low (stretching), a lost arbitration and what is
+//! read, all at once; nothing is done that the bus does not need (`docs/i2c.md` has the count).
+
+use base::i2c::{Error, MAX, Outcome, Read, Transfer};
+use base::{Duration, Instant};
+
+mod pins;
+mod run;
+
+pub use pins::{Pins, perform};
+use run::{Next, Run, Symbol};
+
+/// The two lines: true is high, or to be released; false is low, or to be pulled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Levels {
+    /// The clock.
+    pub scl: bool,
+    /// The data.
+    pub sda: bool,
+}
+
+impl Levels {
+    /// Both high: a free bus, or both released.
+    pub const HIGH: Self = Self { scl: true, sda: true };
+
+    /// Wired AND: what the lines are when two drive them.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self { scl: self.scl && other.scl, sda: self.sda && other.sda }
+    }
+}
+
+/// How the bus is driven.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// Clock frequency, 1 to 1 000 000 Hz. 55 % of a period is low, which keeps every minimum of UM10204 table 10 at
+    /// 100 kHz (standard mode), 400 kHz (fast) and 1 MHz (fast mode plus).
+    pub hz: u32,
+    /// How long a line may be held low: SCL within a transfer, and either before one. SMBus: 25 to 35 ms.
+    pub timeout: Duration,
+    /// How long both lines must be seen high before a START: zero where this is the only master, 50 us (SMBus
+    /// `T_HIGH:MAX`) where it is not.
+    pub idle: Duration,
+}
+
+impl Default for Config {
+    /// SMBus with one master: 100 kHz, 35 ms.
+    fn default() -> Self {
+        Self { hz: 100_000, timeout: Duration::from_millis(35), idle: Duration::ZERO }
+    }
+}
+
+/// Why a transfer was not begun. The lines are as they were.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RequestError {
+    /// One is under way, or its outcome was not fetched.
+    Busy,
+    /// More is to be read than a transfer can bring.
+    TooLong,
+}
+
+/// The master: one transfer at a time.
+///
+/// [`request`](Self::request), then [`handle_timeout`](Self::handle_timeout) whenever [`poll_timeout`](Self::poll_timeout)
+/// says, until [`poll_event`](Self::poll_event) has the outcome. A late call slows the bus and does no harm.
+#[derive(Debug)]
+pub struct Master {
+    timing: Timing,
+    config: Config,
+    /// What we drive.
+    lines: Levels,
+    state: State,
+    done: Option<Outcome>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Timing {
+    low: Duration,
+    high: Duration,
+    /// From SCL low to a change of SDA: the hold time that SMBus up to 2.0 asks for, 300 ns, and a margin.
+    hold: Duration,
+    /// From the release of SCL to the look: the rise time.
+    rise: Duration,
+}
+
+#[derive(Debug)]
+enum State {
+    Idle,
+    /// STOP was sent; the bus stays free for a while before the outcome is told.
+    Free {
+        until: Instant,
+        outcome: Outcome,
+    },
+    /// Before START: waits for a free bus.
+    Listen {
+        at: Instant,
+        seen: Listened,
+        run: Run,
+    },
+    /// A symbol of the transfer is being made.
+    Symbol {
+        at: Instant,
+        phase: Phase,
+        symbol: Symbol,
+        run: Run,
+    },
+}
+
+/// What was seen of a bus that is not ours yet.
+#[derive(Clone, Copy, Debug)]
+struct Listened {
+    /// When it was first to be looked at.
+    since: Instant,
+    levels: Option<Levels>,
+    /// These levels since.
+    steady: Instant,
+}
+
+impl Listened {
+    fn nothing(since: Instant) -> Self {
+        Self { since, levels: None, steady: since }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// SDA falls while SCL is high: START.
+    Begin,
+    /// SCL falls.
+    Fall,
+    /// SDA changes.
+    Data,
+    /// SCL is released.
+    Rise,
+    /// SCL should be high. `since` it was released, `stretched` once it was seen low.
+    Look { since: Instant, stretched: bool },
+    /// An edge of SDA while SCL is high: of a repeated START or a STOP.
+    Edge,
+}
+
+impl Master {
+    /// A master that has both lines released. A frequency of zero counts as 1 Hz, one beyond 1 MHz as 1 MHz.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let period = 1_000_000_000 / u64::from(config.hz.clamp(1, 1_000_000));
+        // Rounded up: a low time of 550 ns at 1 MHz has no room to lose.
+        let low = (period * 11).div_ceil(20);
+        let (low, high) = (Duration::from_nanos(low), Duration::from_nanos(period - low));
+        let timing = Timing { low, high, hold: low / 4, rise: high / 3 };
+        Self { timing, config, lines: Levels::HIGH, state: State::Idle, done: None }
+    }
+
+    /// Begins a transfer. Reads of more than [`MAX`] bytes are refused.
+    pub fn request(&mut self, now: Instant, transfer: Transfer) -> Result<(), RequestError> {
+        let too_long = match transfer.read {
+            Read::None => false,
+            Read::Exactly(count) => usize::from(count) > MAX,
+            Read::Block { extra } => usize::from(extra) + 33 > MAX,
+        };
+        match self.state {
+            _ if too_long => return Err(RequestError::TooLong),
+            State::Idle if self.done.is_none() => {}
+            _ => return Err(RequestError::Busy),
+        }
+        self.state = State::Listen { at: now, seen: Listened::nothing(now), run: Run::new(transfer) };
+        Ok(())
+    }
+
+    /// When [`Self::handle_timeout`] is to be called; `None` while there is nothing to do. A past instant means at once.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        match self.state {
+            State::Idle => None,
+            State::Free { until: at, .. } | State::Listen { at, .. } | State::Symbol { at, .. } => Some(at),
+        }
+    }
+
+    /// Whether the next call of [`Self::handle_timeout`] uses the levels; else they need not be read.
+    #[must_use]
+    pub fn wants_levels(&self) -> bool {
+        matches!(self.state, State::Listen { .. } | State::Symbol { phase: Phase::Look { .. }, .. })
+    }
+
+    /// What the lines are to be given now, if that is another level than before: one line at a time.
+    ///
+    /// `levels` are those of the bus, which others pull too; looked at only where [`Self::wants_levels`] said so.
+    pub fn handle_timeout(&mut self, now: Instant, levels: Levels) -> Option<Levels> {
+        let before = self.lines;
+        self.state = match core::mem::replace(&mut self.state, State::Idle) {
+            State::Free { until, outcome } if until <= now => {
+                self.done = Some(outcome);
+                State::Idle
+            }
+            State::Listen { at, seen, run } if at <= now => self.listen(now, levels, seen, run),
+            State::Symbol { at, phase, symbol, run } if at <= now => self.step(now, levels, phase, symbol, run),
+            early => early,
+        };
+        (self.lines != before).then_some(self.lines)
+    }
+
+    /// The outcome of the transfer, once.
+    pub fn poll_event(&mut self) -> Option<Outcome> {
+        self.done.take()
+    }
+
+    fn listen(&mut self, now: Instant, levels: Levels, seen: Listened, run: Run) -> State {
+        let steady = if seen.levels == Some(levels) { seen.steady } else { now };
+        let held = now.since(steady);
+        let held_low = held >= self.config.timeout;
+        match levels {
+            // At once: looking and pulling SDA are one moment, or another master has time to begin.
+            Levels::HIGH if held >= self.config.idle => self.step(now, levels, Phase::Begin, Symbol::Start, run),
+            // Others talk without end.
+            _ if now.since(seen.since) >= self.config.timeout * 4 => self.over(now, Err(Error::Arbitration)),
+            Levels { scl: false, .. } if held_low => self.over(now, Err(Error::Stuck)),
+            // UM10204 3.1.16: whoever holds SDA waits for clocks. Not twice for one transfer.
+            Levels { scl: true, sda: false } if held_low && run.recovered() => self.over(now, Err(Error::Stuck)),
+            Levels { scl: true, sda: false } if held_low => {
+                self.step(now, levels, Phase::Fall, Symbol::Clock { left: 9 }, run)
+            }
+            _ => {
+                let seen = Listened { levels: Some(levels), steady, ..seen };
+                State::Listen { at: now + self.timing.high, seen, run }
+            }
+        }
+    }
+
+    /// One phase of one symbol. Each sets one line, or looks at both.
+    fn step(&mut self, now: Instant, levels: Levels, phase: Phase, symbol: Symbol, run: Run) -> State {
+        let Timing { low, high, hold, rise } = self.timing;
+        let (phase, wait) = match phase {
+            Phase::Begin => {
+                self.lines.sda = false;
+                return self.follow(now + high, run.next(Symbol::Start, true));
+            }
+            Phase::Fall => {
+                self.lines.scl = false;
+                // SDA changes only if it has to.
+                if symbol.sda() == self.lines.sda { (Phase::Rise, low) } else { (Phase::Data, hold) }
+            }
+            Phase::Data => {
+                self.lines.sda = symbol.sda();
+                (Phase::Rise, low - hold)
+            }
+            Phase::Rise => {
+                self.lines.scl = true;
+                (Phase::Look { since: now, stretched: false }, rise)
+            }
+            Phase::Look { since, .. } if !levels.scl => {
+                if now.since(since) >= self.config.timeout {
+                    let error = if matches!(symbol, Symbol::Clock { .. }) { Error::Stuck } else { Error::Stretched };
+                    return self.over(now, Err(error));
+                }
+                (Phase::Look { since, stretched: true }, rise)
+            }
+            Phase::Look { .. } if symbol.contended(levels.sda) => return self.over(now, Err(Error::Arbitration)),
+            Phase::Look { stretched, .. } => {
+                // The set-up time of a repeated START is that of a low clock. It counts from when SCL was seen high.
+                let whole = if symbol == Symbol::Restart { low } else { high };
+                let rest = if stretched { whole } else { whole - rise };
+                if !symbol.has_edge() {
+                    return self.follow(now + rest, run.next(symbol, levels.sda));
+                }
+                (Phase::Edge, rest)
+            }
+            Phase::Edge => {
+                self.lines.sda = !self.lines.sda;
+                let wait = if self.lines.sda { low } else { high };
+                return self.follow(now + wait, run.next(symbol, self.lines.sda));
+            }
+        };
+        State::Symbol { at: now + wait, phase, symbol, run }
+    }
+
+    fn follow(&self, at: Instant, next: Next) -> State {
+        match next {
+            Next::Symbol(symbol, run) => State::Symbol { at, phase: Phase::Fall, symbol, run },
+            // SDA came free while SCL is high: a START and a STOP put every target back (UM10204 3.1.10).
+            Next::Begin(run) => State::Symbol { at, phase: Phase::Begin, symbol: Symbol::Start, run },
+            Next::Listen(run) => State::Listen { at, seen: Listened::nothing(at), run },
+            Next::Done(outcome) => State::Free { until: at, outcome },
+        }
+    }
+
+    /// Lets go of the bus without a STOP, which is another's or impossible.
+    fn over(&mut self, now: Instant, outcome: Outcome) -> State {
+        self.lines = Levels::HIGH;
+        State::Free { until: now + self.timing.low, outcome }
+    }
+}
+
+#[cfg(test)]
+mod tests;
