@@ -142,6 +142,11 @@ faults! {
 
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;
+
+    /// A goal that no robot can be sent to was refused.
+    GoalRefused = 0x0811, Unknown;
+    /// The estimate that the planner drives by is no number, or its time runs backwards: the robot stands.
+    EstimateBad = 0x0812, Unknown;
 }
 
 /// One report, as a module makes it; its host prints it and sends it as `common.error_t`.

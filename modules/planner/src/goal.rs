@@ -1,0 +1,183 @@
+//! Where the robot was told to go.
+
+use messages::middlelevel::{CmdGoal, DataGoal};
+use navitools::{Point, Pose};
+
+/// More waypoints are refused.
+const WAYPOINTS_MAX: usize = 1000;
+/// Coordinates are within this, m, as a world's are.
+const FAR: f64 = 1e4;
+/// Without a tolerance, or with a finer one than the estimate can tell, this counts as reached, m.
+const TOLERANCE: f64 = 0.15;
+/// A heading is reached within this, rad.
+pub const TURNED: f64 = 0.2;
+
+/// A point on the way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Waypoint {
+    /// m.
+    pub at: Point,
+    /// Heading on arrival, rad; none: any.
+    pub heading: Option<f64>,
+    /// How near counts as reached, m.
+    pub tolerance: f64,
+}
+
+impl Waypoint {
+    /// Whether a robot here has reached it.
+    #[must_use]
+    pub fn is_reached(&self, robot: Pose) -> bool {
+        let turned = self.heading.map_or(0.0, |heading| navitools::wrap(robot.theta.radians() - heading).abs());
+        robot.point().distance(self.at) <= self.tolerance && turned <= TURNED
+    }
+}
+
+/// A goal: waypoints, once or for ever.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Goal {
+    /// The number that its sender chose.
+    pub id: i32,
+    /// In order; at least one.
+    pub waypoints: Vec<Waypoint>,
+    /// For ever.
+    pub looped: bool,
+    /// The waypoint that is driven to.
+    pub next: usize,
+}
+
+impl Goal {
+    /// The goal of a command; none: the one before it is cancelled.
+    ///
+    /// # Errors
+    /// In words, when no robot can be sent there.
+    pub fn of(command: &CmdGoal) -> Result<Option<Self>, String> {
+        if command.waypoints.len() > WAYPOINTS_MAX {
+            return Err(format!("{} waypoints; at most {WAYPOINTS_MAX}", command.waypoints.len()));
+        }
+        let mut waypoints = Vec::with_capacity(command.waypoints.len());
+        for (number, waypoint) in command.waypoints.iter().enumerate() {
+            let within = |value: f64| value.abs() <= FAR;
+            if !within(waypoint.x) || !within(waypoint.y) {
+                return Err(format!("waypoint {number} at {}, {}: no place within ±10 km", waypoint.x, waypoint.y));
+            }
+            if waypoint.heading && !waypoint.theta.is_finite() {
+                return Err(format!("waypoint {number} with heading {}: no angle", waypoint.theta));
+            }
+            if !(0.0..=FAR).contains(&waypoint.tolerance) {
+                return Err(format!("waypoint {number} with tolerance {}: no distance", waypoint.tolerance));
+            }
+            waypoints.push(Waypoint {
+                at: Point { x: waypoint.x, y: waypoint.y },
+                heading: waypoint.heading.then(|| navitools::wrap(waypoint.theta)),
+                tolerance: waypoint.tolerance.max(TOLERANCE),
+            });
+        }
+        let goal = Self { id: command.id, waypoints, looped: command.r#loop, next: 0 };
+        Ok((!goal.waypoints.is_empty()).then_some(goal))
+    }
+
+    /// The waypoint after `number`; none after the last.
+    #[must_use]
+    pub fn after(&self, number: usize) -> Option<usize> {
+        match number + 1 {
+            next if next < self.waypoints.len() => Some(next),
+            // A loop of one waypoint is there already.
+            _ if self.looped && self.waypoints.len() > 1 => Some(0),
+            _ => None,
+        }
+    }
+
+    /// The heading with which a waypoint is best passed on the way to the one after it; none where it is the last, or
+    /// the robot must turn back there.
+    #[must_use]
+    pub fn passing(&self, from: Point, number: usize) -> Option<f64> {
+        let here = self.waypoints[number].at;
+        let there = self.waypoints[self.after(number)?].at;
+        let unit = |a: Point, b: Point| {
+            let distance = a.distance(b);
+            (distance > 0.3).then(|| ((b.x - a.x) / distance, (b.y - a.y) / distance))
+        };
+        let ((ax, ay), (bx, by)) = (unit(from, here)?, unit(here, there)?);
+        let (x, y) = (ax + bx, ay + by);
+        (libm::hypot(x, y) > 0.3).then(|| libm::atan2(y, x))
+    }
+}
+
+/// How it fares, in a word.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(i8)]
+pub enum Status {
+    /// There is no goal.
+    #[default]
+    Idle = DataGoal::IDLE,
+    /// On the way, or about to be.
+    Driving = DataGoal::DRIVING,
+    /// There.
+    Reached = DataGoal::REACHED,
+    /// Something is in the way.
+    Blocked = DataGoal::BLOCKED,
+    /// Given up.
+    Failed = DataGoal::FAILED,
+    /// Taken back.
+    Cancelled = DataGoal::CANCELLED,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::middlelevel::Waypoint as Told;
+
+    fn command(waypoints: &[(f64, f64)], looped: bool) -> CmdGoal {
+        let told = |&(x, y): &(f64, f64)| Told { x, y, theta: 0.0, tolerance: 0.0, heading: false };
+        CmdGoal { timestamp: 0, id: 7, waypoints: waypoints.iter().map(told).collect(), r#loop: looped }
+    }
+
+    #[test]
+    fn a_command_without_waypoints_is_no_goal() {
+        assert_eq!(Goal::of(&command(&[], false)), Ok(None));
+    }
+
+    #[test]
+    fn what_no_robot_can_reach_is_refused_in_words() {
+        for bad in [f64::NAN, f64::INFINITY, 1e5] {
+            let why = Goal::of(&command(&[(0.0, 0.0), (bad, 0.0)], false)).unwrap_err();
+            assert!(why.starts_with("waypoint 1 at "), "{why}");
+        }
+        let mut turned = command(&[(0.0, 0.0)], false);
+        turned.waypoints[0].theta = f64::NAN;
+        assert!(Goal::of(&turned).is_ok(), "a heading that does not matter");
+        turned.waypoints[0].heading = true;
+        assert_eq!(Goal::of(&turned).unwrap_err(), "waypoint 0 with heading NaN: no angle");
+        let mut near = command(&[(0.0, 0.0)], false);
+        near.waypoints[0].tolerance = -1.0;
+        assert_eq!(Goal::of(&near).unwrap_err(), "waypoint 0 with tolerance -1: no distance");
+        assert!(Goal::of(&command(&[(0.0, 0.0); 1001], false)).is_err());
+    }
+
+    #[test]
+    fn a_loop_goes_on_with_its_first_waypoint() {
+        let once = Goal::of(&command(&[(0.0, 0.0), (1.0, 0.0)], false)).unwrap().unwrap();
+        assert_eq!((once.after(0), once.after(1)), (Some(1), None));
+        let looped = Goal { looped: true, ..once };
+        assert_eq!((looped.after(0), looped.after(1)), (Some(1), Some(0)));
+    }
+
+    #[test]
+    fn a_corner_is_passed_halfway_turned() {
+        let goal = Goal::of(&command(&[(2.0, 0.0), (2.0, 2.0), (0.0, 2.0)], false)).unwrap().unwrap();
+        let heading = goal.passing(Point { x: 0.0, y: 0.0 }, 0).unwrap();
+        assert!((heading.to_degrees() - 45.0).abs() < 1e-9, "{heading}");
+        assert_eq!(goal.passing(Point { x: 2.0, y: 0.0 }, 2), None, "the last one");
+        let back = Goal::of(&command(&[(2.0, 0.0), (0.0, 0.0)], false)).unwrap().unwrap();
+        assert_eq!(back.passing(Point { x: 0.0, y: 0.0 }, 0), None, "it must turn back");
+    }
+
+    #[test]
+    fn a_heading_counts_when_it_was_asked_for() {
+        let waypoint = Waypoint { at: Point { x: 1.0, y: 0.0 }, heading: Some(3.1), tolerance: 0.15 };
+        assert!(waypoint.is_reached(Pose::new(1.1, 0.0, -3.1)), "across the cut");
+        assert!(!waypoint.is_reached(Pose::new(1.1, 0.0, 0.0)));
+        assert!(Waypoint { heading: None, ..waypoint }.is_reached(Pose::new(1.1, 0.0, 0.0)));
+        assert!(!waypoint.is_reached(Pose::new(1.2, 0.0, 3.1)));
+    }
+}

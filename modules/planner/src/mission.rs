@@ -1,0 +1,528 @@
+//! What to do about a goal: look for a way, drive it, wait for who stands in it, look for a way around, back out.
+//!
+//! A way is first looked for on the map alone, as people leave; what the sonars hear stops the robot on it. When nobody
+//! leaves, a way around what is heard is looked for, then one after backing out, then the robot waits longer. A goal
+//! that is driven once fails after so many attempts; a loop waits on, and goes on to its next waypoint where it can.
+
+use crate::config::Config;
+use crate::goal::{Goal, Status, Waypoint};
+use crate::guard::{self, Ahead};
+use crate::obstacles::Obstacles;
+use crate::route::{Progress, Route, Ways};
+use crate::track::{Motion, Track};
+use base::{Duration, Instant};
+use navitools::{Point, Pose};
+use std::collections::VecDeque;
+use std::mem;
+
+/// The next leg is looked for when less than this is left of the one that is driven, m.
+const AHEAD: f64 = 2.5;
+/// What was in the way must be gone for so long.
+const GONE: Duration = Duration::from_millis(500);
+/// The robot stands, m/s.
+const STANDING: f64 = 0.03;
+/// Further off the path it looks for a new one, m and rad.
+const OFF: (f64, f64) = (0.30, 0.6);
+/// It was told to drive for so long and stood.
+const STUCK: Duration = Duration::from_secs(4);
+/// Where the robot has driven is remembered for backing out: this far, m, in steps of
+const TRACE: f64 = 2.0;
+const TRACE_STEP: f64 = 0.05;
+/// It backs out so far, m.
+const BACK: f64 = 0.9;
+/// Less is not worth backing out, m.
+const BACK_LEAST: f64 = 0.25;
+/// Ways of a loop are driven again from a start as near as this, m and rad.
+const AGAIN: (f64, f64) = (0.12, 0.12);
+/// Ways of so many waypoints are kept.
+const KEPT: usize = 64;
+/// So much way without trouble, m, and old troubles are forgotten.
+const FORGIVEN: f64 = 1.5;
+/// Longest wait between attempts, in patiences.
+const WAITS_MAX: u32 = 3;
+
+/// What a step needs to know.
+pub struct Sight<'a> {
+    /// The time.
+    pub now: Instant,
+    /// Where the robot is.
+    pub robot: Pose,
+    /// How it moves.
+    pub motion: Motion,
+    /// What the sonars say.
+    pub obstacles: &'a Obstacles,
+    /// How to drive.
+    pub config: &'a Config,
+}
+
+/// What the robot is about.
+enum Doing {
+    Nothing,
+    /// It stands while a way is looked for; around what is heard or on the map alone.
+    Thinking {
+        route: Route,
+        around: bool,
+    },
+    /// It drives, and the way to a waypoint further on is looked for.
+    Driving {
+        next: Option<(Route, usize)>,
+    },
+    /// Something is in the way.
+    Waiting {
+        since: Instant,
+        gone: Option<Instant>,
+    },
+    /// Back on where it came from.
+    Backing {
+        blocked: Option<Instant>,
+    },
+}
+
+/// The goal and how it fares.
+pub struct Mission {
+    goal: Option<Goal>,
+    doing: Doing,
+    track: Track,
+    ahead: Ahead,
+    /// The path is to be looked along before it is driven.
+    unseen: bool,
+    trace: VecDeque<(Pose, bool)>,
+    /// Ways between waypoints that were found on the map alone, by the waypoint that they lead to.
+    kept: Vec<Option<Vec<(Pose, bool)>>>,
+    attempts: u32,
+    /// Way since the last trouble, m.
+    smooth: f64,
+    /// Told to drive, and stands, since.
+    stuck: Option<Instant>,
+    id: i32,
+    waypoint: usize,
+    status: Status,
+    words: String,
+    /// The track is another one.
+    replanned: bool,
+}
+
+impl Default for Mission {
+    fn default() -> Self {
+        Self {
+            goal: None,
+            doing: Doing::Nothing,
+            track: Track::default(),
+            ahead: Ahead::default(),
+            unseen: false,
+            trace: VecDeque::new(),
+            kept: Vec::new(),
+            attempts: 0,
+            smooth: 0.0,
+            stuck: None,
+            id: 0,
+            waypoint: 0,
+            status: Status::Idle,
+            words: "there is no goal".into(),
+            replanned: false,
+        }
+    }
+}
+
+impl Mission {
+    /// A goal in the place of the one before.
+    pub fn begin(&mut self, goal: Goal) {
+        let kept = if goal.waypoints.len() <= KEPT { vec![None; goal.waypoints.len()] } else { Vec::new() };
+        let trace = mem::take(&mut self.trace);
+        *self = Self { id: goal.id, kept, trace, goal: Some(goal), replanned: true, ..Self::default() };
+        self.say(Status::Driving, "looks for a way".into());
+    }
+
+    /// There is no goal any more, and why.
+    pub fn end(&mut self, id: i32, status: Status, words: String) {
+        let waypoint = self.waypoint;
+        let trace = mem::take(&mut self.trace);
+        *self = Self { id, waypoint, trace, replanned: true, ..Self::default() };
+        self.say(status, words);
+    }
+
+    /// The robot was stopped by others, or put elsewhere: a way is looked for anew when it may drive.
+    pub fn interrupt(&mut self) {
+        self.doing = Doing::Nothing;
+        self.stuck = None;
+        self.replanned |= !self.track.ahead().is_empty();
+        self.track = Track::default();
+    }
+
+    /// The robot was put elsewhere: it has not come from where it came from.
+    pub fn forget_trace(&mut self) {
+        self.trace.clear();
+    }
+
+    /// Whether there is a goal to drive to.
+    #[must_use]
+    pub fn has_goal(&self) -> bool {
+        self.goal.is_some()
+    }
+
+    /// The goal's number, the waypoint, how it fares, and the same in words.
+    #[must_use]
+    pub fn status(&self) -> (i32, usize, Status, &str) {
+        (self.id, self.waypoint, self.status, &self.words)
+    }
+
+    /// The way to the last waypoint, m; NaN when there is none, or it is not known.
+    #[must_use]
+    pub fn remaining(&self) -> f64 {
+        let Some(goal) = self.goal.as_ref().filter(|goal| !goal.looped) else { return f64::NAN };
+        let Some(to) = self.track.leads_to() else { return f64::NAN };
+        let rest = goal.waypoints[to..].windows(2).map(|pair| pair[0].at.distance(pair[1].at));
+        self.track.remaining() + rest.sum::<f64>()
+    }
+
+    /// The path, for people.
+    #[must_use]
+    pub fn path(&self) -> (Vec<f64>, Vec<f64>) {
+        self.track.points(100)
+    }
+
+    /// Whether the path is another one than at the last call.
+    pub fn take_replanned(&mut self) -> bool {
+        mem::take(&mut self.replanned)
+    }
+
+    /// The sonars have spoken: what is on the path ahead?
+    pub fn look(&mut self, now: Instant, obstacles: &Obstacles, config: &Config) {
+        self.ahead = Ahead::look(now, self.track.ahead(), obstacles, config);
+        self.unseen = false;
+    }
+
+    fn say(&mut self, status: Status, words: String) {
+        (self.status, self.words) = (status, words);
+    }
+
+    fn say_driving(&mut self) {
+        if let Some(goal) = &self.goal {
+            let loops = if goal.looped { ", for ever" } else { "" };
+            let words = format!("drives to waypoint {} of {}{loops}", goal.next + 1, goal.waypoints.len());
+            self.waypoint = goal.next;
+            self.say(Status::Driving, words);
+        }
+    }
+
+    /// What to command now, of a robot that may drive. To be called at 20 Hz.
+    pub fn step(&mut self, sight: &Sight<'_>, ways: &mut Ways) -> Motion {
+        let stand = Motion { speed: 0.0, steering: sight.motion.steering };
+        if self.goal.is_none() {
+            return stand;
+        }
+        self.remember(sight);
+        if self.unseen {
+            self.look(sight.now, sight.obstacles, sight.config);
+        }
+        match mem::replace(&mut self.doing, Doing::Nothing) {
+            Doing::Nothing => {
+                self.think(sight, ways, false);
+                stand
+            }
+            Doing::Thinking { route, around } => {
+                self.thinking(sight, ways, route, around);
+                stand
+            }
+            Doing::Driving { next } => self.drive(sight, ways, next),
+            Doing::Waiting { since, gone } => {
+                self.wait(sight, ways, since, gone);
+                stand
+            }
+            Doing::Backing { blocked } => self.back(sight, ways, blocked),
+        }
+    }
+
+    /// Looks for a way from here to the next waypoint.
+    fn think(&mut self, sight: &Sight<'_>, ways: &mut Ways, around: bool) {
+        let Some(goal) = &self.goal else { return };
+        let to = goal.waypoints[goal.next];
+        if to.is_reached(sight.robot) && sight.motion.speed.abs() < STANDING {
+            return self.reached(goal.next);
+        }
+        self.track = Track::default();
+        if around {
+            ways.sense(sight.obstacles, sight.robot, &sight.config.body);
+        }
+        if let Some(poses) = self.kept_way(goal.next, sight.robot).filter(|_| !around) {
+            return self.set_out(poses, sight);
+        }
+        let heading = to.heading.or_else(|| goal.passing(sight.robot.point(), goal.next));
+        let route = Route::begin(ways, sight.robot, &to, heading, around);
+        self.doing = Doing::Thinking { route, around };
+    }
+
+    fn thinking(&mut self, sight: &Sight<'_>, ways: &mut Ways, mut route: Route, around: bool) {
+        match route.advance(ways) {
+            Progress::Going => self.doing = Doing::Thinking { route, around },
+            Progress::Found(poses) => {
+                if let Some(goal) = self.goal.as_ref().filter(|_| !around) {
+                    let to = goal.next;
+                    self.keep_way(to, &poses);
+                }
+                self.set_out(poses, sight);
+            }
+            Progress::NoWay { why, forever } => self.no_way(sight, &why, forever && !around),
+        }
+    }
+
+    fn set_out(&mut self, poses: Vec<(Pose, bool)>, sight: &Sight<'_>) {
+        let Some(goal) = &self.goal else { return };
+        let Config { body, limits, manners, .. } = sight.config;
+        self.track = Track::new(&poses, goal.next, body, limits, manners);
+        (self.replanned, self.unseen, self.stuck) = (true, true, None);
+        self.doing = Doing::Driving { next: None };
+        self.say_driving();
+    }
+
+    /// A way that was found before from about here to this waypoint.
+    fn kept_way(&self, to: usize, from: Pose) -> Option<Vec<(Pose, bool)>> {
+        let way = self.kept.get(to)?.as_ref()?;
+        let (start, _) = *way.first()?;
+        let near =
+            start.point().distance(from.point()) < AGAIN.0 && (start.theta - from.theta).radians().abs() < AGAIN.1;
+        near.then(|| way.clone())
+    }
+
+    fn keep_way(&mut self, to: usize, way: &[(Pose, bool)]) {
+        if let Some(kept) = self.kept.get_mut(to) {
+            *kept = Some(way.to_vec());
+        }
+    }
+
+    fn no_way(&mut self, sight: &Sight<'_>, why: &str, forever: bool) {
+        let Some(goal) = &self.goal else { return };
+        let (id, number) = (goal.id, goal.next);
+        if forever {
+            return self.end(id, Status::Failed, format!("cannot reach waypoint {}: {why}", number + 1));
+        }
+        self.attempts += 1;
+        if self.attempts >= sight.config.manners.attempts {
+            match goal.after(number).filter(|_| goal.looped) {
+                Some(next) => self.skip(next),
+                None if goal.looped => self.attempts = 0,
+                None => {
+                    let words = format!("gave up waypoint {}: {why}", number + 1);
+                    return self.end(id, Status::Failed, words);
+                }
+            }
+        }
+        if self.attempts % 2 == 1 && self.back_out(sight) {
+            return;
+        }
+        self.say(Status::Blocked, format!("waits for a way to waypoint {}: {why}", number + 1));
+        self.doing = Doing::Waiting { since: sight.now, gone: None };
+    }
+
+    /// A loop goes on with its next waypoint.
+    fn skip(&mut self, next: usize) {
+        self.attempts = 0;
+        if let Some(goal) = &mut self.goal {
+            goal.next = next;
+        }
+    }
+
+    fn drive(&mut self, sight: &Sight<'_>, ways: &mut Ways, next: Option<(Route, usize)>) -> Motion {
+        let Config { body, limits, .. } = sight.config;
+        let allowed = self.allowed(sight);
+        let command = self.track.follow(sight.robot, sight.motion, allowed, body, limits);
+        while let Some(passed) = self.track.passed() {
+            self.pass(passed);
+        }
+        let (aside, turned) = self.track.error();
+        let stands = sight.motion.speed.abs() < STANDING;
+        if aside.abs() > OFF.0 || turned.abs() > OFF.1 {
+            self.doing = Doing::Nothing;
+            return Motion { speed: 0.0, ..command };
+        }
+        if self.track.is_done() {
+            match stands {
+                true => self.arrive(sight),
+                false => self.doing = Doing::Driving { next: None },
+            }
+            return Motion { speed: 0.0, ..command };
+        }
+        if allowed <= 0.0 && stands {
+            self.say_blocked();
+            self.doing = Doing::Waiting { since: sight.now, gone: None };
+            return Motion { speed: 0.0, ..command };
+        }
+        if self.is_stuck(sight, command) {
+            self.no_way(sight, "it was told to drive and does not move", false);
+            return Motion { speed: 0.0, ..command };
+        }
+        let next = self.think_ahead(sight, ways, next);
+        self.doing = Doing::Driving { next };
+        command
+    }
+
+    /// What the sonars allow in the direction of travel.
+    fn allowed(&self, sight: &Sight<'_>) -> f64 {
+        let forward = self.track.forward().unwrap_or(true);
+        let sudden = guard::sudden(sight.now, forward, sight.obstacles, sight.config);
+        self.ahead.speed(self.track.way(), sight.config).min(sudden)
+    }
+
+    fn is_stuck(&mut self, sight: &Sight<'_>, command: Motion) -> bool {
+        if command.speed == 0.0 || sight.motion.speed.abs() >= STANDING / 2.0 {
+            self.stuck = None;
+            return false;
+        }
+        sight.now.since(*self.stuck.get_or_insert(sight.now)) >= STUCK
+    }
+
+    /// Looks for the leg after this one while this one is driven, so that waypoints are passed without a stop.
+    fn think_ahead(
+        &mut self,
+        sight: &Sight<'_>,
+        ways: &mut Ways,
+        next: Option<(Route, usize)>,
+    ) -> Option<(Route, usize)> {
+        let Config { body, limits, manners, .. } = sight.config;
+        let goal = self.goal.as_ref()?;
+        let (end, _) = self.track.end()?;
+        let Some((mut route, to)) = next else {
+            let to = goal.after(self.track.leads_to()?).filter(|_| self.track.remaining() < AHEAD)?;
+            let at = goal.waypoints[to];
+            if let Some(poses) = self.kept_way(to, end) {
+                self.track.extend(&poses, to, body, limits, manners);
+                (self.unseen, self.replanned) = (true, true);
+                return None;
+            }
+            let heading = at.heading.or_else(|| goal.passing(end.point(), to));
+            return Some((Route::begin(ways, end, &at, heading, false), to));
+        };
+        match route.advance(ways) {
+            Progress::Going => Some((route, to)),
+            Progress::Found(poses) => {
+                self.keep_way(to, &poses);
+                self.track.extend(&poses, to, body, limits, manners);
+                (self.unseen, self.replanned) = (true, true);
+                None
+            }
+            // Asked again, and answered, when the robot has come to the end of this one.
+            Progress::NoWay { .. } => Some((route, to)),
+        }
+    }
+
+    fn pass(&mut self, passed: usize) {
+        if let Some(goal) = &mut self.goal
+            && let Some(next) = goal.after(passed)
+        {
+            goal.next = next;
+            self.say_driving();
+        }
+    }
+
+    fn reached(&mut self, number: usize) {
+        let Some(goal) = &mut self.goal else { return };
+        match goal.after(number) {
+            Some(next) => {
+                goal.next = next;
+                self.doing = Doing::Nothing;
+                self.say_driving();
+            }
+            None if goal.looped => self.say(Status::Reached, "stands at the only waypoint of its loop".into()),
+            None => {
+                let words = format!("reached waypoint {}, the last", number + 1);
+                let id = goal.id;
+                self.end(id, Status::Reached, words);
+            }
+        }
+    }
+
+    /// The robot stands at the end of the track.
+    fn arrive(&mut self, sight: &Sight<'_>) {
+        let Some(goal) = &self.goal else { return };
+        let Waypoint { at, .. } = goal.waypoints[goal.next];
+        if goal.waypoints[goal.next].is_reached(sight.robot) {
+            return self.reached(goal.next);
+        }
+        let off = at.distance(sight.robot.point());
+        self.no_way(sight, &format!("the robot came to stand {off:.2} m beside it"), false);
+    }
+
+    fn say_blocked(&mut self) {
+        let words = match self.ahead.first() {
+            Some((_, Point { x, y })) => format!("waits for whoever stands in the way at {x:.1}, {y:.1}"),
+            None => "waits for whoever stands near".into(),
+        };
+        self.say(Status::Blocked, words);
+    }
+
+    fn wait(&mut self, sight: &Sight<'_>, ways: &mut Ways, since: Instant, gone: Option<Instant>) {
+        let waited = sight.now.since(since).as_secs_f64();
+        let drives = !self.track.is_done() && self.allowed(sight) > 0.1;
+        let gone = drives.then(|| gone.unwrap_or(sight.now));
+        if gone.is_some_and(|gone| sight.now.since(gone) >= GONE) {
+            self.doing = Doing::Driving { next: None };
+            return self.say_driving();
+        }
+        let patience = sight.config.manners.patience * f64::from((1 + self.attempts / 2).min(WAITS_MAX));
+        if waited >= patience && gone.is_none() {
+            return self.think(sight, ways, true);
+        }
+        self.doing = Doing::Waiting { since, gone };
+    }
+
+    /// Turns to where the robot came from, if it came from anywhere.
+    fn back_out(&mut self, sight: &Sight<'_>) -> bool {
+        let Config { body, limits, manners, .. } = sight.config;
+        let Some(&(_, forward)) = self.trace.back() else { return false };
+        let steps = (BACK / TRACE_STEP) as usize;
+        let back = self.trace.iter().rev().take_while(|(_, was)| *was == forward).take(steps);
+        let back: Vec<(Pose, bool)> = back.map(|(pose, _)| (*pose, !forward)).collect();
+        let track = Track::new(&back, usize::MAX, body, limits, manners);
+        if track.remaining() < BACK_LEAST {
+            return false;
+        }
+        self.track = track;
+        self.look(sight.now, sight.obstacles, sight.config);
+        if self.allowed(sight) <= 0.1 {
+            self.track = Track::default();
+            return false;
+        }
+        self.say(Status::Blocked, "backs out".into());
+        (self.replanned, self.stuck) = (true, None);
+        self.doing = Doing::Backing { blocked: None };
+        true
+    }
+
+    fn back(&mut self, sight: &Sight<'_>, ways: &mut Ways, blocked: Option<Instant>) -> Motion {
+        let Config { body, limits, .. } = sight.config;
+        let allowed = self.allowed(sight);
+        let command = self.track.follow(sight.robot, sight.motion, allowed, body, limits);
+        let stands = sight.motion.speed.abs() < STANDING;
+        let blocked = (allowed <= 0.0).then(|| blocked.unwrap_or(sight.now));
+        let gives_up = blocked.is_some_and(|since| sight.now.since(since) >= 2 * GONE);
+        if (self.track.is_done() || gives_up || self.is_stuck(sight, command)) && stands {
+            self.trace.clear();
+            self.think(sight, ways, true);
+            return Motion { speed: 0.0, ..command };
+        }
+        self.doing = Doing::Backing { blocked };
+        command
+    }
+
+    /// Where the robot drives, for backing out; and that it does.
+    fn remember(&mut self, sight: &Sight<'_>) {
+        let last = self.trace.back().map(|(pose, _)| *pose);
+        let step = last.map_or(TRACE_STEP, |last| last.point().distance(sight.robot.point()));
+        if step < TRACE_STEP || sight.motion.speed.abs() < STANDING {
+            return;
+        }
+        if step > 4.0 * TRACE_STEP {
+            self.trace.clear();
+        }
+        if !matches!(self.doing, Doing::Backing { .. }) {
+            self.trace.push_back((sight.robot, sight.motion.speed > 0.0));
+            self.smooth += step.min(4.0 * TRACE_STEP);
+        }
+        if self.trace.len() > (TRACE / TRACE_STEP) as usize {
+            self.trace.pop_front();
+        }
+        if self.smooth > FORGIVEN {
+            (self.attempts, self.smooth) = (0, 0.0);
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! The planner and a robot that does what it is told, among discs, in virtual time.
+
+use super::*;
+use crate::config::{Body, Limits, Manners};
+use messages::lowlevel::{DataMotion, Range};
+use messages::middlelevel::Waypoint;
+use module::bench::Bench;
+use module::{Shell, ShellConfig};
+use navitools::{Motion as Moved, Point, Pose, wrap};
+
+const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
+const LIMITS: Limits = Limits {
+    speed: 0.8,
+    steering: 0.6109,
+    steering_rate: 0.698,
+    acceleration: 0.5,
+    deceleration: 0.8,
+    lateral_acceleration: 0.8,
+};
+/// Where sonars sit and look: as on the reference robot.
+/// Degrees.
+const SRFS: [(f64, f64, f64); 16] = [
+    (0.73, 0.28, 60.0),
+    (0.75, 0.15, 25.0),
+    (0.75, 0.0, 0.0),
+    (0.75, -0.15, -25.0),
+    (0.73, -0.28, -60.0),
+    (0.60, 0.30, 90.0),
+    (0.30, 0.30, 90.0),
+    (0.60, -0.30, -90.0),
+    (0.30, -0.30, -90.0),
+    (0.0, -0.30, -90.0),
+    (-0.13, -0.28, -120.0),
+    (-0.15, -0.15, -155.0),
+    (-0.15, 0.0, 180.0),
+    (-0.15, 0.15, 155.0),
+    (-0.13, 0.28, 120.0),
+    (0.0, 0.30, 90.0),
+];
+const STEP: Duration = Duration::from_millis(10);
+
+struct Robot {
+    bench: Bench,
+    pose: Pose,
+    speed: f64,
+    steering: f64,
+    command: Motion,
+    heard: Instant,
+    reason: String,
+    discs: Vec<(Point, f64)>,
+    ticks: u64,
+    blind: bool,
+    /// Closest the body came to a disc while it moved, m.
+    nearest: f64,
+    goal: DataGoal,
+    commands: u32,
+    lost: bool,
+}
+
+impl Robot {
+    fn new() -> Self {
+        let config = Config { body: BODY, limits: LIMITS, manners: Manners::default() };
+        let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));
+        let mut bench = Bench::new(shell);
+        bench.start();
+        Self {
+            bench,
+            pose: Pose::new(2.0, 2.0, 0.0),
+            speed: 0.0,
+            steering: 0.0,
+            command: Motion::default(),
+            heard: Instant::ZERO,
+            reason: String::new(),
+            discs: Vec::new(),
+            ticks: 0,
+            blind: false,
+            nearest: f64::INFINITY,
+            goal: DataGoal::default(),
+            commands: 0,
+            lost: false,
+        }
+    }
+
+    fn goal(&mut self, waypoints: &[(f64, f64)], looped: bool) {
+        let told = |&(x, y): &(f64, f64)| Waypoint { x, y, theta: 0.0, tolerance: 0.0, heading: false };
+        let waypoints = waypoints.iter().map(told).collect();
+        self.bench.message(CmdGoal { timestamp: 0, id: 5, waypoints, r#loop: looped });
+    }
+
+    fn sonar(&self, (x, y, theta): (f64, f64, f64)) -> f64 {
+        let mount = self.pose * Pose::new(x, y, theta);
+        let heard = self.discs.iter().filter_map(|(at, radius)| {
+            let bearing = libm::atan2(at.y - mount.y, at.x - mount.x);
+            let distance = mount.point().distance(*at);
+            let beam = 0.48 + libm::asin((radius / distance).min(1.0));
+            (wrap(bearing - mount.theta.radians()).abs() < beam && distance < 2.5)
+                .then_some((distance - radius).max(0.03))
+        });
+        let nearest = heard.fold(f64::INFINITY, f64::min);
+        if nearest.is_finite() && !self.blind { nearest } else { f64::NAN }
+    }
+
+    fn step(&mut self) {
+        let now = self.bench.now();
+        let dt = STEP.as_secs_f64();
+        let obeyed = now.since(self.heard) < Duration::from_millis(250) && self.reason.is_empty();
+        let aim = if obeyed { self.command } else { Motion { speed: 0.0, steering: self.steering } };
+        let braking = self.speed.abs() > aim.speed.abs() || self.speed * aim.speed < 0.0;
+        let most = dt * if braking { LIMITS.deceleration } else { LIMITS.acceleration };
+        self.speed += (aim.speed - self.speed).clamp(-most, most);
+        let most = dt * LIMITS.steering_rate;
+        self.steering += (aim.steering - self.steering).clamp(-most, most);
+        let curvature = libm::tan(self.steering) / BODY.wheelbase;
+        self.pose = self.pose.along(Moved { translation: self.speed * dt, rotation: self.speed * dt * curvature });
+        let inverse = self.pose.inverse();
+        for (at, radius) in &self.discs {
+            let gap = crate::guard::gap(&BODY, inverse * *at) - radius;
+            if self.speed.abs() > 0.01 {
+                self.nearest = self.nearest.min(gap);
+            }
+        }
+        self.ticks += 1;
+        if self.ticks.is_multiple_of(5) && !self.lost {
+            let rotation = self.speed * curvature;
+            let timestamp = self.ticks as i64;
+            let (x, y, theta) = (self.pose.x, self.pose.y, self.pose.theta.radians());
+            let quality = DataEstimate::FINE;
+            let estimate =
+                DataEstimate { timestamp, x, y, theta, speed: self.speed, rotation, quality, ..Default::default() };
+            self.bench.message(estimate);
+        }
+        if self.ticks % 5 == 1 {
+            let source = if obeyed { NAME.into() } else { String::new() };
+            let reason = if obeyed || !self.reason.is_empty() {
+                self.reason.clone()
+            } else {
+                "nobody commands the motion".into()
+            };
+            let (speed, steering) = (self.speed, self.steering);
+            self.bench.message(DataMotion { speed, steering, source, reason, homed: true, ..Default::default() });
+        }
+        if self.ticks % 25 == 2 {
+            let range = |(id, &(x, y, degrees)): (usize, &(f64, f64, f64))| {
+                let theta = degrees.to_radians();
+                let distance = self.sonar((x, y, theta));
+                Range { id: id as i32, x, y, theta, distance, valid: distance.is_finite() }
+            };
+            let srfs = SRFS.iter().enumerate().map(range).collect();
+            self.bench.message(DataSrfs { timestamp: 0, srfs });
+        }
+        self.bench.pass(STEP);
+        for message in self.bench.published() {
+            match message {
+                Message::LlCmdMotion(command) => {
+                    (self.command, self.heard) =
+                        (Motion { speed: command.speed, steering: command.steering }, self.bench.now());
+                    self.commands += 1;
+                }
+                Message::MlDataGoal(goal) => self.goal = goal,
+                _ => {}
+            }
+        }
+    }
+
+    fn pass(&mut self, seconds: f64) {
+        for _ in 0..(seconds * 100.0) as u32 {
+            self.step();
+        }
+    }
+
+    /// Until the goal fares like this, at most so long; says how long it took.
+    fn until(&mut self, status: i8, seconds: f64) -> f64 {
+        for n in 0..(seconds * 100.0) as u32 {
+            self.step();
+            if self.goal.status == status {
+                return f64::from(n) / 100.0;
+            }
+        }
+        panic!("after {seconds} s at {:?}: {:?}", self.pose, self.goal);
+    }
+}
+
+#[test]
+fn it_drives_to_a_goal_and_stands_there() {
+    let mut robot = Robot::new();
+    robot.pass(1.0);
+    assert_eq!((robot.goal.status, robot.goal.message.as_str()), (DataGoal::IDLE, "there is no goal"));
+    assert_eq!(robot.commands, 0, "silent without a goal");
+    robot.goal(&[(8.0, 3.0)], false);
+    let time = robot.until(DataGoal::REACHED, 30.0);
+    assert!(robot.pose.point().distance(Point { x: 8.0, y: 3.0 }) < 0.15, "{:?}", robot.pose);
+    assert!(time < 14.0, "6.1 m in {time} s");
+    robot.pass(1.0);
+    let commands = robot.commands;
+    robot.pass(1.0);
+    assert_eq!((robot.commands, robot.speed), (commands, 0.0), "silent again");
+}
+
+#[test]
+fn waypoints_are_passed_without_a_stop() {
+    let mut robot = Robot::new();
+    robot.goal(&[(6.0, 2.0), (8.0, 4.0), (6.0, 6.0), (3.0, 5.0)], true);
+    robot.pass(6.0);
+    let (mut slowest, mut laps, mut last) = (f64::INFINITY, 0, 0);
+    for _ in 0..6000 {
+        robot.step();
+        slowest = slowest.min(robot.speed.abs());
+        laps += u32::from(robot.goal.waypoint == 0 && last != 0);
+        last = robot.goal.waypoint;
+    }
+    assert!(laps >= 2, "{laps} laps in 60 s");
+    assert!(slowest > 0.15, "{slowest}");
+}
+
+#[test]
+fn a_goal_that_is_taken_back_leaves_the_robot_standing() {
+    let mut robot = Robot::new();
+    robot.goal(&[(12.0, 2.0)], false);
+    robot.pass(4.0);
+    assert!(robot.speed > 0.5);
+    robot.goal(&[], false);
+    robot.pass(2.0);
+    assert_eq!((robot.goal.status, robot.speed), (DataGoal::CANCELLED, 0.0));
+}
+
+/// A leg that stands in the way.
+fn disc(x: f64, y: f64) -> (Point, f64) {
+    (Point { x, y }, 0.15)
+}
+
+#[test]
+fn who_stands_in_the_way_is_waited_for() {
+    let mut robot = Robot::new();
+    robot.discs = vec![disc(6.0, 2.0)];
+    robot.goal(&[(10.0, 2.0)], false);
+    robot.until(DataGoal::BLOCKED, 15.0);
+    assert!(robot.goal.message.starts_with("waits for whoever stands in the way at 5."), "{}", robot.goal.message);
+    assert_eq!(robot.speed, 0.0);
+    let gap = 6.0 - 0.15 - (robot.pose.x + BODY.front);
+    assert!((0.15..0.9).contains(&gap), "{gap}");
+    robot.discs.clear();
+    robot.until(DataGoal::REACHED, 20.0);
+}
+
+#[test]
+fn who_steps_in_close_by_is_braked_for() {
+    for (x, y) in [(1.3, 0.0), (1.5, 0.2), (1.2, -0.25)] {
+        let mut robot = Robot::new();
+        robot.goal(&[(12.0, 2.0)], false);
+        robot.pass(5.0);
+        assert!(robot.speed > 0.6, "{}", robot.speed);
+        let at = robot.pose * Point { x: BODY.front + x, y };
+        robot.discs = vec![(at, 0.15)];
+        robot.pass(4.0);
+        assert_eq!(robot.speed, 0.0);
+        assert!(robot.nearest > 0.02, "{}", robot.nearest);
+    }
+}
+
+#[test]
+fn who_walks_towards_it_finds_it_standing() {
+    let mut robot = Robot::new();
+    robot.goal(&[(12.0, 2.0)], false);
+    robot.pass(4.0);
+    let mut walker = robot.pose.x + BODY.front + 4.0;
+    for _ in 0..600 {
+        let gap = walker - 0.15 - (robot.pose.x + BODY.front);
+        if gap > 0.05 {
+            walker -= 0.012;
+        }
+        robot.discs = vec![disc(walker, 2.0)];
+        robot.step();
+    }
+    assert!(robot.nearest > 0.05, "{}", robot.nearest);
+}
