@@ -2,10 +2,10 @@
 //!
 //! A file of inputs carries the configuration that made the module, as texts, so that it can be played on another machine
 //! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and of the simulated robot
-//! `sim.toml` and for the simulator its world. Data sheets of drives are checked when a module is made and say nothing
-//! about what it does; they are left out.
+//! `sim.toml` and its world, whose beacons are the robot's map. Data sheets of drives are checked when a module is made
+//! and say nothing about what it does; they are left out.
 
-use crate::config::{self, Config, ConfigError, Node, SIMULATOR};
+use crate::config::{self, Config, ConfigError, Node};
 use crate::live::recorder::Inputs;
 use crate::topology::{self, Made, Place};
 use base::Duration;
@@ -51,8 +51,6 @@ pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<He
     add(MODULES, place.config.join(MODULES))?;
     if place.sim {
         add(SIM, place.config.join(SIM))?;
-    }
-    if name == SIMULATOR {
         add(WORLD, config::world_place(&place.config, place.world.as_deref()))?;
     }
     texts.extend(place.sets.iter().map(|set| (SET.to_string(), set.clone())));
@@ -82,13 +80,15 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     for node in config.robot.can.iter_mut().flat_map(|can| &mut can.nodes) {
         node.eds = None;
     }
-    let nowhere =
-        Place { config: PathBuf::new(), run_dir: PathBuf::new(), lcm_url: String::new(), sets, sim, world: None };
-    let world = || {
-        let world = config::check_world(&node(WORLD)?)?;
-        world.check().map_err(|error| ConfigError(vec![format!("{WORLD}: {error}")]))?;
-        Ok(world)
+    let nowhere = Place {
+        config: PathBuf::new(),
+        run_dir: PathBuf::new(),
+        lcm_url: String::new(),
+        sets: sets.clone(),
+        sim,
+        world: None,
     };
+    let world = || config::parsed_world(node(WORLD)?, Path::new(WORLD), &sets);
     topology::shell_in(&nowhere, &config, &header.module, header.wanted, made(header)?, world)
 }
 

@@ -104,10 +104,10 @@ impl Made {
 }
 
 fn shell(place: &Place, config: &Config, name: &str, wanted: State, made: Made) -> Result<Shell, ConfigError> {
-    shell_in(place, config, name, wanted, made, || config::world(&place.config, place.world.as_deref()))
+    shell_in(place, config, name, wanted, made, || config::world(&place.config, place.world.as_deref(), &place.sets))
 }
 
-/// Makes a module in its shell; the simulated robot is in `world`.
+/// Makes a module in its shell; the simulated robot is in `world`, and has its map.
 pub(crate) fn shell_in(
     place: &Place,
     config: &Config,
@@ -116,6 +116,8 @@ pub(crate) fn shell_in(
     made: Made,
     world: impl FnOnce() -> Result<World, ConfigError>,
 ) -> Result<Shell, ConfigError> {
+    let world = if place.sim && MAPPED.contains(&name) { Some(world()?) } else { None };
+    let robot = &mapped(&config.robot, world.as_ref());
     let module: Box<dyn Module> = match name {
         watchdog::NAME => {
             let usual = watchdog(config);
@@ -123,11 +125,11 @@ pub(crate) fn shell_in(
             Box::new(Watchdog::new(watchdog::Config { delay_max, ..usual }))
         }
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
-        rs485b::NAME => Box::new(rs485b(&config.robot)?),
+        rs485b::NAME => Box::new(rs485b(robot)?),
         power::NAME => Box::new(power(place, config)?),
         canbus::NAME => Box::new(canbus(place, config)?),
         SIMULATOR if place.sim => {
-            let usual = simulator(world()?, &config.robot, made.wire_time);
+            let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
             Box::new(sim::Simulator::new(sim::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
         }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
@@ -143,6 +145,19 @@ pub(crate) fn shell_in(
         shell.end_within = WATCHDOG_END;
     }
     Ok(Shell::new(shell, module))
+}
+
+/// Those that know where what is: their map is of the world, where that is simulated.
+const MAPPED: [&str; 4] = [SIMULATOR, rs485b::NAME, "estimator", "planner"];
+
+/// The robot with the beacons of a world, if that has any.
+fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
+    let mut robot = robot.clone();
+    if let Some(world) = world.filter(|world| !world.beacons.is_empty()) {
+        let beacon = |beacon: &Beacon| config::Beacon { id: beacon.id, x: beacon.at.x, y: beacon.at.y };
+        robot.beacons = world.beacons.iter().map(beacon).collect();
+    }
+    robot
 }
 
 const MODULES: [&str; 6] = [watchdog::NAME, SIMULATOR, power::NAME, "driver_rs485a", rs485b::NAME, canbus::NAME];

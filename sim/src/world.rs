@@ -31,7 +31,41 @@ pub struct Beacon {
     pub at: Point,
 }
 
-/// Everything that stands still.
+/// Visitors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crowd {
+    /// How many, at most [`Crowd::MOST`].
+    pub count: u32,
+    /// The share of them that walks in groups of two to four, 0..=1.
+    pub grouped: f64,
+    /// How probably one looks where he goes, 0..=1: others see the robot only at their feet.
+    pub attentive: f64,
+}
+
+impl Crowd {
+    /// As many as a world can have.
+    pub const MOST: u32 = 200;
+}
+
+impl Default for Crowd {
+    /// Nobody; those who come nevertheless walk in groups half of the time and mostly look where they go.
+    fn default() -> Self {
+        Self { count: 0, grouped: 0.5, attentive: 0.9 }
+    }
+}
+
+/// A way through the world, by name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Route {
+    /// What `--goal` calls it.
+    pub name: String,
+    /// One after the other, m; at least one.
+    pub waypoints: Vec<Point>,
+    /// After the last comes the first again.
+    pub looped: bool,
+}
+
+/// Everything that stands still, and how many people walk about in it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct World {
     /// Walls.
@@ -42,6 +76,12 @@ pub struct World {
     pub drops: Vec<Vec<Point>>,
     /// Beacons.
     pub beacons: Vec<Beacon>,
+    /// Visitors.
+    pub people: Crowd,
+    /// What visitors go to and look at; none: anywhere.
+    pub places: Vec<Point>,
+    /// Ways for the robot.
+    pub routes: Vec<Route>,
     /// Where the robot starts.
     pub start: Pose,
 }
@@ -57,6 +97,12 @@ pub enum WorldError {
     Drop(usize),
     /// The beacon of this index has such a coordinate, or an earlier one's identity.
     Beacon(usize),
+    /// The place of this index has such a coordinate.
+    Place(usize),
+    /// The route of this index has such a coordinate, no waypoint, or an earlier one's name.
+    Route(usize),
+    /// More people than [`Crowd::MOST`], or a share of them that is none.
+    People,
     /// The start has such a coordinate.
     Start,
 }
@@ -68,6 +114,9 @@ impl core::fmt::Display for WorldError {
             Self::Column(i) => write!(f, "columns[{i}]: not numbers within ±10000 m, or no radius above 0"),
             Self::Drop(i) => write!(f, "drops[{i}]: not numbers within ±10000 m, or fewer than 3 corners"),
             Self::Beacon(i) => write!(f, "beacons[{i}]: not numbers within ±10000 m, or an id twice"),
+            Self::Place(i) => write!(f, "places[{i}]: not numbers within ±10000 m"),
+            Self::Route(i) => write!(f, "routes[{i}]: not numbers within ±10000 m, no waypoint, or a name twice"),
+            Self::People => write!(f, "people: not from 0 to {}, or a share that is not from 0 to 1", Crowd::MOST),
             Self::Start => write!(f, "start: not numbers within ±10000 m"),
         }
     }
@@ -89,7 +138,7 @@ fn sane(point: Point) -> bool {
 }
 
 /// The wall's nearest point to `point`.
-fn nearest(wall: &Segment, point: Point) -> Point {
+pub(crate) fn nearest(wall: &Segment, point: Point) -> Point {
     let (dx, dy) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
     let length2 = dx * dx + dy * dy;
     let along = if length2 == 0.0 {
@@ -112,7 +161,7 @@ impl World {
         beacons: Vec<Beacon>,
         start: Pose,
     ) -> Result<Self, WorldError> {
-        let world = Self { walls, columns, drops, beacons, start };
+        let world = Self { walls, columns, drops, beacons, start, ..Self::default() };
         world.check()?;
         Ok(world)
     }
@@ -145,6 +194,18 @@ impl World {
             let twice = self.beacons[..i].iter().any(|other| other.id == beacon.id);
             bad(sane(beacon.at) && !twice, WorldError::Beacon(i))?;
         }
+        for (i, place) in self.places.iter().enumerate() {
+            bad(sane(*place), WorldError::Place(i))?;
+        }
+        for (i, route) in self.routes.iter().enumerate() {
+            let twice = self.routes[..i].iter().any(|other| other.name == route.name);
+            let good = !route.waypoints.is_empty() && route.waypoints.iter().all(|point| sane(*point));
+            bad(good && !twice, WorldError::Route(i))?;
+        }
+        let share = |share: f64| (0.0..=1.0).contains(&share);
+        let people = self.people;
+        let good = people.count <= Crowd::MOST && share(people.grouped) && share(people.attentive);
+        bad(good, WorldError::People)?;
         bad(sane(self.start.point()) && !self.start.theta.radians().is_nan(), WorldError::Start)
     }
 
@@ -328,6 +389,19 @@ mod tests {
         let mut bad = good.clone();
         bad.beacons = vec![Beacon { id: 1, at: p(0.0, 0.0) }; 2];
         assert_eq!(bad.check(), Err(WorldError::Beacon(1)));
+        let mut bad = good.clone();
+        bad.places = vec![p(1.0, 1.0), p(1.0, f64::INFINITY)];
+        assert_eq!(bad.check(), Err(WorldError::Place(1)));
+        let mut bad = good.clone();
+        bad.routes = vec![Route { name: "patrol".into(), ..Route::default() }];
+        assert_eq!(bad.check(), Err(WorldError::Route(0)));
+        bad.routes[0].waypoints.push(p(1.0, 1.0));
+        assert_eq!(bad.check(), Ok(()));
+        bad.routes.push(bad.routes[0].clone());
+        assert_eq!(bad.check(), Err(WorldError::Route(1)));
+        let mut bad = good.clone();
+        bad.people.attentive = f64::NAN;
+        assert_eq!(bad.check(), Err(WorldError::People));
         assert_eq!(good.check(), Ok(()));
     }
 }

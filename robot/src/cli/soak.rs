@@ -110,7 +110,7 @@ impl Robot {
     /// # Errors
     /// What is wrong with any of the files.
     pub fn new(place: Place, scenario: Scenario, seed: u64) -> Result<Self, ConfigError> {
-        let world = config::world(&place.config, place.world.as_deref())?;
+        let world = config::world(&place.config, place.world.as_deref(), &place.sets)?;
         let limits = checks::limits(&place, scenario.restart_delay_max)?;
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
         // Once, so that what is wrong is told as such.

@@ -49,7 +49,7 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     // Whatever is wrong is said here, once, and nothing starts.
     let config = common.load(command.sim)?;
     if command.sim {
-        config::world(&common.config_dir(), command.world.as_deref())?;
+        config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?;
     }
     let watchdog = watchdog(common, command)?;
     // Signals are held back before there is anything to leave behind.

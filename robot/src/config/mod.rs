@@ -1,7 +1,8 @@
 //! The configuration folder: strict, and wrong as a whole if anything in it is wrong.
 //!
 //! `robot.toml` says what the robot is made of; in simulation `sim.toml` is laid over it, then every `--set`.
-//! `modules.toml` lists the modules (`--set modules.NAME.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
+//! `modules.toml` lists the modules (`--set modules.NAME.key=value`), a world where the simulated robot is (`--set
+//! world.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
 
 mod log;
 mod modules;
@@ -22,7 +23,7 @@ pub use robot::{
 };
 pub use scenario::{Regression, regressions, scenario};
 pub use tree::{Node, Origin, Value};
-pub use world::{check as check_world, place as world_place, world};
+pub use world::{parsed as parsed_world, place as world_place, world};
 
 use std::fmt;
 use std::fs;
@@ -95,9 +96,11 @@ impl Config {
     }
 }
 
-/// Applies every `--set`: `modules.NAME.key` goes to `modules.toml`, everything else to `robot.toml`.
+/// Applies every `--set`: `modules.NAME.key` goes to `modules.toml`, `world.key` to the world, which is read elsewhere,
+/// everything else to `robot.toml`.
 fn override_by<S: AsRef<str>>(sets: &[S], robot: &mut Node, modules: &mut Node) -> Result<(), String> {
-    sets.iter().map(AsRef::as_ref).try_for_each(|set| match set.trim_start().starts_with("modules.") {
+    let sets = sets.iter().map(AsRef::as_ref).filter(|set| !world::is_of_world(set));
+    sets.into_iter().try_for_each(|set| match set.trim_start().starts_with("modules.") {
         true => modules.set(set),
         false => robot.set(set),
     })

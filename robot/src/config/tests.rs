@@ -378,11 +378,10 @@ fn a_folder_without_files_says_which_are_missing() {
 
 #[test]
 fn the_shipped_worlds_load() {
-    let hall = world(&shipped(), None).unwrap();
-    assert_eq!((hall.columns.len(), hall.beacons.len(), hall.start.x), (6, 6, 3.0));
-    world(&shipped(), Some(Path::new("empty"))).unwrap();
-    world(&shipped(), Some(&shipped().join("../worlds/hall.toml"))).unwrap();
-    let ConfigError(lines) = world(&shipped(), Some(Path::new("atlantis"))).unwrap_err();
+    let hall = world(&shipped(), None, &[]).unwrap();
+    assert_eq!((hall.columns.len(), hall.beacons.len(), hall.people.count, hall.start.x), (6, 6, 20, 3.0));
+    world(&shipped(), Some(&shipped().join("../worlds/hall.toml")), &[]).unwrap();
+    let ConfigError(lines) = world(&shipped(), Some(Path::new("atlantis")), &[]).unwrap_err();
     assert!(lines[0].ends_with("conf/worlds/atlantis.toml: No such file or directory (os error 2)"), "{lines:?}");
 }
 
@@ -400,8 +399,79 @@ fn a_world_is_read_as_strictly() {
             "w.toml:5: columns = 1: expected a list",
             "w.toml:6: drops = 3: expected a list of corners [x, y]",
             "w.toml:6: drops = [2 items]: expected a list of 2 numbers within ±10000",
-            "w.toml:7: moon: unknown key, expected one of start, walls, columns, drops, beacons",
+            "w.toml:7: moon: unknown key, expected one of start, walls, columns, drops, beacons, people, places, routes",
             "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
         ]
     );
+}
+
+#[test]
+fn a_world_s_people_are_a_number_or_a_table_and_can_be_overridden() {
+    let read = |text: &str, sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|set| set.to_string()).collect();
+        let path = Path::new("w.toml");
+        super::parsed_world(Node::parse(path, &format!("start = [0, 0, 0]\n{text}")).unwrap(), path, &sets)
+    };
+    let usual = sim::world::Crowd::default();
+    assert_eq!(read("people = 7", &[]).unwrap().people, sim::world::Crowd { count: 7, ..usual });
+    let table = "[people]\ncount = 9\nattentive = 0.5\n";
+    let crowd = sim::world::Crowd { count: 9, attentive: 0.5, ..usual };
+    assert_eq!(read(table, &["limits.speed_mps=1"]).unwrap().people, crowd);
+    assert_eq!(read(table, &["world.people=0"]).unwrap().people, usual);
+    assert_eq!(read(table, &["world.people.grouped=1"]).unwrap().people, sim::world::Crowd { grouped: 1.0, ..crowd });
+    let ConfigError(lines) = read("people = 1000", &["world.routes=3"]).unwrap_err();
+    assert_eq!(lines.len(), 2, "{lines:?}");
+    assert_eq!(lines[0], "w.toml:2: people = 1000: expected an integer from 0 to 200");
+}
+
+/// Every file in `conf/worlds`.
+fn shipped_worlds() -> Vec<(String, sim::world::World)> {
+    let folder = shipped().join("../worlds");
+    let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut names: Vec<_> = names.filter(|path| path.extension().is_some_and(|ending| ending == "toml")).collect();
+    names.sort();
+    let stem = |path: &Path| path.file_stem().unwrap().to_str().unwrap().to_string();
+    names.iter().map(|path| (stem(path), world(&shipped(), Some(path), &[]).unwrap())).collect()
+}
+
+#[test]
+fn every_shipped_world_starts_clear_and_its_routes_have_room() {
+    let worlds = shipped_worlds();
+    let names: Vec<&str> = worlds.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["corridor", "empty", "hall", "warehouse"]);
+    let g = Config::load(&shipped(), true, &[]).unwrap().robot.geometry;
+    for (name, world) in &worlds {
+        let clearance = |pose| {
+            let front = g.length_m - g.rear_overhang_m;
+            world.clearance(pose, -g.rear_overhang_m, front, g.width_m / 2.0)
+        };
+        assert!(clearance(world.start) >= 0.2, "{name}: it starts {} m from a wall", clearance(world.start));
+        assert!(world.routes.iter().any(|route| route.name == "patrol"), "{name}: no route patrol");
+        assert!(world.beacons.len() >= 3, "{name}: {} beacons", world.beacons.len());
+        for route in &world.routes {
+            // Driven straight from one to the next, with the rear axle on each waypoint on the way in and out.
+            let ways = route.waypoints.iter().zip(route.waypoints.iter().cycle().skip(1));
+            let ways = ways.take(route.waypoints.len() - usize::from(!route.looped));
+            for (from, to) in ways {
+                let (dx, dy) = (to.x - from.x, to.y - from.y);
+                let (length, theta) = (dx.hypot(dy), dy.atan2(dx));
+                for step in 0..=(length / 0.1) as u32 {
+                    let part = f64::from(step) * 0.1 / length;
+                    let pose = navitools::Pose::new(from.x + part * dx, from.y + part * dy, theta);
+                    assert!(clearance(pose) >= 0.2, "{name}, {}: {} m at {pose:?}", route.name, clearance(pose));
+                }
+                let end = navitools::Pose::new(to.x, to.y, theta);
+                assert!(clearance(end) >= 0.2, "{name}, {}: {} m at {end:?}", route.name, clearance(end));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_robot_s_own_map_is_the_hall_s() {
+    let hall = world(&shipped(), None, &[]).unwrap();
+    let robot = Config::load(&shipped(), false, &[]).unwrap().robot;
+    let own: Vec<_> = robot.beacons.iter().map(|beacon| (beacon.id, beacon.x, beacon.y)).collect();
+    let its: Vec<_> = hall.beacons.iter().map(|beacon| (beacon.id, beacon.at.x, beacon.at.y)).collect();
+    assert_eq!(own, its);
 }

@@ -4,21 +4,37 @@ use super::reader::{Problems, Table};
 use super::tree::{Node, Value};
 use super::{ConfigError, read};
 use navitools::{Point, Pose};
-use sim::world::{Beacon, Column, Segment, World};
+use sim::world::{Beacon, Column, Crowd, Route, Segment, World};
 use std::path::{Path, PathBuf};
 
 /// Coordinates are within this, m.
 const MAX: f64 = 1e4;
 
+/// What begins a `--set` that is of the world.
+const PREFIX: &str = "world.";
+
 /// Reads the world of a file, or of a name in the folder `worlds` in or beside the configuration `dir`; without either
-/// the hall.
-pub fn world(dir: &Path, file: Option<&Path>) -> Result<World, ConfigError> {
+/// the hall. Those of the overrides `sets` that begin with `world.` are laid over it.
+pub fn world(dir: &Path, file: Option<&Path>, sets: &[String]) -> Result<World, ConfigError> {
     let path = place(dir, file);
-    let node = read(&path)?;
+    parsed(read(&path)?, &path, sets)
+}
+
+/// The same of a file that was read; `path` is its name in errors.
+pub fn parsed(mut node: Node, path: &Path, sets: &[String]) -> Result<World, ConfigError> {
+    for set in sets.iter().filter_map(|set| set.trim_start().strip_prefix(PREFIX)) {
+        node.set(set).map_err(|line| ConfigError(vec![line]))?;
+    }
     check(&node).and_then(|world| match world.check() {
         Ok(()) => Ok(world),
         Err(error) => Err(ConfigError(vec![format!("{}: {error}", path.display())])),
     })
+}
+
+/// Whether an override is of the world, and not of the robot.
+#[must_use]
+pub fn is_of_world(set: &str) -> bool {
+    set.trim_start().starts_with(PREFIX)
 }
 
 /// The file that [`world`] reads.
@@ -59,9 +75,39 @@ fn take(mut root: Table<'_>) -> World {
     let columns = columns.into_iter().map(|[x, y, radius]| Column { centre: point(x, y), radius }).collect();
     let drops = drops(&mut root);
     let beacons = root.tables("beacons").into_iter().map(beacon).collect();
+    let people = people(&mut root);
+    let places = list(&mut root, "places").into_iter().map(|[x, y]| point(x, y)).collect();
+    let routes = root.tables("routes").into_iter().map(route).collect();
     root.end();
     let [x, y, theta] = start.unwrap_or_default();
-    World { walls, columns, drops, beacons, start: Pose::new(x, y, theta) }
+    World { walls, columns, drops, beacons, people, places, routes, start: Pose::new(x, y, theta) }
+}
+
+/// How many, or a table of more than that.
+fn people(root: &mut Table<'_>) -> Crowd {
+    let usual = Crowd::default();
+    let count = 0..=Crowd::MOST;
+    match root.node("people") {
+        None => usual,
+        Some(Node { value: Value::Table(_), .. }) => root.table_if_any("people").map_or(usual, |mut table| {
+            let crowd = Crowd {
+                count: table.integer("count", None, count),
+                grouped: table.number("grouped", Some(usual.grouped), 0.0..=1.0),
+                attentive: table.number("attentive", Some(usual.attentive), 0.0..=1.0),
+            };
+            table.end();
+            crowd
+        }),
+        Some(_) => Crowd { count: root.integer("people", None, count), ..usual },
+    }
+}
+
+fn route(mut table: Table<'_>) -> Route {
+    let name = table.text("name", None);
+    let waypoints = list(&mut table, "waypoints").into_iter().map(|[x, y]| point(x, y)).collect();
+    let looped = table.boolean("loop", false);
+    table.end();
+    Route { name, waypoints, looped }
 }
 
 fn beacon(mut table: Table<'_>) -> Beacon {
