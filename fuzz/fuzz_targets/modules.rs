@@ -6,7 +6,7 @@
 #![no_main]
 use base::can::Frame;
 use base::serial::Word;
-use base::{Duration, Instant};
+use base::{Duration, Instant, gamepad};
 use lcm::reassembly::Buffer;
 use lcm::receiver::Receiver;
 use lcm::subscription::Queue;
@@ -62,6 +62,7 @@ libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
                             .collect();
                         bench.words(port, &words);
                     }
+                    Line::Gamepad => bench.event(Event::Port { port, input: Input::Gamepad(gamepad::Input::Frame) }),
                 }
             }
             5 => {

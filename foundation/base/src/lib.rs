@@ -7,6 +7,7 @@
 extern crate alloc;
 
 pub mod can;
+pub mod gamepad;
 pub mod i2c;
 mod queue;
 mod report;

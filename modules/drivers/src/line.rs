@@ -138,7 +138,12 @@ impl Line {
                 self.master.handle_tx_done(now);
                 None
             }
-            Input::Can(_) | Input::CanNotice(_) | Input::I2c(_) | Input::I2cAsked(_) | Input::OneWire(_) => None,
+            Input::Can(_)
+            | Input::CanNotice(_)
+            | Input::I2c(_)
+            | Input::I2cAsked(_)
+            | Input::OneWire(_)
+            | Input::Gamepad(_) => None,
         }
     }
 

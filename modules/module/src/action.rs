@@ -2,7 +2,7 @@
 
 use crate::{PortId, State};
 use base::serial::Word;
-use base::{Epoch, Fault, Instant, Report, Severity, can, i2c, w1};
+use base::{Epoch, Fault, Instant, Report, Severity, can, gamepad, i2c, w1};
 use messages::Message;
 
 /// What a module wants done.
@@ -57,6 +57,8 @@ pub enum Output {
     OneWire(w1::Request),
     /// The simulator's end of a 1-Wire bus: which thermometers are there, or what one of them says, from now on.
     OneWireIs(w1::Answer),
+    /// What a simulated gamepad tells.
+    Gamepad(gamepad::Event),
 }
 
 /// Transfers and requests that wait for their answers on one port; more are dropped, which a live host reports as

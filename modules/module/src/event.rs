@@ -2,7 +2,7 @@
 
 use crate::State;
 use base::serial::Word;
-use base::{Instant, can, i2c, w1};
+use base::{Instant, can, gamepad, i2c, w1};
 use messages::Message;
 
 /// What happened.
@@ -68,6 +68,8 @@ pub enum Line {
     },
     /// A 1-Wire bus with thermometers.
     OneWire,
+    /// A gamepad or joystick.
+    Gamepad,
 }
 
 /// What a port says.
@@ -93,6 +95,8 @@ pub enum Input<'a> {
     /// What came of a request: one for each [`Output::OneWire`](crate::Output::OneWire), in order; none, too, for what
     /// was on its way when the port went down.
     OneWire(&'a w1::Answer),
+    /// News of a gamepad. That none is there is news, too, and no [`Input::Down`].
+    Gamepad(gamepad::Input<'a>),
 }
 
 /// News of the processes that the watchdog asked for.

@@ -14,11 +14,14 @@
 mod answer;
 mod auxiliary;
 mod call;
+mod pad;
 mod player;
 mod reader;
 #[cfg(test)]
 mod tests;
 mod wire;
+
+use pad::{gamepad, take_gamepad};
 
 pub use answer::Answer;
 pub use call::Call;

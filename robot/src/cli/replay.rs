@@ -334,6 +334,7 @@ fn show(action: &Action, ports: &[PortSpec]) -> (String, Value) {
         Action::Send(port, Output::I2cAnswer(Err(error))) => (bus(*port), json!({ "error": error.to_string() })),
         Action::Send(port, Output::OneWire(request)) => (bus(*port), json!({ "asked": format!("{request:?}") })),
         Action::Send(port, Output::OneWireIs(answer)) => (bus(*port), json!({ "is": format!("{answer:?}") })),
+        Action::Send(port, Output::Gamepad(event)) => (bus(*port), json!({ "gamepad": format!("{event:?}") })),
         Action::Report(report) | Action::Raise(report) | Action::Clear(report) => {
             let fields = json!({
                 "fault": report.fault.name(),

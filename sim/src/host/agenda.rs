@@ -1,6 +1,7 @@
 //! What is to happen, in a total order: by moment, then by who asked first.
 
 use base::can::{Frame, Notice};
+use base::gamepad;
 use base::serial::Word;
 use base::{Instant, i2c, w1};
 use messages::Message;
@@ -20,6 +21,7 @@ pub(super) enum Waiting {
     I2c(PortId, i2c::Outcome),
     I2cAsked(PortId, i2c::Transfer),
     OneWire(PortId, w1::Answer),
+    Gamepad(PortId, Rc<gamepad::Event>),
     Exited(u32, ExitStatus),
     Started(Rc<str>, u32),
     Unstartable(Rc<str>, Rc<str>),

@@ -2,6 +2,7 @@
 
 use base::Instant;
 use base::can::{Frame, Id};
+use base::gamepad::Event;
 use base::serial::Word;
 use base::{i2c, w1};
 use xxhash_rust::xxh64::Xxh64;
@@ -90,6 +91,24 @@ impl Digest {
             }
         }
         self.record(5, at, &[bus.as_bytes(), &bytes]);
+    }
+    pub fn gamepad(&mut self, at: Instant, bus: &str, event: &Event) {
+        let (what, code, value) = match event {
+            Event::Found(device) => {
+                for axis in device.axes() {
+                    self.gamepad(at, bus, &Event::Axis { code: axis.code, value: axis.value });
+                }
+                for button in device.buttons() {
+                    self.gamepad(at, bus, &Event::Button { code: button.code, pressed: button.pressed });
+                }
+                (0, 0, 0)
+            }
+            Event::Gone => (1, 0, 0),
+            Event::Axis { code, value } => (2, *code, *value),
+            Event::Button { code, pressed } => (3, *code, i32::from(*pressed)),
+            Event::Frame => (4, 0, 0),
+        };
+        self.record(6, at, &[bus.as_bytes(), &[what], &code.to_le_bytes(), &value.to_le_bytes()]);
     }
 
     pub fn value(&self) -> u64 {

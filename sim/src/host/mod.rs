@@ -15,6 +15,7 @@ mod agenda;
 mod can;
 mod config;
 mod digest;
+mod gamepad;
 mod i2c;
 mod life;
 mod news;
@@ -31,6 +32,7 @@ use crate::disturbance::{Disturbance, part};
 use crate::faults::{self, Ailment};
 use crate::random::Random;
 use agenda::{Entry, Happening, Waiting};
+use base::gamepad::Event as GamepadEvent;
 use base::serial::Word;
 use base::{Duration, Instant};
 use can::Told;
@@ -209,6 +211,15 @@ impl Virtual {
         self.schedule(at.max(self.now), Happening::Inject(message.into()));
     }
 
+    /// Lets a gamepad that no process simulates tell something, now; false when no port of that bus was ever opened.
+    pub fn gamepad(&mut self, bus: &str, event: GamepadEvent) -> bool {
+        let place = self.wires.iter().position(|wire| &*wire.bus == bus && matches!(wire.kind, Kind::Gamepad(_)));
+        if let Some(place) = place {
+            self.gamepad_tells(place, Owner { pid: 0, port: PortId(0) }, event);
+        }
+        place.is_some()
+    }
+
     /// Lets a fault come over a bus for so many seconds (0: for good), as `SIM_CMD_FAULT` with the bus's name as its target
     /// does; `lcm` is one. False when there is no such bus, or that is no fault of it.
     pub fn fault(&mut self, target: &str, fault: &str, value: f64, lasts: f64) -> bool {
@@ -343,6 +354,11 @@ impl Virtual {
             let up = self.wires[wire].join(Owner { pid, port }, &module, emulates);
             let input = if up { Input::Up } else { Input::Down(BUS_OFF) };
             self.handle(pid, Event::Port { port, input });
+            if let Kind::Gamepad(gamepad) = &self.wires[wire].kind
+                && let Some(found) = gamepad.present()
+            {
+                self.tell(pid, Waiting::Gamepad(port, found.into()));
+            }
         }
     }
 
@@ -404,6 +420,7 @@ impl Virtual {
                     self.tell(owner.pid, Waiting::OneWire(owner.port, answer));
                 }
             }
+            Kind::Gamepad(_) => {}
         }
         self.arm_wire(place);
     }
@@ -440,7 +457,7 @@ impl Virtual {
         self.each_port(place, |host, port| {
             let hears = match &host.wires[place].kind {
                 Kind::Can(wire) => wire.hears(host.now, port),
-                Kind::Serial(_) | Kind::I2c(_) | Kind::OneWire(_) => false,
+                Kind::Serial(_) | Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) => false,
             };
             if hears && (port != owner || echo) {
                 for _ in 0..times {
@@ -544,6 +561,9 @@ impl Virtual {
                 self.handle(pid, Event::Port { port, input: Input::I2cAsked(&transfer) });
             }
             Waiting::OneWire(port, answer) => self.handle(pid, Event::Port { port, input: Input::OneWire(&answer) }),
+            Waiting::Gamepad(port, event) => {
+                self.handle(pid, Event::Port { port, input: Input::Gamepad(event.as_input()) });
+            }
             Waiting::Sent(port) => self.handle(pid, Event::Port { port, input: Input::Sent }),
             Waiting::Exited(pid_ended, status) => {
                 self.handle(pid, Event::Process(ProcessEvent::Exited { pid: pid_ended, status }));
@@ -656,10 +676,30 @@ impl Virtual {
             (Kind::I2c(wire), Output::I2cAnswer(outcome)) => wire.answer(self.now, owner, outcome),
             (Kind::OneWire(wire), Output::OneWire(request)) => wire.send(self.now, owner, request),
             (Kind::OneWire(wire), Output::OneWireIs(answer)) => wire.is(owner, answer),
+            (Kind::Gamepad(_), Output::Gamepad(event)) => {
+                self.gamepad_tells(wire, owner, event);
+                return;
+            }
             // A frame on a serial line, or nothing: nothing leaves.
             _ => return,
         }
         self.arm_wire(wire);
+    }
+
+    /// What one end of a gamepad's wire tells, the others hear.
+    fn gamepad_tells(&mut self, place: usize, owner: Owner, event: GamepadEvent) {
+        let wire = &mut self.wires[place];
+        let bus = wire.bus.clone();
+        self.digest.gamepad(self.now, &bus, &event);
+        if let Kind::Gamepad(wire) = &mut wire.kind {
+            wire.tell(owner.pid, &event);
+        }
+        let event = Rc::new(event);
+        self.each_port(place, |host, port| {
+            if port != owner {
+                host.schedule(host.now, Happening::Tell(port.pid, Waiting::Gamepad(port.port, event.clone())));
+            }
+        });
     }
 
     fn command(&mut self, parent: u32, command: ProcessCommand) {
@@ -687,8 +727,10 @@ impl Virtual {
     fn end(&mut self, pid: u32, status: ExitStatus) {
         let Some(place) = self.place(pid) else { return };
         let process = self.processes.remove(place);
-        for wire in &mut self.wires {
-            wire.close(pid);
+        for place in 0..self.wires.len() {
+            if self.wires[place].close(pid) {
+                self.gamepad_tells(place, Owner { pid, port: PortId(0) }, GamepadEvent::Gone);
+            }
         }
         self.news(&News::Exited { module: &process.module, pid, status });
         if process.parent != 0 {

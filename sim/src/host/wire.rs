@@ -2,6 +2,7 @@
 
 use super::can::CanWire;
 use super::config::Config;
+use super::gamepad::GamepadWire;
 use super::i2c::I2cWire;
 use super::news::Traffic;
 use super::serial::SerialWire;
@@ -38,6 +39,7 @@ pub(super) enum Kind {
     Serial(SerialWire),
     I2c(I2cWire),
     OneWire(W1Wire),
+    Gamepad(GamepadWire),
 }
 
 impl Wire {
@@ -46,8 +48,8 @@ impl Wire {
         let own = match &mut self.kind {
             Kind::Can(wire) => wire.suffer(now, ailment, until),
             Kind::Serial(_) => false,
-            // What ails these are their chips.
-            Kind::I2c(_) | Kind::OneWire(_) => return false,
+            // What ails these are their chips, or nothing.
+            Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) => return false,
         };
         // On a CAN bus noise destroys frames, which are sent again; the wire knows.
         let common = !matches!(ailment, Ailment::Reorder(_)) && (!own || ailment == Ailment::None);
@@ -81,6 +83,7 @@ impl Wire {
             Kind::Serial(wire) => wire.poll_timeout(),
             Kind::I2c(wire) => wire.poll_timeout(),
             Kind::OneWire(wire) => wire.poll_timeout(),
+            Kind::Gamepad(_) => None,
         }
     }
 
@@ -90,6 +93,7 @@ impl Wire {
             Kind::Serial(wire) => Line::Serial { baud: wire.baud },
             Kind::I2c(wire) => Line::I2c { hz: wire.hz },
             Kind::OneWire(_) => Line::OneWire,
+            Kind::Gamepad(_) => Line::Gamepad,
         }
     }
 
@@ -99,6 +103,7 @@ impl Wire {
             Kind::Serial(wire) => wire.traffic,
             Kind::I2c(wire) => wire.traffic,
             Kind::OneWire(wire) => wire.traffic,
+            Kind::Gamepad(_) => Traffic::default(),
         }
     }
 
@@ -108,6 +113,7 @@ impl Wire {
             Kind::Serial(wire) => &wire.ports,
             Kind::I2c(wire) => &wire.ports,
             Kind::OneWire(wire) => &wire.ports,
+            Kind::Gamepad(wire) => &wire.ports,
         }
     }
 
@@ -127,17 +133,23 @@ impl Wire {
                 wire.join(owner, emulates);
                 true
             }
+            Kind::Gamepad(wire) => {
+                wire.ports.push(owner);
+                true
+            }
         }
     }
 
-    /// Its process is gone.
-    pub fn close(&mut self, pid: u32) {
+    /// A process is gone; true when a gamepad that it simulated goes with it.
+    pub fn close(&mut self, pid: u32) -> bool {
         match &mut self.kind {
             Kind::Can(wire) => wire.close(pid),
             Kind::Serial(wire) => wire.close(pid),
             Kind::I2c(wire) => wire.close(pid),
             Kind::OneWire(wire) => wire.close(pid),
+            Kind::Gamepad(wire) => return wire.close(pid),
         }
+        false
     }
 }
 
@@ -156,6 +168,7 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         }
         Line::I2c { hz } => Kind::I2c(I2cWire::new(hz)),
         Line::OneWire => Kind::OneWire(W1Wire::default()),
+        Line::Gamepad => Kind::Gamepad(GamepadWire::default()),
     };
     let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));
     wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random, told_dropped: 0 });

@@ -29,6 +29,7 @@ const SEND_I2C: u8 = 18;
 const SEND_I2C_ANSWER: u8 = 19;
 const SEND_ONE_WIRE: u8 = 20;
 const SEND_ONE_WIRE_IS: u8 = 21;
+const SEND_GAMEPAD: u8 = 22;
 
 // When the shell wants to be woken: as before, never, or at a moment.
 const SAME: u8 = 0;
@@ -87,6 +88,10 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
         Action::Send(PortId(port), Output::OneWireIs(answer)) => {
             out.extend([SEND_ONE_WIRE_IS, *port]);
             auxiliary::answer(out, answer);
+        }
+        Action::Send(PortId(port), Output::Gamepad(event)) => {
+            out.extend([SEND_GAMEPAD, *port]);
+            super::gamepad(out, event.as_input());
         }
         Action::Raise(about) => {
             out.push(RAISE);
@@ -183,6 +188,7 @@ fn take_action(take: &mut Take<'_>) -> Result<Action, Malformed> {
         SEND_I2C_ANSWER => Action::Send(PortId(take.u8()?), Output::I2cAnswer(auxiliary::take_outcome(take)?)),
         SEND_ONE_WIRE => Action::Send(PortId(take.u8()?), Output::OneWire(auxiliary::take_request(take)?)),
         SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireIs(auxiliary::take_answer(take)?)),
+        SEND_GAMEPAD => Action::Send(PortId(take.u8()?), Output::Gamepad(super::take_gamepad(take)?)),
         RAISE => Action::Raise(take_report(take)?),
         CLEAR => Action::Clear(take_report(take)?),
         REPORT => Action::Report(take_report(take)?),

@@ -4,7 +4,7 @@ use super::wire::{self, Take};
 use super::{Malformed, auxiliary, report, state, take_message, take_report, take_state};
 use crate::{Actions, Event, ExitStatus, Input, PortId, ProcessEvent, Shell};
 use base::serial::Word;
-use base::{Instant, Report, can};
+use base::{Instant, Report, can, gamepad};
 use messages::Message;
 use std::fmt;
 
@@ -84,6 +84,7 @@ const CLEAR: u8 = 25;
 const I2C: u8 = 26;
 const I2C_ASKED: u8 = 27;
 const ONE_WIRE: u8 = 28;
+const GAMEPAD: u8 = 29;
 
 /// Appends a call. Moments in it are told relative to `now`.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
@@ -152,6 +153,10 @@ fn put_input(out: &mut Vec<u8>, PortId(port): PortId, input: &Input<'_>) {
         Input::OneWire(answer) => {
             out.extend([ONE_WIRE, port]);
             auxiliary::answer(out, answer);
+        }
+        Input::Gamepad(input) => {
+            out.extend([GAMEPAD, port]);
+            super::gamepad(out, *input);
         }
     }
 }
@@ -231,6 +236,11 @@ pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>
         ONE_WIRE => {
             let (port, answer) = (PortId(take.u8()?), auxiliary::take_answer(take)?);
             return Ok(f(Call::Event(Event::Port { port, input: Input::OneWire(&answer) })));
+        }
+        GAMEPAD => {
+            let port = PortId(take.u8()?);
+            let told: gamepad::Event = super::take_gamepad(take)?;
+            return Ok(f(Call::Event(Event::Port { port, input: Input::Gamepad(told.as_input()) })));
         }
         UP..=SENT => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take)? },
         STARTED..=USAGE => Event::Process(take_process(tag, take, now)?),

@@ -2,7 +2,7 @@ use super::*;
 use crate::{
     Actions, Event, ExitStatus, Input, Module, Output, PortId, ProcessCommand, ProcessEvent, Shell, ShellConfig,
 };
-use base::{Duration, i2c, w1};
+use base::{Duration, gamepad, i2c, w1};
 use messages::{common, lowlevel};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -281,6 +281,26 @@ fn a_file_that_is_another_s_is_none() {
     }
 }
 
+fn pad() -> gamepad::Device {
+    let mut device = gamepad::Device::new("a pad");
+    for code in [gamepad::ABS_X, gamepad::ABS_Y] {
+        device.add_axis(gamepad::Axis { code, min: i32::MIN, max: i32::MAX, fuzz: 16, flat: 128, value: -1 });
+    }
+    device.add_button(gamepad::Button { code: gamepad::BTN_TL, pressed: true });
+    device
+}
+
+#[test]
+fn a_gamepad_with_more_than_it_can_have_is_refused() {
+    let mut bytes = Vec::new();
+    pad::gamepad(&mut bytes, gamepad::Input::Found(&pad()));
+    // The second axis with the code of the first.
+    let place = bytes.iter().position(|byte| *byte == 2).unwrap() + 1;
+    assert_eq!(bytes[place], gamepad::ABS_X as u8);
+    bytes[place] = gamepad::ABS_Y as u8;
+    assert_eq!(pad::take_gamepad(&mut Take(&bytes)), Err(Malformed("a gamepad")));
+}
+
 #[test]
 fn every_call_is_read_as_it_was_written() {
     let report = Report::new(Severity::Error, Fault::BoardLost, "sd1", "no answer").fatal();
@@ -304,6 +324,7 @@ fn every_call_is_read_as_it_was_written() {
     let temperatures = temperatures.into_iter().chain([Err(w1::Error::Nonsense), Err(w1::Error::Other)]);
     let answers = temperatures.map(|said| w1::Answer::Temperature(rom, said));
     let answers: Vec<w1::Answer> = answers.chain([&[][..], &[rom, other]].map(list)).collect();
+    let pad = pad();
     let calls = [
         Call::Event(Event::Start),
         Call::Event(Event::Timer),
@@ -323,6 +344,12 @@ fn every_call_is_read_as_it_was_written() {
         input(Input::Words(&[])),
         input(Input::Sent),
         input(Input::I2cAsked(&block)),
+        input(Input::Gamepad(gamepad::Input::Found(&pad))),
+        input(Input::Gamepad(gamepad::Input::Gone)),
+        input(Input::Gamepad(gamepad::Input::Axis { code: gamepad::ABS_RX, value: i32::MIN })),
+        input(Input::Gamepad(gamepad::Input::Button { code: u16::MAX, pressed: true })),
+        input(Input::Gamepad(gamepad::Input::Button { code: gamepad::BTN_TL, pressed: false })),
+        input(Input::Gamepad(gamepad::Input::Frame)),
         process(ProcessEvent::Started { module, pid }),
         process(ProcessEvent::Earlier { module, wanted: State::Stop, held: true, pid: None }),
         process(ProcessEvent::Earlier { module, wanted: State::Run, held: false, pid: Some(pid) }),
@@ -367,6 +394,8 @@ fn every_action_is_read_as_it_was_written() {
         Action::Send(PortId(2), Output::OneWire(w1::Request::List)),
         Action::Send(PortId(2), Output::OneWire(w1::Request::Temperature(rom))),
         Action::Send(PortId(2), Output::OneWireIs(w1::Answer::Temperature(rom, Ok(85_000)))),
+        Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Found(Box::new(pad())))),
+        Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Axis { code: gamepad::ABS_Y, value: -32_768 })),
         Action::Raise(report()),
         Action::Clear(report()),
         Action::Report(report()),
