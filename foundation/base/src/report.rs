@@ -143,6 +143,11 @@ faults! {
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;
 
+    /// A gamepad cannot drive the robot: it lacks an axis or a button, or an axis has no range.
+    GamepadRefused = 0x0711, Device;
+    /// The dead-man button is held and moves nothing: it was held before, or pressed with a stick off its middle.
+    GamepadNotReleased = 0x0712, Unknown;
+
     /// A goal that no robot can be sent to was refused.
     GoalRefused = 0x0811, Unknown;
     /// The estimate that the planner drives by is no number, or its time runs backwards: the robot stands.

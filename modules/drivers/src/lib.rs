@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod canbus;
+pub mod joydev;
 mod line;
 pub mod power;
 pub mod rs485a;

@@ -1,0 +1,292 @@
+//! What a device's axes and buttons are for, and why one cannot drive the robot.
+//!
+//! A gamepad by the kernel's rule (`Documentation/input/gamepad.rst`) has `BTN_SOUTH`, its left stick is `ABS_X` and
+//! `ABS_Y`, its right one `ABS_RX` and `ABS_RY`. A joystick has `BTN_TRIGGER` and `ABS_X`, `ABS_Y`. Values grow to the
+//! right and towards the one who holds it.
+
+use super::config::{Config, StickConfig};
+use base::gamepad::{
+    ABS_HAT0X, ABS_HAT0Y, ABS_RX, ABS_RY, ABS_WHEEL, ABS_X, ABS_Y, Axis, BTN_SOUTH, BTN_TL, BTN_TRIGGER, Device,
+    axis_name, button_name, is_button,
+};
+use std::borrow::Cow;
+use std::fmt;
+
+/// Where such devices have what asks for the speed: the first that it has.
+const SPEED: &[u16] = &[ABS_Y, ABS_RY, ABS_HAT0Y];
+/// And for the steering, a gamepad and any other.
+const STEERING_OF_PAD: &[u16] = &[ABS_RX, ABS_X, ABS_HAT0X];
+const STEERING: &[u16] = &[ABS_X, ABS_RX, ABS_WHEEL, ABS_HAT0X];
+/// And the dead-man button.
+const DEAD_MAN: &[u16] = &[BTN_TL, BTN_TRIGGER];
+
+/// What a device's axes and buttons are for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mapping {
+    /// Forward is positive, m/s.
+    pub speed: Stick,
+    /// Left is positive, rad.
+    pub steering: Stick,
+    /// Held, it lets the sticks move the robot.
+    pub dead_man: u16,
+}
+
+/// Why a device cannot drive the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// There is no axis for this.
+    NoAxis(&'static str),
+    /// The axis that is set for this is not there.
+    AxisMissing(&'static str, u16),
+    /// There is one axis for both.
+    OneAxis(u16),
+    /// An axis that has no two ends with a middle.
+    NoRange(Axis),
+    /// There is no button.
+    NoButton,
+    /// The button that is set for the dead man is not there.
+    ButtonMissing(u16),
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::NoAxis(what) => write!(f, "it has no axis for the {what}"),
+            Self::AxisMissing(what, code) => write!(f, "it has no {}, which is set for the {what}", axis(code)),
+            Self::OneAxis(code) => write!(f, "it has only {} for speed and steering", axis(code)),
+            Self::NoRange(Axis { code, min, max, .. }) => write!(f, "its {} goes from {min} to {max}", axis(code)),
+            Self::NoButton => f.write_str("it has no button for the dead man"),
+            Self::ButtonMissing(code) => write!(f, "it has no {}, which is set for the dead man", button(code)),
+        }
+    }
+}
+
+/// An axis for people.
+pub fn axis(code: u16) -> Cow<'static, str> {
+    axis_name(code).map_or_else(|| format!("axis {code:#04x}").into(), Cow::Borrowed)
+}
+
+/// A button for people.
+pub fn button(code: u16) -> Cow<'static, str> {
+    button_name(code).map_or_else(|| format!("button {code:#05x}").into(), Cow::Borrowed)
+}
+
+impl Mapping {
+    /// Says what is for what, by the configuration and else by what the device has.
+    pub fn of(config: &Config, device: &Device) -> Result<Self, Refusal> {
+        let is_pad = device.button(BTN_SOUTH).is_some();
+        let steering = if is_pad { STEERING_OF_PAD } else { STEERING };
+        // What is set for one is not taken for the other.
+        let speed = pick(device, "speed", config.speed.axis, config.steering.axis, SPEED)?;
+        let steering = pick(device, "steering", config.steering.axis, Some(speed.code), steering)?;
+        let has = |code: &u16| device.button(*code).is_some();
+        let dead_man = match config.dead_man {
+            Some(code) if has(&code) => code,
+            Some(code) => return Err(Refusal::ButtonMissing(code)),
+            None => {
+                let any = device.buttons().iter().map(|button| button.code).filter(|code| is_button(*code)).min();
+                DEAD_MAN.iter().copied().find(has).or(any).ok_or(Refusal::NoButton)?
+            }
+        };
+        Ok(Self {
+            speed: Stick::new(&config.speed, speed)?,
+            steering: Stick::new(&config.steering, steering)?,
+            dead_man,
+        })
+    }
+}
+
+/// The axis for something: the one that is set, else the first of the usual ones, else any.
+fn pick<'a>(
+    device: &'a Device,
+    what: &'static str,
+    set: Option<u16>,
+    taken: Option<u16>,
+    usual: &[u16],
+) -> Result<&'a Axis, Refusal> {
+    if let Some(code) = set {
+        return match device.axis(code) {
+            Some(axis) if taken != Some(code) => Ok(axis),
+            Some(_) => Err(Refusal::OneAxis(code)),
+            None => Err(Refusal::AxisMissing(what, code)),
+        };
+    }
+    let free = |code: u16| device.axis(code).filter(|_| taken != Some(code));
+    let any = || device.axes().iter().filter(|axis| taken != Some(axis.code)).min_by_key(|axis| axis.code);
+    match usual.iter().find_map(|code| free(*code)).or_else(any) {
+        Some(axis) => Ok(axis),
+        None => Err(device.axes().first().map_or(Refusal::NoAxis(what), |axis| Refusal::OneAxis(axis.code))),
+    }
+}
+
+/// An axis that asks for something.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stick {
+    /// `ABS_…`
+    pub code: u16,
+    min: i32,
+    max: i32,
+    sign: f64,
+    dead_zone: f64,
+    expo: f64,
+    limit: f64,
+}
+
+impl Stick {
+    fn new(config: &StickConfig, axis: &Axis) -> Result<Self, Refusal> {
+        // Where the least is above the greatest, values are not where the device says: the kernel passes on 0 to -1 for
+        // a byte whose upper end was misread.
+        if i64::from(axis.max) - i64::from(axis.min) < 2 {
+            return Err(Refusal::NoRange(*axis));
+        }
+        let half = (f64::from(axis.max) - f64::from(axis.min)) / 2.0;
+        // What would leave less than a tenth of the way is no dead zone but nonsense.
+        let flat = Some(f64::from(axis.flat) / half).filter(|flat| (0.0..=0.9).contains(flat));
+        Ok(Self {
+            code: axis.code,
+            min: axis.min,
+            max: axis.max,
+            sign: if config.inverted { 1.0 } else { -1.0 },
+            dead_zone: config.dead_zone.max(flat.unwrap_or(0.0)),
+            expo: config.expo,
+            limit: config.limit,
+        })
+    }
+
+    /// Where it is on its way, -1 to 1; what is beyond an end is at it.
+    fn way(&self, raw: i32) -> f64 {
+        let (min, max, raw) = (f64::from(self.min), f64::from(self.max), f64::from(raw.clamp(self.min, self.max)));
+        (2.0 * (raw - min) / (max - min) - 1.0).clamp(-1.0, 1.0)
+    }
+
+    /// Whether it is in the middle.
+    pub fn is_centred(&self, raw: i32) -> bool {
+        // The middle of 0 to 255 is between two values.
+        let step = 1.0 / (f64::from(self.max) - f64::from(self.min));
+        self.way(raw).abs() <= self.dead_zone.max(step)
+    }
+
+    /// What it asks for, at most its limit either way.
+    pub fn asks(&self, raw: i32) -> f64 {
+        if self.is_centred(raw) {
+            return 0.0;
+        }
+        let way = self.way(raw);
+        let size = (way.abs() - self.dead_zone) / (1.0 - self.dead_zone);
+        let size = (1.0 - self.expo) * size + self.expo * size * size * size;
+        (self.limit * size.min(1.0)).copysign(self.sign * way)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{config, pad};
+    use super::*;
+    use base::gamepad::{ABS_Z, BTN_THUMB, Button};
+
+    const STICK: StickConfig = StickConfig { axis: None, inverted: false, dead_zone: 0.1, expo: 0.0, limit: 0.6 };
+
+    fn raw(code: u16, min: i32, max: i32) -> Axis {
+        Axis { code, min, max, fuzz: 0, flat: 0, value: 0 }
+    }
+
+    fn stick(config: StickConfig, min: i32, max: i32) -> Stick {
+        Stick::new(&config, &raw(ABS_Y, min, max)).unwrap()
+    }
+
+    fn device(axes: &[Axis], buttons: &[u16]) -> Device {
+        let mut device = Device::new("odd");
+        axes.iter().for_each(|axis| assert!(device.add_axis(*axis)));
+        buttons.iter().for_each(|code| assert!(device.add_button(Button { code: *code, pressed: false })));
+        device
+    }
+
+    fn mapped(device: &Device) -> Result<(u16, u16, u16), String> {
+        let mapping = Mapping::of(&config(), device).map_err(|refusal| refusal.to_string())?;
+        Ok((mapping.speed.code, mapping.steering.code, mapping.dead_man))
+    }
+
+    #[test]
+    fn the_ends_ask_for_the_limit_and_the_middle_for_nothing() {
+        let stick = stick(STICK, 0, 255);
+        assert_eq!([0, 127, 128, 255].map(|raw| stick.asks(raw)), [0.6, 0.0, 0.0, -0.6]);
+        // 10 % of 127.5 around 127.5.
+        assert!(stick.is_centred(115) && !stick.is_centred(114) && stick.is_centred(140) && !stick.is_centred(141));
+        assert!(stick.asks(114) > 0.0 && stick.asks(114) < 0.01, "it begins softly");
+        assert_eq!([i32::MIN, i32::MAX].map(|raw| stick.asks(raw)), [0.6, -0.6], "beyond the ends");
+    }
+
+    #[test]
+    fn expo_is_fine_near_the_middle_and_keeps_the_ends() {
+        let stick = stick(StickConfig { expo: 0.5, dead_zone: 0.0, inverted: true, ..STICK }, -1000, 1000);
+        assert_eq!([-1000, 0, 1000].map(|raw| stick.asks(raw)), [-0.6, 0.0, 0.6]);
+        assert!((stick.asks(500) - 0.6 * (0.25 + 0.0625)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_range_gives_numbers_within_the_limit() {
+        let values = [i32::MIN, i32::MIN + 1, -40_000, -1, 0, 1, 255, 40_000, i32::MAX - 1, i32::MAX];
+        for min in values {
+            for max in values.into_iter().filter(|max| i64::from(*max) - i64::from(min) > 1) {
+                for config in [STICK, StickConfig { expo: 1.0, dead_zone: 0.9, ..STICK }] {
+                    let stick = stick(config, min, max);
+                    let all = values.map(|raw| stick.asks(raw));
+                    assert!(all.iter().all(|asked| asked.abs() <= 0.6), "{min} {max} {all:?}");
+                    assert!(all.is_sorted_by(|a, b| a >= b), "{min} {max} {all:?}");
+                    assert!(stick.asks(min) == 0.6 && stick.asks(max) == -0.6, "{min} {max} {all:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_device_says_of_its_noise_is_heeded_and_nonsense_is_not() {
+        let dead_zone = |flat| Stick::new(&STICK, &Axis { flat, ..raw(ABS_Y, -100, 100) }).unwrap().dead_zone;
+        assert_eq!([0, 5, 30, 90, 91, -7, i32::MAX].map(dead_zone), [0.1, 0.1, 0.3, 0.9, 0.1, 0.1, 0.1]);
+    }
+
+    #[test]
+    fn an_axis_without_a_way_is_refused() {
+        for (min, max) in [(5, 5), (0, 1), (0, -1), (i32::MAX, i32::MIN)] {
+            let odd = device(&[raw(ABS_X, 0, 255), raw(ABS_Y, min, max)], &[BTN_TL]);
+            assert_eq!(mapped(&odd), Err(format!("its ABS_Y goes from {min} to {max}")));
+        }
+    }
+
+    #[test]
+    fn a_device_is_used_as_its_kind_is_built() {
+        let axes = |codes: &[u16]| codes.iter().map(|code| raw(*code, -1, 1)).collect::<Vec<_>>();
+        let of = |codes: &[u16], buttons: &[u16]| mapped(&device(&axes(codes), buttons));
+        assert_eq!(mapped(&pad()), Ok((ABS_Y, ABS_RX, BTN_TL)));
+        // A gamepad without a right stick; a joystick; a wheel; a pad that has a cross only; two sticks of any name.
+        assert_eq!(of(&[ABS_X, ABS_Y], &[BTN_SOUTH, BTN_TL]), Ok((ABS_Y, ABS_X, BTN_TL)));
+        assert_eq!(of(&[ABS_X, ABS_Y, ABS_RX], &[BTN_THUMB, BTN_TRIGGER]), Ok((ABS_Y, ABS_X, BTN_TRIGGER)));
+        assert_eq!(of(&[ABS_WHEEL, ABS_Y], &[0x123]), Ok((ABS_Y, ABS_WHEEL, 0x123)));
+        assert_eq!(of(&[ABS_HAT0X, ABS_HAT0Y], &[0x2C5, 0x104]), Ok((ABS_HAT0Y, ABS_HAT0X, 0x104)));
+        assert_eq!(of(&[0x29, ABS_Z], &[BTN_SOUTH]), Ok((ABS_Z, 0x29, BTN_SOUTH)));
+    }
+
+    #[test]
+    fn a_device_that_lacks_something_is_refused_with_what_it_lacks() {
+        let one = device(&[raw(ABS_Y, 0, 255)], &[BTN_TL]);
+        assert_eq!(mapped(&one).unwrap_err(), "it has only ABS_Y for speed and steering");
+        assert_eq!(mapped(&device(&[], &[BTN_TL])).unwrap_err(), "it has no axis for the speed");
+        let (left_of_a_mouse, axes) = (0x110, [raw(ABS_X, 0, 255), raw(ABS_Y, 0, 255)]);
+        assert_eq!(mapped(&device(&axes, &[left_of_a_mouse])).unwrap_err(), "it has no button for the dead man");
+    }
+
+    #[test]
+    fn what_is_set_must_be_there() {
+        let refused = |change: fn(&mut Config)| {
+            let mut config = config();
+            change(&mut config);
+            Mapping::of(&config, &pad()).unwrap_err().to_string()
+        };
+        assert_eq!(refused(|c| c.speed.axis = Some(ABS_WHEEL)), "it has no ABS_WHEEL, which is set for the speed");
+        assert_eq!(refused(|c| c.steering.axis = Some(0x3F)), "it has no axis 0x3f, which is set for the steering");
+        assert_eq!(refused(|c| c.dead_man = Some(0x2FF)), "it has no button 0x2ff, which is set for the dead man");
+        let swapped = Config { steering: StickConfig { axis: Some(ABS_Y), ..STICK }, ..config() };
+        let mapping = Mapping::of(&swapped, &pad()).unwrap();
+        assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes what is left");
+    }
+}
