@@ -4,10 +4,13 @@
 mod config;
 pub mod goal;
 pub mod guard;
+pub mod map;
 pub mod mission;
 pub mod obstacles;
+pub mod path;
 mod planner;
 pub mod route;
+pub mod search;
 pub mod senses;
 pub mod track;
 

@@ -1,0 +1,80 @@
+//! Drawing into a map: every cell that a shape touches is occupied.
+
+use super::{Cell, Map};
+
+impl Map {
+    /// A wall from one point to another, m: all cells that it passes through.
+    pub fn wall(&mut self, a: (f64, f64), b: (f64, f64)) {
+        let frame = self.frame;
+        let grid = |(x, y): (f64, f64)| ((x - frame.x) / frame.resolution, (y - frame.y) / frame.resolution);
+        let ((ax, ay), (bx, by)) = (grid(a), grid(b));
+        if ![ax, ay, bx, by].iter().all(|value| value.is_finite()) {
+            return;
+        }
+        let ((left, from), (right, to)) = if ax <= bx { ((ax, ay), (bx, by)) } else { ((bx, by), (ax, ay)) };
+        let slope = if right > left { (to - from) / (right - left) } else { 0.0 };
+        // Column by column: the rows between where the line enters and where it leaves.
+        let Some((first, last)) = range(left, right, frame.width) else { return };
+        for column in first..=last {
+            let enters = if right > left { from + slope * ((column as f64).max(left) - left) } else { from };
+            let leaves = if right > left { from + slope * ((column as f64 + 1.0).min(right) - left) } else { to };
+            let Some((low, high)) = range(enters.min(leaves), enters.max(leaves), frame.height) else { continue };
+            (low..=high).for_each(|row| self.set(column, row, Cell::Occupied));
+        }
+    }
+
+    /// A round column, m: all cells that it touches.
+    pub fn column(&mut self, centre: (f64, f64), radius: f64) {
+        let frame = self.frame;
+        let (x, y, radius) = (
+            (centre.0 - frame.x) / frame.resolution,
+            (centre.1 - frame.y) / frame.resolution,
+            radius / frame.resolution,
+        );
+        let Some((low, high)) = range(y - radius, y + radius, frame.height) else { return };
+        for row in low..=high {
+            let off = outside(y, row);
+            let half = libm::sqrt((radius * radius - off * off).max(0.0));
+            let Some((first, last)) = range(x - half, x + half, frame.width) else { continue };
+            (first..=last).for_each(|column| self.set(column, row, Cell::Occupied));
+        }
+    }
+
+    /// A filled polygon, m: its edges, and all cells whose middle is inside by the even-odd rule.
+    pub fn polygon(&mut self, corners: &[(f64, f64)]) {
+        let frame = self.frame;
+        let edges = || corners.iter().zip(corners.iter().cycle().skip(1));
+        edges().for_each(|(&a, &b)| self.wall(a, b));
+        let mut crossings = Vec::new();
+        for row in 0..frame.height {
+            let (_, y) = frame.centre(0, row);
+            crossings.clear();
+            crossings.extend(
+                edges().filter(|(a, b)| (a.1 > y) != (b.1 > y)).map(|(a, b)| a.0 + (y - a.1) / (b.1 - a.1) * (b.0 - a.0)),
+            );
+            crossings.sort_by(f64::total_cmp);
+            for pair in crossings.chunks_exact(2) {
+                // From the first middle right of the one to the last one left of the other.
+                let low = (pair[0] - frame.x) / frame.resolution - 0.5;
+                let high = (pair[1] - frame.x) / frame.resolution - 0.5;
+                let first = libm::ceil(low).max(0.0);
+                let last = libm::floor(high).min(frame.width as f64 - 1.0);
+                if first <= last {
+                    (first as usize..=last as usize).for_each(|column| self.set(column, row, Cell::Occupied));
+                }
+            }
+        }
+    }
+}
+
+/// The cells from `low` to `high`, both in cells; `None` if they are outside of `0..count`, or no numbers.
+fn range(low: f64, high: f64, count: usize) -> Option<(usize, usize)> {
+    let (low, high) = (libm::floor(low), libm::floor(high));
+    let inside = low <= high && high >= 0.0 && low < count as f64;
+    inside.then(|| (low.max(0.0) as usize, (high as usize).min(count - 1)))
+}
+
+/// How far a coordinate is from a cell, in cells.
+fn outside(at: f64, cell: usize) -> f64 {
+    (cell as f64 - at).max(at - (cell as f64 + 1.0)).max(0.0)
+}

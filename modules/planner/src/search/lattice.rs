@@ -1,0 +1,132 @@
+//! What the robot can do in one step, and what it costs.
+
+use super::Costs;
+use navitools::{Arc, Pose};
+
+/// Headings of the search: 5° apart.
+pub(crate) const HEADINGS: usize = 72;
+const STEP: f64 = 2.0 * core::f64::consts::PI / HEADINGS as f64;
+
+/// What nearness costs: a factor on the way.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Toll {
+    /// The footprint touches something when its middle is no farther than this, m.
+    pub(crate) inner: f32,
+    keep: f32,
+    weight: f32,
+}
+
+impl Toll {
+    pub(crate) fn new(inner: f32, costs: &Costs) -> Self {
+        Self { inner, keep: costs.keep_m as f32, weight: costs.near as f32 }
+    }
+
+    /// The factor at a distance of the middle from what is occupied.
+    pub(crate) fn at(&self, distance: f32) -> f32 {
+        let left = self.keep - (distance - self.inner).max(0.0);
+        if left <= 0.0 {
+            return 1.0;
+        }
+        let part = left / self.keep;
+        1.0 + self.weight * part * part
+    }
+}
+
+/// A pose on a step, seen from its beginning: turned with the robot already.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sample {
+    pub(crate) x: f64,
+    pub(crate) y: f64,
+    pub(crate) sin: f64,
+    pub(crate) cos: f64,
+}
+
+/// One of the steps from any heading.
+#[derive(Clone, Debug)]
+pub(crate) struct Step {
+    pub(crate) arc: Arc,
+    /// By how many headings it turns.
+    pub(crate) turn: i32,
+    /// Its curvature in halves of the limit, -2 to 2.
+    pub(crate) steering: i8,
+    pub(crate) reverse: bool,
+    /// Without toll and changes, m.
+    pub(crate) cost: f32,
+    /// Where its samples begin in a heading's list, and how many.
+    first: usize,
+    count: usize,
+}
+
+/// All steps from all headings.
+#[derive(Debug, Default)]
+pub(crate) struct Lattice {
+    pub(crate) steps: Vec<Step>,
+    /// For heading 0 along the x axis, then turned to the headings of a search.
+    local: Vec<Pose>,
+    samples: Vec<Sample>,
+    heading: Option<f64>,
+}
+
+impl Lattice {
+    /// Steps of three cells and more, with curvatures of nought, half and the whole limit, checked every `spacing` m.
+    pub(crate) fn new(radius: f64, resolution: f64, spacing: f64, costs: &Costs) -> Self {
+        let mut lattice = Self::default();
+        let bins = (libm::round(3.0 * resolution / (radius * STEP)) as i32).max(1);
+        // A step must leave its cell, whatever its direction.
+        let bins = bins.max(libm::ceil(1.5 * resolution / (radius * STEP)) as i32);
+        let length = f64::from(bins) * radius * STEP;
+        for reverse in [false, true] {
+            for steering in [0i8, 1, -1, 2, -2] {
+                let (turn, length) = match steering {
+                    0 => (0, length),
+                    1 | -1 => ((bins / 2).max(1), f64::from((bins / 2).max(1)) * 2.0 * radius * STEP),
+                    _ => (bins, length),
+                };
+                let sign = if reverse { -1.0 } else { 1.0 };
+                let arc = Arc { curvature: f64::from(steering) / (2.0 * radius), length: sign * length };
+                let count = libm::ceil(length / spacing) as usize;
+                let first = lattice.local.len();
+                for sample in 1..=count {
+                    let part = Arc { length: arc.length * sample as f64 / count as f64, ..arc };
+                    lattice.local.push(part.end());
+                }
+                let turn = turn * i32::from(steering.signum()) * if reverse { -1 } else { 1 };
+                let cost = length * costs.way(&arc, radius);
+                lattice.steps.push(Step { arc, turn, steering, reverse, cost: cost as f32, first, count });
+            }
+        }
+        lattice
+    }
+
+    /// Turns the steps to headings that begin with `heading`.
+    pub(crate) fn turn_to(&mut self, heading: f64) {
+        if self.heading == Some(heading) {
+            return;
+        }
+        self.heading = Some(heading);
+        self.samples.clear();
+        for index in 0..HEADINGS {
+            let about = Pose::new(0.0, 0.0, heading + index as f64 * STEP);
+            self.samples.extend(self.local.iter().map(|pose| {
+                let Pose { x, y, theta } = about * *pose;
+                let (sin, cos) = theta.sin_cos();
+                Sample { x, y, sin, cos }
+            }));
+        }
+    }
+
+    /// The poses on a step from a heading; the last one is its end.
+    pub(crate) fn samples(&self, heading: usize, step: &Step) -> &[Sample] {
+        &self.samples[heading * self.local.len() + step.first..][..step.count]
+    }
+
+    /// The heading after a step.
+    pub(crate) fn after(heading: usize, step: &Step) -> usize {
+        (heading as i32 + step.turn).rem_euclid(HEADINGS as i32) as usize
+    }
+
+    /// A heading's angle.
+    pub(crate) fn angle(&self, heading: usize) -> f64 {
+        self.heading.unwrap_or(0.0) + heading as f64 * STEP
+    }
+}

@@ -1,0 +1,143 @@
+//! The states of a search: the open list, and the best way known to each.
+
+use super::lattice::Lattice;
+use navitools::Arc;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// No state.
+pub(crate) const NONE: u32 = u32::MAX;
+
+/// A state, and how it was reached.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Node {
+    pub(crate) x: f64,
+    pub(crate) y: f64,
+    /// The cost so far, and at least to go.
+    pub(crate) g: f32,
+    pub(crate) h: f32,
+    pub(crate) parent: u32,
+    /// Cell and heading.
+    pub(crate) key: u32,
+    /// The step that led here.
+    pub(crate) step: u8,
+    pub(crate) closed: bool,
+    /// Occupied cells that touch the footprint: not 0 while it gets out of an obstacle.
+    pub(crate) overlap: u16,
+}
+
+/// All states of a search. A better way to a state is a new node: those behind the old one keep their exact poses.
+#[derive(Debug, Default)]
+pub(crate) struct Open {
+    nodes: Vec<Node>,
+    heap: BinaryHeap<Reverse<u64>>,
+    /// Key and node, open addressing; a power of two, at most half full.
+    table: Vec<(u32, u32)>,
+    used: usize,
+}
+
+impl Open {
+    pub(crate) fn clear(&mut self) {
+        self.nodes.clear();
+        self.heap.clear();
+        self.used = 0;
+        if self.table.is_empty() {
+            self.table.resize(1 << 14, (0, NONE));
+        } else {
+            self.table.fill((0, NONE));
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    pub(crate) fn node(&self, index: u32) -> Node {
+        self.nodes[index as usize]
+    }
+
+    /// True if a way of this cost to a state is better than the one known.
+    pub(crate) fn improves(&self, key: u32, g: f32) -> bool {
+        match self.table[self.slot(key)].1 {
+            NONE => true,
+            known => {
+                let known = &self.nodes[known as usize];
+                !known.closed && g < known.g
+            }
+        }
+    }
+
+    /// Adds a state with its place in the order.
+    pub(crate) fn push(&mut self, node: Node, f: f32) {
+        let index = self.nodes.len() as u32;
+        let slot = self.slot(node.key);
+        if self.table[slot].1 == NONE {
+            self.used += 1;
+        }
+        self.table[slot] = (node.key, index);
+        self.nodes.push(node);
+        // Of equals the newest first: it is nearest to the goal.
+        self.heap.push(Reverse(u64::from(f.to_bits()) << 32 | u64::from(!index)));
+        if self.used * 2 > self.table.len() {
+            self.grow();
+        }
+    }
+
+    /// The most promising state and its place in the order; it is closed now.
+    pub(crate) fn pop(&mut self) -> Option<(u32, f32)> {
+        while let Some(Reverse(first)) = self.heap.pop() {
+            let index = !(first as u32);
+            let key = self.nodes[index as usize].key;
+            if self.table[self.slot(key)].1 == index {
+                self.nodes[index as usize].closed = true;
+                return Some((index, f32::from_bits((first >> 32) as u32)));
+            }
+        }
+        None
+    }
+
+    /// The arcs from the start to a state.
+    pub(crate) fn trace(&self, index: u32, lattice: &Lattice, arcs: &mut Vec<Arc>) {
+        arcs.clear();
+        let mut node = &self.nodes[index as usize];
+        while node.parent != NONE {
+            arcs.push(lattice.steps[usize::from(node.step)].arc);
+            node = &self.nodes[node.parent as usize];
+        }
+        arcs.reverse();
+        let mut kept = 0;
+        for from in 1..arcs.len() {
+            let arc = arcs[from];
+            if arcs[kept].curvature == arc.curvature && (arcs[kept].length < 0.0) == (arc.length < 0.0) {
+                arcs[kept].length += arc.length;
+            } else {
+                kept += 1;
+                arcs[kept] = arc;
+            }
+        }
+        arcs.truncate(kept + 1);
+    }
+
+    /// Where a key is in the table, or would be.
+    fn slot(&self, key: u32) -> usize {
+        let mask = self.table.len() - 1;
+        // Fibonacci hashing: neighbours fall far apart.
+        let mut slot = (key.wrapping_mul(0x9e37_79b1) >> 7) as usize & mask;
+        while self.table[slot].1 != NONE && self.table[slot].0 != key {
+            slot = (slot + 1) & mask;
+        }
+        slot
+    }
+
+    fn grow(&mut self) {
+        let size = self.table.len() * 2;
+        self.table.clear();
+        self.table.resize(size, (0, NONE));
+        // Later nodes of a key are better ones.
+        for index in 0..self.nodes.len() {
+            let key = self.nodes[index].key;
+            let slot = self.slot(key);
+            self.table[slot] = (key, index as u32);
+        }
+    }
+}

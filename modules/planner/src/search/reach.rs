@@ -1,0 +1,127 @@
+//! How far it is to the goal for something round that may turn on the spot: the search's sense of direction.
+//!
+//! Dijkstra from the goal over a grid of 10 cm, for the footprint's middle, with the same toll for nearness as the
+//! search. It is lazy: it goes only as far as it is asked, and stays for the next search to the same goal.
+
+use super::lattice::Toll;
+use crate::map::Field;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// The grid's cells are not smaller than this, m.
+const CELL_M: f64 = 0.1;
+
+/// Distances to go, as far as they are known.
+#[derive(Debug, Default)]
+pub(crate) struct Reach {
+    /// Cells of the field per cell, each way.
+    factor: usize,
+    width: usize,
+    height: usize,
+    cell_m: f32,
+    /// The least cost known; final up to `frontier`.
+    cost: Vec<f32>,
+    /// What a metre costs in a cell; infinite: blocked; NaN: nobody has looked.
+    toll: Vec<f32>,
+    queue: BinaryHeap<Reverse<u64>>,
+    /// Everything up to this cost is final.
+    frontier: f32,
+}
+
+impl Reach {
+    /// Begins anew for a field; the goals follow.
+    pub(crate) fn begin(&mut self, field: &Field) {
+        let frame = field.frame();
+        self.factor = (libm::round(CELL_M / frame.resolution) as usize).max(1);
+        self.width = frame.width.div_ceil(self.factor);
+        self.height = frame.height.div_ceil(self.factor);
+        self.cell_m = (frame.resolution * self.factor as f64) as f32;
+        self.frontier = 0.0;
+        self.queue.clear();
+        self.cost.clear();
+        self.cost.resize(self.width * self.height, f32::INFINITY);
+        self.toll.clear();
+        self.toll.resize(self.width * self.height, f32::NAN);
+    }
+
+    /// A place of the footprint's middle at the goal.
+    pub(crate) fn goal(&mut self, field: &Field, x: f64, y: f64) {
+        if let Some(cell) = self.cell(field, x, y) {
+            self.offer(cell, 0.0);
+        }
+    }
+
+    /// The cost to go from a point, m: exact on this grid if it is known already, or becomes so within `pops` steps; else
+    /// what it is at least. Infinite where there is no way. The steps are taken from `pops`.
+    pub(crate) fn cost(&mut self, field: &Field, toll: &Toll, x: f64, y: f64, pops: &mut u32) -> f32 {
+        let Some(cell) = self.cell(field, x, y) else { return f32::INFINITY };
+        loop {
+            let known = self.cost[cell as usize];
+            if known <= self.frontier {
+                return known;
+            }
+            if *pops == 0 {
+                return self.frontier;
+            }
+            *pops -= 1;
+            if !self.step(field, toll) {
+                return self.cost[cell as usize];
+            }
+        }
+    }
+
+    fn cell(&self, field: &Field, x: f64, y: f64) -> Option<u32> {
+        let (column, row) = field.frame().cell(x, y)?;
+        Some((row / self.factor * self.width + column / self.factor) as u32)
+    }
+
+    fn offer(&mut self, cell: u32, cost: f32) {
+        if cost < self.cost[cell as usize] {
+            self.cost[cell as usize] = cost;
+            // Costs are not negative, so their bits are in their order.
+            self.queue.push(Reverse(u64::from(cost.to_bits()) << 32 | u64::from(cell)));
+        }
+    }
+
+    /// Settles a cell; false when there is none left: what is not reached now cannot be.
+    fn step(&mut self, field: &Field, toll: &Toll) -> bool {
+        let Some(Reverse(first)) = self.queue.pop() else {
+            self.frontier = f32::INFINITY;
+            return false;
+        };
+        let (cost, cell) = (f32::from_bits((first >> 32) as u32), first as u32);
+        self.frontier = cost;
+        if cost > self.cost[cell as usize] {
+            return true;
+        }
+        let (column, row) = (cell as usize % self.width, cell as usize / self.width);
+        for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
+            let (Some(column), Some(row)) = (column.checked_add_signed(dx), row.checked_add_signed(dy)) else { continue };
+            if column >= self.width || row >= self.height {
+                continue;
+            }
+            let length = if dx != 0 && dy != 0 { core::f32::consts::SQRT_2 } else { 1.0 } * self.cell_m;
+            let next = (row * self.width + column) as u32;
+            let per_metre = self.toll_of(field, toll, column, row);
+            if per_metre.is_finite() {
+                self.offer(next, cost + length * per_metre);
+            }
+        }
+        true
+    }
+
+    /// The toll of a cell is that of its best part: the estimate should not be above the truth.
+    fn toll_of(&mut self, field: &Field, toll: &Toll, column: usize, row: usize) -> f32 {
+        let index = row * self.width + column;
+        if self.toll[index].is_nan() {
+            let frame = field.frame();
+            let columns = column * self.factor..((column + 1) * self.factor).min(frame.width);
+            let mut best = 0f32;
+            for row in row * self.factor..((row + 1) * self.factor).min(frame.height) {
+                best = columns.clone().fold(best, |best, column| best.max(field.cell(column, row)));
+            }
+            self.toll[index] = if best <= toll.inner { f32::INFINITY } else { toll.at(best) };
+        }
+        self.toll[index]
+    }
+}
