@@ -11,6 +11,7 @@ extern crate std;
 
 pub mod bitbang;
 pub mod hal;
+pub mod max6615;
 pub mod smbus;
 pub mod target;
 #[cfg(test)]

@@ -258,14 +258,16 @@ fn the_times_of_the_table_are_kept() {
                 let (since_scl, since_sda) = (at.since(scl_at), at.since(sda_at));
                 match (old.scl, new.scl) {
                     (true, false) => {
-                        assert!(since_scl >= ns(high) || scl_at == Instant::ZERO, "{hz} high {since_scl:?}")
+                        assert!(since_scl >= ns(high) || scl_at == Instant::ZERO, "{hz} high {since_scl:?}");
                     }
                     (false, true) => {
                         assert!(since_scl >= ns(low), "{hz} low {since_scl:?}");
                         assert!(since_sda >= ns(su_dat), "{hz} su;dat {since_sda:?}");
                     }
                     // SDA moves. What the target does happens in the moment of the edge, and is not ours.
-                    (false, false) => assert!(since_scl.is_zero() || since_scl >= ns(hd_dat), "{hz} {since_scl:?}"),
+                    (false, false) => {
+                        assert!(since_scl.is_zero() || since_scl >= ns(hd_dat), "{hz} hd;dat {since_scl:?}");
+                    }
                     (true, true) if !new.sda => {
                         let free = stopped.take().map_or(Duration::MAX, |stop| at.since(stop));
                         assert!(free >= ns(buf), "{hz} buf {free:?}");
