@@ -32,6 +32,7 @@ bench:
 	cargo bench -p advee --locked --bench faults
 	cargo bench -p lcm-gen --locked --bench codec
 	cargo bench -p rs485 --locked --bench rs485
+	cargo bench -p i2c --locked --bench i2c
 	cargo bench -p advee --locked --bench canopen
 	cargo bench -p lcm --locked --bench lcm
 
