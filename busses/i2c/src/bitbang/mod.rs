@@ -66,7 +66,8 @@ pub enum RequestError {
 /// The master: one transfer at a time.
 ///
 /// [`request`](Self::request), then [`handle_timeout`](Self::handle_timeout) whenever [`poll_timeout`](Self::poll_timeout)
-/// says, until [`poll_event`](Self::poll_event) has the outcome. A late call slows the bus and does no harm.
+/// says, until [`poll_event`](Self::poll_event) has the outcome. A late call slows the bus; one that is 25 ms late while SCL
+/// is low ends the transfer with [`Error::Stretched`], as an SMBus target may have given up.
 #[derive(Debug)]
 pub struct Master {
     timing: Timing,
@@ -74,8 +75,15 @@ pub struct Master {
     /// What we drive.
     lines: Levels,
     state: State,
+    /// The transfer under way, or the last one.
+    run: Run,
+    /// When SCL was last pulled.
+    fell: Instant,
     done: Option<Outcome>,
 }
+
+/// Targets of SMBus wait so long for a clock that is low (3.2, table 1: `T_TIMEOUT,MIN`).
+const TARGETS_WAIT: Duration = Duration::from_millis(25);
 
 #[derive(Clone, Copy, Debug)]
 struct Timing {
@@ -87,26 +95,24 @@ struct Timing {
     rise: Duration,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 enum State {
     Idle,
-    /// STOP was sent; the bus stays free for a while before the outcome is told.
+    /// The transfer is over, or given up; the bus stays free for a while before the outcome is told.
     Free {
         until: Instant,
-        outcome: Outcome,
+        result: Result<(), Error>,
     },
     /// Before START: waits for a free bus.
     Listen {
         at: Instant,
         seen: Listened,
-        run: Run,
     },
     /// A symbol of the transfer is being made.
     Symbol {
         at: Instant,
         phase: Phase,
         symbol: Symbol,
-        run: Run,
     },
 }
 
@@ -151,7 +157,15 @@ impl Master {
         let low = (period * 11).div_ceil(20);
         let (low, high) = (Duration::from_nanos(low), Duration::from_nanos(period - low));
         let timing = Timing { low, high, hold: low / 4, rise: high / 3 };
-        Self { timing, config, lines: Levels::HIGH, state: State::Idle, done: None }
+        Self {
+            timing,
+            config,
+            lines: Levels::HIGH,
+            state: State::Idle,
+            run: Run::default(),
+            fell: Instant::ZERO,
+            done: None,
+        }
     }
 
     /// Begins a transfer. Reads of more than [`MAX`] bytes are refused.
@@ -166,7 +180,8 @@ impl Master {
             State::Idle if self.done.is_none() => {}
             _ => return Err(RequestError::Busy),
         }
-        self.state = State::Listen { at: now, seen: Listened::nothing(now), run: Run::new(transfer) };
+        self.run = Run::new(transfer);
+        self.state = State::Listen { at: now, seen: Listened::nothing(now) };
         Ok(())
     }
 
@@ -190,13 +205,13 @@ impl Master {
     /// `levels` are those of the bus, which others pull too; looked at only where [`Self::wants_levels`] said so.
     pub fn handle_timeout(&mut self, now: Instant, levels: Levels) -> Option<Levels> {
         let before = self.lines;
-        self.state = match core::mem::replace(&mut self.state, State::Idle) {
-            State::Free { until, outcome } if until <= now => {
-                self.done = Some(outcome);
+        self.state = match self.state {
+            State::Free { until, result } if until <= now => {
+                self.done = Some(result.map(|()| self.run.take_read()));
                 State::Idle
             }
-            State::Listen { at, seen, run } if at <= now => self.listen(now, levels, seen, run),
-            State::Symbol { at, phase, symbol, run } if at <= now => self.step(now, levels, phase, symbol, run),
+            State::Listen { at, seen } if at <= now => self.listen(now, levels, seen),
+            State::Symbol { at, phase, symbol } if at <= now => self.step(now, levels, phase, symbol),
             early => early,
         };
         (self.lines != before).then_some(self.lines)
@@ -207,38 +222,41 @@ impl Master {
         self.done.take()
     }
 
-    fn listen(&mut self, now: Instant, levels: Levels, seen: Listened, run: Run) -> State {
+    fn listen(&mut self, now: Instant, levels: Levels, seen: Listened) -> State {
         let steady = if seen.levels == Some(levels) { seen.steady } else { now };
         let held = now.since(steady);
         let held_low = held >= self.config.timeout;
         match levels {
             // At once: looking and pulling SDA are one moment, or another master has time to begin.
-            Levels::HIGH if held >= self.config.idle => self.step(now, levels, Phase::Begin, Symbol::Start, run),
+            Levels::HIGH if held >= self.config.idle => self.step(now, levels, Phase::Begin, Symbol::Start),
             // Others talk without end.
-            _ if now.since(seen.since) >= self.config.timeout * 4 => self.over(now, Err(Error::Arbitration)),
-            Levels { scl: false, .. } if held_low => self.over(now, Err(Error::Stuck)),
+            levels if levels != Levels::HIGH && now.since(seen.since) >= self.config.timeout.saturating_mul(4) => {
+                self.over(now, Error::Arbitration)
+            }
+            Levels { scl: false, .. } if held_low => self.over(now, Error::Stuck),
             // UM10204 3.1.16: whoever holds SDA waits for clocks. Not twice for one transfer.
-            Levels { scl: true, sda: false } if held_low && run.recovered() => self.over(now, Err(Error::Stuck)),
+            Levels { scl: true, sda: false } if held_low && self.run.recovered() => self.over(now, Error::Stuck),
             Levels { scl: true, sda: false } if held_low => {
-                self.step(now, levels, Phase::Fall, Symbol::Clock { left: 9 }, run)
+                self.step(now, levels, Phase::Fall, Symbol::Clock { left: 9 })
             }
             _ => {
                 let seen = Listened { levels: Some(levels), steady, ..seen };
-                State::Listen { at: now + self.timing.high, seen, run }
+                State::Listen { at: now + self.timing.high, seen }
             }
         }
     }
 
     /// One phase of one symbol. Each sets one line, or looks at both.
-    fn step(&mut self, now: Instant, levels: Levels, phase: Phase, symbol: Symbol, run: Run) -> State {
+    fn step(&mut self, now: Instant, levels: Levels, phase: Phase, symbol: Symbol) -> State {
         let Timing { low, high, hold, rise } = self.timing;
         let (phase, wait) = match phase {
             Phase::Begin => {
                 self.lines.sda = false;
-                return self.follow(now + high, run.next(Symbol::Start, true));
+                return Self::follow(now + high, self.run.next(Symbol::Start, true));
             }
             Phase::Fall => {
                 self.lines.scl = false;
+                self.fell = now;
                 // SDA changes only if it has to.
                 if symbol.sda() == self.lines.sda { (Phase::Rise, low) } else { (Phase::Data, hold) }
             }
@@ -253,43 +271,47 @@ impl Master {
             Phase::Look { since, .. } if !levels.scl => {
                 if now.since(since) >= self.config.timeout {
                     let error = if matches!(symbol, Symbol::Clock { .. }) { Error::Stuck } else { Error::Stretched };
-                    return self.over(now, Err(error));
+                    return self.over(now, error);
                 }
                 (Phase::Look { since, stretched: true }, rise)
             }
-            Phase::Look { .. } if symbol.contended(levels.sda) => return self.over(now, Err(Error::Arbitration)),
+            // We were away, and the target has given up meanwhile: what it would say from here on is not its own.
+            Phase::Look { since, .. } if since.since(self.fell) >= TARGETS_WAIT.max(low * 2) => {
+                return self.over(now, Error::Stretched);
+            }
+            Phase::Look { .. } if symbol.contended(levels.sda) => return self.over(now, Error::Arbitration),
             Phase::Look { stretched, .. } => {
                 // The set-up time of a repeated START is that of a low clock. It counts from when SCL was seen high.
                 let whole = if symbol == Symbol::Restart { low } else { high };
                 let rest = if stretched { whole } else { whole - rise };
                 if !symbol.has_edge() {
-                    return self.follow(now + rest, run.next(symbol, levels.sda));
+                    return Self::follow(now + rest, self.run.next(symbol, levels.sda));
                 }
                 (Phase::Edge, rest)
             }
             Phase::Edge => {
                 self.lines.sda = !self.lines.sda;
                 let wait = if self.lines.sda { low } else { high };
-                return self.follow(now + wait, run.next(symbol, self.lines.sda));
+                return Self::follow(now + wait, self.run.next(symbol, self.lines.sda));
             }
         };
-        State::Symbol { at: now + wait, phase, symbol, run }
+        State::Symbol { at: now + wait, phase, symbol }
     }
 
-    fn follow(&self, at: Instant, next: Next) -> State {
+    fn follow(at: Instant, next: Next) -> State {
         match next {
-            Next::Symbol(symbol, run) => State::Symbol { at, phase: Phase::Fall, symbol, run },
+            Next::Symbol(symbol) => State::Symbol { at, phase: Phase::Fall, symbol },
             // SDA came free while SCL is high: a START and a STOP put every target back (UM10204 3.1.10).
-            Next::Begin(run) => State::Symbol { at, phase: Phase::Begin, symbol: Symbol::Start, run },
-            Next::Listen(run) => State::Listen { at, seen: Listened::nothing(at), run },
-            Next::Done(outcome) => State::Free { until: at, outcome },
+            Next::Begin => State::Symbol { at, phase: Phase::Begin, symbol: Symbol::Start },
+            Next::Listen => State::Listen { at, seen: Listened::nothing(at) },
+            Next::Done(result) => State::Free { until: at, result },
         }
     }
 
     /// Lets go of the bus without a STOP, which is another's or impossible.
-    fn over(&mut self, now: Instant, outcome: Outcome) -> State {
+    fn over(&mut self, now: Instant, error: Error) -> State {
         self.lines = Levels::HIGH;
-        State::Free { until: now + self.timing.low, outcome }
+        State::Free { until: now + self.timing.low, result: Err(error) }
     }
 }
 

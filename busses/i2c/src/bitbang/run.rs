@@ -1,7 +1,7 @@
 //! Which symbol comes next in a transfer. Knows no lines and no time.
 
 use crate::target::expected;
-use base::i2c::{Bytes, Error, Outcome, Transfer};
+use base::i2c::{Address, Bytes, Error, Read, Transfer};
 
 /// What one clock pulse, or a START without one, is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,14 +41,14 @@ impl Symbol {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) enum Next {
-    Symbol(Symbol, Run),
+    Symbol(Symbol),
     /// START, without waiting for the bus: SDA was just seen high.
-    Begin(Run),
+    Begin,
     /// The bus was recovered: the transfer begins anew.
-    Listen(Run),
-    Done(Outcome),
+    Listen,
+    Done(Result<(), Error>),
 }
 
 /// A transfer under way.
@@ -78,10 +78,23 @@ enum Part {
     Recovery,
 }
 
+impl Default for Run {
+    /// Before the first transfer.
+    fn default() -> Self {
+        const NOBODY: Address = Address::new(0).unwrap();
+        Self::new(Transfer { address: NOBODY, write: Bytes::new(), read: Read::None })
+    }
+}
+
 impl Run {
     pub fn new(transfer: Transfer) -> Self {
         let part = Part::Address { read: transfer.begins_with_read() };
         Self { transfer, part, bit: 0, byte: 0, read: Bytes::new(), recovered: false }
+    }
+
+    /// What was read.
+    pub fn take_read(&mut self) -> Bytes {
+        core::mem::take(&mut self.read)
     }
 
     /// Whether nine clocks were tried for it.
@@ -90,16 +103,15 @@ impl Run {
     }
 
     /// What follows `symbol`, with SDA at this level when SCL was high.
-    pub fn next(self, symbol: Symbol, sda: bool) -> Next {
+    pub fn next(&mut self, symbol: Symbol, sda: bool) -> Next {
         match (symbol, self.part) {
             (Symbol::Clock { left }, _) => self.clocked(left, sda),
-            (Symbol::Start, Part::Recovery) => Next::Symbol(Symbol::Stop, self),
+            (Symbol::Start, Part::Recovery) => Next::Symbol(Symbol::Stop),
             (Symbol::Stop, Part::Recovery) => {
-                let mut run = Self::new(self.transfer);
-                run.recovered = true;
-                Next::Listen(run)
+                self.part = Part::Address { read: self.transfer.begins_with_read() };
+                Next::Listen
             }
-            (Symbol::Stop, Part::Stop(result)) => Next::Done(result.map(|()| self.read)),
+            (Symbol::Stop, Part::Stop(result)) => Next::Done(result),
             (Symbol::Start | Symbol::Restart, Part::Address { read }) => {
                 // UM10204 3.1.10: seven bits, then the direction.
                 let byte = self.transfer.address.get() << 1 | u8::from(read);
@@ -111,27 +123,27 @@ impl Run {
         }
     }
 
-    fn clocked(mut self, left: u8, sda: bool) -> Next {
+    fn clocked(&mut self, left: u8, sda: bool) -> Next {
         self.recovered = true;
         self.part = Part::Recovery;
         match left {
-            _ if sda => Next::Begin(self),
+            _ if sda => Next::Begin,
             0 | 1 => Next::Done(Err(Error::Stuck)),
-            _ => Next::Symbol(Symbol::Clock { left: left - 1 }, self),
+            _ => Next::Symbol(Symbol::Clock { left: left - 1 }),
         }
     }
 
     /// The first bit of a byte of ours.
-    fn send(mut self, byte: u8) -> Next {
+    fn send(&mut self, byte: u8) -> Next {
         (self.byte, self.bit) = (byte, 0);
-        Next::Symbol(Symbol::Send(byte & 0x80 != 0), self)
+        Next::Symbol(Symbol::Send(byte & 0x80 != 0))
     }
 
-    fn writing(mut self, sda: bool) -> Next {
+    fn writing(&mut self, sda: bool) -> Next {
         self.bit += 1;
         match self.bit {
-            1..8 => Next::Symbol(Symbol::Send(self.byte << self.bit & 0x80 != 0), self),
-            8 => Next::Symbol(Symbol::Receive, self),
+            1..8 => Next::Symbol(Symbol::Send(self.byte << self.bit & 0x80 != 0)),
+            8 => Next::Symbol(Symbol::Receive),
             _ if sda => {
                 let error = match self.part {
                     Part::Write(at) => Error::NoData { at },
@@ -144,7 +156,7 @@ impl Run {
     }
 
     /// A byte of ours was taken.
-    fn acknowledged(mut self) -> Next {
+    fn acknowledged(&mut self) -> Next {
         let written = match self.part {
             Part::Write(at) => at + 1,
             _ => 0,
@@ -154,7 +166,7 @@ impl Run {
             _ if read_bit && expected(self.transfer.read, None) == 0 => self.stop(Ok(())),
             _ if read_bit => {
                 (self.part, self.bit, self.byte) = (Part::Read, 0, 0);
-                Next::Symbol(Symbol::Receive, self)
+                Next::Symbol(Symbol::Receive)
             }
             Some(byte) => {
                 self.part = Part::Write(written);
@@ -162,30 +174,30 @@ impl Run {
             }
             None if self.transfer.reads() => {
                 self.part = Part::Address { read: true };
-                Next::Symbol(Symbol::Restart, self)
+                Next::Symbol(Symbol::Restart)
             }
             None => self.stop(Ok(())),
         }
     }
 
-    fn reading(mut self, sda: bool) -> Next {
+    fn reading(&mut self, sda: bool) -> Next {
         self.bit += 1;
         match self.bit {
             1..8 => {
                 self.byte = self.byte << 1 | u8::from(sda);
-                Next::Symbol(Symbol::Receive, self)
+                Next::Symbol(Symbol::Receive)
             }
             8 => {
                 // `expected` is never more than there is room for.
                 self.read.extend([self.byte << 1 | u8::from(sda)]);
                 // The last byte gets a NACK, so that the target lets go of SDA (UM10204 3.1.6).
                 let last = self.is_complete();
-                Next::Symbol(Symbol::Send(last), self)
+                Next::Symbol(Symbol::Send(last))
             }
             _ if self.is_complete() => self.stop(Ok(())),
             _ => {
                 (self.bit, self.byte) = (0, 0);
-                Next::Symbol(Symbol::Receive, self)
+                Next::Symbol(Symbol::Receive)
             }
         }
     }
@@ -194,8 +206,8 @@ impl Run {
         self.read.len() >= expected(self.transfer.read, self.read.first().copied())
     }
 
-    fn stop(mut self, result: Result<(), Error>) -> Next {
+    fn stop(&mut self, result: Result<(), Error>) -> Next {
         self.part = Part::Stop(result);
-        Next::Symbol(Symbol::Stop, self)
+        Next::Symbol(Symbol::Stop)
     }
 }

@@ -108,6 +108,26 @@ fn a_clock_held_for_too_long_ends_the_transfer_and_the_next_one_works() {
 }
 
 #[test]
+fn a_master_that_was_away_while_the_clock_was_low_gives_up() {
+    let (mut kept, mut gave_up) = (0, 0);
+    for steps in 1..100 {
+        let mut bench = Bench::standard();
+        bench.request(0, transfer(0x18, &[3], Read::Exactly(1)));
+        for _ in 0..steps {
+            bench.step();
+        }
+        let low = !bench.wire.levels().scl;
+        bench.pass(Duration::from_millis(26));
+        while bench.step() {}
+        let outcome = bench.masters[0].poll_event().unwrap();
+        assert_eq!(outcome, if low { Err(Error::Stretched) } else { Ok(bytes(&[0x9F])) }, "{steps}");
+        *if low { &mut gave_up } else { &mut kept } += 1;
+        assert_eq!(bench.run(transfer(0x18, &[3], Read::Exactly(1))), Ok(bytes(&[0x9F])), "{steps}");
+    }
+    assert!(kept > 30 && gave_up > 30);
+}
+
+#[test]
 fn a_clock_that_is_never_released_is_stuck_and_gets_no_pulse() {
     let mut bench = Bench::standard();
     bench.held = Levels { scl: false, sda: true };
