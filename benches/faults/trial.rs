@@ -18,6 +18,8 @@ const BURDEN: Duration = Duration::from_millis(2300);
 const OBEY: Duration = Duration::from_millis(500);
 /// Whoever moves the robot misses the watchdog after this time, and stops.
 const WATCHDOG_MISSED: Duration = Duration::from_millis(250);
+/// Between two beats of the simulator, which come every 50 ms: hardware does not stand still.
+const HARDWARE_PAUSE: Duration = Duration::from_millis(150);
 /// The operator, who is this bench, must not pause as long himself: a command lives for 250 ms.
 const OWN_PAUSE: Duration = Duration::from_millis(100);
 
@@ -27,7 +29,7 @@ pub struct Outcome {
     pub module: String,
     pub kind: Kind,
     pub critical: bool,
-    /// From the fault, or where it has no instant of hanging from the last beat, or the operator's word, on.
+    /// From the fault, or where it has no instant of hanging from the first missed beat, or the operator's word, on.
     pub stop: Option<Duration>,
     pub run: Option<Duration>,
     pub ending: Ending,
@@ -42,7 +44,7 @@ pub enum Ending {
     Never,
     /// The machine stood still for this long meanwhile: no figure.
     Stalled(Duration),
-    /// The simulator, which plays the hardware, was not there all the time: no figure.
+    /// The simulator, which plays the hardware, was not there all the time, or stood still: no figure.
     NoHardware,
 }
 
@@ -76,12 +78,14 @@ struct Vital {
     pid: i32,
     count: Option<[u8; 4]>,
     last: Instant,
+    /// The longest time between two.
+    pause: Duration,
 }
 
 impl Vital {
     fn new(rig: &Rig, module: &str, pid: i32, now: Instant) -> Self {
         let page = beats::folder(&rig.run_dir).ok().map(|folder| folder.join(module)).filter(|page| page.exists());
-        Self { page, pid, count: None, last: now }
+        Self { page, pid, count: None, last: now, pause: Duration::ZERO }
     }
 
     fn look(&mut self) {
@@ -98,8 +102,17 @@ impl Vital {
         let (Some(pid), Some(count)) = (bytes.get(8..12), bytes.get(112..116)) else { return };
         if pid == self.pid.to_le_bytes() && self.count.is_none_or(|last| last != count) {
             self.count = count.try_into().ok();
+            self.pause = self.pause.max(now - self.last);
             self.last = now;
         }
+    }
+}
+
+impl Vital {
+    /// When the first beat was missed.
+    fn missed(&self) -> Instant {
+        let period = if self.page.is_some() { Duration::from_nanos(beats::PERIOD.as_nanos()) } else { Duration::ZERO };
+        self.last + period
     }
 }
 
@@ -121,14 +134,15 @@ pub fn run(
 ) -> Option<Outcome> {
     rig.pass(phase);
     let pid = rig.pid(module).filter(|_| rig.drives() && rig.all_run())?;
-    let hardware = rig.process(SIMULATOR);
+    let hardware = rig.process(SIMULATOR)?;
     let fault = rig.mark();
+    let mut simulator = Vital::new(rig, SIMULATOR, hardware, fault);
     kind.inject(pid);
     let mut outcome = Outcome { module: module.into(), kind, critical, stop: None, run: None, ending: Ending::Never };
     if kind.is_burden() {
-        burden(rig, fault, pid, &mut outcome);
+        burden(rig, fault, pid, &mut simulator, &mut outcome);
     } else {
-        hang(rig, fault, pid, &mut outcome);
+        hang(rig, fault, pid, &mut simulator, &mut outcome);
     }
     if outcome.ending == Ending::Never && rig.pid(module) == Some(pid) {
         // Nobody else does.
@@ -137,17 +151,18 @@ pub fn run(
     if let Some(stall) = canary.stalled(fault, Instant::now()).or(Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE))
     {
         outcome.ending = Ending::Stalled(stall.max(STALL));
-    } else if rig.process(SIMULATOR) != hardware {
+    } else if rig.process(SIMULATOR) != Some(hardware) || simulator.pause >= HARDWARE_PAUSE {
         outcome.ending = Ending::NoHardware;
     }
     Some(outcome)
 }
 
-fn hang(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
+fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome: &mut Outcome) {
     let mut vital = Vital::new(rig, &outcome.module, pid, fault);
     let mut back = None;
     while fault.elapsed() < PATIENCE {
         rig.turn();
+        simulator.look();
         if outcome.kind == Kind::Memory {
             vital.look();
         }
@@ -161,7 +176,7 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
             break;
         }
     }
-    let since = if outcome.kind == Kind::Memory { vital.last } else { fault };
+    let since = if outcome.kind == Kind::Memory { vital.missed() } else { fault };
     outcome.run = back.map(|at| at.saturating_duration_since(since));
     if outcome.critical {
         outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
@@ -171,13 +186,14 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
     }
 }
 
-fn burden(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
+fn burden(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome: &mut Outcome) {
     let mut vital = Vital::new(rig, &outcome.module, pid, fault);
     let (mut told, mut back) = (None, None);
     while fault.elapsed() < BURDEN
         || (back.is_none() && rig.pid(&outcome.module) != Some(pid) && fault.elapsed() < PATIENCE)
     {
         rig.turn();
+        simulator.look();
         vital.look();
         if told.is_none() && fault.elapsed() >= OBEY {
             // Where it has stopped already the operator has nothing to add.
@@ -188,8 +204,8 @@ fn burden(rig: &mut Rig, fault: Instant, pid: i32, outcome: &mut Outcome) {
             back = Some(Instant::now());
         }
     }
-    outcome.run = back.map(|at| at.saturating_duration_since(vital.last));
-    let since = told.flatten().unwrap_or(vital.last);
+    outcome.run = back.map(|at| at.saturating_duration_since(vital.missed()));
+    let since = told.flatten().unwrap_or(vital.missed());
     outcome.stop = rig.stop.map(|at| at.saturating_duration_since(since));
     if back.is_some() || (rig.pid(&outcome.module) == Some(pid) && rig.all_run()) {
         outcome.ending = Ending::Back;

@@ -405,7 +405,7 @@ impl Host {
             }
             Action::Process(command) => {
                 if let Some(processes) = &mut self.processes {
-                    processes.command(clock::now(), command);
+                    processes.command(command);
                 }
                 self.queue_news();
             }

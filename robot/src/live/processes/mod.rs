@@ -5,6 +5,7 @@
 //! in a file ([`record`]). An end is told by a pidfd, of a child as of one that was adopted; how an adopted one ended, its
 //! parent keeps visible for a moment (`advee up` does).
 
+mod births;
 mod identity;
 mod record;
 #[cfg(test)]
@@ -12,10 +13,12 @@ mod tests;
 
 use super::beats::{self, Page, Reading};
 use super::cgroups::{Cgroups, Leaf};
+use super::clock;
 use super::limits::Limits;
 use super::notify;
 use super::sys;
 use base::{Duration, Instant, Ticker};
+use births::{Births, Born};
 use identity::Stat;
 pub use identity::{VARIABLE, children};
 use module::{ExitStatus, ProcessCommand, ProcessEvent, State};
@@ -26,6 +29,7 @@ use nix::unistd::{Pid, SysconfVar, sysconf};
 use record::Record;
 use std::collections::{BTreeSet, VecDeque};
 use std::fs;
+use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
@@ -72,7 +76,8 @@ pub struct Processes {
     running: Vec<Process>,
     record: Option<Record>,
     groups: Option<Cgroups>,
-    /// The pidfds; one that is readable has ended.
+    births: Births,
+    /// The pidfds; one that is readable has ended. And the births: one may be done.
     ends: Epoll,
     usage: Ticker,
     /// Where their pages are; none: they are judged by their announcements alone.
@@ -106,6 +111,13 @@ struct Process {
     measured: Instant,
 }
 
+/// What is known of a process before it is there.
+struct Unborn {
+    module: String,
+    leaf: Option<Leaf>,
+    page: Option<io::Result<Page>>,
+}
+
 /// What the watchdog is to hear.
 #[derive(Debug)]
 enum News {
@@ -134,12 +146,16 @@ impl Processes {
     pub fn new(now: Instant, launch: Launch, beats: Option<PathBuf>) -> Result<Self, String> {
         let value = |name, usual| sysconf(name).ok().flatten().map_or(usual, |value| value as f64);
         let ends = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(|errno| format!("epoll: {}", errno.desc()))?;
+        let births = Births::new().map_err(|error| format!("eventfd: {error}"))?;
+        ends.add(&births, EpollEvent::new(EpollFlags::EPOLLIN, 0))
+            .map_err(|errno| format!("epoll: {}", errno.desc()))?;
         let groups = launch.run_dir.as_ref().and_then(|run_dir| Cgroups::open(&group_name(run_dir), launch.divides));
         let mut processes = Self {
             launch,
             running: Vec::new(),
             record: None,
             groups,
+            births,
             ends,
             usage: Ticker::new(now + USAGE, USAGE),
             beats,
@@ -223,9 +239,9 @@ impl Processes {
     }
 
     /// Does what the watchdog asks.
-    pub fn command(&mut self, now: Instant, command: ProcessCommand) {
+    pub fn command(&mut self, command: ProcessCommand) {
         match command {
-            ProcessCommand::Spawn { module, wanted } => self.spawn(now, module, wanted),
+            ProcessCommand::Spawn { module, wanted } => self.spawn(module, wanted),
             ProcessCommand::Terminate { pid } => self.signal(pid, Signal::SIGTERM),
             ProcessCommand::Kill { pid } => self.signal(pid, Signal::SIGKILL),
             ProcessCommand::Remember { module, wanted, held } => {
@@ -236,7 +252,7 @@ impl Processes {
         }
     }
 
-    fn spawn(&mut self, now: Instant, module: String, wanted: State) {
+    fn spawn(&mut self, module: String, wanted: State) {
         let Start { mut command, limits, foreign } = (self.launch.start)(&module, wanted);
         command.stdin(Stdio::null()).process_group(0);
         if let Some(record) = &self.record {
@@ -250,66 +266,46 @@ impl Processes {
         });
         // Before it is there: whoever comes after us must look for it.
         self.write_down(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
-        match self.give_birth(&module, command, &limits, foreign) {
-            Ok((pid, child, leaf)) => {
-                let start = Stat::of(pid).map(|stat| stat.start);
-                self.write_down(&module, |entry| {
-                    (entry.process, entry.starting) = (start.map(|start| (pid, start)), false);
-                });
-                self.news.push_back(News::Started { module: module.clone(), pid });
-                let (page, refused) = page.transpose().map_or_else(|error| (None, Some(error)), |page| (page, None));
-                if let Some(error) = refused {
-                    self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
-                }
-                let end = sys::pidfd_open(pid).ok();
-                let process = Process {
-                    pid,
-                    module,
-                    start,
-                    child,
-                    end,
-                    leaf,
-                    page,
-                    bad: false,
-                    beats: false,
-                    ticks: 0,
-                    measured: now,
-                };
-                self.watch(&process);
-                self.running.push(process);
-            }
-            Err(reason) => {
-                self.write_down(&module, |entry| entry.starting = false);
-                self.news.push_back(News::Unstartable { module, reason });
-            }
+        let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(&module).ok());
+        let unborn = Unborn { module: module.clone(), leaf, page };
+        let begun = limits.prepare(unborn.leaf.as_ref()).and_then(|(birth, refused)| {
+            sys::give_limits(&mut command, birth, foreign.then(foster).flatten());
+            self.births.begin(command, refused, unborn)
+        });
+        if let Err(error) = begun {
+            self.stillborn(module, error.to_string());
         }
     }
 
-    /// Its number, and itself where it is a child of ours.
-    fn give_birth(
-        &mut self,
-        module: &str,
-        mut command: Command,
-        limits: &Limits,
-        foreign: bool,
-    ) -> Result<(u32, Option<Child>, Option<Leaf>), String> {
-        let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(module).ok());
-        let (birth, refused) = limits.prepare(leaf.as_ref()).map_err(|error| error.to_string())?;
-        let foster = foreign.then(foster).flatten();
-        sys::give_limits(&mut command, birth, foster);
-        let mut child = command.spawn().map_err(|error| format!("{}: {error}", command.get_program().display()))?;
-        let (lines, other) = refused.read();
-        for line in lines {
+    /// A process is there, or is not.
+    fn on_birth(&mut self, Unborn { module, leaf, page }: Unborn, born: Born) {
+        for line in born.refused {
             self.note(format!("{module}: {line}"));
         }
-        match other {
-            Some(pid) => {
-                // Only the one between, which has ended.
-                let _ = child.wait();
-                Ok((pid, None, leaf))
-            }
-            None => Ok((child.id(), Some(child), leaf)),
+        let (pid, child) = match born.process {
+            Ok(process) => process,
+            Err(reason) => return self.stillborn(module, reason),
+        };
+        let start = Stat::of(pid).map(|stat| stat.start);
+        self.write_down(&module, |entry| {
+            (entry.process, entry.starting) = (start.map(|start| (pid, start)), false);
+        });
+        self.news.push_back(News::Started { module: module.clone(), pid });
+        let (page, refused) = page.transpose().map_or_else(|error| (None, Some(error)), |page| (page, None));
+        if let Some(error) = refused {
+            self.news.push_back(News::BadBeats { pid, why: format!("cannot be made: {error}") });
         }
+        let end = sys::pidfd_open(pid).ok();
+        let measured = clock::now();
+        let process =
+            Process { pid, module, start, child, end, leaf, page, bad: false, beats: false, ticks: 0, measured };
+        self.watch(&process);
+        self.running.push(process);
+    }
+
+    fn stillborn(&mut self, module: String, reason: String) {
+        self.write_down(&module, |entry| entry.starting = false);
+        self.news.push_back(News::Unstartable { module, reason });
     }
 
     fn write_down(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
@@ -334,8 +330,11 @@ impl Processes {
         }
     }
 
-    /// Some may have ended; which, is looked up.
+    /// Some may have ended, or begun; which, is looked up.
     pub fn on_ends(&mut self) {
+        while let Some((unborn, born)) = self.births.poll() {
+            self.on_birth(unborn, born);
+        }
         let mut ended = Vec::new();
         let news = &mut self.news;
         self.running.retain_mut(|process| {
@@ -442,7 +441,7 @@ impl Processes {
     }
 }
 
-/// Readable when some have ended.
+/// Readable when some have ended or begun.
 impl AsFd for Processes {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.ends.0.as_fd()

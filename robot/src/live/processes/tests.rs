@@ -23,13 +23,27 @@ fn shell(script: &'static str, run_dir: Option<&Path>) -> Launch {
 fn start(script: &'static str) -> (Processes, u32) {
     let mut processes = Processes::new(clock::now(), shell(script, None), None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
-    processes.command(clock::now(), spawn);
-    let mut started = 0;
-    assert!(processes.poll_event(|event| match event {
-        ProcessEvent::Started { module: "m", pid } => started = pid,
-        other => panic!("{other:?}"),
-    }));
+    processes.command(spawn);
+    let started = begun(&mut processes).unwrap();
     (processes, started)
+}
+
+/// Waits up to 5 s for what comes of a start: its pid, or why there is none.
+fn begun(processes: &mut Processes) -> Result<u32, String> {
+    for _ in 0..1000 {
+        processes.on_ends();
+        let mut begun = None;
+        processes.poll_event(|event| match event {
+            ProcessEvent::Started { module: "m", pid } => begun = Some(Ok(pid)),
+            ProcessEvent::Unstartable { module: "m", reason } => begun = Some(Err(reason.into())),
+            other => panic!("{other:?}"),
+        });
+        if let Some(begun) = begun {
+            return begun;
+        }
+        sleep(std::time::Duration::from_millis(5));
+    }
+    panic!("it does not begin");
 }
 
 /// Waits up to 5 s for the end of the one process.
@@ -74,7 +88,7 @@ fn terminate_ends_the_whole_group() {
         }
     };
     fs::remove_file(&dir).unwrap();
-    processes.command(clock::now(), ProcessCommand::Terminate { pid });
+    processes.command(ProcessCommand::Terminate { pid });
     assert_eq!(end(&mut processes), ExitStatus::Signal(15));
     for _ in 0..500 {
         if gone(child) {
@@ -107,8 +121,8 @@ fn what_a_process_leaves_in_its_group_is_killed() {
 fn a_strange_pid_is_left_alone() {
     let (mut processes, pid) = start("sleep 100");
     // Ourselves: this test would not live to tell.
-    processes.command(clock::now(), ProcessCommand::Kill { pid: std::process::id() });
-    processes.command(clock::now(), ProcessCommand::Kill { pid });
+    processes.command(ProcessCommand::Kill { pid: std::process::id() });
+    processes.command(ProcessCommand::Kill { pid });
     assert_eq!(end(&mut processes), ExitStatus::Signal(9));
 }
 
@@ -123,7 +137,7 @@ fn what_a_process_uses_is_measured() {
         ProcessEvent::Usage { cpu, rss, .. } => used = (cpu, rss),
         other => panic!("{other:?}"),
     }));
-    processes.command(clock::now(), ProcessCommand::Kill { pid });
+    processes.command(ProcessCommand::Kill { pid });
     end(&mut processes);
     assert!(used.0 > 0.05 && used.0 < 1.5 && used.1 > 10_000, "{used:?}");
 }
@@ -133,12 +147,8 @@ fn a_command_that_is_not_there_is_told() {
     let launch = launch("/nonexistent/module", Vec::new(), None);
     let mut processes = Processes::new(clock::now(), launch, None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
-    processes.command(clock::now(), spawn);
-    let mut told = String::new();
-    assert!(processes.poll_event(|event| match event {
-        ProcessEvent::Unstartable { reason, .. } => told = reason.into(),
-        other => panic!("{other:?}"),
-    }));
+    processes.command(spawn);
+    let told = begun(&mut processes).unwrap_err();
     assert_eq!(told, "/nonexistent/module: No such file or directory (os error 2)");
 }
 
@@ -164,13 +174,8 @@ impl Run {
     }
 
     fn spawn(processes: &mut Processes) -> u32 {
-        processes.command(clock::now(), ProcessCommand::Spawn { module: "m".into(), wanted: State::Run });
-        let mut started = 0;
-        processes.poll_event(|event| match event {
-            ProcessEvent::Started { pid, .. } => started = pid,
-            other => panic!("{other:?}"),
-        });
-        started
+        processes.command(ProcessCommand::Spawn { module: "m".into(), wanted: State::Run });
+        begun(processes).unwrap()
     }
 }
 
@@ -187,7 +192,7 @@ fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
     let (mut first, told) = run.life("exec sleep 100");
     assert_eq!(told, []);
     let pid = Run::spawn(&mut first);
-    first.command(clock::now(), ProcessCommand::Remember { module: "m".into(), wanted: State::Stop, held: false });
+    first.command(ProcessCommand::Remember { module: "m".into(), wanted: State::Stop, held: false });
     // It is killed: nobody takes leave of anything.
     let child = first.running.remove(0).child.unwrap();
     drop(first);
@@ -196,7 +201,7 @@ fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
     assert_eq!(told, [(Some(pid), State::Stop)]);
     second.on_ends();
     assert!(second.news.is_empty(), "it lives");
-    second.command(clock::now(), ProcessCommand::Kill { pid });
+    second.command(ProcessCommand::Kill { pid });
     // We are its parent in truth, and wait for it late.
     assert_eq!(end(&mut second), ExitStatus::Signal(9));
     drop(child);
@@ -213,7 +218,7 @@ fn one_that_could_not_be_written_down_is_found() {
     let _child = first.running.remove(0).child;
     let (mut second, told) = run.life("exec sleep 100");
     assert_eq!(told, [(Some(pid), State::Run)]);
-    second.command(clock::now(), ProcessCommand::Kill { pid });
+    second.command(ProcessCommand::Kill { pid });
     end(&mut second);
 }
 
@@ -253,7 +258,7 @@ fn a_number_that_was_given_away_harms_nobody() {
         record(child, start);
         let (mut next, told) = run.life("exit 0");
         assert_eq!(told, [(None, State::Run)]);
-        next.command(clock::now(), ProcessCommand::Kill { pid: child.id() });
+        next.command(ProcessCommand::Kill { pid: child.id() });
     }
     // In the right hands it is ours.
     record(&of_another_start, start(&of_another_start));
@@ -282,7 +287,7 @@ fn what_leaves_the_process_group_ends_with_the_cgroup() {
             Err(_) => sleep(std::time::Duration::from_millis(5)),
         }
     };
-    processes.command(clock::now(), ProcessCommand::Kill { pid });
+    processes.command(ProcessCommand::Kill { pid });
     assert_eq!(end(&mut processes), ExitStatus::Signal(9));
     for _ in 0..500 {
         if gone(escaped) {
