@@ -30,6 +30,7 @@ bench:
 	cargo bench -p advee --locked --bench start --bench wheel
 	cargo bench -p advee --locked --bench world
 	cargo bench -p advee --locked --bench faults
+	cargo bench -p estimator --locked --bench estimator
 	cargo bench -p lcm-gen --locked --bench codec
 	cargo bench -p rs485 --locked --bench rs485
 	cargo bench -p i2c --locked --bench i2c

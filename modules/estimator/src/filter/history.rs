@@ -1,0 +1,130 @@
+//! The last two seconds: what was measured, in the order of when, and the state after each.
+
+use super::state::{Sight, State, Step};
+use base::{Duration, Instant};
+use std::collections::VecDeque;
+
+/// What is older than this is no longer re-run.
+pub const KEPT: Duration = Duration::from_secs(2);
+
+/// A measurement.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
+    /// Where the history begins.
+    Begin,
+    /// A way up to then.
+    Way(Step),
+    /// A bearing.
+    Bearing {
+        sight: Sight,
+        /// Not judged yet.
+        fresh: bool,
+        /// Whether it may change the state, or is only looked at.
+        used: bool,
+    },
+}
+
+/// Something measured, and how things stand after it.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    pub at: Instant,
+    pub kind: Kind,
+    pub state: State,
+}
+
+/// The ring of them; never empty.
+#[derive(Debug)]
+pub struct History {
+    entries: VecDeque<Entry>,
+    /// From here on states are to be worked out anew.
+    pub dirty: usize,
+    /// The last way before the beginning.
+    left: Step,
+}
+
+impl History {
+    pub fn new(at: Instant, state: &State) -> Self {
+        let mut entries = VecDeque::with_capacity(128);
+        entries.push_back(Entry { at, kind: Kind::Begin, state: *state });
+        Self { entries, dirty: 1, left: Step::default() }
+    }
+
+    pub fn last(&self) -> &Entry {
+        &self.entries[self.entries.len() - 1]
+    }
+
+    pub fn first_at(&self) -> Instant {
+        self.entries[0].at
+    }
+
+    /// Begins anew where it ends, with another state.
+    pub fn restart(&mut self, state: &State) {
+        self.left = self.last_step();
+        let last = Entry { kind: Kind::Begin, state: *state, ..*self.last() };
+        self.entries.clear();
+        self.entries.push_back(last);
+        self.dirty = 1;
+    }
+
+    /// Appends a way up to `at`, later than the last entry.
+    pub fn push(&mut self, at: Instant, step: Step) {
+        let state = self.last().state;
+        self.entries.push_back(Entry { at, kind: Kind::Way(step), state });
+        // The first one keeps its state, and is the new beginning.
+        while self.dirty > 1 && self.entries.get(1).is_some_and(|second| at.since(second.at) > KEPT) {
+            self.entries.pop_front();
+            self.dirty -= 1;
+        }
+    }
+
+    /// The place after everything up to `at`, where a bearing of then belongs; a way that goes on beyond it is parted.
+    /// `at` is not before the first entry and not after the last.
+    pub fn place(&mut self, at: Instant) -> usize {
+        let mut place = self.entries.len();
+        while place > 1 && self.entries[place - 1].at > at {
+            place -= 1;
+        }
+        let before = self.entries[place - 1];
+        if let Some(Entry { at: end, kind: Kind::Way(step), .. }) = self.entries.get(place).copied()
+            && before.at < at
+        {
+            let part = at.since(before.at).as_secs_f64() / end.since(before.at).as_secs_f64();
+            let (first, rest) = (step.part(part), step.part(1.0 - part));
+            self.entries[place].kind = Kind::Way(rest);
+            self.insert(place, &Entry { at, kind: Kind::Way(first), state: before.state });
+            return place + 1;
+        }
+        place
+    }
+
+    pub fn insert(&mut self, place: usize, entry: &Entry) {
+        self.entries.insert(place, *entry);
+        self.dirty = self.dirty.min(place);
+    }
+
+    /// The entry before a place.
+    pub fn before(&self, place: usize) -> &Entry {
+        &self.entries[place - 1]
+    }
+
+    /// The way that a moment at a place is in, or else the last one before it.
+    pub fn step_at(&self, place: usize) -> Step {
+        let is_way = |entry: &Entry| if let Kind::Way(step) = entry.kind { Some(step) } else { None };
+        let on = self.entries.get(place).and_then(is_way);
+        on.or_else(|| self.entries.range(..place).rev().find_map(is_way)).unwrap_or(self.left)
+    }
+
+    /// The last way.
+    pub fn last_step(&self) -> Step {
+        self.step_at(self.entries.len())
+    }
+
+    /// The next entry that is to be worked out, and the state before it.
+    pub fn next(&mut self) -> Option<(State, &mut Entry)> {
+        let place = self.dirty;
+        let state = self.entries.get(place.checked_sub(1)?)?.state;
+        let entry = self.entries.get_mut(place)?;
+        self.dirty += 1;
+        Some((state, entry))
+    }
+}

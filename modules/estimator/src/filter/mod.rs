@@ -1,0 +1,626 @@
+//! The filter: an EKF over odometry and bearings that knows when it does not know.
+//!
+//! A bearing is applied at its own instant: ways and bearings of the last two seconds are kept with the states after
+//! them, and what comes later than something newer is put in its place and the rest run again (docs/facts/robot.md 3.1).
+//! Whether a bearing is of its beacon at all is weighed by how it fits. When bearings speak against the pose, or
+//! there is none, poses are searched among all that three bearings of the last seconds allow ([`crate::search`]).
+
+mod config;
+mod history;
+mod state;
+#[cfg(test)]
+mod tests;
+
+pub use config::{Beacon, Config, ConfigError, Noise};
+pub(crate) use state::deviations;
+
+use crate::search::{self, Seen};
+use crate::trail::Trail;
+use base::{Duration, Instant};
+use core::f64::consts::TAU;
+use history::{Entry, History, Kind};
+use navitools::{Motion, Pose, wrap};
+use state::{BEND, DELAY, N, SCALE, Sight, State, Step, THETA, TRACK, TURN, X, Y};
+use std::collections::VecDeque;
+
+/// How good an estimate is; the values of `data_estimate_t`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Quality {
+    /// Nothing is known, and nothing seen that would change it.
+    Lost = 0,
+    /// No pose to rely on; beacons are seen.
+    Searching = 1,
+    /// About there.
+    Coarse = 2,
+    /// There.
+    Fine = 3,
+}
+
+impl Quality {
+    /// As it stands in tables and files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lost => "LOST",
+            Self::Searching => "SEARCHING",
+            Self::Coarse => "COARSE",
+            Self::Fine => "FINE",
+        }
+    }
+}
+
+/// What the filter believes of a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Of the rear axle's middle; of no meaning below COARSE.
+    pub pose: Pose,
+    /// m/s and rad/s.
+    pub motion: Motion,
+    /// Of x, y, theta; m and rad, squared.
+    pub covariance: [[f64; 3]; 3],
+    /// How good.
+    pub quality: Quality,
+}
+
+/// What the robot does not know of itself, as estimated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nuisances {
+    /// The sensor against the robot, rad.
+    pub turn: f64,
+    /// The part by which ways are longer than measured.
+    pub scale: f64,
+    /// Turning that is not measured, rad/m.
+    pub bend: f64,
+    /// The part by which turns are longer than measured.
+    pub track: f64,
+    /// From a bearing to its stamp, s.
+    pub delay: f64,
+}
+
+/// Why a measurement was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// Not a number, or beyond what any robot does.
+    Value,
+    /// Before the last one.
+    Backwards,
+    /// Older than the history, or further ahead than that.
+    Time,
+    /// No beacon of the map has this number.
+    Unknown,
+}
+
+/// What was taken and what was not, since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Ways taken.
+    pub ways: u64,
+    /// Bearings taken.
+    pub bearings: u64,
+    /// Of these: outside the gate, or taken for wild.
+    pub gated: u64,
+    /// Of these: not applied, as the robot stood and the beacon had been heard enough.
+    pub repeated: u64,
+    /// Times that the pose was found by searching.
+    pub found: u64,
+    /// Times that the bearings spoke against the pose.
+    pub doubted: u64,
+    /// Refused: [`Refused::Value`].
+    pub values: u64,
+    /// Refused: [`Refused::Backwards`].
+    pub backwards: u64,
+    /// Refused: [`Refused::Time`].
+    pub times: u64,
+    /// Refused: [`Refused::Unknown`].
+    pub unknown: u64,
+}
+
+/// No robot of this kind is faster, m/s.
+const SPEED_MAX: f64 = 10.0;
+/// Nor turns faster, rad/s.
+const ROTATION_MAX: f64 = 20.0;
+/// Odometry with a longer gap says nothing of what was in it.
+const GAP: Duration = Duration::from_secs(2);
+/// What the robot may do in such a gap, m and rad for each s.
+const BLIND: (f64, f64) = (0.5, 0.5);
+/// Bearings ahead of the odometry wait for it; more of them than this do not.
+const WAITING: usize = 64;
+/// Bearings of one beacon that are applied in one standstill.
+const WHILE_STANDING: u8 = 3;
+/// The pose is doubted when the bearings say by so much (natural logarithm) that it is wrong: four wild ones in a row.
+const DOUBT: f64 = 11.5;
+/// Half way there it is no more than coarse.
+const UNEASY: f64 = 5.75;
+/// Of how many bearings the part that does not fit is looked at, and from which part on others poses are tried: a robot
+/// that was put near where it was may find half of its bearings in order.
+const LOOKED_AT: f64 = 8.0;
+const MISFITS: f64 = 0.3;
+/// Other poses are then judged by the bearings of this time.
+const LATELY: Duration = Duration::from_secs(3);
+/// So many good bearings in a row end a doubt.
+const GOOD_AGAIN: u32 = 6;
+/// A doubted pose that nothing confirms is given up after this.
+const GIVEN_UP: Duration = Duration::from_secs(10);
+/// Nobody searches more often than this.
+const SEARCH_EVERY: Duration = Duration::from_millis(250);
+/// A pose that is this unsure, m, is searched for, too.
+const VAGUE_M: f64 = 0.7;
+/// Beacons were seen if one was in this time.
+const SEEN_WITHIN: Duration = Duration::from_secs(3);
+/// What cannot be known to be anywhere: the deviations of the position, m, and heading, rad, of no pose.
+const ANYWHERE: (f64, f64) = (1000.0, 3.2);
+/// Numbers that are no pose may come back to what they could be at the start within this, s.
+const CHANGES_IN: f64 = 2e5;
+
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    at: Instant,
+    stamp: Instant,
+    beacon: usize,
+    bearing: f64,
+}
+
+/// The last bearings that were applied of a beacon.
+#[derive(Clone, Copy, Debug, Default)]
+struct Applied {
+    last: Option<Instant>,
+    /// In this standstill.
+    standing: u8,
+}
+
+/// The estimator's core: fed with ways and bearings, asked for the pose.
+#[derive(Debug)]
+pub struct Filter {
+    config: Config,
+    walk: [f64; N - 3],
+    history: History,
+    /// The numbers that are no pose are right to this, where there is no pose.
+    has_pose: bool,
+    started: bool,
+    pending: VecDeque<Pending>,
+    seen: VecDeque<Seen>,
+    trail: Trail,
+    applied: Vec<Applied>,
+    /// By how much (natural logarithm) the bearings speak against the pose.
+    against: f64,
+    /// The part of the last bearings that did not fit.
+    misfits: f64,
+    doubt: Option<Instant>,
+    good: u32,
+    last_good: Instant,
+    last_seen: Option<Instant>,
+    searched: Instant,
+    to_search: bool,
+    counts: Counts,
+}
+
+impl Filter {
+    /// A filter that knows no pose.
+    ///
+    /// # Errors
+    /// When the configuration cannot be.
+    pub fn new(config: Config) -> Result<Self, ConfigError> {
+        config.check()?;
+        let prior = [config.turn, config.scale, config.bend, config.track, config.delay];
+        let mut state = State { mean: [0.0; N], cov: [[0.0; N]; N] };
+        for (place, deviation) in prior.iter().enumerate() {
+            state.cov[3 + place][3 + place] = deviation * deviation;
+        }
+        let applied = vec![Applied::default(); config.beacons.len()];
+        Ok(Self {
+            walk: prior.map(|deviation| deviation * deviation / CHANGES_IN),
+            history: History::new(Instant::ZERO, &state),
+            has_pose: false,
+            started: false,
+            pending: VecDeque::with_capacity(WAITING),
+            seen: VecDeque::with_capacity(WAITING),
+            trail: Trail::default(),
+            applied,
+            against: 0.0,
+            misfits: 0.0,
+            doubt: None,
+            good: 0,
+            last_good: Instant::ZERO,
+            last_seen: None,
+            searched: Instant::ZERO,
+            to_search: false,
+            counts: Counts::default(),
+            config,
+        })
+    }
+
+    /// What was taken and what was not.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// What the robot does not know of itself.
+    #[must_use]
+    pub fn nuisances(&self) -> Nuisances {
+        let mean = &self.history.last().state.mean;
+        Nuisances { turn: mean[TURN], scale: mean[SCALE], bend: mean[BEND], track: mean[TRACK], delay: mean[DELAY] }
+    }
+
+    /// Up to when ways are known.
+    #[must_use]
+    pub fn at(&self) -> Instant {
+        self.history.last().at
+    }
+
+    /// Takes the robot's motion since the last way, m/s and rad/s, as the wheels told it at `at`. The first one only
+    /// sets the time.
+    ///
+    /// # Errors
+    /// When it is refused; nothing changes then.
+    pub fn odometry(&mut self, at: Instant, rates: Motion) -> Result<(), Refused> {
+        self.way(at, rates, self.config.odometry)
+    }
+
+    /// The same from a source that scatters otherwise.
+    ///
+    /// # Errors
+    /// When it is refused; nothing changes then.
+    pub fn way(&mut self, at: Instant, rates: Motion, noise: Noise) -> Result<(), Refused> {
+        // Comparisons with NaN are false.
+        if !(rates.translation.abs() <= SPEED_MAX && rates.rotation.abs() <= ROTATION_MAX) {
+            self.counts.values += 1;
+            return Err(Refused::Value);
+        }
+        if !self.started {
+            self.started = true;
+            let state = self.history.last().state;
+            self.history = History::new(at, &state);
+            self.trail.push(at, Motion::default(), 0.0, 0.0);
+            self.counts.ways += 1;
+            return Ok(());
+        }
+        if at <= self.at() {
+            self.counts.backwards += 1;
+            return Err(Refused::Backwards);
+        }
+        self.settle();
+        self.counts.ways += 1;
+        let step = step(at.since(self.at()), rates, noise);
+        if step.way != Motion::default() {
+            self.applied.iter_mut().for_each(|applied| applied.standing = 0);
+        }
+        self.trail.push(at, self.history.last().state.corrected(step.way), step.along, step.turn);
+        self.history.push(at, step);
+        while let Some(next) = self.pending.front().copied().filter(|next| next.at <= at) {
+            self.pending.pop_front();
+            self.insert(next);
+        }
+        Ok(())
+    }
+
+    /// Takes a bearing, rad from the robot's x axis counter-clockwise, that is stamped `stamp`. May come in any order,
+    /// up to two seconds late.
+    ///
+    /// # Errors
+    /// When it is refused; nothing changes then.
+    pub fn bearing(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
+        let refused = self.take_bearing(stamp, id, bearing);
+        match refused {
+            Ok(()) => self.counts.bearings += 1,
+            Err(Refused::Value) => self.counts.values += 1,
+            Err(Refused::Unknown) => self.counts.unknown += 1,
+            Err(Refused::Time | Refused::Backwards) => self.counts.times += 1,
+        }
+        refused
+    }
+
+    fn take_bearing(&mut self, stamp: Instant, id: i32, bearing: f64) -> Result<(), Refused> {
+        // More than a few turns are no angle.
+        if !bearing.is_finite() || bearing.abs() > 100.0 {
+            return Err(Refused::Value);
+        }
+        let beacon = self.config.beacons.iter().position(|beacon| beacon.id == id).ok_or(Refused::Unknown)?;
+        if !self.started {
+            return Err(Refused::Time);
+        }
+        let delay = self.history.last().state.mean[DELAY].clamp(-1.0, 1.5);
+        let at = match delay >= 0.0 {
+            true => stamp - Duration::from_secs_f64(delay),
+            false => stamp + Duration::from_secs_f64(-delay),
+        };
+        if at < self.history.first_at() || at > self.at() + history::KEPT {
+            return Err(Refused::Time);
+        }
+        let pending = Pending { at, stamp, beacon, bearing: wrap(bearing) };
+        if at <= self.at() {
+            self.insert(pending);
+        } else if self.pending.len() < WAITING {
+            let place = self.pending.partition_point(|other| other.at <= at);
+            self.pending.insert(place, pending);
+        } else {
+            return Err(Refused::Time);
+        }
+        Ok(())
+    }
+
+    /// Puts a bearing in its place in the history.
+    fn insert(&mut self, pending: Pending) {
+        let Pending { at, stamp, beacon, bearing } = pending;
+        if at < self.history.first_at() {
+            return;
+        }
+        let place = self.history.place(at);
+        let step = self.history.step_at(place);
+        let before = *self.history.before(place);
+        let applied = &mut self.applied[beacon];
+        let standing = step.way == Motion::default();
+        let used = !standing || applied.standing < WHILE_STANDING;
+        let mut variance = self.config.bearing * self.config.bearing;
+        // The part that lasts is told again by the next bearing of this beacon: what is new in it is less.
+        if let Some(last) = applied.last {
+            let again = libm::exp(-at.since(last).as_secs_f64() / self.config.lasting_s);
+            variance *= 1.0 + 2.0 * self.config.lasting * again;
+        }
+        if used {
+            applied.last = applied.last.max(Some(at));
+            applied.standing = if standing { applied.standing + 1 } else { 0 };
+        } else {
+            self.counts.repeated += 1;
+        }
+        let later = if stamp >= at { stamp.since(at).as_secs_f64() } else { -at.since(stamp).as_secs_f64() };
+        let place_of = self.config.beacons[beacon].at;
+        let (mount, rates) = (self.config.mount, step.rates());
+        let sight = Sight { beacon: place_of, bearing, variance, mount, rates, later };
+        let kind = Kind::Bearing { sight, fresh: true, used };
+        self.history.insert(place, &Entry { at, kind, ..before });
+        let seen = Seen { stamp, beacon, place: place_of, bearing };
+        let place = self.seen.partition_point(|other| other.stamp <= stamp);
+        self.seen.insert(place, seen);
+        let old = |seen: &Seen| stamp.since(seen.stamp) > search::WINDOW;
+        while self.seen.len() > search::KEPT || self.seen.front().is_some_and(old) {
+            self.seen.pop_front();
+        }
+        self.last_seen = self.last_seen.max(Some(at));
+        self.to_search = true;
+    }
+
+    /// Works out what is new, and searches where that is needed.
+    fn settle(&mut self) {
+        let (mut against, mut good, mut last_good) = (self.against, self.good, self.last_good);
+        let mut worst = against;
+        let wild = self.config.wild;
+        while let Some((mut state, entry)) = self.history.next() {
+            match &mut entry.kind {
+                Kind::Begin => {}
+                Kind::Way(step) => state.predict(step, &self.walk),
+                Kind::Bearing { sight, fresh, used } if self.has_pose => {
+                    if let Some(fit) = state.fit(sight) {
+                        let (own, other) = ((1.0 - wild) * fit.density(), wild / TAU);
+                        let right = own / (own + other);
+                        let inside = fit.distance() <= self.config.gate;
+                        if inside && *used {
+                            state.update(&fit, right);
+                        }
+                        if std::mem::take(fresh) {
+                            against = (against - libm::log((own + other) * TAU)).max(0.0);
+                            worst = worst.max(against);
+                            let fits = inside && right > 0.5;
+                            (good, last_good) = if fits { (good + 1, entry.at) } else { (0, last_good) };
+                            self.counts.gated += u64::from(!fits);
+                            self.misfits += (f64::from(u8::from(!fits)) - self.misfits) / LOOKED_AT;
+                        }
+                    }
+                }
+                Kind::Bearing { fresh, .. } => *fresh = false,
+            }
+            entry.state = state;
+        }
+        (self.against, self.good, self.last_good) = (against, good, last_good);
+        if self.has_pose {
+            self.judge(worst);
+        }
+        if self.to_search && (!self.has_pose || self.doubt.is_some() || self.is_vague() || self.misfits > MISFITS) {
+            self.search();
+        }
+        self.to_search = false;
+    }
+
+    fn judge(&mut self, worst: f64) {
+        let now = self.at();
+        match self.doubt {
+            None if worst >= DOUBT => {
+                self.counts.doubted += 1;
+                self.doubt = Some(now);
+                self.against = 0.0;
+                // What was seen before it went wrong would speak for where it was.
+                let last_good = self.last_good;
+                self.seen.retain(|seen| seen.stamp > last_good);
+                self.good = 0;
+                if self.distinct() < 3 {
+                    self.widen();
+                }
+            }
+            Some(_) if self.good >= GOOD_AGAIN && self.against < 1.0 => self.doubt = None,
+            Some(since) if now.since(since) >= GIVEN_UP || worst >= DOUBT => self.give_up(),
+            _ => {}
+        }
+    }
+
+    /// Different beacons of which bearings are at hand.
+    fn distinct(&self) -> usize {
+        (0..self.config.beacons.len()).filter(|place| self.seen.iter().any(|seen| seen.beacon == *place)).count()
+    }
+
+    /// Too few beacons to search: what was pushed aside a little may find back.
+    fn widen(&mut self) {
+        let mut state = self.history.last().state;
+        state.cov[X][X] += 0.25;
+        state.cov[Y][Y] += 0.25;
+        state.cov[THETA][THETA] += 0.06;
+        self.history.restart(&state);
+    }
+
+    fn give_up(&mut self) {
+        self.has_pose = false;
+        self.doubt = None;
+        self.against = 0.0;
+    }
+
+    fn is_vague(&self) -> bool {
+        self.history.last().state.deviations().0 > VAGUE_M
+    }
+
+    fn search(&mut self) {
+        let last = *self.history.last();
+        if last.at.since(self.searched) < SEARCH_EVERY {
+            return;
+        }
+        self.searched = last.at;
+        let delay = (last.state.mean[DELAY], libm::sqrt(last.state.cov[DELAY][DELAY]));
+        let turn = last.state.mean[TURN];
+        let certain = self.has_pose && self.doubt.is_none() && !self.is_vague();
+        let seen = self.seen.make_contiguous();
+        // Where nothing else speaks against the pose, those of before may be of somewhere else.
+        let (since, share) = if certain { (last.at - LATELY, 0.8) } else { (Instant::ZERO, 0.6) };
+        let seen = &seen[seen.partition_point(|seen| seen.stamp < since)..];
+        let own = self.has_pose.then(|| last.state.pose());
+        let Some(found) = search::search(&self.config, seen, &self.trail, turn, delay, own, share) else { return };
+        if let Some(own) = own
+            && !self.is_vague()
+            && search::is_same(own, found.pose)
+        {
+            (self.doubt, self.against, self.misfits) = (None, 0.0, 0.0);
+            return;
+        }
+        self.counts.doubted += u64::from(certain);
+        self.begin(found.pose, &found.covariance, Some(found.delay));
+        self.counts.found += 1;
+    }
+
+    /// Takes a pose as that of the last way. One that was seen was so by a sensor that is turned and late, of which
+    /// `delay` says how late, and the deviation of that.
+    fn begin(&mut self, pose: Pose, covariance: &[[f64; 3]; 3], delay: Option<(f64, f64)>) {
+        let mut old = self.history.last().state;
+        let rates = self.history.last_step().rates();
+        let mut state = State { mean: old.mean, cov: [[0.0; N]; N] };
+        (state.mean[X], state.mean[Y], state.mean[THETA]) = (pose.x, pose.y, pose.theta.radians());
+        // The pose by turn and delay: what the sensor is turned by the robot is not, and it is further by the delay.
+        let mut by = [[0.0; N]; 3];
+        if let Some((mean, deviation)) = delay {
+            state.mean[DELAY] = mean;
+            let less = deviation / libm::sqrt(old.cov[DELAY][DELAY]).max(1e-9);
+            (0..N).for_each(|place| {
+                old.cov[DELAY][place] *= less.min(1.0);
+                old.cov[place][DELAY] *= less.min(1.0);
+            });
+            let (sin, cos) = pose.theta.sin_cos();
+            by[THETA][TURN] = -1.0;
+            by[X][DELAY] = rates.translation * cos;
+            by[Y][DELAY] = rates.translation * sin;
+            by[THETA][DELAY] = rates.rotation;
+        }
+        for row in 3..N {
+            state.cov[row][3..].copy_from_slice(&old.cov[row][3..]);
+        }
+        for row in 0..3 {
+            for column in 3..N {
+                let value = (3..N).map(|place| by[row][place] * old.cov[place][column]).sum();
+                state.cov[row][column] = value;
+                state.cov[column][row] = value;
+            }
+        }
+        for row in 0..3 {
+            for column in 0..3 {
+                let rest: f64 = (3..N).map(|place| state.cov[row][place] * by[column][place]).sum();
+                state.cov[row][column] = covariance[row][column] + rest;
+            }
+        }
+        self.history.restart(&state);
+        self.has_pose = true;
+        self.doubt = None;
+        (self.against, self.misfits, self.good) = (0.0, 0.0, 0);
+        self.last_good = self.at();
+    }
+
+    /// The robot is there, with this covariance of x, y, theta: somebody says so.
+    ///
+    /// # Errors
+    /// When a number is none, or the covariance cannot be one.
+    pub fn set(&mut self, pose: Pose, covariance: [[f64; 3]; 3]) -> Result<(), Refused> {
+        let whole = covariance.iter().flatten().chain([&pose.x, &pose.y]).all(|number| number.abs() < 1e9);
+        let definite = (0..3).all(|row| {
+            covariance[row][row] >= 0.0
+                && (0..row).all(|column| {
+                    let (upper, lower) = (covariance[column][row], covariance[row][column]);
+                    (upper - lower).abs() < 1e-9 && upper * lower <= covariance[row][row] * covariance[column][column]
+                })
+        });
+        if !(whole && definite && pose.theta.radians().is_finite()) {
+            self.counts.values += 1;
+            return Err(Refused::Value);
+        }
+        self.settle();
+        // Nobody points to a millimetre.
+        let mut wide = covariance;
+        for (place, least) in [1e-4, 1e-4, 1e-4].iter().enumerate() {
+            wide[place][place] += least;
+        }
+        self.begin(pose, &wide, None);
+        self.seen.clear();
+        Ok(())
+    }
+
+    /// The estimate at `now`: predicted from the last way with its motion.
+    pub fn estimate(&mut self, now: Instant) -> Estimate {
+        self.settle();
+        let last = self.history.last();
+        let mut state = last.state;
+        let step = self.history.last_step();
+        let ahead = now.since(last.at).min(GAP);
+        if step.seconds > 0.0 && self.has_pose {
+            state.predict(&step.part(ahead.as_secs_f64() / step.seconds), &self.walk);
+        }
+        let motion = state.corrected(step.rates());
+        let heard = self.last_seen.is_some_and(|seen| now.since(seen) <= SEEN_WITHIN);
+        let without = if heard { Quality::Searching } else { Quality::Lost };
+        if !self.has_pose {
+            let (far, round) = (ANYWHERE.0 * ANYWHERE.0, ANYWHERE.1 * ANYWHERE.1);
+            let covariance = [[far, 0.0, 0.0], [0.0, far, 0.0], [0.0, 0.0, round]];
+            return Estimate { pose: Pose::default(), motion, covariance, quality: without };
+        }
+        let mut covariance = state.pose_covariance();
+        let (position, heading) = deviations(&covariance);
+        let mut quality = match () {
+            () if self.doubt.is_some() => without,
+            () if position <= self.config.fine.0 && heading <= self.config.fine.1 => Quality::Fine,
+            () if position <= self.config.coarse.0 && heading <= self.config.coarse.1 => Quality::Coarse,
+            () => without,
+        };
+        let doubtful = match () {
+            () if self.doubt.is_some() => (25.0, 3.0),
+            () if self.against >= UNEASY => (0.25, 0.03),
+            () => (0.0, 0.0),
+        };
+        if self.against >= UNEASY {
+            quality = quality.min(Quality::Coarse);
+        }
+        covariance[X][X] += doubtful.0;
+        covariance[Y][Y] += doubtful.0;
+        covariance[THETA][THETA] += doubtful.1;
+        Estimate { pose: state.pose(), motion, covariance, quality }
+    }
+}
+
+/// A way of so long at these rates.
+fn step(time: Duration, rates: Motion, noise: Noise) -> Step {
+    let seconds = time.as_secs_f64();
+    if time > GAP {
+        let variance = |rate: f64| rate * rate * seconds * seconds;
+        return Step { seconds, way: Motion::default(), along: variance(BLIND.0), turn: variance(BLIND.1) };
+    }
+    let way = Motion { translation: rates.translation * seconds, rotation: rates.rotation * seconds };
+    // Wheels that do not turn stand: there is no noise in that.
+    if way == Motion::default() {
+        return Step { seconds, ..Step::default() };
+    }
+    let metres = way.translation.abs();
+    let variance = |per_m: f64, per_s: f64| per_m * per_m * metres + per_s * per_s * seconds;
+    let along = variance(noise.along_per_m, noise.along_per_s);
+    Step { seconds, way, along, turn: variance(noise.turn_per_m, noise.turn_per_s) }
+}

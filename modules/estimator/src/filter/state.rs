@@ -1,0 +1,326 @@
+//! The state of the filter, and what a step of odometry and a bearing do to it.
+//!
+//! Read first: docs/facts/robot.md 3.1. Beside the pose the state has what no robot knows of itself exactly; all of it is
+//! constant over a run and observable while the robot drives with two beacons in sight.
+
+use navitools::{Motion, Point, Pose, wrap};
+
+/// Numbers in the state.
+pub const N: usize = 8;
+/// Position in the world, m, and heading, rad.
+pub const X: usize = 0;
+pub const Y: usize = 1;
+pub const THETA: usize = 2;
+/// How far the sensor is turned against the robot, rad.
+pub const TURN: usize = 3;
+/// By what part the way is longer than the odometry says.
+pub const SCALE: usize = 4;
+/// Turning per metre that the odometry does not see, rad/m: wheels of unequal size.
+pub const BEND: usize = 5;
+/// By what part the robot turns further than the odometry says: the track's error.
+pub const TRACK: usize = 6;
+/// How long before its stamp a bearing was taken, s.
+pub const DELAY: usize = 7;
+/// Numbers that are no pose.
+const REST: usize = N - 3;
+
+/// Mean and covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    pub mean: [f64; N],
+    pub cov: [[f64; N]; N],
+}
+
+/// The robot's way during a short time, as measured, and the variances of that.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Step {
+    pub seconds: f64,
+    pub way: Motion,
+    /// m².
+    pub along: f64,
+    /// rad².
+    pub turn: f64,
+}
+
+impl Step {
+    /// The same motion for a part (0 to 1) of the time.
+    pub fn part(&self, part: f64) -> Self {
+        Self {
+            seconds: self.seconds * part,
+            way: Motion { translation: self.way.translation * part, rotation: self.way.rotation * part },
+            along: self.along * part,
+            turn: self.turn * part,
+        }
+    }
+
+    /// m/s and rad/s; nothing for no time.
+    pub fn rates(&self) -> Motion {
+        let per_s = if self.seconds > 0.0 { 1.0 / self.seconds } else { 0.0 };
+        Motion { translation: self.way.translation * per_s, rotation: self.way.rotation * per_s }
+    }
+}
+
+/// A bearing as it is applied to the state of some moment.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    /// The beacon, m.
+    pub beacon: Point,
+    /// Measured, rad.
+    pub bearing: f64,
+    /// rad².
+    pub variance: f64,
+    /// The sensor in the robot frame, m.
+    pub mount: Point,
+    /// How the robot moved then, as measured.
+    pub rates: Motion,
+    /// From the state's moment to the bearing's stamp, s.
+    pub later: f64,
+}
+
+/// How a bearing fits.
+#[derive(Clone, Copy, Debug)]
+pub struct Fit {
+    /// Measured less expected, rad.
+    pub innovation: f64,
+    /// Its expected variance, rad².
+    pub variance: f64,
+    /// Covariance of the state with it.
+    cross: [f64; N],
+}
+
+impl Fit {
+    /// The squared innovation in its deviations.
+    pub fn distance(&self) -> f64 {
+        self.innovation * self.innovation / self.variance
+    }
+
+    /// The density of the innovation, 1/rad.
+    pub fn density(&self) -> f64 {
+        libm::exp(-0.5 * self.distance()) / libm::sqrt(core::f64::consts::TAU * self.variance)
+    }
+}
+
+impl State {
+    pub fn pose(&self) -> Pose {
+        Pose::new(self.mean[X], self.mean[Y], self.mean[THETA])
+    }
+
+    /// The way as the state knows it from the measured one.
+    pub fn corrected(&self, way: Motion) -> Motion {
+        let rotation = (1.0 + self.mean[TRACK]) * way.rotation + self.mean[BEND] * way.translation;
+        Motion { translation: (1.0 + self.mean[SCALE]) * way.translation, rotation }
+    }
+
+    /// The pose's covariance.
+    pub fn pose_covariance(&self) -> [[f64; 3]; 3] {
+        core::array::from_fn(|row| core::array::from_fn(|column| self.cov[row][column]))
+    }
+
+    /// The larger deviation of the position, m, and that of the heading, rad.
+    pub fn deviations(&self) -> (f64, f64) {
+        deviations(&self.pose_covariance())
+    }
+
+    /// The state after a step. `walk`: variance per second by which each number that is no pose may change.
+    pub fn predict(&mut self, step: &Step, walk: &[f64; REST]) {
+        let way = self.corrected(step.way);
+        let middle = self.mean[THETA] + way.rotation / 2.0;
+        let (sin, cos) = libm::sincos(middle);
+        let end = self.pose().along(way);
+        (self.mean[X], self.mean[Y], self.mean[THETA]) = (end.x, end.y, end.theta.radians());
+        // What a turn does to the position: it moves across the chord.
+        let (across_x, across_y) = (-way.translation * sin, way.translation * cos);
+        let (d, a) = (step.way.translation, step.way.rotation);
+        // Derivatives of x, y, theta by scale, bend and track; those by turn and delay are zero.
+        let rest = [
+            [d * cos, across_x * d / 2.0, across_x * a / 2.0],
+            [d * sin, across_y * d / 2.0, across_y * a / 2.0],
+            [0.0, d, a],
+        ];
+        let cov = &mut self.cov;
+        // Rows of the pose times the transition: first by rows ...
+        let mut rows = [[0.0; N]; 3];
+        for column in 0..N {
+            let theta = cov[THETA][column];
+            let (scale, bend, track) = (cov[SCALE][column], cov[BEND][column], cov[TRACK][column]);
+            for (row, by) in rest.iter().enumerate() {
+                let across = [across_x, across_y, 0.0][row];
+                rows[row][column] = cov[row][column] + across * theta + by[0] * scale + by[1] * bend + by[2] * track;
+            }
+        }
+        // ... then by columns: only those of the pose change.
+        for (row, sums) in rows.iter().enumerate() {
+            for (column, by) in rest.iter().enumerate().skip(row) {
+                let across = [across_x, across_y, 0.0][column];
+                let value = sums[column]
+                    + across * sums[THETA]
+                    + by[0] * sums[SCALE]
+                    + by[1] * sums[BEND]
+                    + by[2] * sums[TRACK];
+                cov[row][column] = value;
+                cov[column][row] = value;
+            }
+            for column in 3..N {
+                cov[row][column] = sums[column];
+                cov[column][row] = sums[column];
+            }
+        }
+        let noise = [[cos, across_x / 2.0], [sin, across_y / 2.0], [0.0, 1.0]];
+        for row in 0..3 {
+            for column in 0..3 {
+                cov[row][column] +=
+                    noise[row][0] * noise[column][0] * step.along + noise[row][1] * noise[column][1] * step.turn;
+            }
+        }
+        for (place, variance) in walk.iter().enumerate() {
+            cov[3 + place][3 + place] += variance * step.seconds;
+        }
+    }
+
+    /// How a bearing fits; `None` for a beacon that is too near to have a direction.
+    pub fn fit(&self, sight: &Sight) -> Option<Fit> {
+        let rates = self.corrected(sight.rates);
+        let after = sight.later - self.mean[DELAY];
+        let moved = Motion { translation: rates.translation * after, rotation: rates.rotation * after };
+        let own = self.pose().along(moved);
+        let sensor = own * sight.mount;
+        let (dx, dy) = (sight.beacon.x - sensor.x, sight.beacon.y - sensor.y);
+        let square = dx * dx + dy * dy;
+        if square < 0.04 {
+            return None;
+        }
+        let expected = libm::atan2(dy, dx) - own.theta.radians() - self.mean[TURN];
+        let (by_x, by_y) = (dy / square, -dx / square);
+        let mut by = [0.0; N];
+        (by[X], by[Y]) = (by_x, by_y);
+        by[THETA] = by_x * (self.mean[Y] - sensor.y) + by_y * (sensor.x - self.mean[X]) - 1.0;
+        by[TURN] = -1.0;
+        // A longer delay means an earlier pose.
+        let (sin, cos) = own.theta.sin_cos();
+        let velocity_x = rates.translation * cos - rates.rotation * (sensor.y - own.y);
+        let velocity_y = rates.translation * sin + rates.rotation * (sensor.x - own.x);
+        by[DELAY] = rates.rotation - by_x * velocity_x - by_y * velocity_y;
+        let mut cross = [0.0; N];
+        for (sum, row) in cross.iter_mut().zip(&self.cov) {
+            *sum = row.iter().zip(&by).map(|(cov, by)| cov * by).sum();
+        }
+        let spread: f64 = cross.iter().zip(&by).map(|(cross, by)| cross * by).sum();
+        // What the direction's curvature makes of an unsure position, in second order.
+        let near = (self.cov[X][X] + self.cov[Y][Y]) / square;
+        let variance = spread + sight.variance + 0.5 * near * near;
+        Some(Fit { innovation: wrap(sight.bearing - expected), variance, cross })
+    }
+
+    /// Takes a bearing that is right with probability `right`: what is gained is weighed with that, and what is left
+    /// open between right and wrong stays in the covariance (probabilistic data association, one measurement).
+    pub fn update(&mut self, fit: &Fit, right: f64) {
+        let gain = fit.cross.map(|cross| cross / fit.variance);
+        for (mean, gain) in self.mean.iter_mut().zip(&gain) {
+            *mean += right * fit.innovation * gain;
+        }
+        self.mean[THETA] = wrap(self.mean[THETA]);
+        let less = right * (1.0 - (1.0 - right) * fit.distance());
+        for row in 0..N {
+            for column in row..N {
+                let value = self.cov[row][column] - less * gain[row] * fit.cross[column];
+                self.cov[row][column] = value;
+                self.cov[column][row] = value;
+            }
+        }
+    }
+}
+
+/// The larger deviation of the position, m, and that of the heading, rad.
+pub fn deviations(cov: &[[f64; 3]; 3]) -> (f64, f64) {
+    let (half, difference) = ((cov[0][0] + cov[1][1]) / 2.0, (cov[0][0] - cov[1][1]) / 2.0);
+    let largest = half + libm::hypot(difference, cov[0][1]);
+    (libm::sqrt(largest.max(0.0)), libm::sqrt(cov[2][2].max(0.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state() -> State {
+        let mut cov = [[0.0; N]; N];
+        for (place, row) in cov.iter_mut().enumerate() {
+            row[place] = 1e-4 * (1.0 + place as f64);
+        }
+        State { mean: [3.0, 2.0, 0.4, 0.02, 0.01, -0.02, 0.03, 0.2], cov }
+    }
+
+    fn sight() -> Sight {
+        Sight {
+            beacon: Point { x: 9.0, y: 7.0 },
+            bearing: 0.3,
+            variance: 1e-4,
+            mount: Point { x: 0.25, y: 0.1 },
+            rates: Motion { translation: 0.7, rotation: 0.4 },
+            later: 0.23,
+        }
+    }
+
+    /// Transition and derivative of the bearing, by differences.
+    fn numerically(f: impl Fn(&State) -> f64) -> [f64; N] {
+        core::array::from_fn(|place| {
+            let (mut more, mut less) = (state(), state());
+            more.mean[place] += 1e-6;
+            less.mean[place] -= 1e-6;
+            (f(&more) - f(&less)) / 2e-6
+        })
+    }
+
+    #[test]
+    fn the_covariance_goes_along_with_the_derivatives_of_the_step() {
+        let way = Motion { translation: 0.15, rotation: 0.02 };
+        let step = Step { seconds: 0.25, way, along: 0.0, turn: 0.0 };
+        let after = |state: &State| {
+            let mut state = *state;
+            state.predict(&step, &[0.0; REST]);
+            state
+        };
+        let rows: [[f64; N]; N] = core::array::from_fn(|row| numerically(|state| after(state).mean[row]));
+        let got = after(&state()).cov;
+        for row in 0..N {
+            for column in 0..N {
+                let sum: f64 = (0..N).map(|k| rows[row][k] * state().cov[k][k] * rows[column][k]).sum();
+                // The middle of the arc stands for its chord: second order in the turn.
+                assert!((got[row][column] - sum).abs() < 5e-8, "{row} {column}: {} {sum}", got[row][column]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bearing_s_derivatives_are_those_of_the_geometry() {
+        let by = numerically(|state| -state.fit(&sight()).unwrap().innovation);
+        let fit = state().fit(&sight()).unwrap();
+        for place in 0..N {
+            let expected = state().cov[place][place] * by[place];
+            // Those by scale, bend and track act on the short way since the state alone, and are left out.
+            let tolerance = if [SCALE, BEND, TRACK].contains(&place) { 2e-5 } else { 1e-9 };
+            assert!((fit.cross[place] - expected).abs() < tolerance, "{place}: {} {expected}", fit.cross[place]);
+        }
+    }
+
+    #[test]
+    fn a_doubtful_bearing_gains_less_and_an_open_question_widens() {
+        let expected = sight().bearing - state().fit(&sight()).unwrap().innovation;
+        let fit = state().fit(&Sight { bearing: expected, ..sight() }).unwrap();
+        let trace = |right: f64| {
+            let mut state = state();
+            state.update(&fit, right);
+            (0..N).map(|place| state.cov[place][place]).sum::<f64>()
+        };
+        assert!(trace(1.0) < trace(0.0));
+        let far = Fit { innovation: 5.0 * fit.variance.sqrt(), ..fit };
+        let mut open = state();
+        open.update(&far, 0.5);
+        assert!(open.cov[X][X] > state().cov[X][X]);
+    }
+
+    #[test]
+    fn a_beacon_on_the_sensor_has_no_direction() {
+        let there = state().pose() * Point { x: 0.25, y: 0.1 };
+        assert!(state().fit(&Sight { beacon: there, later: 0.2, ..sight() }).is_none());
+    }
+}

@@ -1,0 +1,202 @@
+use super::*;
+use navitools::Point;
+
+const BEACONS: [(i32, f64, f64); 4] = [(1, 0.1, 0.1), (2, 19.9, 0.1), (3, 19.9, 11.9), (4, 0.1, 11.9)];
+
+fn filter() -> Filter {
+    let beacons = BEACONS.iter().map(|(id, x, y)| Beacon { id: *id, at: Point { x: *x, y: *y } }).collect();
+    Filter::new(Config { beacons, range: 30.0, ..Config::default() }).unwrap()
+}
+
+fn ms(ms: u64) -> Instant {
+    Instant::from_millis(ms)
+}
+
+/// Straight on from (4, 6) at half a metre a second; its sensor sits where the configuration says.
+fn pose(at_ms: u64) -> Pose {
+    Pose::new(4.0 + 0.5e-3 * at_ms as f64, 6.0, 0.0)
+}
+
+fn bearing(pose: Pose, beacon: usize) -> f64 {
+    let (_, x, y) = BEACONS[beacon];
+    let sensor = pose * Point { x: 0.25, y: 0.0 };
+    wrap(libm::atan2(y - sensor.y, x - sensor.x) - pose.theta.radians())
+}
+
+const ON: Motion = Motion { translation: 0.5, rotation: 0.0 };
+const SURE: [[f64; 3]; 3] = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]];
+
+/// Drives for so long with all beacons in sight, each once a second.
+fn drive(filter: &mut Filter, from_ms: u64, to_ms: u64) {
+    for now in (from_ms..=to_ms).step_by(50) {
+        let _ = filter.odometry(ms(now), ON);
+        if let beacon @ 0..4 = now as usize % 1000 / 50 {
+            let _ = filter.bearing(ms(now - 20), BEACONS[beacon].0, bearing(pose(now - 20), beacon));
+        }
+    }
+}
+
+fn off(filter: &mut Filter, at_ms: u64) -> f64 {
+    filter.estimate(ms(at_ms)).pose.point().distance(pose(at_ms).point())
+}
+
+#[test]
+fn it_finds_itself_and_follows() {
+    let mut filter = filter();
+    assert_eq!(filter.estimate(ms(0)).quality, Quality::Lost);
+    drive(&mut filter, 1000, 1400);
+    assert_eq!(filter.estimate(ms(1400)).quality, Quality::Searching);
+    drive(&mut filter, 1450, 12_000);
+    let estimate = filter.estimate(ms(12_030));
+    assert_eq!(estimate.quality, Quality::Fine);
+    assert!(off(&mut filter, 12_030) < 0.02, "{estimate:?} {:?}", filter.nuisances());
+    assert!((estimate.motion.translation - 0.5).abs() < 0.01 && filter.counts().found == 1);
+}
+
+#[test]
+fn a_bearing_counts_for_its_own_instant_whenever_it_comes() {
+    let (mut at_once, mut late) = (filter(), filter());
+    for filter in [&mut at_once, &mut late] {
+        filter.odometry(ms(1000), ON).unwrap();
+        filter.set(pose(1000), SURE).unwrap();
+    }
+    for now in (1050..2950).step_by(50) {
+        at_once.odometry(ms(now), ON).unwrap();
+        late.odometry(ms(now), ON).unwrap();
+        if let beacon @ 0..4 = now as usize % 1000 / 50 {
+            at_once.bearing(ms(now - 13), BEACONS[beacon].0, bearing(pose(now - 13), beacon)).unwrap();
+        }
+    }
+    // All of them later, the newest first.
+    for now in (1050..2950).rev().filter(|now| now % 50 == 0) {
+        if let beacon @ 0..4 = now as usize % 1000 / 50 {
+            late.bearing(ms(now - 13), BEACONS[beacon].0, bearing(pose(now - 13), beacon)).unwrap();
+        }
+    }
+    let (one, other) = (at_once.estimate(ms(2900)), late.estimate(ms(2900)));
+    assert!(one.pose.point().distance(other.pose.point()) < 2e-3, "{one:?} {other:?}");
+    assert!((one.covariance[0][0] / other.covariance[0][0] - 1.0).abs() < 0.1, "{one:?} {other:?}");
+}
+
+#[test]
+fn what_is_told_again_to_a_robot_that_stands_adds_nothing() {
+    let mut filter = filter();
+    filter.odometry(ms(1000), Motion::default()).unwrap();
+    filter.set(pose(0), SURE).unwrap();
+    let mut before = f64::INFINITY;
+    for second in 2..40u64 {
+        for part in 0..20 {
+            filter.odometry(ms(second * 1000 + part * 50), Motion::default()).unwrap();
+        }
+        for (beacon, (id, ..)) in BEACONS.iter().enumerate() {
+            filter.bearing(ms(second * 1000 + 950), *id, bearing(pose(0), beacon) + 0.002).unwrap();
+        }
+        let variance = filter.estimate(ms(second * 1000 + 950)).covariance[0][0];
+        if second > 6 {
+            assert!((variance - before).abs() < 1e-9, "at {second} s: {variance} {before}");
+        }
+        before = variance;
+    }
+    assert!(filter.counts().repeated > 100);
+    assert!(before > 1e-5, "{before}");
+}
+
+#[test]
+fn without_beacons_it_grows_unsure_and_says_so() {
+    let mut filter = filter();
+    filter.odometry(ms(0), ON).unwrap();
+    filter.set(pose(0), SURE).unwrap();
+    let mut told = vec![];
+    for now in (50..2_000_000).step_by(50) {
+        filter.odometry(ms(now), ON).unwrap();
+        let quality = filter.estimate(ms(now)).quality;
+        if told.last() != Some(&quality) {
+            told.push(quality);
+        }
+    }
+    assert_eq!(told, [Quality::Fine, Quality::Coarse, Quality::Lost]);
+}
+
+#[test]
+fn one_wild_bearing_moves_nothing() {
+    let mut filter = filter();
+    drive(&mut filter, 1000, 12_000);
+    let before = filter.estimate(ms(12_000));
+    filter.bearing(ms(11_990), 2, 2.5).unwrap();
+    let after = filter.estimate(ms(12_000));
+    assert!(before.pose.point().distance(after.pose.point()) < 1e-9 && after.quality == Quality::Fine);
+    assert!(filter.counts().gated >= 1);
+}
+
+#[test]
+fn what_cannot_be_is_counted_and_changes_nothing() {
+    let mut filter = filter();
+    drive(&mut filter, 1000, 8000);
+    let (before, early) = (filter.estimate(ms(8000)), filter.counts().times);
+    let odd = |translation, rotation| Motion { translation, rotation };
+    for rates in [odd(f64::NAN, 0.0), odd(0.0, f64::INFINITY), odd(1e300, 0.0), odd(0.0, -1e9)] {
+        assert_eq!(filter.odometry(ms(8050), rates), Err(Refused::Value));
+    }
+    assert_eq!(filter.odometry(ms(7000), ON), Err(Refused::Backwards));
+    assert_eq!(filter.odometry(ms(8000), ON), Err(Refused::Backwards));
+    assert_eq!(filter.bearing(ms(7990), 99, 0.0), Err(Refused::Unknown));
+    assert_eq!(filter.bearing(ms(7990), 1, f64::NAN), Err(Refused::Value));
+    assert_eq!(filter.bearing(ms(5000), 1, 0.0), Err(Refused::Time));
+    assert_eq!(filter.bearing(Instant::NEVER, 1, 0.0), Err(Refused::Time));
+    assert_eq!(filter.set(Pose::new(f64::NAN, 0.0, 0.0), SURE), Err(Refused::Value));
+    assert_eq!(filter.set(pose(0), [[-1.0; 3]; 3]), Err(Refused::Value));
+    assert_eq!(filter.set(pose(0), [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), Err(Refused::Value));
+    assert_eq!(filter.estimate(ms(8000)), before);
+    let counts = filter.counts();
+    assert_eq!((counts.values, counts.backwards, counts.unknown, counts.times - early), (8, 2, 1, 2));
+}
+
+#[test]
+fn any_sequence_of_anything_leaves_it_finite_and_alive() {
+    let mut seed = 1u64;
+    let mut next = |n: u64| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) % n
+    };
+    let numbers = [0.0, -0.0, 0.5, -0.5, 1.2, 3.2, -3.2, 9.9, 20.0, 1e-300, f64::NAN, f64::INFINITY, 1e300];
+    for _ in 0..20 {
+        let mut filter = filter();
+        let mut now = 5000u64;
+        for _ in 0..3000 {
+            now = (now + next(400)).saturating_sub(next(150));
+            let one = numbers[next(numbers.len() as u64) as usize];
+            let other = numbers[next(numbers.len() as u64) as usize];
+            let _ = match next(8) {
+                0..4 => filter.odometry(ms(now), Motion { translation: one, rotation: other }),
+                4..7 => filter.bearing(ms((now + next(3000)).saturating_sub(next(3000))), next(6) as i32, one),
+                _ => match next(20) {
+                    0 => filter.set(Pose::new(one, other, one), SURE),
+                    _ => Ok(()),
+                },
+            };
+            let estimate = filter.estimate(ms(now));
+            let Pose { x, y, theta } = estimate.pose;
+            assert!(x.is_finite() && y.is_finite() && theta.radians().is_finite(), "{estimate:?}");
+            for (place, row) in estimate.covariance.iter().enumerate() {
+                assert!(row.iter().all(|value| value.is_finite()) && row[place] >= 0.0, "{estimate:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_configuration_that_cannot_be_is_refused() {
+    let refused = |change: fn(&mut Config)| {
+        let mut config = Config::default();
+        change(&mut config);
+        Filter::new(config).map(|_| ()).unwrap_err()
+    };
+    let twice = Beacon { id: 3, at: Point::default() };
+    assert!(matches!(refused(|c| c.bearing = 0.0), ConfigError::Zero("bearing")));
+    assert!(matches!(refused(|c| c.wild = 1.0), ConfigError::Part("wild")));
+    assert!(matches!(refused(|c| c.lasting = -0.1), ConfigError::Part("lasting")));
+    assert!(matches!(refused(|c| c.scale = f64::NAN), ConfigError::Negative("scale")));
+    assert!(matches!(refused(|c| c.mount.x = f64::INFINITY), ConfigError::Place));
+    let config = Config { beacons: vec![twice, twice], ..Config::default() };
+    assert_eq!(Filter::new(config).map(|_| ()).unwrap_err(), ConfigError::Twice(3));
+}
