@@ -297,7 +297,7 @@ fn expect(bytes: &[u8], want: usize) -> Result<(), Error> {
     if bytes.len() == want { Ok(()) } else { Err(Error::Count { got: bytes.len(), want }) }
 }
 
-/// The PEC of a transfer, its address bytes included (SMBus 3.2, 6.4.1.1): what it writes, then, behind the address
+/// The PEC of a transfer, its address bytes included (SMBus 3.2, 6.4): what it writes, then, behind the address
 /// with the read bit, the bytes `read`.
 #[must_use]
 pub fn pec_of(transfer: &Transfer, read: &[u8]) -> u8 {

@@ -1,7 +1,7 @@
 //! One transfer on an I2C bus or SMBus, and what came of it: the words between drivers, hosts and the simulator.
 //!
 //! Which bus, who drives its two lines and how fast is the host's affair; SMBus commands, PEC and chips belong to crate
-//! `i2c`. Clauses: UM10204 rev. 7 (I2C), SMBus 3.2.
+//! `i2c`. Clauses: UM10204 rev. 6 (I2C), SMBus 3.2.
 
 use core::fmt;
 
@@ -28,7 +28,7 @@ impl Address {
         self.0
     }
 
-    /// Whether UM10204 table 4 keeps it for other things than a chip: 0x00..=0x07 and 0x78..=0x7F.
+    /// Whether UM10204 table 3 keeps it for other things than a chip: 0x00..=0x07 and 0x78..=0x7F.
     #[must_use]
     pub const fn reserved(self) -> bool {
         self.0 < 0x08 || self.0 > 0x77

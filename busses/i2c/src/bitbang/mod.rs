@@ -1,7 +1,7 @@
 //! A bus master made of two open-drain lines. Reads no clock and owns no pin: the caller says what time it is and, when
 //! asked, which levels the lines have, and is told which levels to give them and when to come back.
 //!
-//! UM10204 rev. 7, 3.1 and table 10; SMBus 3.2, 4.2 and 4.3. A bit is: pull SCL, after a while set SDA if it changes,
+//! UM10204 rev. 6, 3.1 and table 10; SMBus 3.2, 4.2 and 4.3. A bit is: pull SCL, after a while set SDA if it changes,
 //! release SCL, look at both lines. The look sees a clock that is held low (stretching), a lost arbitration and what is
 //! read, all at once; nothing is done that the bus does not need (`docs/i2c.md` has the count).
 
@@ -82,7 +82,7 @@ pub struct Master {
     done: Option<Outcome>,
 }
 
-/// Targets of SMBus wait so long for a clock that is low (3.2, table 1: `T_TIMEOUT,MIN`).
+/// Targets of SMBus wait so long for a clock that is low (`T_TIMEOUT:MIN`).
 const TARGETS_WAIT: Duration = Duration::from_millis(25);
 
 #[derive(Clone, Copy, Debug)]
