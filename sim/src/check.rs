@@ -94,6 +94,27 @@ impl fmt::Display for Violation {
     }
 }
 
+/// The longest times that rules have a bound for; none where it did not happen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Times {
+    /// From the moment at which the driver was served that PAUSE is engaged to the stop on the bus.
+    pub pause_to_stop: Option<Duration>,
+    /// From the hang or death of the watchdog or a critical module, the last of faults that overlap, to the stop on the
+    /// bus, or to the drive's word that it stops by itself.
+    pub loss_to_stop: Option<Duration>,
+    /// In calm, until a module was as it is wanted.
+    pub calm_to_wanted: Option<Duration>,
+}
+
+impl Times {
+    /// The longer of each.
+    pub fn add(&mut self, other: &Self) {
+        self.pause_to_stop = self.pause_to_stop.max(other.pause_to_stop);
+        self.loss_to_stop = self.loss_to_stop.max(other.loss_to_stop);
+        self.calm_to_wanted = self.calm_to_wanted.max(other.calm_to_wanted);
+    }
+}
+
 /// What a rule says: nothing, or how it was broken.
 type Verdict = Result<(), String>;
 
@@ -150,6 +171,12 @@ impl Checkers {
         self.setpoints
     }
 
+    /// The longest times so far, as the rules count them.
+    #[must_use]
+    pub fn times(&self) -> Times {
+        Times { pause_to_stop: self.pause.worst, loss_to_stop: self.stop.worst, calm_to_wanted: self.wanted.worst }
+    }
+
     /// From now on nothing is broken on purpose: all must come to be as it is wanted ([`wanted`]).
     pub fn calm(&mut self, now: Instant) {
         self.wanted.calm(now);
@@ -191,7 +218,7 @@ impl Checkers {
             News::Exited { module, pid, .. } => {
                 self.clock.on_exited(*pid);
                 self.single.on_exited(*pid);
-                self.restarts.on_exited(now, module, facts);
+                self.restarts.on_exited(now, module);
                 self.stop.on_lost(now, module, facts);
                 Ok(())
             }
@@ -203,7 +230,12 @@ impl Checkers {
                 self.stop.on_back(module);
                 Ok(())
             }
-            News::State { module, state } => named("stopped", self.stopped.on_state(now, module, *state, facts)),
+            News::State { module, state } => {
+                if *module == facts.limits.watchdog && *state == State::Init {
+                    self.restarts.on_watchdog();
+                }
+                named("stopped", self.stopped.on_state(now, module, *state, facts))
+            }
             News::Dropped { whose, count } => named("queues", queues::on_dropped(now, whose, *count, facts)),
             _ => Ok(()),
         }
@@ -212,6 +244,7 @@ impl Checkers {
     fn on_frame(&mut self, now: Instant, frame: &Frame) -> Result<(), (&'static str, String)> {
         let Id::Standard(id) = frame.id() else { return Ok(()) };
         if id != 0x500 + u16::from(self.facts.limits.propulsion) {
+            self.stop.on_frame(now, id, frame.data(), &self.facts);
             self.drives.on_frame(now, id, frame.data(), &self.facts);
             return Ok(());
         }
@@ -221,7 +254,8 @@ impl Checkers {
             return Err(("fresh", "a short RPDO4".into()));
         }
         let Some(speed) = facts.set_point.speed() else {
-            self.stop.on_still();
+            self.stop.on_still(now, facts);
+            self.pause.on_still(now, facts);
             self.authority.on_still(facts.set_point);
             return Ok(());
         };
@@ -230,6 +264,7 @@ impl Checkers {
             return Ok(());
         }
         self.setpoints += 1;
+        self.pause.on_moving();
         named("fresh", fresh::on_set_point(now, speed, facts))?;
         named("resumes", resumes::on_set_point(now, speed, facts))?;
         named("pause", pause::on_set_point(now, speed, facts))?;

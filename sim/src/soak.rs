@@ -20,7 +20,7 @@ mod shrink;
 #[cfg(test)]
 mod tests;
 
-pub use crate::check::{Limits, Violation};
+pub use crate::check::{Limits, Times, Violation};
 pub use chaos::{Fault, draw};
 pub use figures::{Figures, Worst};
 pub use report::Report;
@@ -172,6 +172,7 @@ impl<'a> Episode<'a> {
         let watch = self.watch.borrow();
         let mut figures = watch.meter.figures.clone();
         figures.goals = watch.operator.goals();
+        figures.worst.rules = watch.checkers.times();
         Outcome {
             digest: self.machine.digest(),
             time: self.machine.now().since(Instant::ZERO),
@@ -206,7 +207,7 @@ impl<'a> Episode<'a> {
     fn begin(&mut self, phase: Phase) {
         let now = self.machine.now();
         let mut watch = self.watch.borrow_mut();
-        watch.meter.calm = phase == Phase::Calm;
+        watch.meter.calm = (phase == Phase::Calm).then_some(now);
         match phase {
             Phase::Settle => {}
             Phase::Chaos => watch.checkers.chaos(),
@@ -220,7 +221,10 @@ impl<'a> Episode<'a> {
         let mut watch = self.watch.borrow_mut();
         watch.operator.act(now, |message| says.push(message));
         if let Some(calm) = &mut self.calm {
-            calm.moved |= watch.speed.abs() > MOVES && watch.reason.is_empty();
+            if !calm.moved && watch.speed.abs() > MOVES && watch.reason.is_empty() {
+                calm.moved = true;
+                watch.meter.on_moved(calm.waited);
+            }
             let time = if watch.homed { &mut calm.waited } else { &mut calm.homing };
             *time += operator::PERIOD;
         }

@@ -18,6 +18,9 @@ const WINDOW: Duration = Duration::from_secs(10);
 const CROWD: u32 = 18;
 /// The host owes an answer to a spawn within this time; else it counts as failed.
 const SPAWN_PATIENCE: Duration = Duration::from_secs(5);
+/// A module that announces for so long that it is not as it is wanted did not hear the command, or the watchdog did not.
+/// Longer than its own announcements are apart: one that somebody else makes in its name is no such thing.
+const ON_ITS_WAY: Duration = Duration::from_millis(1500);
 /// What a process announced before it ended has come by now.
 const LATE_ANNOUNCEMENT: Duration = Duration::from_secs(1);
 
@@ -59,6 +62,8 @@ pub(crate) struct Guard {
     /// How often it was started, without the first time.
     restarts: i32,
     launched: bool,
+    /// It announces another state than the wanted one, since.
+    differs: Option<Instant>,
     /// It has announced a state other than INIT since it was started.
     settled: bool,
     /// It was in STOP when TERMINATE was commanded: only an operator leads out.
@@ -95,6 +100,7 @@ impl Guard {
             rss: 0,
             restarts: 0,
             launched: false,
+            differs: None,
             settled: false,
             held: false,
             adopted: false,
@@ -189,7 +195,7 @@ impl Guard {
         self.launched = true;
         self.since = now;
         self.state = State::Unknown;
-        (self.settled, self.adopted, self.claimed) = (false, false, false);
+        (self.settled, self.adopted, self.claimed, self.differs) = (false, false, false, None);
     }
 
     /// Its first state after a start. One that was commanded on the way, when the process was ordered with another and
@@ -200,15 +206,40 @@ impl Guard {
             self.wanted = state;
         }
         if !self.settled && state != self.wanted && matches!(self.wanted, State::Pause | State::Stop) {
-            out.publish(common::CmdState {
-                timestamp: out.timestamp(now),
-                module: self.config.name.clone(),
-                state: self.wanted as i8,
-                manual: true,
-                source: NAME.into(),
-            });
+            self.repeat(now, out);
         }
         self.settled = true;
+    }
+
+    /// Commands what is wanted again.
+    fn repeat(&self, now: Instant, out: &mut Actions) {
+        out.publish(common::CmdState {
+            timestamp: out.timestamp(now),
+            module: self.config.name.clone(),
+            state: self.wanted as i8,
+            manual: true,
+            source: NAME.into(),
+        });
+    }
+
+    /// It announces a state. Where that is not the wanted one for longer than a command is on its way, the command did not
+    /// reach one of the two: again the calmer of both is wanted, and commanded. True when another state is wanted now.
+    pub(crate) fn agree(&mut self, now: Instant, state: State, out: &mut Actions) -> bool {
+        let both = [state, self.wanted];
+        if state == self.wanted || both.iter().any(|state| ![State::Run, State::Pause, State::Stop].contains(state)) {
+            self.differs = None;
+            return false;
+        }
+        if now.since(*self.differs.get_or_insert(now)) < ON_ITS_WAY {
+            return false;
+        }
+        let calmer = calm(state) > calm(self.wanted);
+        if calmer {
+            (self.wanted, self.differs) = (state, None)
+        } else {
+            self.repeat(now, out)
+        }
+        calmer
     }
 
     pub(crate) fn on_started(&mut self, now: Instant, pid: u32, out: &mut Actions) {

@@ -197,6 +197,7 @@ impl Watchdog {
             None => {}
         }
         guard.heard = now;
+        self.changed |= guard.agree(now, state, out);
         if guard.state == state {
             return;
         }

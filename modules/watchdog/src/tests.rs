@@ -490,6 +490,46 @@ fn an_adopted_process_that_was_being_ended_is_ended() {
 }
 
 #[test]
+fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
+    let mut bench = bench();
+    bench.event(Event::Start);
+    feed(&mut bench, &["pid", "nerves", "7"]);
+    // What it commands when a second later nerves announces itself, and what it wants of it then.
+    let says = |bench: &mut Bench, state: &str| {
+        bench.pass(Duration::from_secs(1));
+        feed(bench, &["says", "nerves", state]);
+        let commands = bench.published().into_iter().filter_map(|message| match message {
+            Message::CmCmdState(command) => Some((command.module, command.state, command.manual)),
+            _ => None,
+        });
+        commands.collect::<Vec<_>>()
+    };
+    let wanted = |bench: &mut Bench| {
+        bench.pass(Duration::from_millis(100));
+        bench.published().into_iter().rev().find_map(|message| match message {
+            Message::CmDataProcesses(list) => State::from_value(list.processes[0].wanted),
+            _ => None,
+        })
+    };
+    assert_eq!(says(&mut bench, "RUN"), []);
+    // The module has not heard it.
+    feed(&mut bench, &["command", "nerves", "PAUSE"]);
+    assert_eq!([says(&mut bench, "RUN"), says(&mut bench, "RUN")], [[], []]);
+    assert_eq!(says(&mut bench, "RUN"), [("nerves".into(), State::Pause as i8, true)]);
+    assert_eq!(says(&mut bench, "PAUSE"), []);
+    // The watchdog has not.
+    for _ in 0..3 {
+        assert_eq!(says(&mut bench, "STOP"), []);
+    }
+    assert_eq!(wanted(&mut bench), Some(State::Stop));
+    // Somebody else speaks in its name.
+    for _ in 0..10 {
+        feed(&mut bench, &["says", "nerves", "RUN"]);
+        assert_eq!(says(&mut bench, "STOP"), []);
+    }
+}
+
+#[test]
 fn a_storm_is_told_once_and_cleared_when_it_is_calm() {
     let mut bench = bench();
     bench.event(Event::Start);

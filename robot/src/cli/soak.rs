@@ -340,13 +340,15 @@ fn usual_scenario(config: &Path) -> PathBuf {
     if checkout.exists() { checkout.into() } else { config.join("../scenarios/default.toml") }
 }
 
-fn worst(figures: &soak::Figures) -> [(&'static str, Option<Duration>); 4] {
-    let soak::Worst { silence_to_stop, pause_to_stop, loss_to_stop, fault_to_run } = figures.worst;
+fn worst(figures: &soak::Figures) -> [(&'static str, Option<Duration>); 6] {
+    let soak::Worst { silence_to_stop, rules, loss_to_run, calm_to_motion } = figures.worst;
     [
         ("silence to stop", silence_to_stop),
-        ("PAUSE to stop", pause_to_stop),
-        ("hang or death to stop", loss_to_stop),
-        ("fault to RUN", fault_to_run),
+        ("PAUSE known to stop", rules.pause_to_stop),
+        ("hang or death to stop", rules.loss_to_stop),
+        ("hang or death to RUN", loss_to_run),
+        ("calm to wanted states", rules.calm_to_wanted),
+        ("calm to motion", calm_to_motion),
     ]
 }
 

@@ -28,13 +28,30 @@ pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
     }
 }
 
-/// The body's speed while PAUSE is known.
+/// What the robot does while PAUSE is known.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
+    /// The body's speed.
     speed: Option<f64>,
+    /// The last RPDO4 moves it.
+    moves: bool,
+    /// The longest from knowing to the stop on the bus.
+    pub worst: Option<Duration>,
 }
 
 impl Rule {
+    /// A set-point has left the wire.
+    pub fn on_moving(&mut self) {
+        self.moves = true;
+    }
+
+    /// An RPDO4 has left the wire that does not move the robot.
+    pub fn on_still(&mut self, now: Instant, facts: &Facts) {
+        if let (true, Pause::Engaged(since)) = (std::mem::take(&mut self.moves), facts.pause) {
+            self.worst = self.worst.max(Some(now.since(since)));
+        }
+    }
+
     /// The body was seen.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let known = matches!(facts.pause, Pause::Engaged(since) if now.since(since) > KNOWN);

@@ -1,5 +1,6 @@
 //! No restart storm (DESIGN 6): a module that dies is started again at once, then after 100 ms, doubling up to the
-//! configured most; ten seconds of life pay off one doubling. An operator's command lifts the delay.
+//! configured most; ten seconds of life pay off one doubling. An operator's command lifts the delay, and a watchdog that is
+//! started anew knows nothing of what was before it.
 
 use super::Verdict;
 use super::facts::{Facts, SLACK};
@@ -37,12 +38,13 @@ impl Rule {
     }
 
     /// A process ended.
-    pub fn on_exited(&mut self, now: Instant, name: &str, facts: &Facts) {
+    pub fn on_exited(&mut self, now: Instant, name: &str) {
         self.modules.of(name).ended = Some(now);
-        if name == facts.limits.watchdog {
-            // The next one knows nothing of delays.
-            self.modules.all().for_each(|(_, module)| module.delay = Duration::ZERO);
-        }
+    }
+
+    /// The watchdog begins; whoever starts it has delays of his own.
+    pub fn on_watchdog(&mut self) {
+        self.modules.all().for_each(|(_, module)| (module.ended, module.delay) = (None, Duration::ZERO));
     }
 
     /// A process is started.
@@ -53,7 +55,6 @@ impl Rule {
         let waited = module.ended.take().map(|ended| now.since(ended));
         (module.started, module.delay) = (now, (delay * 2).clamp(FIRST, facts.limits.restart_max));
         let commanded = std::mem::take(&mut module.commanded);
-        // Who guards the watchdog has delays of his own.
         match waited {
             None => module.delay = Duration::ZERO,
             Some(waited) if waited + SLACK < delay && !commanded && name != facts.limits.watchdog => {

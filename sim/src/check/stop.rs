@@ -1,7 +1,8 @@
 //! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (DESIGN 1.4).
 //!
-//! Begun: an RPDO4 that is a quick stop or zero, or the drive's own stop, seen by the body's speed falling. Counted from
-//! the last of faults that overlap; a hang that is over sooner is none. Judged only where a set-point moves the robot.
+//! Begun: an RPDO4 that is a quick stop or zero, or the drive's own stop, told by its statusword or, where nobody hears
+//! that, seen by the body's speed falling. Counted from the last of faults that overlap; a hang that is over sooner is none.
+//! Judged only where a set-point moves the robot.
 
 use super::Verdict;
 use super::facts::{Facts, SLACK};
@@ -23,10 +24,25 @@ struct Lost {
     speed: Option<f64>,
 }
 
+impl Lost {
+    /// The last of the faults that overlap.
+    fn counts_from(&self, now: Instant, facts: &Facts) -> Instant {
+        let others = [&facts.limits.driver, &facts.limits.watchdog];
+        let others = others.into_iter().filter(|name| ***name != *self.module);
+        let ill = others.filter_map(|name| facts.life(name)).map(|life| life.ill(now)).max().unwrap_or_default();
+        let bus = if facts.is_disturbed(now) || facts.is_deaf(now) { now } else { Instant::ZERO };
+        self.at.max(ill).max(bus).max(facts.lcm_disturbed(now).unwrap_or_default())
+    }
+}
+
 /// What is lost.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
     lost: Option<Lost>,
+    /// The propulsion told last that its operation is enabled.
+    enabled: bool,
+    /// The longest to a stop that was told.
+    pub worst: Option<Duration>,
 }
 
 impl Rule {
@@ -45,19 +61,31 @@ impl Rule {
         self.lost.take_if(|lost| *lost.module == *module);
     }
 
-    /// An RPDO4 has left the wire that does not move the robot.
-    pub fn on_still(&mut self) {
-        self.lost = None;
+    /// A frame has left the wire that is none to the propulsion.
+    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
+        let node = u16::from(facts.limits.propulsion);
+        if (id == 0x180 + node || id == 0x480 + node)
+            && let &[low, ..] = data
+        {
+            // CiA 402-2, statusword: operation enabled.
+            let enabled = low & 0x6F == 0x27;
+            if std::mem::replace(&mut self.enabled, enabled) && !enabled {
+                self.on_still(now, facts);
+            }
+        }
+    }
+
+    /// An RPDO4 has left the wire that does not move the robot, or the drive tells that it stops by itself.
+    pub fn on_still(&mut self, now: Instant, facts: &Facts) {
+        if let Some(lost) = self.lost.take() {
+            self.worst = self.worst.max(Some(now.since(lost.counts_from(now, facts))));
+        }
     }
 
     /// The body was seen.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let Some(lost) = &mut self.lost else { return Ok(()) };
-        let others = [&facts.limits.driver, &facts.limits.watchdog];
-        let others = others.into_iter().filter(|name| ***name != *lost.module);
-        let ill = others.filter_map(|name| facts.life(name)).map(|life| life.ill(now)).max().unwrap_or_default();
-        let bus = if facts.is_disturbed(now) || facts.is_deaf(now) { now } else { Instant::ZERO };
-        let from = lost.at.max(ill).max(bus).max(facts.lcm_disturbed(now).unwrap_or_default());
+        let from = lost.counts_from(now, facts);
         if from > lost.at && facts.life(&lost.module).is_some_and(super::life::Life::is_well) {
             // It is back before anybody could know, or who had to know was not there.
             self.lost = None;

@@ -43,6 +43,8 @@ pub(super) struct Rule {
     watchdog: u32,
     heard: Instant,
     calm: Option<Instant>,
+    /// The longest in calm until a module was as it is wanted.
+    pub worst: Option<Duration>,
 }
 
 impl Rule {
@@ -77,7 +79,8 @@ impl Rule {
                     row.wanted, before
                 ));
             }
-            judge(now, self.calm, module, row)?;
+            let agreed = judge(now, self.calm, module, row)?;
+            self.worst = self.worst.max(agreed);
         }
         Ok(())
     }
@@ -93,17 +96,23 @@ impl Rule {
     }
 }
 
-fn judge(now: Instant, calm: Option<Instant>, module: &mut Module, row: &common::Process) -> Verdict {
+/// How long it took in calm, where it is as it is wanted again.
+fn judge(
+    now: Instant,
+    calm: Option<Instant>,
+    module: &mut Module,
+    row: &common::Process,
+) -> Result<Option<Duration>, String> {
     let down = row.wanted == State::Terminate as i8 && row.phase == common::Process::TERMINATED;
     let agrees = row.state == row.wanted && row.phase == common::Process::RUNNING;
-    let Some(calm) = calm.filter(|_| !down && !agrees) else {
-        module.differs = None;
-        return Ok(());
-    };
+    if down || agrees {
+        let differed = module.differs.take().zip(calm);
+        return Ok(differed.map(|(since, calm)| now.since(since.max(calm))));
+    }
     let since = *module.differs.get_or_insert(now);
-    if now.since(since.max(calm)) > WITHIN {
+    if calm.is_some_and(|calm| now.since(since.max(calm)) > WITHIN) {
         let common::Process { module, state, phase, wanted, .. } = row;
         return Err(format!("{module} is in state {state}, phase {phase}, and {wanted} is wanted since {since:?}"));
     }
-    Ok(())
+    Ok(None)
 }

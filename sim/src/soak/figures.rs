@@ -1,6 +1,6 @@
 //! What an episode shows: how far, how often, how long at worst.
 
-use crate::check::Limits;
+use crate::check::{Limits, Times};
 use crate::host::News;
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
@@ -10,8 +10,10 @@ use std::collections::BTreeMap;
 
 /// A silence that ends motion is longer than half a command's life and shorter than this.
 const SILENCE_MAX: Duration = Duration::from_secs(1);
-/// A body that is slower by this has begun to stop, m/s.
-const SLOWER: f64 = 0.02;
+/// So long after calm began nothing of the chaos is left: controllers that went off are on the bus again.
+const SETTLED: Duration = Duration::from_secs(10);
+/// So long after a fault another one befalls alone.
+const AFTERMATH: Duration = Duration::from_secs(1);
 
 /// Figures of one episode, or of many.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,12 +35,12 @@ pub struct Figures {
 pub struct Worst {
     /// From the last command to the stop on the bus, in calm.
     pub silence_to_stop: Option<Duration>,
-    /// From the press of a bumper or the stop button to the stop on the bus.
-    pub pause_to_stop: Option<Duration>,
-    /// From the hang or death of the watchdog or a critical module to the stop on the bus, or to the body getting slower.
-    pub loss_to_stop: Option<Duration>,
-    /// From the hang or death of a module to its RUN.
-    pub fault_to_run: Option<Duration>,
+    /// Those that rules have a bound for.
+    pub rules: Times,
+    /// From the hang or death of a module to its RUN, where nothing else was wrong meanwhile or just before.
+    pub loss_to_run: Option<Duration>,
+    /// From the beginning of calm until the robot moved, homing not counted.
+    pub calm_to_motion: Option<Duration>,
 }
 
 impl Figures {
@@ -50,9 +52,9 @@ impl Figures {
         self.goals += other.goals;
         let (own, other) = (&mut self.worst, &other.worst);
         own.silence_to_stop = own.silence_to_stop.max(other.silence_to_stop);
-        own.pause_to_stop = own.pause_to_stop.max(other.pause_to_stop);
-        own.loss_to_stop = own.loss_to_stop.max(other.loss_to_stop);
-        own.fault_to_run = own.fault_to_run.max(other.fault_to_run);
+        own.rules.add(&other.rules);
+        own.loss_to_run = own.loss_to_run.max(other.loss_to_run);
+        own.calm_to_motion = own.calm_to_motion.max(other.calm_to_motion);
     }
 }
 
@@ -61,24 +63,26 @@ impl Figures {
 pub(super) struct Meter {
     limits: Limits,
     pub figures: Figures,
-    /// Nothing is broken on purpose.
-    pub calm: bool,
+    /// Nothing is broken on purpose, since.
+    pub calm: Option<Instant>,
     /// The set-point on the bus moves the robot.
     moves: bool,
     /// When the last command was sent that moves it, if none that stands came after it.
     commanded: Option<Instant>,
-    paused: Option<Instant>,
-    lost: Option<Loss>,
-    /// Modules that are not in RUN by a fault, since when.
-    down: BTreeMap<String, Instant>,
+    /// Modules that are not in RUN by a fault.
+    down: BTreeMap<String, Down>,
+    /// Something else than a process is ill until then, or was.
+    ill: Instant,
+    /// Processes that are served late.
+    late: Vec<u32>,
     truth: Option<simulation::DataTruth>,
 }
 
 #[derive(Debug)]
-struct Loss {
-    at: Instant,
-    pid: u32,
-    speed: f64,
+struct Down {
+    since: Instant,
+    /// Nothing else was wrong then, nor has been since.
+    alone: bool,
 }
 
 impl Meter {
@@ -86,12 +90,12 @@ impl Meter {
         Self {
             limits,
             figures: Figures::default(),
-            calm: false,
+            calm: None,
             moves: false,
             commanded: None,
-            paused: None,
-            lost: None,
             down: BTreeMap::new(),
+            ill: Instant::ZERO,
+            late: Vec::new(),
             truth: None,
         }
     }
@@ -100,17 +104,22 @@ impl Meter {
         match *news {
             News::Can { bus, frame } if bus == self.limits.bus => self.on_frame(now, &frame),
             News::Message { message: Message::LlCmdMotion(command), .. } => self.on_command(now, command),
-            News::Message { message: Message::SimDataTruth(truth), .. } => self.on_truth(now, truth),
-            News::Fault { fault: "stop_button" | "bumper", .. } if self.moves => {
-                self.paused.get_or_insert(now);
+            News::Message { message: Message::SimDataTruth(truth), .. } => self.on_truth(truth),
+            News::Fault { until, .. } => {
+                self.ill = self.ill.max(now).max(until);
+                self.down.values_mut().for_each(|down| down.alone = false);
             }
-            News::Hung { module, pid } => self.on_lost(now, module, pid),
-            News::Resumed { module, pid } => {
-                self.down.remove(module);
-                self.lost.take_if(|loss| loss.pid == pid);
+            News::Crawls { pid, late, .. } => self.on_late(now, pid, late),
+            News::Hung { module, .. } => self.on_lost(now, module),
+            News::Exited { module, pid, status } => {
+                self.on_late(now, pid, Duration::ZERO);
+                match status {
+                    ExitStatus::Code(0) => drop(self.down.remove(module)),
+                    _ => self.on_lost(now, module),
+                }
             }
-            News::Exited { module, pid, status } if status != ExitStatus::Code(0) => self.on_lost(now, module, pid),
-            News::Exited { module, .. } => {
+            News::Resumed { module, .. } => {
+                self.ill = self.ill.max(now);
                 self.down.remove(module);
             }
             News::State { module, state } => self.on_state(now, module, state),
@@ -118,23 +127,33 @@ impl Meter {
         }
     }
 
-    fn on_lost(&mut self, now: Instant, module: &str, pid: u32) {
-        self.down.entry(module.into()).or_insert(now);
-        let limits = &self.limits;
-        let critical =
-            module == limits.watchdog || module == limits.driver || limits.critical.iter().any(|m| m == module);
-        if critical && self.moves && self.lost.is_none() {
-            let speed = self.truth.as_ref().map_or(0.0, |truth| truth.speed.abs());
-            self.lost = Some(Loss { at: now, pid, speed });
+    fn on_lost(&mut self, now: Instant, module: &str) {
+        for down in self.down.iter_mut().filter(|(name, _)| **name != *module).map(|(_, down)| down) {
+            down.alone = false;
+        }
+        let alone = self.late.is_empty() && self.down.is_empty() && now > self.ill + AFTERMATH;
+        self.down.entry(module.into()).or_insert(Down { since: now, alone });
+    }
+
+    fn on_late(&mut self, now: Instant, pid: u32, late: Duration) {
+        let was = self.late.len();
+        self.late.retain(|other| *other != pid);
+        self.late.extend((!late.is_zero()).then_some(pid));
+        if self.late.len() > was {
+            self.down.values_mut().for_each(|down| down.alone = false);
+        } else if self.late.len() < was {
+            self.ill = self.ill.max(now);
         }
     }
 
     fn on_state(&mut self, now: Instant, module: &str, state: State) {
         if matches!(state, State::Run | State::Pause | State::Stop)
-            && let Some(since) = self.down.remove(module)
-            && state == State::Run
+            && let Some(down) = self.down.remove(module)
         {
-            longest(&mut self.figures.worst.fault_to_run, now.since(since));
+            if state == State::Run && down.alone {
+                longest(&mut self.figures.worst.loss_to_run, now.since(down.since));
+            }
+            self.ill = self.ill.max(now);
         }
     }
 
@@ -152,29 +171,25 @@ impl Meter {
         if !stops {
             return;
         }
-        let worst = &mut self.figures.worst;
         if let Some(commanded) = self.commanded {
             self.figures.stops += 1;
             let silence = now.since(commanded);
-            if self.calm && self.limits.ttl / 2 < silence && silence < SILENCE_MAX {
-                longest(&mut worst.silence_to_stop, silence);
+            let calm = self.calm.is_some_and(|calm| now.since(calm) > SETTLED);
+            if calm && self.limits.ttl / 2 < silence && silence < SILENCE_MAX {
+                longest(&mut self.figures.worst.silence_to_stop, silence);
             }
-        }
-        if let Some(paused) = self.paused.take() {
-            longest(&mut worst.pause_to_stop, now.since(paused));
-        }
-        if let Some(loss) = self.lost.take() {
-            longest(&mut worst.loss_to_stop, now.since(loss.at));
         }
     }
 
-    fn on_truth(&mut self, now: Instant, truth: &simulation::DataTruth) {
+    /// The robot moves in calm, for the first time.
+    pub fn on_moved(&mut self, waited: Duration) {
+        longest(&mut self.figures.worst.calm_to_motion, waited);
+    }
+
+    fn on_truth(&mut self, truth: &simulation::DataTruth) {
         if let Some(before) = &self.truth {
             self.figures.distance += libm::hypot(truth.x - before.x, truth.y - before.y);
             self.figures.contacts += u64::try_from(truth.collisions - before.collisions).unwrap_or(0);
-        }
-        if let Some(loss) = self.lost.take_if(|loss| truth.speed.abs() < loss.speed - SLOWER) {
-            longest(&mut self.figures.worst.loss_to_stop, now.since(loss.at));
         }
         self.truth = Some(truth.clone());
     }

@@ -111,7 +111,20 @@ impl Arbiter {
     pub fn current(&self, now: Instant) -> Option<&Command> {
         let (name, priority) = self.holder.as_ref()?;
         let source = self.sources.iter().find(|s| s.command.source == *name && s.command.priority == *priority)?;
-        (now.since(source.at) < self.ttl).then_some(&source.command)
+        let may = source.armed || *priority == PLANNER || sabotage::is(Bug::ResumesByItself);
+        (may && now.since(source.at) < self.ttl).then_some(&source.command)
+    }
+
+    /// What was decided at `now` has been carried out. A holder whose command was dead then has been stopped: where it was
+    /// not silent, but heard late, its next command must not move the robot again as if nothing had been.
+    pub fn decided(&mut self, now: Instant) {
+        if self.current(now).is_none()
+            && let Some((name, priority)) = &self.holder
+            && let Some(source) =
+                self.sources.iter_mut().find(|s| s.command.source == *name && s.command.priority == *priority)
+        {
+            source.armed &= source.command.speed == 0.0;
+        }
     }
 
     /// When the current command dies.
@@ -260,6 +273,20 @@ mod tests {
         bench.0.stopped(Instant::from_millis(1360));
         assert_eq!(bench.say(400, "op", 1, 0.0), Holds);
         assert_eq!(bench.say(450, "op", 1, 0.4), Holds);
+    }
+
+    #[test]
+    fn a_source_that_was_heard_late_and_stopped_must_send_zero_or_nothing_too() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        bench.0.decided(Instant::from_millis(1249));
+        assert_eq!(bench.say(200, "op", 1, 0.4), Holds);
+        // What was received at 240 ms is served when the command of 200 ms has died.
+        bench.0.decided(Instant::from_millis(1450));
+        assert_eq!(bench.say(240, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.say(440, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.moves(460), None);
+        assert_eq!(bench.say(690, "op", 1, 0.4), Holds, "it was silent for its time to live");
     }
 
     #[test]

@@ -461,6 +461,7 @@ impl Canbus {
                 self.decide_steering();
             }
         }
+        self.arbiter.decided(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
         for (node, in_doubt) in [self.propulsion.drive.take_doubt(), self.steering.drive.take_doubt()] {
@@ -623,7 +624,8 @@ impl Module for Canbus {
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
-        while let Some(frame) = self.master.poll_tx() {
+        let blind_stop = self.propulsion.blind_stop(now, self.bus.is_up());
+        for frame in blind_stop.into_iter().chain(std::iter::from_fn(|| self.master.poll_tx())) {
             self.bus.crossed(&frame);
             out.send_can(CAN, frame);
         }
@@ -644,7 +646,7 @@ impl Module for Canbus {
             Some(self.axes.next()),
             self.master.poll_timeout().filter(|_| self.bus.is_up()),
             self.bus.poll_timeout(),
-            self.propulsion.drive.poll_timeout(),
+            self.propulsion.poll_timeout(),
             self.steering.poll_timeout(),
             self.arbiter.poll_timeout(self.now),
             self.around.poll_timeout(self.now),

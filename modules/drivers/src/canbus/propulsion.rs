@@ -2,12 +2,17 @@
 
 use super::Config;
 use super::drive::Drive;
-use base::Instant;
+use base::can::Frame;
+use base::{Duration, Instant};
 use canopen::axis::{Goal, PowerState, Units};
 use canopen::drives::epos;
+use canopen::wire::Service;
 use canopen::{Master, NodeConfig};
 use messages::lowlevel;
 use module::Actions;
+
+/// As often as the master's heartbeat, which keeps a drive at its last speed.
+const BLIND: Duration = Duration::from_millis(50);
 
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
@@ -17,6 +22,8 @@ pub(super) struct Propulsion {
     goal: Goal,
     /// As the drive says, m/s; NaN before it did.
     speed: f64,
+    /// When a drive that is not booted is told to stop, the next time.
+    blind: Option<Instant>,
 }
 
 impl Propulsion {
@@ -39,6 +46,7 @@ impl Propulsion {
             target_rpm: 0,
             goal: Goal::QuickStop,
             speed: f64::NAN,
+            blind: None,
         }
     }
 
@@ -88,6 +96,27 @@ impl Propulsion {
         self.drive.handle_timeout(now, out);
         let data = epos::pack(self.drive.axis.controlword(), self.target_rpm);
         self.drive.send(now, master, epos::RPDO, data);
+    }
+
+    /// A quick stop for a drive that is not booted. It may turn yet, at its last speed: this module was started anew, or
+    /// the bus was away for less than the drive's patience, and our heartbeat is there again. To be asked after every
+    /// event, and sent before all else: a reset of its communication makes it deaf, and does not stop it. Until it is
+    /// booted it is told again and again; one that is not operational does not listen.
+    pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
+        if !bus_is_up || self.drive.is_booted() {
+            self.blind = None;
+            return None;
+        }
+        if self.blind.is_some_and(|at| now < at) {
+            return None;
+        }
+        self.blind = Some(now + BLIND);
+        let rpdo = Service::Rpdo { node: self.drive.node, number: epos::RPDO };
+        Some(Frame::standard(rpdo.cob_id(), &epos::pack(epos::QUICK_STOP, 0)))
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        [self.blind, self.drive.poll_timeout()].into_iter().flatten().min()
     }
 
     /// m/s as the drive measures it; zero before it told.

@@ -89,6 +89,27 @@ fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
 }
 
 #[test]
+fn a_drive_that_turns_while_it_is_booted_again_is_told_to_stop_before_all_else() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    // Shorter than the drive's patience with the master's heartbeat.
+    robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("bus-off") });
+    robot.exchange();
+    robot.pass(20);
+    robot.frames.clear();
+    robot.bench.event(Event::Port { port: PortId(0), input: Input::Up });
+    robot.exchange();
+    let stop = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data() == [0x0B, 0, 0, 0, 0, 0];
+    assert!(stop(&robot.frames[0].1), "{:?}", robot.frames[0]);
+    assert!(!robot.frames[1..].iter().any(|(_, frame)| stop(frame)), "once at a time");
+    robot.pass(5000);
+    assert!(robot.bench.shell.state() == State::Run && !robot.moves(), "{}", robot.reason());
+    robot.frames.clear();
+    robot.pass(1000);
+    assert!(!robot.frames.iter().any(|(_, frame)| stop(frame)), "it is booted, and stands");
+}
+
+#[test]
 fn a_command_from_the_future_lives_no_longer_than_any_other() {
     let mut robot = Robot::ready();
     let source = "clock".into();
