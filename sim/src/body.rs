@@ -4,6 +4,7 @@
 //! of the step's mean speed. The current loop and the speed loop of the drive are faster than a step (time constants
 //! 0.7 ms and 4 ms, docs/facts/robot.md 2.4): within its force the motor has the demanded speed at the step's end.
 
+use crate::people::Hull;
 use crate::world::World;
 use base::Duration;
 use navitools::{Ackermann, Motion, Pose};
@@ -229,6 +230,34 @@ impl Body {
         self.blocked
     }
 
+    /// Its outline and how it moves, as people meet it.
+    #[must_use]
+    pub fn hull(&self) -> Hull {
+        let p = &self.parameters;
+        let outline = (-p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0);
+        Hull::new(self.pose, outline, (self.speed, self.speed * self.curvature))
+    }
+
+    /// The farthest that a part of it moves while the rear axle's middle moves by `way`, m.
+    #[must_use]
+    pub fn sweep(&self, way: f64) -> f64 {
+        let corner = self.parameters.wheelbase + self.parameters.overhang_front + self.parameters.width / 2.0;
+        libm::fabs(way) * (1.0 + libm::fabs(self.curvature) * corner)
+    }
+
+    /// The last step, which led from `before` here, did not happen: somebody was in the way. `anew`: it was not before.
+    pub fn stop_at(&mut self, before: &Self, anew: bool) {
+        self.clone_from(before);
+        (self.speed, self.blocked) = (0.0, true);
+        self.collisions += u32::from(anew);
+    }
+
+    /// Lifted and put elsewhere: its wheels have not turned.
+    pub fn put(&mut self, pose: Pose) {
+        (self.pose, self.speed, self.force, self.free_way) = (pose, 0.0, 0.0, 0.0);
+        (self.touching, self.blocked) = (false, false);
+    }
+
     /// Distance of the body's rectangle to the nearest wall or column, m; infinite where there is none.
     #[must_use]
     pub fn clearance(&self, world: &World) -> f64 {
@@ -312,9 +341,7 @@ impl Body {
     fn advance(&mut self, world: &World, way: f64) -> bool {
         let p = &self.parameters;
         let pose = self.pose.along(Motion { translation: way, rotation: way * self.curvature });
-        let corner = p.wheelbase + p.overhang_front + p.width / 2.0;
-        let most = libm::fabs(way) * (1.0 + libm::fabs(self.curvature) * corner);
-        self.free_way -= most;
+        self.free_way -= self.sweep(way);
         if self.free_way <= 0.0 {
             self.free_way = self.clearance_at(world, pose);
             if self.free_way == 0.0 {

@@ -11,6 +11,7 @@ pub mod check;
 mod disturbance;
 mod faults;
 pub mod host;
+pub mod people;
 mod random;
 pub mod scene;
 mod simulator;

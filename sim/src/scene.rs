@@ -1,6 +1,7 @@
 //! The robot in its world, as the boards' sensors and drives meet it: a body that steps, and where it was a moment ago.
 
 use crate::body::{Body, Demand, Parameters, STEP};
+use crate::people::{self, Contact, Hull, Moment, Mover, People};
 use crate::random::Random;
 use crate::sonar::{Cone, Sonar, floor_distance};
 use crate::world::World;
@@ -10,14 +11,18 @@ use std::collections::VecDeque;
 
 /// Poses that are remembered: as many steps as the beacon scanner's answer can be old (a sweep of 1 s), and some.
 const MEMORY: usize = 256;
+/// A step, ns.
+const STEP_NS: u64 = STEP.as_nanos() as u64;
 /// The floor rangers hang this high, m.
 pub const RANGER_HEIGHT: f64 = 0.12;
 
-/// Body, world and chance.
+/// Body, world, people and chance.
 #[derive(Clone, Debug)]
 pub struct Scene {
     world: World,
     body: Body,
+    people: People,
+    contacts: Vec<Contact>,
     cone: Cone,
     seed: u64,
     /// What the drives want from the next step on.
@@ -33,9 +38,11 @@ impl Scene {
     #[must_use]
     pub fn new(start: Instant, world: World, parameters: Parameters, sonar: Sonar, seed: u64) -> Self {
         let body = Body::new(parameters, world.start);
+        let people = People::new(&world, seed, &body.hull());
         let mut past = VecDeque::with_capacity(MEMORY);
         past.push_back((0, body.pose()));
-        Self { world, body, cone: Cone::new(sonar), seed, demand: Demand::default(), start, steps: 0, past }
+        let (contacts, cone, demand) = (Vec::new(), Cone::new(sonar), Demand::default());
+        Self { world, body, people, contacts, cone, seed, demand, start, steps: 0, past }
     }
 
     /// The body.
@@ -53,7 +60,7 @@ impl Scene {
     /// When the next step is due.
     #[must_use]
     pub fn next_step(&self) -> Instant {
-        Instant::from_nanos(self.start.as_nanos() + (self.steps + 1) * STEP.as_nanos() as u64)
+        Instant::from_nanos(self.start.as_nanos() + (self.steps + 1) * STEP_NS)
     }
 
     /// Whether a step would change nothing.
@@ -62,29 +69,101 @@ impl Scene {
         self.body.rests(&self.demand)
     }
 
+    /// The people.
+    #[must_use]
+    pub fn people(&self) -> &People {
+        &self.people
+    }
+
+    /// The contacts since it was asked last.
+    pub fn take_contacts(&mut self) -> Vec<Contact> {
+        std::mem::take(&mut self.contacts)
+    }
+
     /// Goes on by one step.
     pub fn step(&mut self) {
         self.steps += 1;
-        let before = self.body.pose();
+        let before = self.body.clone();
         self.body.step(&self.world, &self.demand);
-        if self.body.pose() != before {
-            if self.past.len() == MEMORY {
-                self.past.pop_front();
-            }
-            self.past.push_back((self.steps, self.body.pose()));
+        if self.body.collisions() > before.collisions() {
+            let robot_mps = libm::fabs(before.speed());
+            self.contacts.push(Contact { mover: Mover::Robot, person: None, robot_mps, at: self.body.pose().point() });
+        }
+        self.meet(&before);
+        if self.body.pose() != before.pose() {
+            self.remember();
         }
     }
 
-    /// Leaves out the steps up to `now`, in which nothing happened.
+    fn remember(&mut self) {
+        if self.past.len() == MEMORY {
+            self.past.pop_front();
+        }
+        self.past.push_back((self.steps, self.body.pose()));
+    }
+
+    /// The people go on as far as the body is, and are met on the way from `before`.
+    fn meet(&mut self, before: &Body) {
+        let moment = self.steps * STEP_NS;
+        if self.people.next_step() <= moment {
+            self.people.step(&self.world, &self.body.hull());
+        }
+        let way = self.body.sweep(self.body.travelled() - before.travelled());
+        let known = self.contacts.len();
+        if self.people.meet(moment, &self.body.hull(), way, STEP_NS as f64 / 1e9, &mut self.contacts) {
+            let anew = self.contacts[known..].iter().any(|contact| contact.mover == Mover::Robot);
+            self.body.stop_at(before, anew);
+        }
+    }
+
+    /// Leaves out the steps up to `now`, in which the body did nothing.
     pub fn skip(&mut self, now: Instant) {
-        let passed = now.since(self.start).as_nanos() as u64 / STEP.as_nanos() as u64;
+        let passed = self.moment(now) / STEP_NS;
+        while self.people.next_step() <= passed * STEP_NS {
+            let moment = self.people.next_step();
+            let hull = self.body.hull();
+            self.people.step(&self.world, &hull);
+            self.people.meet(moment, &hull, 0.0, people::PERIOD.as_secs_f64(), &mut self.contacts);
+        }
         self.steps = self.steps.max(passed);
+    }
+
+    /// Puts the robot there by hand; false, and nothing happens, where there is no room for it.
+    pub fn put(&mut self, pose: Pose) -> bool {
+        let mut body = self.body.clone();
+        body.put(pose);
+        let free = body.clearance(&self.world) > 0.0 && self.people.clearance(self.steps * STEP_NS, &body.hull()) > 0.0;
+        if free {
+            self.body = body;
+            self.people.forget();
+            self.remember();
+        }
+        free
+    }
+
+    fn moment(&self, at: Instant) -> Moment {
+        at.since(self.start).as_nanos() as u64
+    }
+
+    /// The distance of the body to the nearest wall, column or person, m; infinite where there is none.
+    #[must_use]
+    pub fn clearance(&self) -> f64 {
+        let people = self.people.clearance(self.steps * STEP_NS, &self.body.hull());
+        self.body.clearance(&self.world).min(people)
+    }
+
+    /// The same of a rectangle from `rear` to `front` and `half_width` to each side at `pose`.
+    #[must_use]
+    pub fn clearance_of(&self, pose: Pose, rear: f64, front: f64, half_width: f64) -> f64 {
+        let hull = Hull::new(pose, (rear, front, half_width), (0.0, 0.0));
+        let people = self.people.clearance(self.steps * STEP_NS, &hull);
+        self.world.clearance(pose, rear, front, half_width).min(people)
     }
 
     /// Where the body was at a moment that is not long past.
     #[must_use]
     pub fn pose_at(&self, at: Instant) -> Pose {
-        let step = at.since(self.start).as_nanos() as u64 / STEP.as_nanos() as u64;
+        let step = self.moment(at) / STEP_NS;
         let known = self.past.iter().rev().find(|(from, _)| *from <= step);
         known.or(self.past.front()).map_or(self.body.pose(), |(_, pose)| *pose)
     }

@@ -316,7 +316,7 @@ impl Simulator {
 
     fn truth(&self, timestamp: i64) -> simulation::DataTruth {
         let body = self.scene.body();
-        let clearance = body.clearance(self.scene.world());
+        let clearance = self.scene.clearance();
         simulation::DataTruth {
             timestamp,
             x: body.pose().x,
@@ -439,6 +439,9 @@ impl Module for Simulator {
             _ => {}
         }
         self.wire_up(now);
+        for contact in self.scene.take_contacts() {
+            out.note(contact.to_string());
+        }
         self.drain(now, out);
     }
 

@@ -1,7 +1,7 @@
 //! What crosses a bus, frame by frame, for `LL_DATA_RAW_<BUS>`: the tap on a port whose bus has `raw = true`.
 
-use base::serial::Word;
 use base::i2c::{self, Read};
+use base::serial::Word;
 use base::{Duration, Instant, can};
 use messages::lowlevel::DataRaw;
 use module::{Input, Output};

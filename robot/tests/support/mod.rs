@@ -116,7 +116,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Starts a robot; `extra` are further arguments of `advee up --sim`.
+    /// Starts a robot in a hall without visitors; `extra` are further arguments of `advee up --sim`.
     pub fn start(extra: &[&str]) -> Self {
         Self::start_on(0, extra)
     }
@@ -129,7 +129,7 @@ impl Robot {
         let bus = listen(&url);
         let up = advee(&url, &run_dir)
             .args(["up", "--sim", "--headless", "--goal", "none"])
-            .args(["--set", &format!("log.folder={:?}", logs(&run_dir))])
+            .args(["--set", &format!("log.folder={:?}", logs(&run_dir)), "--set", "world.people=0"])
             .args(extra)
             .stdin(Stdio::null())
             .spawn()

@@ -282,7 +282,7 @@ fn bumper_gaps(scene: &Scene) -> [f64; 8] {
         } else {
             (-across, -p.overhang_rear, DEPTH - p.overhang_rear)
         };
-        scene.world().clearance(body.pose() * Pose::new(0.0, y, 0.0), rear, front, quarter / 2.0)
+        scene.clearance_of(body.pose() * Pose::new(0.0, y, 0.0), rear, front, quarter / 2.0)
     })
 }
 
