@@ -148,6 +148,17 @@ faults! {
     /// The dead-man button is held and moves nothing: it was held before, or pressed with a stick off its middle.
     GamepadNotReleased = 0x0712, Unknown;
 
+    /// No odometry is heard: the estimate goes by the drives, or by nothing.
+    OdometrySilent = 0x0801, Timeout;
+    /// Odometry says otherwise than the drives: a wheel or its encoder is stuck, or wheels slip.
+    OdometryStuck = 0x0802, Device;
+    /// A beacon was sighted that is not on the map.
+    BeaconUnknown = 0x0803, Unknown;
+    /// Where the robot is was known and is not: it was carried away, or saw no beacons for too long.
+    PoseLost = 0x0804, Unknown;
+    /// A measurement or a pose by hand was refused: a number that is none, or beyond what any robot does.
+    MeasurementBad = 0x0805, Unknown;
+
     /// A goal that no robot can be sent to was refused.
     GoalRefused = 0x0811, Unknown;
     /// The estimate that the planner drives by is no number, or its time runs backwards: the robot stands.

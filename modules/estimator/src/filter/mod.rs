@@ -279,9 +279,22 @@ impl Filter {
             self.counts.backwards += 1;
             return Err(Refused::Backwards);
         }
-        self.settle();
         self.counts.ways += 1;
-        let step = step(at.since(self.at()), rates, noise);
+        self.push(at, step(at.since(self.at()), rates, noise));
+        Ok(())
+    }
+
+    /// Nobody knows what the robot did up to `at`.
+    pub fn blind(&mut self, at: Instant) {
+        if self.started && at > self.at() {
+            let seconds = at.since(self.at()).as_secs_f64();
+            let variance = |rate: f64| rate * rate * seconds;
+            self.push(at, Step { seconds, way: Motion::default(), along: variance(BLIND.0), turn: variance(BLIND.1) });
+        }
+    }
+
+    fn push(&mut self, at: Instant, step: Step) {
+        self.settle();
         if step.way != Motion::default() {
             self.applied.iter_mut().for_each(|applied| applied.standing = 0);
         }
@@ -291,7 +304,6 @@ impl Filter {
             self.pending.pop_front();
             self.insert(next);
         }
-        Ok(())
     }
 
     /// Takes a bearing, rad from the robot's x axis counter-clockwise, that is stamped `stamp`. May come in any order,

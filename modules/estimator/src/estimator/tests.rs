@@ -1,0 +1,199 @@
+use super::*;
+use crate::filter::Beacon;
+use messages::lowlevel;
+use module::bench::Bench;
+use module::{Action, Shell, ShellConfig};
+use navitools::{Point, wrap};
+
+const BEACONS: [(i32, f64, f64); 4] = [(1, 0.1, 0.1), (2, 19.9, 0.1), (3, 19.9, 11.9), (4, 0.1, 11.9)];
+const SPEED: f64 = 0.4;
+
+/// A robot that drives straight on from (4, 6), and the module.
+struct Rig {
+    bench: Bench,
+    odometry: bool,
+    stuck: bool,
+    drives: bool,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let beacons = BEACONS.iter().map(|(id, x, y)| Beacon { id: *id, at: Point { x: *x, y: *y } }).collect();
+        let filter = filter::Config { beacons, range: 30.0, ..filter::Config::default() };
+        let module = Estimator::new(Config { filter, wheelbase_m: 0.6, track_m: 0.5, active_max: 8 }).unwrap();
+        let mut bench = Bench::new(Shell::new(ShellConfig::new(NAME), Box::new(module)));
+        bench.start();
+        Self { bench, odometry: true, stuck: false, drives: true }
+    }
+
+    fn at(&self) -> f64 {
+        self.bench.now().as_nanos() as f64 * 1e-9
+    }
+
+    fn pose(at: f64) -> Pose {
+        Pose::new(4.0 + SPEED * at, 6.0, 0.0)
+    }
+
+    /// Drives for so many seconds.
+    fn drive(&mut self, seconds: u32) {
+        for _ in 0..seconds * 20 {
+            self.bench.pass(PERIOD);
+            let (at, timestamp) = (self.at(), (self.at() * 1e6).round() as i64);
+            let (translation, path) = if self.stuck { (0.0, 1.0) } else { (SPEED, SPEED * at) };
+            if self.odometry {
+                self.bench.message(lowlevel::DataOdo { timestamp, translation, path, ..Default::default() });
+            }
+            if self.drives {
+                self.bench.message(lowlevel::DataMotion { timestamp, speed: SPEED, ..Default::default() });
+            }
+            if timestamp % 1_000_000 == 0 {
+                let beacons = BEACONS.iter().enumerate().map(|(n, (id, x, y))| {
+                    let then = timestamp - 1000 - 200_000 * n as i64;
+                    let sensor = Self::pose(then as f64 * 1e-6) * Point { x: 0.25, y: 0.0 };
+                    let bearing = wrap(libm::atan2(y - sensor.y, x - sensor.x));
+                    lowlevel::Beacon { timestamp: then, id: *id, bearing, strength: 0.5 }
+                });
+                let beacons = lowlevel::DataBeacons { timestamp, beacons: beacons.collect() };
+                self.bench.message(beacons);
+            }
+        }
+    }
+
+    fn estimates(&mut self) -> Vec<DataEstimate> {
+        let estimate = |message| if let Message::MlDataEstimate(estimate) = message { Some(estimate) } else { None };
+        self.bench.published().into_iter().filter_map(estimate).collect()
+    }
+
+    fn faults(&mut self) -> Vec<(Fault, Severity)> {
+        let report = |(_, action)| if let Action::Report(report) = action { Some(report) } else { None };
+        self.bench.done().into_iter().filter_map(report).map(|report| (report.fault, report.severity)).collect()
+    }
+}
+
+#[test]
+fn twenty_times_a_second_it_says_where_the_robot_is() {
+    let mut rig = Rig::new();
+    rig.drive(10);
+    let estimates = rig.estimates();
+    assert_eq!(estimates.len(), 201);
+    assert_eq!(estimates[0].quality, DataEstimate::LOST);
+    for estimate in &estimates[100..] {
+        let truth = Rig::pose(estimate.timestamp as f64 * 1e-6);
+        let off = libm::hypot(estimate.x - truth.x, estimate.y - truth.y);
+        assert!(off < 0.06 && estimate.quality >= DataEstimate::COARSE, "{estimate:?} {truth:?}");
+    }
+}
+
+#[test]
+fn the_active_beacons_are_told_and_repeated() {
+    let mut rig = Rig::new();
+    rig.drive(11);
+    let ids = |message| if let Message::LlDataActiveBeacons(active) = message { Some(active.ids) } else { None };
+    let told: Vec<Vec<i32>> = rig.bench.published().into_iter().filter_map(ids).collect();
+    assert_eq!(told, vec![vec![1, 2, 3, 4]; 3]);
+}
+
+#[test]
+fn without_odometry_the_drives_carry_it_no_better_than_coarse() {
+    let mut rig = Rig::new();
+    rig.drive(10);
+    rig.faults();
+    rig.odometry = false;
+    rig.drive(5);
+    assert_eq!(rig.faults(), [(Fault::OdometrySilent, Severity::Error)]);
+    rig.drive(1);
+    let last = rig.estimates().pop().unwrap();
+    let truth = Rig::pose(last.timestamp as f64 * 1e-6);
+    assert_eq!(last.quality, DataEstimate::COARSE);
+    assert!(libm::hypot(last.x - truth.x, last.y - truth.y) < 0.1, "{last:?} {truth:?}");
+    rig.odometry = true;
+    rig.drive(2);
+    assert_eq!(rig.faults(), [(Fault::OdometrySilent, Severity::Notice)]);
+}
+
+#[test]
+fn without_odometry_and_drives_it_is_lost_soon() {
+    let mut rig = Rig::new();
+    rig.drive(10);
+    (rig.odometry, rig.drives) = (false, false);
+    rig.faults();
+    for _ in 0..400 {
+        rig.bench.pass(PERIOD);
+    }
+    let estimates = rig.estimates();
+    assert_eq!(estimates.last().unwrap().quality, DataEstimate::LOST);
+}
+
+#[test]
+fn odometry_that_stands_while_the_drives_move_is_not_believed() {
+    let mut rig = Rig::new();
+    rig.drive(10);
+    rig.faults();
+    rig.stuck = true;
+    rig.drive(6);
+    let faults = rig.faults();
+    assert!(faults.contains(&(Fault::OdometryStuck, Severity::Error)), "{faults:?}");
+    rig.drive(1);
+    let last = rig.estimates().pop().unwrap();
+    let truth = Rig::pose(last.timestamp as f64 * 1e-6);
+    assert!(libm::hypot(last.x - truth.x, last.y - truth.y) < 0.3, "{last:?} {truth:?}");
+    rig.stuck = false;
+    rig.drive(3);
+    assert!(rig.faults().contains(&(Fault::OdometryStuck, Severity::Notice)));
+}
+
+#[test]
+fn the_pose_can_be_set_by_hand_and_nonsense_cannot() {
+    let mut rig = Rig::new();
+    rig.drive(1);
+    let covariance = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]];
+    let truth = Rig::pose(rig.at());
+    rig.bench.message(CmdEstimate { timestamp: 0, x: truth.x, y: truth.y, theta: 0.0, covariance });
+    rig.bench.pass(PERIOD);
+    assert_eq!(rig.estimates().pop().unwrap().quality, DataEstimate::FINE);
+    rig.bench.message(CmdEstimate { timestamp: 0, x: f64::NAN, y: 6.0, theta: 0.0, covariance });
+    assert_eq!(rig.faults(), [(Fault::MeasurementBad, Severity::Warning)]);
+}
+
+#[test]
+fn a_beacon_that_is_not_on_the_map_is_told_once() {
+    let mut rig = Rig::new();
+    rig.drive(1);
+    rig.faults();
+    for _ in 0..3 {
+        let timestamp = (rig.at() * 1e6) as i64;
+        let beacon = lowlevel::Beacon { timestamp, id: 77, bearing: 0.3, strength: 0.5 };
+        rig.bench.message(lowlevel::DataBeacons { timestamp, beacons: vec![beacon] });
+        rig.bench.pass(PERIOD);
+    }
+    assert_eq!(rig.faults(), [(Fault::BeaconUnknown, Severity::Warning)]);
+}
+
+#[test]
+fn in_stop_it_is_silent_and_knows_where_it_is_afterwards() {
+    let mut rig = Rig::new();
+    rig.drive(10);
+    let command = |state: State| messages::common::CmdState {
+        module: NAME.into(),
+        state: state as i8,
+        manual: true,
+        ..Default::default()
+    };
+    rig.bench.message(command(State::Stop));
+    rig.estimates();
+    rig.drive(3);
+    assert_eq!(rig.estimates().len(), 0);
+    rig.bench.message(command(State::Run));
+    rig.drive(1);
+    assert_eq!(rig.estimates().pop().unwrap().quality, DataEstimate::FINE);
+}
+
+#[test]
+fn a_clock_that_is_another_s_does_no_harm() {
+    let epoch = Epoch { offset_us: 1_000_000 };
+    let came = Instant::from_millis(5000);
+    assert_eq!(moment(epoch, 5_990_000, came), Instant::from_millis(4990));
+    for timestamp in [0, -5, 5_000_000, 7_000_000, i64::MAX, i64::MIN] {
+        assert_eq!(moment(epoch, timestamp, came), came);
+    }
+}
