@@ -35,6 +35,7 @@ bench:
 	cargo bench -p rs485 --locked --bench rs485
 	cargo bench -p i2c --locked --bench i2c
 	cargo bench -p advee --locked --bench canopen
+	cargo bench -p planner --locked --bench plan
 	cargo bench -p lcm --locked --bench lcm
 
 clean:

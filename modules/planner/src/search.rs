@@ -15,148 +15,28 @@ mod footprint;
 mod lattice;
 mod open;
 mod reach;
+mod request;
+mod ruler;
 mod shot;
 mod smooth;
 
 pub use footprint::Footprint;
+pub use request::{Budget, Costs, Goal, Limits, NoWay, Status};
 
 use crate::map::Field;
 use crate::path::Path;
 use footprint::Body;
-use lattice::{HEADINGS, Lattice, Toll};
+use lattice::{HEADINGS, Lattice, Sample, Toll};
 use navitools::{Arc, Pose, reeds_shepp_length};
 use open::{NONE, Node, Open};
 use reach::Reach;
+use ruler::Ruler;
 use shot::Shot;
 use smooth::Smoothing;
-use std::fmt;
 
-/// What the robot is, and what it prefers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// Its rectangle.
-    pub footprint: Footprint,
-    /// Kept free around it on all sides, m; not below 0.
-    pub margin_m: f64,
-    /// The least turning radius of the rear axle's middle, m; above zero.
-    pub radius_m: f64,
-    /// Preferences.
-    pub costs: Costs,
-    /// States that one search may hold; 48 bytes each.
-    pub states_max: u32,
-}
-
-impl Limits {
-    /// Limits of a robot with this footprint and turning radius; all else as usual.
-    #[must_use]
-    pub fn new(footprint: Footprint, radius_m: f64) -> Self {
-        Self { footprint, margin_m: 0.02, radius_m, costs: Costs::default(), states_max: 400_000 }
-    }
-}
-
-/// Preferences, in metres of free straight road.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Costs {
-    /// What a metre in reverse costs more.
-    pub reverse: f64,
-    /// What a metre at the least radius costs more.
-    pub turn: f64,
-    /// A change between forwards and reverse.
-    pub cusp: f64,
-    /// From the least radius on one side to that on the other.
-    pub steer: f64,
-    /// What a metre with no clearance costs more.
-    pub near: f64,
-    /// More clearance than this is worth nothing, m.
-    pub keep_m: f64,
-}
-
-impl Default for Costs {
-    fn default() -> Self {
-        Self { reverse: 0.7, turn: 0.1, cusp: 0.7, steer: 0.1, near: 1.5, keep_m: 0.35 }
-    }
-}
-
-impl Costs {
-    /// What a metre along an arc costs.
-    fn way(&self, arc: &Arc, radius: f64) -> f64 {
-        let reverse = if arc.length < 0.0 { self.reverse } else { 0.0 };
-        1.0 + reverse + self.turn * libm::fabs(arc.curvature) * radius
-    }
-}
-
-/// Where to go.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Goal {
-    /// m.
-    pub x: f64,
-    /// m.
-    pub y: f64,
-    /// rad; `None`: any.
-    pub heading: Option<f64>,
-    /// Nearer than this is there, m; the heading is then good to 5°. With 0 the way ends exactly at the goal.
-    pub tolerance_m: f64,
-}
-
-/// How much work a search may do; a unit is a state expanded, or what takes as long.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Budget {
-    /// Until a first way is found.
-    pub first: u32,
-    /// After that, for a better one; not more than it took to find the first one, or a tenth of this.
-    pub better: u32,
-}
-
-impl Default for Budget {
-    fn default() -> Self {
-        Self { first: 200_000, better: 20_000 }
-    }
-}
-
-/// Why there is no way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoWay {
-    /// The robot does not fit in at the goal.
-    GoalBlocked,
-    /// The robot stands in something, or outside of the map, and does not get out.
-    StartBlocked,
-    /// Everything within reach was tried.
-    Unreachable,
-    /// The work allowed was done first.
-    Budget,
-    /// A coordinate is no number, or a limit makes no sense.
-    Invalid,
-}
-
-impl fmt::Display for NoWay {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::GoalBlocked => "the robot does not fit in at the goal",
-            Self::StartBlocked => "the robot stands in an obstacle or outside of the map",
-            Self::Unreachable => "no way leads to the goal",
-            Self::Budget => "no way was found with the work allowed",
-            Self::Invalid => "a coordinate is no number",
-        })
-    }
-}
-
-impl std::error::Error for NoWay {}
-
-/// How far a search has come.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Status<'a> {
-    /// No way yet.
-    Searching,
-    /// A way that can be driven; a better one is looked for.
-    Improving(&'a Path),
-    /// The best way found. Further calls do nothing.
-    Found(&'a Path),
-    /// None. Further calls do nothing.
-    NoWay(NoWay),
-}
-
-/// How greedy the search is, pass after pass: the weight of the estimate.
-const WEIGHTS: [f32; 3] = [2.0, 1.3, 1.0];
+/// How greedy the search is, pass after pass: the weight of the estimate; and how many cells and headings, each way, are
+/// one state. A coarse look finds most ways with an eighth of the states; what it misses the next pass finds.
+const PASSES: [(f32, usize); 4] = [(2.0, 2), (1.5, 1), (1.2, 1), (1.0, 1)];
 /// Steps of [`Reach`] that take as long as a state.
 const POPS: u32 = 16;
 /// A state may send [`Reach`] so far.
@@ -173,7 +53,9 @@ enum Phase {
     Reach,
     Search,
     /// `last`: the search is over.
-    Smooth { last: bool },
+    Smooth {
+        last: bool,
+    },
     Found,
     NoWay(NoWay),
 }
@@ -195,11 +77,13 @@ pub struct Search {
     pass: usize,
     /// Expansions until the next try to end with a curve.
     until_shot: u32,
+    /// How deep the robot stands in something, m, and whether it has got out.
+    depth: f64,
     escaped: bool,
-    /// What the buffers are for: resolution, goal, field's generation.
+    /// What the buffers are for: a resolution; a goal and a field.
     lattice_for: f64,
-    reach_for: Option<(Goal, u32, usize, usize)>,
-    body: Option<Body>,
+    reach_for: Option<(Goal, u64)>,
+    body: Body,
     toll: Toll,
     lattice: Lattice,
     reach: Reach,
@@ -230,10 +114,11 @@ impl Search {
             expansions: 0,
             pass: 0,
             until_shot: 0,
+            depth: 0.0,
             escaped: false,
             lattice_for: 0.0,
             reach_for: None,
-            body: None,
+            body: Body::default(),
             toll: Toll::default(),
             lattice: Lattice::default(),
             reach: Reach::default(),
@@ -298,7 +183,8 @@ impl Search {
         let Limits { footprint, margin_m, radius_m, costs, .. } = self.limits;
         let Footprint { length_m, width_m, rear_m } = footprint;
         let sizes = [length_m, width_m, radius_m, costs.keep_m];
-        let parts = [margin_m, rear_m, self.goal.tolerance_m, costs.reverse, costs.turn, costs.cusp, costs.steer, costs.near];
+        let parts =
+            [margin_m, rear_m, self.goal.tolerance_m, costs.reverse, costs.turn, costs.cusp, costs.steer, costs.near];
         let Pose { x, y, theta } = self.start;
         let places = [x, y, theta.radians(), self.goal.x, self.goal.y, self.goal.heading.unwrap_or(0.0)];
         let sensible = sizes.iter().all(|size| (1e-3..=1e3).contains(size))
@@ -311,23 +197,18 @@ impl Search {
         let resolution = field.frame().resolution;
         if self.lattice_for != resolution {
             self.lattice_for = resolution;
-            self.lattice = Lattice::new(radius_m, resolution, Self::spacing(field), &costs);
+            self.lattice = Lattice::new(radius_m, resolution, ruler::spacing(field), &costs);
             self.reach_for = None;
         }
         self.lattice.turn_to(theta.radians());
         self.toll = Toll::new(body.inner, &costs);
-        self.body = Some(body);
-        self.find_target(field, &body)
-    }
-
-    /// Poses of a step or a curve are checked so far apart, m.
-    fn spacing(field: &Field) -> f64 {
-        (1.5 * field.frame().resolution).min(0.1)
+        self.body = body;
+        self.find_target(field)
     }
 
     /// Where to end, and from where the estimate begins.
-    fn find_target(&mut self, field: &Field, body: &Body) -> Result<(), NoWay> {
-        let key = (self.goal, field.generation(), field.frame().width, field.frame().height);
+    fn find_target(&mut self, field: &Field) -> Result<(), NoWay> {
+        let key = (self.goal, field.identity());
         let known = self.reach_for == Some(key);
         self.reach_for = Some(key);
         if !known {
@@ -336,6 +217,7 @@ impl Search {
             return Ok(());
         }
         let Goal { x, y, heading, tolerance_m } = self.goal;
+        let body = self.body;
         let mut any = false;
         for (dx, dy) in offsets(tolerance_m, field.frame().resolution) {
             let headings = if heading.is_some() { 1 } else { HEADINGS };
@@ -384,20 +266,19 @@ impl Search {
     }
 
     fn reach_start(&mut self, field: &Field) {
-        let Some(body) = self.body else { return };
+        let body = self.body;
         let Pose { x, y, theta } = self.start;
         let (sin, cos) = theta.sin_cos();
-        let overlap = body.overlap(field, x, y, sin, cos);
-        if overlap == u32::MAX {
+        self.depth = body.depth(field, x, y, sin, cos);
+        if self.depth > body.half_width() {
             self.phase = Phase::NoWay(NoWay::StartBlocked);
             return;
         }
         let mut pops = POPS_MAX;
-        let cost =
-            self.reach.cost(field, &self.toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
+        let cost = self.reach.cost(field, &self.toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
         self.work += 1 + (POPS_MAX - pops) / POPS;
         let known = pops > 0;
-        if known && cost == f32::INFINITY && overlap == 0 {
+        if known && cost == f32::INFINITY && self.depth == 0.0 {
             self.phase = Phase::NoWay(NoWay::Unreachable);
         } else if known {
             self.begin_pass(field);
@@ -407,11 +288,10 @@ impl Search {
     }
 
     fn begin_pass(&mut self, field: &Field) {
-        let Some(body) = self.body else { return };
         let Pose { x, y, theta } = self.start;
         let (sin, cos) = theta.sin_cos();
-        let overlap = body.overlap(field, x, y, sin, cos).min(u32::from(u16::MAX)) as u16;
-        self.escaped |= overlap == 0;
+        let touching = self.depth > 0.0;
+        self.escaped |= !touching;
         self.open.clear();
         self.until_shot = 0;
         self.phase = Phase::Search;
@@ -419,22 +299,29 @@ impl Search {
             self.phase = Phase::NoWay(NoWay::StartBlocked);
             return;
         };
-        let key = (field.frame().index(column, row) * HEADINGS) as u32;
-        let h = self.estimate(field, &body, x, y, 0, sin, cos);
-        self.open.push(Node { x, y, g: 0.0, h, parent: NONE, key, step: u8::MAX, closed: false, overlap }, h);
+        let key = self.key(field, column, row, 0);
+        let h = self.estimate(field, Sample { x, y, sin, cos }, 0);
+        self.open
+            .push(Node { x, y, g: 0.0, h, parent: NONE, key, heading: 0, step: u8::MAX, closed: false, touching }, h);
+    }
+
+    /// What is one state in this pass.
+    fn key(&self, field: &Field, column: usize, row: usize, heading: usize) -> u32 {
+        let (_, coarse) = PASSES[self.pass];
+        (field.frame().index(column / coarse, row / coarse) * HEADINGS + heading / coarse) as u32
     }
 
     /// The cost to go from a pose.
-    fn estimate(&mut self, field: &Field, body: &Body, x: f64, y: f64, heading: usize, sin: f64, cos: f64) -> f32 {
+    fn estimate(&mut self, field: &Field, at: Sample, heading: usize) -> f32 {
         let mut pops = POPS_MAX;
-        let (ahead_x, ahead_y) = (x + body.ahead * cos, y + body.ahead * sin);
-        let around = self.reach.cost(field, &self.toll, ahead_x, ahead_y, &mut pops);
+        let (x, y) = (at.x + self.body.ahead * at.cos, at.y + self.body.ahead * at.sin);
+        let around = self.reach.cost(field, &self.toll, x, y, &mut pops);
         self.work += (POPS_MAX - pops) / POPS;
         let around = (around - self.goal.tolerance_m as f32).max(0.0);
         let radius = self.limits.radius_m;
         match self.target {
             Ok(target) if f64::from(around) < NEAR_RADII * radius => {
-                let pose = Pose::new(x, y, self.lattice.angle(heading));
+                let pose = Pose::new(at.x, at.y, self.lattice.angle(heading));
                 let car = reeds_shepp_length(pose, target, radius) - self.goal.tolerance_m;
                 around.max(car as f32)
             }
@@ -444,50 +331,50 @@ impl Search {
 
     /// Expands the most promising state.
     fn expand(&mut self, field: &Field) {
-        let Some(body) = self.body else { return };
         self.work += 1;
-        let weight = WEIGHTS[self.pass];
+        let (weight, _) = PASSES[self.pass];
+        let exhausted = if self.escaped { NoWay::Unreachable } else { NoWay::StartBlocked };
         let Some((index, f)) = self.open.pop() else {
-            let why = if self.escaped { NoWay::Unreachable } else { NoWay::StartBlocked };
-            return self.end_pass(why);
+            return self.end_pass(field, exhausted);
         };
         // Nothing that is left is better by more than the weight.
         if f >= self.raw_cost {
-            return self.end_pass(NoWay::Unreachable);
+            return self.end_pass(field, exhausted);
         }
         if self.work > self.allowed() || self.open.len() >= self.limits.states_max as usize {
-            return self.end_pass(NoWay::Budget);
+            return self.end_pass(field, NoWay::Budget);
         }
         self.expansions += 1;
         let node = self.open.node(index);
-        let heading = node.key as usize % HEADINGS;
+        let heading = usize::from(node.heading);
         let pose = Pose::new(node.x, node.y, self.lattice.angle(heading));
-        if node.overlap == 0 && self.is_there(pose) && node.g < self.raw_cost {
+        if !node.touching && self.is_there(pose) && node.g < self.raw_cost {
             self.take(index, &[], node.g);
         }
-        if self.until_shot == 0 && node.overlap == 0 {
+        if self.until_shot == 0 && !node.touching {
             self.until_shot = (node.h * 3.0) as u32;
-            self.shoot(field, &body, index, pose);
+            self.shoot(field, index, pose);
         }
         self.until_shot = self.until_shot.saturating_sub(1);
-        if self.pass == 0 && self.raw_cost.is_finite() {
-            return self.end_pass(NoWay::Unreachable);
+        if self.first == 0 && self.raw_cost.is_finite() {
+            return self.end_pass(field, NoWay::Unreachable);
         }
         for step in 0..self.lattice.steps.len() {
-            self.follow(field, &body, index, &node, heading, step, weight);
+            self.follow(field, index, &node, step, weight);
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one step of the inner loop, cut out of it")]
-    fn follow(&mut self, field: &Field, body: &Body, parent: u32, node: &Node, heading: usize, step: usize, weight: f32) {
+    /// Takes a step from a state; where it leads to is a state, if it is free and nothing better is known.
+    fn follow(&mut self, field: &Field, parent: u32, node: &Node, step: usize, weight: f32) {
+        let body = self.body;
+        let heading = usize::from(node.heading);
         let taken = &self.lattice.steps[step];
         let samples = self.lattice.samples(heading, taken);
         let end = samples[samples.len() - 1];
         let (x, y) = (node.x + end.x, node.y + end.y);
-        let frame = field.frame();
-        let Some((column, row)) = frame.cell(x, y) else { return };
+        let Some((column, row)) = field.frame().cell(x, y) else { return };
         let after = Lattice::after(heading, taken);
-        let key = (frame.index(column, row) * HEADINGS + after) as u32;
+        let key = self.key(field, column, row, after);
         let costs = &self.limits.costs;
         let mut changes = 0.0;
         if let Some(before) = self.lattice.steps.get(usize::from(node.step)) {
@@ -502,34 +389,35 @@ impl Search {
         if g >= self.raw_cost || !self.open.improves(key, g) {
             return;
         }
-        let overlap = if node.overlap == 0 {
-            let free = |at: &lattice::Sample| body.is_free(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
+        let mut touching = node.touching;
+        let mut g = g;
+        if touching {
+            // Out of an obstacle: not deeper in than half a cell, which turning away may take, and not for long.
+            let deepest = self.depth + 0.5 * field.frame().resolution;
+            for at in samples {
+                let depth = body.depth(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
+                if depth > if touching { deepest } else { 0.0 } {
+                    return;
+                }
+                touching = depth > 0.0;
+            }
+            g += 2.0 * taken.cost;
+            if touching && g > ESCAPE_M * 3.0 * (1.0 + costs.near as f32) {
+                return;
+            }
+        } else {
+            let free = |at: &Sample| body.is_free(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
             // The end first: where it is not free, nothing in between matters.
             if !samples.iter().rev().all(free) {
                 return;
             }
-            0
-        } else {
-            // Out of an obstacle: on no pose deeper in than before, and not for long.
-            let mut last = u32::from(node.overlap);
-            for at in samples {
-                let overlap = body.overlap(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
-                if overlap > last {
-                    return;
-                }
-                last = overlap;
-            }
-            if last > 0 && g > ESCAPE_M * (1.0 + costs.near as f32) {
-                return;
-            }
-            last as u16
-        };
-        self.escaped |= overlap == 0;
-        let h = self.estimate(field, body, x, y, after, end.sin, end.cos);
+        }
+        self.escaped |= !touching;
+        let h = self.estimate(field, Sample { x, y, sin: end.sin, cos: end.cos }, after);
         if g + h >= self.raw_cost || h == f32::INFINITY {
             return;
         }
-        let node = Node { x, y, g, h, parent, key, step: step as u8, closed: false, overlap };
+        let node = Node { x, y, g, h, parent, key, heading: after as u8, step: step as u8, closed: false, touching };
         self.open.push(node, g + weight * h);
     }
 
@@ -541,10 +429,10 @@ impl Search {
     }
 
     /// Tries to end with a curve to the goal.
-    fn shoot(&mut self, field: &Field, body: &Body, index: u32, pose: Pose) {
+    fn shoot(&mut self, field: &Field, index: u32, pose: Pose) {
         let node = self.open.node(index);
         let before = self.lattice.steps.get(usize::from(node.step)).map(|step| step.arc);
-        let ruler = Ruler { field, body, toll: &self.toll, limits: &self.limits };
+        let ruler = Ruler { field, body: &self.body, toll: &self.toll, limits: &self.limits };
         self.work += 2;
         if let Some((cost, arcs)) = self.shot.best(&ruler, pose, before, self.target, self.raw_cost - node.g) {
             self.raw_cost = node.g + cost;
@@ -568,23 +456,24 @@ impl Search {
         }
     }
 
-    fn end_pass(&mut self, why: NoWay) {
-        if self.raw_cost == f32::INFINITY {
-            self.phase = Phase::NoWay(why);
-            return;
-        }
-        if self.first == 0 {
+    fn end_pass(&mut self, field: &Field, why: NoWay) {
+        let found = self.raw_cost.is_finite();
+        if found && self.first == 0 {
             self.first = self.work;
         }
         self.pass += 1;
-        let last = self.pass >= WEIGHTS.len() || self.work > self.allowed();
+        if !found {
+            // What a coarse look does not find may still be there.
+            let again = why != NoWay::Budget && PASSES[self.pass - 1].1 > 1;
+            return if again { self.begin_pass(field) } else { self.phase = Phase::NoWay(why) };
+        }
+        let last = self.pass >= PASSES.len() || self.work > self.allowed();
         self.smoothing.begin(self.start, &self.raw);
         self.phase = Phase::Smooth { last };
     }
 
     fn smooth(&mut self, field: &Field, last: bool) {
-        let Some(body) = self.body else { return };
-        let ruler = Ruler { field, body: &body, toll: &self.toll, limits: &self.limits };
+        let ruler = Ruler { field, body: &self.body, toll: &self.toll, limits: &self.limits };
         self.work += smooth::WORK;
         if self.smoothing.step(&ruler) {
             return;
@@ -597,58 +486,14 @@ impl Search {
             self.path.lay(self.start, 0.05);
             let footprint = self.limits.footprint;
             let each = self.path.points.iter().step_by(2).chain(self.path.points.last());
-            self.path.clearance = each.fold(1.0, |least, point| least.min(footprint.clearance(field, point.pose, least)));
+            self.path.clearance =
+                each.fold(1.0, |least, point| least.min(footprint.clearance(field, point.pose, least)));
         }
         if last {
             self.phase = Phase::Found;
         } else {
             self.begin_pass(field);
         }
-    }
-}
-
-/// What measures a curve: is it free, and what does it cost?
-struct Ruler<'a> {
-    field: &'a Field,
-    body: &'a Body,
-    toll: &'a Toll,
-    limits: &'a Limits,
-}
-
-impl Ruler<'_> {
-    /// The cost of arcs from a pose, after an arc that leads there; `None` if they touch something, or cost `most`.
-    fn cost(&self, start: Pose, before: Option<Arc>, arcs: &[Arc], most: f32) -> Option<f32> {
-        let Limits { radius_m, costs, .. } = self.limits;
-        let spacing = Search::spacing(self.field);
-        let (mut pose, mut before, mut cost) = (start, before, 0.0);
-        for arc in arcs {
-            if let Some(before) = before {
-                cost += self.change(&before, arc);
-            }
-            let length = libm::fabs(arc.length);
-            let count = libm::ceil(length / spacing).max(1.0);
-            let each = (length / count * costs.way(arc, *radius_m)) as f32;
-            let part = Arc { length: arc.length / count, ..*arc }.motion();
-            // The pose of each part follows from the last one: rounding stays far below the margin.
-            for _ in 0..count as u32 {
-                pose = pose.along(part);
-                let (sin, cos) = pose.theta.sin_cos();
-                if cost >= most || !self.body.is_free(self.field, pose.x, pose.y, sin, cos) {
-                    return None;
-                }
-                cost += each * self.toll.at(self.body.middle(self.field, pose.x, pose.y, sin, cos));
-            }
-            before = Some(*arc);
-        }
-        (cost < most).then_some(cost)
-    }
-
-    /// The cost of going from one arc to another.
-    fn change(&self, before: &Arc, after: &Arc) -> f32 {
-        let Limits { radius_m, costs, .. } = self.limits;
-        let turned = libm::fabs(after.curvature - before.curvature) * radius_m / 2.0;
-        let cusp = if (before.length < 0.0) != (after.length < 0.0) { costs.cusp } else { 0.0 };
-        (costs.steer * turned + cusp) as f32
     }
 }
 
@@ -660,7 +505,7 @@ fn append(arcs: &mut Vec<Arc>, arc: Arc) {
         {
             last.length += arc.length;
         }
-        _ if arc.length == 0.0 => {}
+        _ if libm::fabs(arc.length) < 1e-9 => {}
         _ => arcs.push(arc),
     }
 }

@@ -1,8 +1,40 @@
 //! Drawing into a map: every cell that a shape touches is occupied.
 
-use super::{Cell, Map};
+use super::{Cell, FrameError, Map};
+
+/// A point, m.
+type Point = (f64, f64);
 
 impl Map {
+    /// The map of walls, round columns and filled areas; large enough for all of them and for the point `within`.
+    ///
+    /// # Errors
+    /// There is a coordinate that is no number, or they are too far apart.
+    pub fn drawn(
+        walls: &[(Point, Point)],
+        columns: &[(Point, f64)],
+        areas: &[Vec<Point>],
+        within: Point,
+        resolution: f64,
+    ) -> Result<Self, FrameError> {
+        let walls_at = walls.iter().flat_map(|(a, b)| [*a, *b]);
+        let columns_at = columns.iter().flat_map(|((x, y), r)| [(x - r, y - r), (x + r, y + r)]);
+        let all = walls_at.chain(columns_at).chain(areas.iter().flatten().copied());
+        let (low, high) = all.fold((within, within), |(low, high), (x, y)| {
+            ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)))
+        });
+        // A cell around, so that what ends on a cell's edge is drawn as well.
+        let mut map = Self::around(
+            (low.0 - resolution, low.1 - resolution),
+            (high.0 + resolution, high.1 + resolution),
+            resolution,
+        )?;
+        walls.iter().for_each(|(a, b)| map.wall(*a, *b));
+        columns.iter().for_each(|(centre, radius)| map.column(*centre, *radius));
+        areas.iter().for_each(|area| map.polygon(area));
+        Ok(map)
+    }
+
     /// A wall from one point to another, m: all cells that it passes through.
     pub fn wall(&mut self, a: (f64, f64), b: (f64, f64)) {
         let frame = self.frame;
@@ -50,7 +82,9 @@ impl Map {
             let (_, y) = frame.centre(0, row);
             crossings.clear();
             crossings.extend(
-                edges().filter(|(a, b)| (a.1 > y) != (b.1 > y)).map(|(a, b)| a.0 + (y - a.1) / (b.1 - a.1) * (b.0 - a.0)),
+                edges()
+                    .filter(|(a, b)| (a.1 > y) != (b.1 > y))
+                    .map(|(a, b)| a.0 + (y - a.1) / (b.1 - a.1) * (b.0 - a.0)),
             );
             crossings.sort_by(f64::total_cmp);
             for pair in crossings.chunks_exact(2) {

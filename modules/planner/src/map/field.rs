@@ -44,7 +44,8 @@ pub struct Field {
     /// Distances from the middle of a cell to those right of it and above.
     template: Vec<f32>,
     obstacles: Vec<Obstacle>,
-    generation: u32,
+    still_identity: u64,
+    identity: u64,
 }
 
 impl Field {
@@ -53,6 +54,7 @@ impl Field {
     pub fn new(map: &Map, unknown: Unknown) -> Self {
         let blocked = |cell: Cell| cell == Cell::Occupied || (cell == Cell::Unknown && unknown == Unknown::Blocked);
         let live = distances(&map.frame, |index| blocked(map.cells[index]));
+        let identity = live.iter().fold(frame_identity(&map.frame), |mixed, distance| mix(mixed, distance.to_bits()));
         Self {
             frame: map.frame,
             live,
@@ -60,7 +62,8 @@ impl Field {
             stamped: Vec::new(),
             template: Vec::new(),
             obstacles: Vec::new(),
-            generation: 0,
+            still_identity: identity,
+            identity,
         }
     }
 
@@ -70,10 +73,11 @@ impl Field {
         &self.frame
     }
 
-    /// Changes with every layer of obstacles that differs from the last one.
+    /// Two fields with the same frame and the same distances have the same one; others have not, but for a chance of
+    /// one in 2⁶⁴.
     #[must_use]
-    pub fn generation(&self) -> u32 {
-        self.generation
+    pub fn identity(&self) -> u64 {
+        self.identity
     }
 
     /// The distance at a point, m, good to one and a half cells; outside of the map 0.
@@ -98,7 +102,12 @@ impl Field {
         if self.still.is_empty() {
             self.still.clone_from(&self.live);
         }
-        self.generation = self.generation.wrapping_add(1);
+        self.identity = obstacles.iter().fold(self.still_identity, |mixed, Obstacle { x, y, radius }| {
+            [x, y, radius].into_iter().fold(mixed, |mixed, part| {
+                let bits = part.to_bits();
+                mix(mix(mixed, bits as u32), (bits >> 32) as u32)
+            })
+        });
         for [left, right, low, high] in self.stamped.drain(..) {
             for row in low..=high {
                 let cells = row * self.frame.width + left..=row * self.frame.width + right;
@@ -117,7 +126,8 @@ impl Field {
         let reach = ((radius + REACH_M) / frame.resolution) as usize + 1;
         let side = 1 + ((5.0 * REACH_M) / frame.resolution) as usize + 1;
         if self.template.is_empty() {
-            let far = |i: usize| ((i / side * (i / side) + i % side * (i % side)) as f32).sqrt() * frame.resolution as f32;
+            let far =
+                |i: usize| ((i / side * (i / side) + i % side * (i % side)) as f32).sqrt() * frame.resolution as f32;
             self.template = (0..side * side).map(far).collect();
         }
         let (left, right) = (column.saturating_sub(reach), (column + reach).min(frame.width - 1));
@@ -133,6 +143,17 @@ impl Field {
         }
         self.stamped.push([left, right, low, high]);
     }
+}
+
+/// FNV-1a, a word at a time.
+fn mix(mixed: u64, word: u32) -> u64 {
+    (mixed ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3)
+}
+
+fn frame_identity(frame: &Frame) -> u64 {
+    [frame.x.to_bits(), frame.y.to_bits(), frame.resolution.to_bits(), frame.width as u64, frame.height as u64]
+        .into_iter()
+        .fold(0xcbf2_9ce4_8422_2325, |mixed, word| mix(mix(mixed, word as u32), (word >> 32) as u32))
 }
 
 /// The exact distances, m, of all cells from the nearest blocked one, or from the nearest cell outside.
@@ -160,7 +181,8 @@ fn distances(frame: &Frame, blocked: impl Fn(usize) -> bool) -> Vec<f32> {
     let mut envelope: Vec<(i64, i64)> = Vec::with_capacity(width);
     for row in 0..height {
         let rows = &rows[row * width..][..width];
-        let square = |at: i64, of: i64| (at - of) * (at - of) + i64::from(rows[of as usize]) * i64::from(rows[of as usize]);
+        let square =
+            |at: i64, of: i64| (at - of) * (at - of) + i64::from(rows[of as usize]) * i64::from(rows[of as usize]);
         envelope.clear();
         envelope.push((0, 0));
         for column in 1..width as i64 {

@@ -94,9 +94,11 @@ impl Reader<'_> {
     fn number(&mut self, what: &'static str, low: u64, high: u64) -> Result<u64, PgmError> {
         loop {
             match self.bytes.get(self.at) {
-                Some(b'#') => while !matches!(self.bytes.get(self.at), None | Some(b'\n' | b'\r')) {
-                    self.at += 1;
-                },
+                Some(b'#') => {
+                    while !matches!(self.bytes.get(self.at), None | Some(b'\n' | b'\r')) {
+                        self.at += 1;
+                    }
+                }
                 Some(byte) if byte.is_ascii_whitespace() => self.at += 1,
                 _ => break,
             }
@@ -147,9 +149,7 @@ impl Reader<'_> {
         let grey: Vec<u16> = body[..size * deep].chunks_exact(deep).map(value).collect();
         match grey.iter().position(|value| *value > max) {
             None => Ok(grey),
-            Some(at) => {
-                Err(PgmError { byte: begin + at * deep, why: Why::Range("grey value", u64::from(grey[at])) })
-            }
+            Some(at) => Err(PgmError { byte: begin + at * deep, why: Why::Range("grey value", u64::from(grey[at])) }),
         }
     }
 }

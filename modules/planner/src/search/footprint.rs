@@ -37,12 +37,16 @@ impl Footprint {
     pub fn clearance(&self, field: &Field, pose: Pose, most: f64) -> f64 {
         let (sin, cos) = pose.theta.sin_cos();
         let body = Body::new(*self, field);
-        if body.is_free(field, pose.x, pose.y, sin, cos) { body.clearance(field, pose.x, pose.y, sin, cos, most) } else { 0.0 }
+        if body.is_free(field, pose.x, pose.y, sin, cos) {
+            body.clearance(field, pose.x, pose.y, sin, cos, most)
+        } else {
+            0.0
+        }
     }
 }
 
 /// The footprint made ready for many checks on one field.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Body {
     /// From the rear axle to the middle.
     pub(crate) ahead: f64,
@@ -112,28 +116,37 @@ impl Body {
         if field.distance(x + dx, y + dy).min(field.distance(x - dx, y - dy)) <= self.inner {
             return false;
         }
-        self.touched(field, x, y, sin, cos, |_| true) == 0
+        !self.touches(field, x, y, sin, cos, |_| true)
     }
 
-    /// How many occupied cells touch it; outside of the map counts as many.
-    pub(crate) fn overlap(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> u32 {
-        self.touched(field, x + self.ahead * cos, y + self.ahead * sin, sin, cos, |_| false)
+    /// How deep the deepest occupied cell is in it, m; 0: free; infinite if it is not all on the map.
+    pub(crate) fn depth(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> f64 {
+        let mut deepest = 0f64;
+        let off = self.touches(field, x + self.ahead * cos, y + self.ahead * sin, sin, cos, |depth| {
+            deepest = deepest.max(depth);
+            false
+        });
+        if off { f64::INFINITY } else { deepest }
     }
 
-    /// Counts occupied cells that touch the rectangle about its middle, until `enough`. Exact: squares against a
-    /// rectangle by their four axes.
-    fn touched(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64, enough: impl Fn(u32) -> bool) -> u32 {
+    /// So deep is nothing that the robot could drive out of, m.
+    pub(crate) fn half_width(&self) -> f64 {
+        self.half_width.min(self.half_length)
+    }
+
+    /// Tells how deep each occupied cell is that touches the rectangle about its middle, until that is `enough`: then, and
+    /// off the map, true. Exact: squares against a rectangle by their four axes.
+    fn touches(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64, mut enough: impl FnMut(f64) -> bool) -> bool {
         let frame = field.frame();
         let (along, across) = (libm::fabs(cos), libm::fabs(sin));
         let half_x = self.half_length * along + self.half_width * across;
         let half_y = self.half_length * across + self.half_width * along;
         let low = frame.cell(x - half_x, y - half_y);
         let high = frame.cell(x + half_x, y + half_y);
-        let (Some((left, bottom)), Some((right, top))) = (low, high) else { return u32::MAX };
+        let (Some((left, bottom)), Some((right, top))) = (low, high) else { return true };
         let half_cell = frame.resolution / 2.0 * (along + across);
         let (length, width) = (self.half_length + half_cell, self.half_width + half_cell);
         let per_metre = (1.0 / frame.resolution) as f32;
-        let mut count = 0;
         for row in bottom..=top {
             let mut column = left;
             while column <= right {
@@ -145,16 +158,15 @@ impl Body {
                 }
                 let (cx, cy) = frame.centre(column, row);
                 let (dx, dy) = (cx - x, cy - y);
-                if libm::fabs(dx * cos + dy * sin) < length && libm::fabs(dy * cos - dx * sin) < width {
-                    count += 1;
-                    if enough(count) {
-                        return count;
-                    }
+                let along = length - libm::fabs(dx * cos + dy * sin);
+                let across = width - libm::fabs(dy * cos - dx * sin);
+                if along > 0.0 && across > 0.0 && enough(along.min(across)) {
+                    return true;
                 }
                 column += 1;
             }
         }
-        count
+        false
     }
 
     /// The distance from the edges of a free rectangle to the nearest occupied cell.
@@ -164,7 +176,8 @@ impl Body {
         let half = frame.resolution / 2.0;
         let reach = libm::hypot(self.half_length, self.half_width) + most + frame.resolution;
         // The edge of the map is one of everything's.
-        let (right, top) = (frame.x + frame.width as f64 * frame.resolution, frame.y + frame.height as f64 * frame.resolution);
+        let (right, top) =
+            (frame.x + frame.width as f64 * frame.resolution, frame.y + frame.height as f64 * frame.resolution);
         let half_x = self.half_length * libm::fabs(cos) + self.half_width * libm::fabs(sin);
         let half_y = self.half_length * libm::fabs(sin) + self.half_width * libm::fabs(cos);
         let edges = [x - half_x - frame.x, right - x - half_x, y - half_y - frame.y, top - y - half_y];

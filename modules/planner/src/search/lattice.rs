@@ -1,6 +1,6 @@
 //! What the robot can do in one step, and what it costs.
 
-use super::Costs;
+use super::request::Costs;
 use navitools::{Arc, Pose};
 
 /// Headings of the search: 5° apart.

@@ -17,13 +17,14 @@ pub(crate) struct Node {
     pub(crate) g: f32,
     pub(crate) h: f32,
     pub(crate) parent: u32,
-    /// Cell and heading.
+    /// Which state it is, for the table.
     pub(crate) key: u32,
+    pub(crate) heading: u8,
     /// The step that led here.
     pub(crate) step: u8,
     pub(crate) closed: bool,
-    /// Occupied cells that touch the footprint: not 0 while it gets out of an obstacle.
-    pub(crate) overlap: u16,
+    /// Something touches the footprint: it gets out of an obstacle.
+    pub(crate) touching: bool,
 }
 
 /// All states of a search. A better way to a state is a new node: those behind the old one keep their exact poses.

@@ -96,7 +96,9 @@ impl Reach {
         }
         let (column, row) = (cell as usize % self.width, cell as usize / self.width);
         for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
-            let (Some(column), Some(row)) = (column.checked_add_signed(dx), row.checked_add_signed(dy)) else { continue };
+            let (Some(column), Some(row)) = (column.checked_add_signed(dx), row.checked_add_signed(dy)) else {
+                continue;
+            };
             if column >= self.width || row >= self.height {
                 continue;
             }

@@ -1,6 +1,6 @@
 //! The end of a search: a curve straight to the goal, if it is free.
 
-use super::Ruler;
+use super::ruler::Ruler;
 use navitools::{Arc, Point, Pose, reeds_shepp_words};
 
 /// Tries curves; keeps the buffer of the best one.

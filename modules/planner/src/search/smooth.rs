@@ -3,7 +3,8 @@
 //! Every replacement is a curve of Reeds and Shepp with the limit's radius or a wider one, checked like any other: the way
 //! stays drivable and free to the letter. Long parts come first, then ever shorter ones.
 
-use super::{Ruler, append, shot};
+use super::ruler::Ruler;
+use super::{append, shot};
 use navitools::{Arc, Pose};
 
 /// What a step takes, in expansions.

@@ -55,3 +55,235 @@ fn across_an_empty_room_the_way_is_as_short_as_a_car_can() {
     let end = path.points().last().unwrap().pose;
     assert!(end.point().distance(navitools::Point { x: 8.0, y: 6.0 }) < 1e-6);
 }
+
+#[test]
+fn without_a_heading_the_way_ends_at_the_point() {
+    let field = room(&[(4.0, 0.0, 4.0, 6.0)]);
+    let start = Pose::new(1.0, 1.0, 0.0);
+    let goal = Goal { x: 8.0, y: 1.5, heading: None, tolerance_m: 0.0 };
+    let mut search = Search::new(limits());
+    let path = search.plan(&field, start, goal, Budget::default()).unwrap();
+    check(&field, start, path);
+    let end = path.points().last().unwrap().pose;
+    assert!(libm::hypot(end.x - 8.0, end.y - 1.5) < 1e-6 && path.cusps().count() == 0);
+}
+
+#[test]
+fn a_parking_place_is_entered_in_reverse_when_it_must_be() {
+    // A bay of 1 m by 1.3 m in the lower wall; to be left forwards.
+    let field = room(&[(3.0, 1.5, 5.0, 1.5), (5.0, 1.5, 5.0, 0.2), (6.0, 0.2, 6.0, 1.5), (6.0, 1.5, 10.0, 1.5)]);
+    let start = Pose::new(2.0, 4.0, 0.0);
+    let goal = pose_goal(5.5, 0.4, core::f64::consts::FRAC_PI_2);
+    let mut search = Search::new(limits());
+    let path = search.plan(&field, start, goal, Budget::default()).unwrap();
+    check(&field, start, path);
+    assert!(path.points().last().unwrap().reverse && path.cusps().count() % 2 == 1);
+}
+
+#[test]
+fn a_door_is_passed_if_the_robot_fits_through() {
+    for (door, fits) in [(1.0, true), (0.75, true), (0.55, false)] {
+        let field = room(&[(5.0, 0.0, 5.0, 4.0 - door / 2.0), (5.0, 4.0 + door / 2.0, 5.0, 8.0)]);
+        let start = Pose::new(2.0, 2.0, 0.0);
+        let mut search = Search::new(limits());
+        let path = search.plan(&field, start, pose_goal(8.0, 5.0, 0.0), Budget::default());
+        match path {
+            Ok(path) => check(&field, start, path),
+            Err(why) => assert_eq!(why, NoWay::Unreachable),
+        }
+        assert_eq!(search.status() != Status::NoWay(NoWay::Unreachable), fits, "{door}");
+    }
+}
+
+#[test]
+fn what_cannot_be_says_why() {
+    let field = room(&[(5.0, 0.0, 5.0, 8.0), (2.0, 5.0, 3.0, 5.0)]);
+    let mut search = Search::new(limits());
+    let mut why = |start: Pose, goal: Goal, first: u32| {
+        search.plan(&field, start, goal, Budget { first, better: 0 }).map(|_| ()).unwrap_err()
+    };
+    let start = Pose::new(2.0, 2.0, 0.0);
+    let most = Budget::default().first;
+    assert_eq!(why(start, pose_goal(8.0, 5.0, 0.0), most), NoWay::Unreachable);
+    assert_eq!(why(start, pose_goal(2.5, 5.0, 0.0), most), NoWay::GoalBlocked);
+    assert_eq!(why(start, Goal { heading: None, ..pose_goal(2.5, 5.0, 0.0) }, most), NoWay::GoalBlocked);
+    assert_eq!(why(start, pose_goal(50.0, 5.0, 0.0), most), NoWay::GoalBlocked);
+    assert_eq!(why(start, pose_goal(4.7, 4.0, 0.0), most), NoWay::GoalBlocked);
+    assert_eq!(why(Pose::new(-3.0, 2.0, 0.0), pose_goal(2.0, 3.0, 0.0), most), NoWay::StartBlocked);
+    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 20), NoWay::Budget);
+    for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        assert_eq!(why(start, pose_goal(odd, 3.0, 0.0), most), NoWay::Invalid);
+        assert_eq!(why(start, pose_goal(2.0, 3.0, odd), most), NoWay::Invalid);
+        assert_eq!(why(start, Goal { tolerance_m: odd, ..pose_goal(2.0, 3.0, 0.0) }, most), NoWay::Invalid);
+        assert_eq!(why(Pose::new(2.0, odd, 0.0), pose_goal(2.0, 3.0, 0.0), most), NoWay::Invalid);
+    }
+    assert_ne!(why(start, pose_goal(1e300, 3.0, 0.0), most), NoWay::Budget);
+    let broken = Limits { radius_m: 0.0, ..limits() };
+    let path = Search::new(broken).plan(&field, start, pose_goal(2.0, 3.0, 0.0), Budget::default()).cloned();
+    assert_eq!(path, Err(NoWay::Invalid));
+}
+
+#[test]
+fn boxed_in_is_start_blocked_or_unreachable_and_touching_is_left() {
+    let mut search = Search::new(limits());
+    // The nose is 10 cm in a wall: out in reverse.
+    let field = room(&[(3.0, 2.0, 3.0, 4.0)]);
+    let start = Pose::new(2.35, 3.0, 0.0);
+    assert!(!ADVEE.is_free(&field, start));
+    let path = search.plan(&field, start, pose_goal(6.0, 6.0, 0.0), Budget::default()).unwrap();
+    assert!(path.points()[0].reverse, "away from the wall");
+    assert_eq!(path.clearance(), 0.0);
+    let free_from = path.points().iter().position(|point| ADVEE.is_free(&field, point.pose)).unwrap();
+    assert!(path.points()[free_from].s < 0.4);
+    assert!(path.points()[free_from..].iter().all(|point| ADVEE.is_free(&field, point.pose)));
+    // A wall before and one behind, both touched.
+    let field = room(&[(3.0, 2.0, 3.0, 4.0), (2.25, 2.0, 2.25, 4.0), (2.0, 2.6, 3.2, 2.6), (2.0, 3.4, 3.2, 3.4)]);
+    let path = search.plan(&field, start, pose_goal(6.0, 6.0, 0.0), Budget::default());
+    assert_eq!(path.map(|_| ()), Err(NoWay::StartBlocked));
+    // In a box that is not touched.
+    let field = room(&[(1.0, 2.0, 3.5, 2.0), (3.5, 2.0, 3.5, 4.0), (3.5, 4.0, 1.0, 4.0), (1.0, 4.0, 1.0, 2.0)]);
+    let path = search.plan(&field, Pose::new(2.0, 3.0, 0.0), pose_goal(6.0, 6.0, 0.0), Budget::default());
+    assert_eq!(path.map(|_| ()), Err(NoWay::Unreachable));
+}
+
+#[test]
+fn a_goal_too_near_to_a_wall_is_met_within_its_tolerance() {
+    let field = room(&[]);
+    let start = Pose::new(2.0, 2.0, 0.0);
+    let goal = pose_goal(9.4, 4.0, 0.0);
+    let mut search = Search::new(limits());
+    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(NoWay::GoalBlocked));
+    for heading in [Some(0.0), None] {
+        // Twice: the second time much is known already.
+        for _ in 0..2 {
+            let goal = Goal { tolerance_m: 0.4, heading, ..goal };
+            let path = search.plan(&field, start, goal, Budget::default()).unwrap();
+            check(&field, start, path);
+            let end = path.points().last().unwrap().pose;
+            assert!(libm::hypot(end.x - 9.4, end.y - 4.0) <= 0.4 + 1e-6);
+            let turned = libm::fabs(end.theta.radians());
+            assert!(heading.is_none() || turned <= 5f64.to_radians() + 1e-9, "{turned}");
+        }
+    }
+}
+
+#[test]
+fn a_search_in_pieces_ends_where_one_in_one_go_does() {
+    let field = room(&[(4.0, 0.0, 4.0, 6.0), (7.0, 2.0, 7.0, 8.0)]);
+    let (start, goal) = (Pose::new(1.0, 1.0, 0.0), pose_goal(8.5, 7.0, 1.0));
+    let whole = Search::new(limits()).plan(&field, start, goal, Budget::default()).unwrap().clone();
+    for piece in [1, 7, 100, 5000] {
+        let mut search = Search::new(limits());
+        search.begin(&field, start, goal, Budget::default());
+        assert_eq!(search.status(), Status::Searching);
+        let mut calls = 0;
+        let path = loop {
+            let before = search.work();
+            calls += 1;
+            assert!(calls < 1_000_000);
+            match search.advance(&field, piece) {
+                Status::Found(path) => break path.clone(),
+                Status::NoWay(why) => panic!("{why}"),
+                Status::Improving(path) => assert!(path.cost() >= whole.cost()),
+                Status::Searching => {}
+            }
+            assert!(search.work() - before < piece + 500, "{} of {piece}", search.work() - before);
+        };
+        assert_eq!(path, whole);
+        // And once more, with warm buffers.
+        assert_eq!(search.plan(&field, start, goal, Budget::default()), Ok(&whole));
+    }
+}
+
+#[test]
+fn obstacles_of_the_moment_are_driven_around() {
+    let mut field = room(&[]);
+    let (start, goal) = (Pose::new(1.0, 4.0, 0.0), pose_goal(8.5, 4.0, 0.0));
+    let mut search = Search::new(limits());
+    let straight = search.plan(&field, start, goal, Budget::default()).unwrap().length();
+    assert!(libm::fabs(straight - 7.5) < 1e-3, "{straight}");
+    field.overlay(&[crate::map::Obstacle { x: 5.0, y: 4.0, radius: 0.3 }]);
+    let path = search.plan(&field, start, goal, Budget::default()).unwrap();
+    check(&field, start, path);
+    assert!(path.length() > 7.55 && path.length() < 8.5 && path.clearance() > 0.02, "{}", path.length());
+    // A ring of people about the goal.
+    let ring = (0..12).map(|i| {
+        let (sin, cos) = libm::sincos(f64::from(i) * core::f64::consts::PI / 6.0);
+        crate::map::Obstacle { x: 8.5 + 1.3 * cos, y: 4.0 + 1.3 * sin, radius: 0.3 }
+    });
+    field.overlay(&ring.collect::<Vec<_>>());
+    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(NoWay::Unreachable));
+    field.overlay(&[]);
+    assert_eq!(search.plan(&field, start, goal, Budget::default()).unwrap().length(), straight);
+}
+
+#[test]
+fn requests_at_random_end_with_a_path_that_is_one_or_with_a_reason() {
+    let mut seed = 11u32;
+    let mut random = move |low: f64, high: f64| {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        low + (high - low) * f64::from(seed >> 8) / f64::from(1 << 24)
+    };
+    let mut search = Search::new(limits());
+    let mut found = 0;
+    for _ in 0..60 {
+        let walls: Vec<_> =
+            (0..6).map(|_| (random(0.0, 10.0), random(0.0, 8.0), random(0.0, 10.0), random(0.0, 8.0))).collect();
+        let field = room(&walls);
+        let start = Pose::new(random(-0.5, 10.5), random(-0.5, 8.5), random(-4.0, 4.0));
+        let heading = (random(0.0, 1.0) < 0.7).then(|| random(-7.0, 7.0));
+        let goal =
+            Goal { x: random(-0.5, 10.5), y: random(-0.5, 8.5), heading, tolerance_m: random(-0.3, 0.3).max(0.0) };
+        let budget = Budget { first: 20_000, better: 2_000 };
+        let clear = ADVEE.grown(0.02).is_free(&field, start);
+        if let Ok(path) = search.plan(&field, start, goal, budget)
+            && clear
+        {
+            check(&field, start, path);
+            found += 1;
+        }
+    }
+    assert!(found > 5, "{found}");
+}
+
+#[test]
+fn the_footprint_is_judged_as_cell_by_cell() {
+    let mut seed = 5u32;
+    let mut random = move |high: f64| {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(seed >> 8) / f64::from(1 << 24) * high
+    };
+    for footprint in [
+        ADVEE,
+        Footprint { length_m: 0.4, width_m: 1.0, rear_m: 0.0 },
+        Footprint { length_m: 3.0, width_m: 0.5, rear_m: 1.0 },
+    ] {
+        let (mut free, mut touching) = (0, 0);
+        for _ in 0..40 {
+            let mut map = Map::around((0.0, 0.0), (6.0, 6.0), 0.05).unwrap();
+            (0..12).for_each(|_| map.column((random(6.0), random(6.0)), random(0.2)));
+            let field = Field::new(&map, Unknown::Blocked);
+            for _ in 0..200 {
+                let pose = Pose::new(random(6.0), random(6.0), random(6.3));
+                let seen = footprint.is_free(&field, pose);
+                // Points all over the rectangle, 1 cm apart: none in an occupied cell, none off the map.
+                let points = |length: f64| 0..=libm::ceil(length / 0.01) as u32;
+                let touches = points(footprint.length_m).any(|i| {
+                    points(footprint.width_m).any(|j| {
+                        let x = (f64::from(i) * 0.01).min(footprint.length_m) - footprint.rear_m;
+                        let y = (f64::from(j) * 0.01).min(footprint.width_m) - footprint.width_m / 2.0;
+                        let at = pose * navitools::Point { x, y };
+                        map.at(at.x, at.y) != Some(crate::map::Cell::Free)
+                    })
+                });
+                // What touches only between the points is less than their distance in.
+                assert!(!(seen && touches), "{pose:?} touches");
+                let inner = footprint.grown(-0.015);
+                assert!(seen || touches || inner.is_free(&field, pose), "{pose:?} is free");
+                free += u32::from(seen);
+                touching += u32::from(touches);
+            }
+        }
+        assert!(free > 100 && touching > 100, "{free} {touching}");
+    }
+}

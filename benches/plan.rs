@@ -1,0 +1,176 @@
+//! The planner on mazes that can be driven: `cargo bench -p planner --bench plan [-- MAZES --each]`.
+//!
+//! 20 m by 20 m at 5 cm, the reference robot, full knowledge; half labyrinths of corridors, half halls full of blocks,
+//! made by `plan/maze.rs`, which knows a way through each. Figures to reach: all of 100 solved, 99 % within 100 ms on one
+//! core. A plan is all from the request to the smoothed path, with the distance field at
+//! hand as it is on the robot. `first` is the first way that could be driven. Lengths are beside that of the way the maze
+//! was built around, which wanders in the halls.
+
+#[path = "plan/maze.rs"]
+mod maze;
+#[path = "sys.rs"]
+#[allow(dead_code, reason = "shared by all benches")]
+mod sys;
+
+use maze::{LENGTH_M, RADIUS_M, REAR_M, WIDTH_M, maze};
+use navitools::{Pose, dubins_length, reeds_shepp_length};
+use planner::map::{Field, Unknown};
+use planner::path::Path;
+use planner::search::{Budget, Footprint, Goal, Limits, Search, Status};
+use std::hint::black_box;
+use std::time::Instant;
+
+#[global_allocator]
+static MEMORY: sys::Counting = sys::Counting::new();
+
+const ROUNDS: usize = 3;
+
+fn main() {
+    curves();
+    let mazes: u64 = std::env::args().skip(1).find_map(|text| text.parse().ok()).unwrap_or(100);
+    let each = std::env::args().any(|text| text == "--each");
+    let footprint = Footprint { length_m: LENGTH_M, width_m: WIDTH_M, rear_m: REAR_M };
+    let mut rows: Vec<Row> = Vec::new();
+    let mut failed = Vec::new();
+    for number in 0..mazes {
+        let maze = maze(number);
+        let Pose { x, y, theta } = maze.goal;
+        let goal = Goal { x, y, heading: Some(theta.radians()), tolerance_m: 0.0 };
+        // The least of some rounds: other programs only ever add to it. Each begins with nothing known.
+        let (mut field_ms, mut first_ms, mut plan_ms, mut again_ms) = (f64::MAX, f64::MAX, f64::MAX, f64::MAX);
+        let (mut first_length, mut expansions, mut allocations) = (0.0, 0, 0);
+        let mut path = None;
+        for _ in 0..ROUNDS {
+            let begun = Instant::now();
+            let field = Field::new(&maze.map, Unknown::Blocked);
+            field_ms = field_ms.min(milliseconds(begun));
+            let mut search = Search::new(Limits::new(footprint, RADIUS_M));
+            let begun = Instant::now();
+            search.begin(&field, maze.start, goal, Budget::default());
+            let mut first = None;
+            let found = loop {
+                match search.advance(&field, 500) {
+                    Status::Searching => {}
+                    Status::Improving(path) => {
+                        first.get_or_insert((milliseconds(begun), path.length()));
+                    }
+                    Status::Found(path) => break Ok(path.clone()),
+                    Status::NoWay(why) => break Err(why),
+                }
+            };
+            plan_ms = plan_ms.min(milliseconds(begun));
+            let first = first.unwrap_or((plan_ms, found.as_ref().map_or(0.0, Path::length)));
+            first_ms = first_ms.min(first.0);
+            (first_length, expansions) = (first.1, search.expansions());
+            path = Some(found);
+            // The same once more: what a robot does that finds something in its way.
+            let (begun, before) = (Instant::now(), MEMORY.allocations());
+            let _ = black_box(search.plan(&field, maze.start, goal, Budget::default()));
+            allocations = MEMORY.allocations() - before;
+            again_ms = again_ms.min(milliseconds(begun));
+        }
+        let path = match path {
+            Some(Ok(path)) => path,
+            Some(Err(why)) => {
+                failed.push((number, why));
+                continue;
+            }
+            None => continue,
+        };
+        if each {
+            println!("{number}: {first_ms:.1} then {plan_ms:.1} ms, {expansions} states, {:.1} m", path.length());
+        }
+        rows.push(Row {
+            kind: maze.kind,
+            field_ms,
+            first_ms,
+            plan_ms,
+            again_ms,
+            allocations: allocations as f64,
+            expansions: f64::from(expansions),
+            length: path.length(),
+            ratio: path.length() / maze.way_m,
+            gained: path.length() / first_length,
+            cusps: path.cusps().count() as f64,
+            clearance: path.clearance(),
+        });
+    }
+    for (number, why) in &failed {
+        println!("maze {number}: {why}");
+    }
+    println!("| mazes | solved | | p50 | p99 | most |\n|---|---|---|---|---|---|");
+    for kind in ["labyrinth", "blocks"] {
+        let of = |value: Figure| {
+            let mut values: Vec<f64> = rows.iter().filter(|row| row.kind == kind).map(value).collect();
+            values.sort_by(f64::total_cmp);
+            let at = |part: f64| values.get(((values.len() as f64 * part).ceil() as usize).max(1) - 1).copied();
+            [at(0.5), at(0.99), values.last().copied()].map(|value| value.unwrap_or(f64::NAN))
+        };
+        let solved = rows.iter().filter(|row| row.kind == kind).count();
+        let figures: [(&str, Figure); 11] = [
+            ("first way, ms", |row| row.first_ms),
+            ("plan, ms", |row| row.plan_ms),
+            ("plan to the same goal again, ms", |row| row.again_ms),
+            ("its allocations", |row| row.allocations),
+            ("states expanded", |row| row.expansions),
+            ("length, m", |row| row.length),
+            ("length / known way", |row| row.ratio),
+            ("length / first way", |row| row.gained),
+            ("cusps", |row| row.cusps),
+            ("clearance, m", |row| row.clearance),
+            ("distance field, ms", |row| row.field_ms),
+        ];
+        for (name, value) in figures {
+            let [p50, p99, most] = of(value);
+            println!("| {kind} | {solved} | {name} | {p50:.2} | {p99:.2} | {most:.2} |");
+        }
+    }
+    let plans = |rows: &[Row]| {
+        let mut values: Vec<f64> = rows.iter().map(|row| row.plan_ms).collect();
+        values.sort_by(f64::total_cmp);
+        values.get((values.len() * 99).div_ceil(100).max(1) - 1).copied().unwrap_or(f64::NAN)
+    };
+    println!("solved {} of {mazes}, p99 of all {:.1} ms", rows.len(), plans(&rows));
+}
+
+/// A column of the table.
+type Figure = fn(&Row) -> f64;
+
+struct Row {
+    kind: &'static str,
+    field_ms: f64,
+    first_ms: f64,
+    plan_ms: f64,
+    again_ms: f64,
+    allocations: f64,
+    expansions: f64,
+    length: f64,
+    ratio: f64,
+    gained: f64,
+    cusps: f64,
+    clearance: f64,
+}
+
+fn milliseconds(begun: Instant) -> f64 {
+    begun.elapsed().as_secs_f64() * 1e3
+}
+
+/// One length of a shortest way between poses at random.
+fn curves() {
+    let poses: Vec<Pose> = (0..1000)
+        .map(|i| {
+            let i = f64::from(i);
+            Pose::new((i * 0.37) % 7.0 - 3.5, (i * 0.71) % 7.0 - 3.5, (i * 1.3) % 6.2)
+        })
+        .collect();
+    for (name, length) in [("Reeds-Shepp", reeds_shepp_length as fn(Pose, Pose, f64) -> f64), ("Dubins", dubins_length)]
+    {
+        let begun = Instant::now();
+        for _ in 0..100 {
+            for pose in &poses {
+                black_box(length(Pose::default(), *pose, RADIUS_M));
+            }
+        }
+        println!("{name}: {:.2} us a length", milliseconds(begun) * 1e3 / 1e5);
+    }
+}
