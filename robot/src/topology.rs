@@ -127,6 +127,7 @@ pub(crate) fn shell_in(
         "driver_rs485a" => Box::new(rs485a(&config.robot)?),
         rs485b::NAME => Box::new(rs485b(robot)?),
         power::NAME => Box::new(power(place, config)?),
+        estimator::NAME => Box::new(estimator(robot)?),
         canbus::NAME => Box::new(canbus(place, config)?),
         SIMULATOR if place.sim => {
             let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
@@ -148,7 +149,7 @@ pub(crate) fn shell_in(
 }
 
 /// Those that know where what is: their map is of the world, where that is simulated.
-const MAPPED: [&str; 4] = [SIMULATOR, rs485b::NAME, "estimator", "planner"];
+const MAPPED: [&str; 4] = [SIMULATOR, rs485b::NAME, estimator::NAME, "planner"];
 
 /// The robot with the beacons of a world, if that has any.
 fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
@@ -160,7 +161,8 @@ fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
     robot
 }
 
-const MODULES: [&str; 6] = [watchdog::NAME, SIMULATOR, power::NAME, "driver_rs485a", rs485b::NAME, canbus::NAME];
+const MODULES: [&str; 7] =
+    [watchdog::NAME, SIMULATOR, power::NAME, "driver_rs485a", rs485b::NAME, canbus::NAME, estimator::NAME];
 /// The watchdog ends modules one after the other, those that others depend on last.
 const WATCHDOG_END: Duration = Duration::from_secs(6);
 
@@ -379,6 +381,21 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
         beacons: robot.beacons.iter().map(|beacon| beacon.id).collect(),
     };
     rs485b::Rs485b::new(config).map_err(|error| ConfigError(vec![format!("driver_rs485b: {error}")]))
+}
+
+/// `estimator`: the map of beacons, and as many of them at once as the scanner takes.
+fn estimator(robot: &Robot) -> Result<estimator::Estimator, ConfigError> {
+    let beacons = robot.beacons.iter().map(|beacon| estimator::filter::Beacon {
+        id: beacon.id.into(),
+        at: Point { x: beacon.x, y: beacon.y },
+    });
+    let config = estimator::Config {
+        filter: estimator::filter::Config { beacons: beacons.collect(), ..robot.estimator.clone() },
+        wheelbase_m: robot.geometry.wheelbase_m,
+        track_m: robot.geometry.track_m,
+        active_max: rs485::boards::sbs1::BEACONS,
+    };
+    estimator::Estimator::new(config).map_err(|error| ConfigError(vec![format!("estimator: {error}")]))
 }
 
 /// `driver_power`: the link that the table `power` names. In simulation the computer belongs to somebody else.

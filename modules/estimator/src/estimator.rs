@@ -181,7 +181,7 @@ impl Estimator {
         let (theta, level) = (theta.radians(), quality as i8);
         out.publish(DataEstimate { timestamp, x, y, theta, speed, rotation, covariance, quality: level });
         self.tell(quality, out);
-        if self.ticks % ACTIVE_EVERY == 0 {
+        if self.ticks.is_multiple_of(ACTIVE_EVERY) {
             self.choose(now, (quality >= Quality::Coarse).then_some(estimate.pose), out);
         }
         self.ticks = self.ticks.wrapping_add(1);

@@ -4,6 +4,7 @@
 //! `modules.toml` lists the modules (`--set modules.NAME.key=value`), a world where the simulated robot is (`--set
 //! world.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
 
+mod estimator;
 mod log;
 mod modules;
 mod reader;
@@ -112,6 +113,16 @@ fn one_line(text: String) -> String {
         return text;
     }
     text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() }).collect()
+}
+
+/// The table `estimator` of a file that may have others, too: for the filter without its robot.
+pub fn estimator_of(path: &Path) -> Result<Option<::estimator::filter::Config>, ConfigError> {
+    let node = read(path)?;
+    let problems = Problems::default();
+    let table = Table::new(&node, "", &problems).and_then(|mut root| root.table_if_any("estimator"));
+    let config = table.map(estimator::read);
+    let lines = problems.lines();
+    if lines.is_empty() { Ok(config) } else { Err(ConfigError(lines)) }
 }
 
 /// Parses one file.

@@ -30,6 +30,8 @@ pub struct Robot {
     pub irs: Vec<Ranger>,
     /// The infrared beacons of where the robot drives.
     pub beacons: Vec<Beacon>,
+    /// How well the robot measures where it is; without the beacons.
+    pub estimator: estimator::filter::Config,
     /// The power controller, where there is one that tells of the PAUSE line.
     pub power: Option<Power>,
     /// What a run writes down.
@@ -316,12 +318,13 @@ impl Robot {
         let srfs = Ranger::read_all(&mut root, "srfs", 7, &rs485);
         let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
         let beacons = Beacon::read_all(&mut root);
+        let estimator = root.table_if_any("estimator").map_or_else(Default::default, super::estimator::read);
         let power = root.table_if_any("power").map(|table| Power::read(table, &rs485));
         let log = root.table_if_any("log").map_or_else(Log::default, Log::read);
         root.end();
         let (name, report_from) = robot?;
         let (geometry, limits) = (geometry?, limits?);
-        Some(Self { name, report_from, geometry, limits, can, rs485, srfs, irs, beacons, power, log })
+        Some(Self { name, report_from, geometry, limits, can, rs485, srfs, irs, beacons, estimator, power, log })
     }
 
     /// The EIA-485 bus that is called so, `rs485.a`.
