@@ -91,7 +91,8 @@ struct Timing {
     high: Duration,
     /// From SCL low to a change of SDA: the hold time that SMBus up to 2.0 asks for, 300 ns, and a margin.
     hold: Duration,
-    /// From the release of SCL to the look: the rise time.
+    /// From the release of SCL to the look. A stretched clock that rises within it is high for that much less, which
+    /// 4.5 us at 100 kHz can spare; a line that rises more slowly is looked at again.
     rise: Duration,
 }
 
@@ -156,7 +157,7 @@ impl Master {
         // Rounded up: a low time of 550 ns at 1 MHz has no room to lose.
         let low = (period * 11).div_ceil(20);
         let (low, high) = (Duration::from_nanos(low), Duration::from_nanos(period - low));
-        let timing = Timing { low, high, hold: low / 4, rise: high / 3 };
+        let timing = Timing { low, high, hold: low / 4, rise: high / 9 };
         Self {
             timing,
             config,
