@@ -530,6 +530,7 @@ fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> sim::Config {
         gear: can.as_ref().map_or(sim::body::Parameters::default().gear, |(_, gear)| *gear),
         encoder_counts: f64::from(geometry.ticks_per_turn),
         steering_rate: robot.limits.steering_rate_radps,
+        errors: sim::body::Errors::usual(),
         ..sim::body::Parameters::default()
     };
     let serial = robot.rs485.iter().map(|bus| sim::SerialConfig {

@@ -5,6 +5,7 @@
 //! 0.7 ms and 4 ms, docs/facts/robot.md 2.4): within its force the motor has the demanded speed at the step's end.
 
 use crate::people::Hull;
+use crate::random::Random;
 use crate::world::World;
 use base::Duration;
 use navitools::{Ackermann, Motion, Pose};
@@ -55,8 +56,31 @@ pub struct Parameters {
     pub steering_play: f64,
     /// Counts of an encoder per wheel turn.
     pub encoder_counts: f64,
-    /// How much more than the truth the left and the right encoder count.
-    pub encoder_scale: (f64, f64),
+    /// How far it is from all this, and from run to run.
+    pub errors: Errors,
+}
+
+/// How far a robot is from its drawing: limits of what is drawn for a run and stays, deviations of what changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Errors {
+    /// An encoder counts up to this part more or less than the truth, each by itself.
+    pub encoder_scale: f64,
+    /// The track is up to this part wider or narrower.
+    pub track: f64,
+    /// What both front wheels roll more or less, m per √m.
+    pub along: f64,
+    /// What they roll apart, as a turn of the robot, rad per √m.
+    pub turn: f64,
+    /// Slip of the driven wheels where force is the robot's weight; front wheels are not driven, and roll.
+    pub slip: f64,
+}
+
+impl Errors {
+    /// Those of docs/facts/robot.md 1.2. The slip is that of a hard tyre on a smooth floor: 1.5 % in a quick stop.
+    #[must_use]
+    pub fn usual() -> Self {
+        Self { encoder_scale: 0.01, track: 0.01, along: 0.01, turn: 0.5f64.to_radians(), slip: 0.1 }
+    }
 }
 
 impl Default for Parameters {
@@ -80,7 +104,7 @@ impl Default for Parameters {
             steering_lag: 0.10,
             steering_play: 0.5f64.to_radians(),
             encoder_counts: 4096.0,
-            encoder_scale: (1.0, 1.0),
+            errors: Errors::default(),
         }
     }
 }
@@ -130,8 +154,12 @@ pub struct Body {
     /// Of the wheels' angle: curvature and the ways of the front hubs per way.
     curvature: f64,
     hub_ratios: (f64, f64),
-    /// Ways of the front wheels by their encoders.
+    /// Ways of the front wheels by their encoders, and how much these count more than the truth.
     hubs: (f64, f64),
+    scales: (f64, f64),
+    /// What the driven wheels rolled more than the way.
+    slipped: f64,
+    random: Random,
     /// No part of the body reaches a wall within this way.
     free_way: f64,
     touching: bool,
@@ -144,7 +172,17 @@ impl Body {
     /// Standing at `pose`, wheels straight.
     #[must_use]
     pub fn new(parameters: Parameters, pose: Pose) -> Self {
-        let geometry = Ackermann { wheelbase_m: parameters.wheelbase, track_m: parameters.track };
+        Self::drawn(parameters, pose, Random::new(0))
+    }
+
+    /// The same with its errors from a chance of its own.
+    #[must_use]
+    pub fn drawn(parameters: Parameters, pose: Pose, mut random: Random) -> Self {
+        let mut about_one = |part: f64| 1.0 + part * (2.0 * random.uniform() - 1.0);
+        let Errors { encoder_scale, track, .. } = parameters.errors;
+        let scales = (about_one(encoder_scale), about_one(encoder_scale));
+        let track = parameters.track * about_one(track);
+        let geometry = Ackermann { wheelbase_m: parameters.wheelbase, track_m: track };
         Self {
             parameters,
             geometry,
@@ -156,6 +194,9 @@ impl Body {
             curvature: 0.0,
             hub_ratios: (1.0, 1.0),
             hubs: (0.0, 0.0),
+            scales,
+            slipped: 0.0,
+            random,
             free_way: 0.0,
             touching: false,
             blocked: false,
@@ -191,6 +232,12 @@ impl Body {
     #[must_use]
     pub fn travelled(&self) -> f64 {
         self.travelled
+    }
+
+    /// The same by the motor's own encoder: on its driven wheels.
+    #[must_use]
+    pub fn motor_way(&self) -> f64 {
+        self.travelled + self.slipped
     }
 
     /// Angle of the equivalent single front wheel, rad.
@@ -351,8 +398,17 @@ impl Body {
         }
         self.pose = pose;
         self.travelled += way;
-        self.hubs.0 += way * self.hub_ratios.0 * p.encoder_scale.0;
-        self.hubs.1 += way * self.hub_ratios.1 * p.encoder_scale.1;
+        // Forward force makes them roll more than the way going forward, and less going back.
+        self.slipped += libm::fabs(way) * p.errors.slip * self.force / (p.mass * GRAVITY);
+        let (mut left, mut right) = (way * self.hub_ratios.0 * self.scales.0, way * self.hub_ratios.1 * self.scales.1);
+        let Errors { along, turn, .. } = p.errors;
+        if along > 0.0 || turn > 0.0 {
+            let root = libm::sqrt(libm::fabs(way));
+            let (both, apart) = (along * root * self.random.normal(), turn * root * self.random.normal());
+            left += both - apart * p.track / 2.0;
+            right += both + apart * p.track / 2.0;
+        }
+        (self.hubs.0, self.hubs.1) = (self.hubs.0 + left, self.hubs.1 + right);
         true
     }
 }
@@ -447,6 +503,54 @@ mod tests {
         run(&mut body, &world, 2.0, demand);
         assert!(body.rests(&demand));
         assert!((body.steering().to_degrees() - 29.75).abs() < 1e-9, "{}", body.steering().to_degrees());
+    }
+
+    /// What odometry measures over 4 m straight ahead: way and turn.
+    fn measured(errors: Errors, seed: u64) -> (f64, f64) {
+        let parameters = Parameters { errors, ..Parameters::default() };
+        let mut body = Body::drawn(parameters, Pose::default(), Random::stream(9, seed));
+        while body.travelled() < 4.0 {
+            body.step(&World::default(), &speed(0.8));
+        }
+        let ways = body.ticks();
+        let way = |ticks: i64| ticks as f64 * body.parameters().metres_per_tick() / body.travelled() * 4.0;
+        (((way(ways.0) + way(ways.1)) / 2.0 - 4.0), (way(ways.1) - way(ways.0)) / 0.5)
+    }
+
+    fn deviation(values: &[f64]) -> f64 {
+        libm::sqrt(values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64)
+    }
+
+    #[test]
+    fn odometry_is_as_wrong_as_the_table_says() {
+        let Errors { along, turn, encoder_scale, track, .. } = Errors::usual();
+        let random = Errors { along, turn, ..Errors::default() };
+        let (ways, turns): (Vec<f64>, Vec<f64>) = (0..300).map(|seed| measured(random, seed)).unzip();
+        // Over 4 m twice the deviation over 1 m.
+        assert!((deviation(&ways) - 0.02).abs() < 0.003, "{}", deviation(&ways));
+        assert!((deviation(&turns).to_degrees() - 1.0).abs() < 0.15, "{}", deviation(&turns).to_degrees());
+        let constant = Errors { encoder_scale, track, ..Errors::default() };
+        let (ways, turns): (Vec<f64>, Vec<f64>) = (0..300).map(|seed| measured(constant, seed)).unzip();
+        let most = |values: &[f64]| values.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+        assert!(most(&ways) < 0.0405 && most(&ways) > 0.03, "{}", most(&ways));
+        assert!(most(&turns) < 0.165 && most(&turns) > 0.1, "{}", most(&turns));
+        assert_eq!(measured(Errors::usual(), 1), measured(Errors::usual(), 1));
+        assert_eq!(measured(constant, 1), measured(constant, 1));
+    }
+
+    #[test]
+    fn the_driven_wheels_slip_when_it_starts_and_stops_and_the_front_ones_roll() {
+        let errors = Errors { slip: 0.1, ..Errors::default() };
+        let mut body = Body::new(Parameters { errors, ..Parameters::default() }, Pose::default());
+        run(&mut body, &World::default(), 1.0, speed(0.8));
+        let started = body.motor_way() - body.travelled();
+        // A tenth of 208 N on 932 N of weight while it gains speed, over 0.158 m, then of the 16.4 N of its losses.
+        let expected = 0.1 / 932.0 * (208.0 * 0.158 + 16.4 * (body.travelled() - 0.158));
+        assert!((started - expected).abs() < 1e-4, "{started} {expected}");
+        run(&mut body, &World::default(), 2.0, speed(0.0));
+        assert!(body.motor_way() - body.travelled() < started - 2e-3);
+        let (left, _) = body.ticks();
+        assert!((left as f64 * body.parameters().metres_per_tick() - body.travelled()).abs() < 1e-3);
     }
 
     #[test]

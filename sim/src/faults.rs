@@ -21,6 +21,8 @@
 //! | a power controller | `stop_button` | the stop button is pressed |
 //! | a power controller | `battery` | the battery has `value` V at rest |
 //! | a power controller | `power_off` | the main switch is turned: the supply is cut in `value` s (0: 30) |
+//! | `robot` | `put:X,Y,THETA` | it is carried there, where there is room; its wheels do not turn: `put:3,4.5,1.57` |
+//! | `robot` | `kidnap` | the same, to somewhere; to where else with another `value` |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |
 //! | a drive | `fault` | emergency `value` (0: 0x1000, generic), and the fault state |
 //! | a drive | `babble` | frames of the identifier `value` (0: that of its TPDO2) take half of the bus |
@@ -40,8 +42,8 @@
 //! | `lcm` | `reorder` | a message comes up to `value` s late (0: 0.01), and others overtake it |
 //! | any | `none` | its faults are over |
 //!
-//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off` and `lose` are of
-//! the moment; so is `bus_off` without a duration, and with one a restarted controller goes off again till then. `none`
+//! A duration of 0, below, or not a number lasts until `none`. `fault`, `reboot`, `reset`, `power_off`, `lose`, `put` and `kidnap` are
+//! of the moment; so is `bus_off` without a duration, and with one a restarted controller goes off again till then. `none`
 //! gives a power controller its supply again.
 //!
 //! Where there is no CAN wire (live, over UDP multicast) the simulator loses frames instead: each one with the probability
@@ -49,6 +51,7 @@
 //! them again there, and no controller tells of them.
 
 use base::{Duration, Instant};
+use navitools::Pose;
 
 /// What can ail a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -167,6 +170,14 @@ impl Ailment {
     }
 }
 
+/// The pose of `x,y,theta`, if those are three numbers.
+#[must_use]
+pub fn pose(text: &str) -> Option<Pose> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let [x, y, theta] = <[f64; 3]>::try_from(numbers?).ok()?;
+    [x, y, theta].iter().all(|number| libm::fabs(*number) <= 1e4).then(|| Pose::new(x, y, theta))
+}
+
 /// What is not above 0 is what it usually is.
 fn or(value: f64, usual: f64) -> f64 {
     if value > 0.0 { value } else { usual }
@@ -193,6 +204,14 @@ mod tests {
         assert_eq!(until(now, 0.5), Instant::from_millis(510));
         for odd in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(until(now, odd), Instant::NEVER, "{odd}");
+        }
+    }
+
+    #[test]
+    fn a_pose_is_three_numbers() {
+        assert_eq!(pose("3, 4.5,1.5"), Some(Pose::new(3.0, 4.5, 1.5)));
+        for odd in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,NaN", "1,inf,0"] {
+            assert_eq!(pose(odd), None, "{odd}");
         }
     }
 

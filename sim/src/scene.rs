@@ -1,9 +1,9 @@
 //! The robot in its world, as the boards' sensors and drives meet it: a body that steps, and where it was a moment ago.
 
 use crate::body::{Body, Demand, Parameters, STEP};
-use crate::people::{self, Contact, Hull, Moment, Mover, People};
+use crate::people::{self, Contact, Floor, Hull, Moment, Mover, People};
 use crate::random::Random;
-use crate::sonar::{Cone, Sonar, floor_distance};
+use crate::sonar::{Cone, Echo, Sonar, floor_distance};
 use crate::world::World;
 use base::Instant;
 use navitools::{Point, Pose};
@@ -13,6 +13,10 @@ use std::collections::VecDeque;
 const MEMORY: usize = 256;
 /// A step, ns.
 const STEP_NS: u64 = STEP.as_nanos() as u64;
+/// Who is carried off is set down with so much room, m.
+const KIDNAP_ROOM: f64 = 0.3;
+/// Nobody's legs are heard from farther, m: the legs' range, and half a stride.
+const LEGS_WITHIN: f64 = 2.9;
 /// The floor rangers hang this high, m.
 pub const RANGER_HEIGHT: f64 = 0.12;
 
@@ -24,6 +28,8 @@ pub struct Scene {
     people: People,
     contacts: Vec<Contact>,
     cone: Cone,
+    /// Of the air's temperature.
+    stretch: f64,
     seed: u64,
     /// What the drives want from the next step on.
     pub demand: Demand,
@@ -37,12 +43,14 @@ impl Scene {
     /// The body at the world's start; time counts from `start`.
     #[must_use]
     pub fn new(start: Instant, world: World, parameters: Parameters, sonar: Sonar, seed: u64) -> Self {
-        let body = Body::new(parameters, world.start);
+        let random = Random::stream(seed, u64::from_le_bytes(*b"the body"));
+        let body = Body::drawn(parameters, world.start, random);
         let people = People::new(&world, seed, &body.hull());
         let mut past = VecDeque::with_capacity(MEMORY);
         past.push_back((0, body.pose()));
         let (contacts, cone, demand) = (Vec::new(), Cone::new(sonar), Demand::default());
-        Self { world, body, people, contacts, cone, seed, demand, start, steps: 0, past }
+        let stretch = cone.stretch(&mut Random::stream(seed, u64::from_le_bytes(*b"the air ")));
+        Self { world, body, people, contacts, cone, stretch, seed, demand, start, steps: 0, past }
     }
 
     /// The body.
@@ -141,6 +149,23 @@ impl Scene {
         free
     }
 
+    /// Puts the robot somewhere, by the number of a draw; false where there is no such place.
+    pub fn kidnap(&mut self, number: u64) -> bool {
+        let floor = Floor::new(&self.world);
+        let mut random = Random::stream(self.seed ^ number, u64::from_le_bytes(*b"kidnap  "));
+        (0..1000).any(|_| {
+            let place = floor.somewhere(&mut random);
+            let heading = core::f64::consts::TAU * random.uniform();
+            place.is_some_and(|place| {
+                let pose = Pose::new(place.x, place.y, heading);
+                let p = self.body.parameters();
+                let front = p.wheelbase + p.overhang_front;
+                let room = self.world.clearance(pose, -p.overhang_rear, front, p.width / 2.0);
+                room > KIDNAP_ROOM && self.put(pose)
+            })
+        })
+    }
+
     fn moment(&self, at: Instant) -> Moment {
         at.since(self.start).as_nanos() as u64
     }
@@ -168,11 +193,31 @@ impl Scene {
         known.or(self.past.front()).map_or(self.body.pose(), |(_, pose)| *pose)
     }
 
-    /// What a sonar at `mount` on the robot measured when it was fired at `at`, m. The same question has the same
-    /// answer: its noise is drawn from a stream of its own.
+    /// What returned the sound of a sonar at `mount` on the robot that was fired at `at`. The same question has the same
+    /// answer, here and below: chance is drawn from a stream of its own.
     #[must_use]
-    pub fn sonar(&self, mount: Pose, at: Instant, stream: u64) -> Option<f64> {
-        self.cone.measure(&self.world, self.pose_at(at) * mount, &mut Random::stream(self.seed, stream))
+    pub fn echo(&self, mount: Pose, at: Instant, stream: u64) -> Option<Echo> {
+        let sensor = self.pose_at(at) * mount;
+        let people = self.people.legs(self.moment(at), sensor.point(), LEGS_WITHIN);
+        self.cone.echo(&self.world, people, sensor, &mut Random::stream(self.seed, stream))
+    }
+
+    /// What a sonar at `mount` heard of another's sound that was sent at `at`, m.
+    #[must_use]
+    pub fn overheard(&self, mount: Pose, at: Instant, other: &Echo, stream: u64) -> Option<f64> {
+        self.cone.overheard(&self.world, self.pose_at(at) * mount, other, &mut Random::stream(self.seed, stream))
+    }
+
+    /// What a sonar answers when the first that it heard was at this distance, m.
+    #[must_use]
+    pub fn reading(&self, heard: Option<f64>, stream: u64) -> Option<f64> {
+        self.cone.measure(heard, self.stretch, &mut Random::stream(self.seed, stream))
+    }
+
+    /// How many people stood between two points at a moment that is not long past.
+    #[must_use]
+    pub fn people_between(&self, at: Instant, a: Point, b: Point) -> usize {
+        self.people.between(self.moment(at), a, b)
     }
 
     /// A sequence of its own for each `stream`: the same question has the same answer.
@@ -192,6 +237,70 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn put_at(scene: &mut Scene, x: f64, y: f64) -> bool {
+        scene.put(Pose::new(x, y, 1.0))
+    }
+
+    #[test]
+    fn a_robot_that_is_carried_off_is_elsewhere_and_its_wheels_have_not_turned() {
+        let world = World::hall(20.0, 12.0);
+        let mut scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1);
+        scene.demand.speed = Some(0.5);
+        for _ in 0..100 {
+            scene.step();
+        }
+        let (ticks, before) = (scene.body().ticks(), scene.body().pose());
+        assert!(!put_at(&mut scene, 19.8, 6.0) && scene.body().pose() == before, "there is a wall");
+        assert!(put_at(&mut scene, 3.0, 4.0));
+        assert_eq!(
+            (scene.body().pose(), scene.body().ticks(), scene.body().speed()),
+            (Pose::new(3.0, 4.0, 1.0), ticks, 0.0)
+        );
+        let mut poses: Vec<_> = (0..20)
+            .map(|number| {
+                assert!(scene.kidnap(number) && scene.clearance() > 0.3);
+                let Pose { x, y, .. } = scene.body().pose();
+                (x * 1000.0) as i64 * 100_000 + (y * 1000.0) as i64
+            })
+            .collect();
+        let last = scene.body().pose();
+        assert!(scene.kidnap(3) && scene.kidnap(19) && scene.body().pose() == last, "by its number");
+        poses.sort_unstable();
+        poses.dedup();
+        assert!(poses.len() > 15, "{poses:?}");
+    }
+
+    #[test]
+    fn a_robot_that_runs_into_somebody_stops_and_its_bumper_is_pressed() {
+        let mut world = World::hall(20.0, 12.0);
+        world.places = vec![Point { x: 10.0, y: 6.0 }, Point { x: 10.0, y: 6.5 }];
+        // Nobody looks: all that they do is stop at their feet.
+        world.people = crate::world::Crowd { count: 60, attentive: 0.0, ..crate::world::Crowd::default() };
+        let mut scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 2);
+        let (mut blocked, mut contacts) = (0, Vec::new());
+        for step in 0..40_000 {
+            let forward = (step / 800) % 2 == 0;
+            scene.demand.speed = Some(if forward { 0.8 } else { -0.8 });
+            let before = scene.body().pose();
+            scene.step();
+            assert!(scene.people().is_empty() || scene.clearance() >= 0.0);
+            let new = scene.take_contacts();
+            if scene.body().is_blocked() {
+                blocked += 1;
+                assert!(scene.body().speed() == 0.0 && scene.body().pose() == before);
+            }
+            let walls = new.iter().filter(|contact| contact.person.is_none()).count();
+            assert!(walls == 0 || scene.body().is_blocked(), "{new:?}");
+            contacts.extend(new);
+        }
+        let robots = contacts.iter().filter(|contact| contact.mover == Mover::Robot);
+        assert_eq!(u32::try_from(robots.count()).unwrap(), scene.body().collisions(), "{contacts:?}");
+        assert!(blocked > 0 && scene.body().collisions() > 3, "{contacts:?}");
+        for contact in &contacts {
+            assert!((contact.mover == Mover::Robot) == (contact.robot_mps > people::TOWARDS), "{contact}");
+        }
+    }
 
     #[test]
     fn it_remembers_where_it_was() {

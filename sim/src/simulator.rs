@@ -22,6 +22,8 @@ use rs485::boards::sd1::PauseSource;
 use rs485::crc::Crc8;
 use rs485::slave::{self, Slave};
 
+/// The target of what is done to the whole of it.
+const ROBOT: &str = "robot";
 /// The truth is told this often.
 const TRUTH: Duration = Duration::from_millis(50);
 /// The clock is told this often.
@@ -332,13 +334,24 @@ impl Simulator {
 
     fn fault(&mut self, now: Instant, command: &simulation::CmdFault, out: &mut Actions) {
         let until = faults::until(now, command.duration);
-        let known = Ailment::from_name(&command.fault, command.value)
-            .is_some_and(|ailment| self.ail(now, &command.target, ailment, until));
+        let known = match command.target == ROBOT {
+            true => self.carry_off(&command.fault, command.value),
+            false => Ailment::from_name(&command.fault, command.value)
+                .is_some_and(|ailment| self.ail(now, &command.target, ailment, until)),
+        };
         if !known {
             let subject = format!("{} {}", command.target, command.fault);
             let why =
                 format!("fault {} of {}: no such target, or not a fault of its kind", command.fault, command.target);
             out.report(Severity::Warning, Fault::FaultUnknown, subject, why);
+        }
+    }
+
+    /// Somebody carries the robot off.
+    fn carry_off(&mut self, fault: &str, value: f64) -> bool {
+        match fault.strip_prefix("put:") {
+            Some(pose) => faults::pose(pose).is_some_and(|pose| self.scene.put(pose)),
+            None => fault == "kidnap" && self.scene.kidnap(value.to_bits()),
         }
     }
 

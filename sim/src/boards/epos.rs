@@ -185,7 +185,7 @@ impl Epos {
     pub fn feedback(&mut self, node: &mut Node, body: &Body) {
         let quadcounts_per_metre = body.parameters().motor_turns_per_metre() * self.quadcounts_per_turn;
         self.sensed = Sensed {
-            position: body.travelled() * quadcounts_per_metre,
+            position: body.motor_way() * quadcounts_per_metre,
             speed: body.speed() * quadcounts_per_metre,
             ..Sensed::default()
         };

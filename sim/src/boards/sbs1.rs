@@ -3,10 +3,12 @@
 //! Nothing is measured before it is asked for: a sighting is worked out from where the body was at its instant, and its
 //! noise is drawn from a stream of its own, so the same question has the same answer.
 
+use crate::random::Random;
 use crate::scene::Scene;
 use crate::world::Beacon;
 use base::{Duration, Instant};
-use navitools::{Pose, wrap};
+use core::f64::consts::TAU;
+use navitools::{Point, Pose, wrap};
 use rs485::boards::sbs1::{
     BEACONS, Debug, GET_BEACON_DATA, GET_DEBUG_DATA, SET_BEACON_IDS, Sighting, build_beacons, build_debug,
 };
@@ -21,6 +23,8 @@ const DRIFT: Duration = Duration::from_secs(2);
 const HALF_STRENGTH: f64 = 4.0;
 /// A beacon that hangs on a wall is not hidden by it, m.
 const MOUNTING: f64 = 0.02;
+/// The number of the draw of how it sits.
+const TURN: u64 = 1 << 41;
 const SUPPLY_MV: u16 = 5000;
 
 /// How it sits and how well it sees.
@@ -36,12 +40,16 @@ pub struct Sbs1Config {
     pub quantum: f64,
     /// How probably a beacon in sight is sighted in a sweep.
     pub seen: f64,
-    /// How probably a sighting is of something else: a reflection.
+    /// The same of one that people stand before.
+    pub crowd: f64,
+    /// How probably a sighting is of something else: a reflection, or half of the time another beacon.
     pub wild: f64,
+    /// It sits on the robot turned by up to this, rad; for a run always the same.
+    pub turn: f64,
 }
 
 impl Default for Sbs1Config {
-    /// Mounted straight; its unknown turn is the world's affair.
+    /// That of docs/facts/robot.md 1.2.
     fn default() -> Self {
         Self {
             mount: Pose::new(0.25, 0.0, 0.0),
@@ -49,7 +57,9 @@ impl Default for Sbs1Config {
             sigma: 0.5f64.to_radians(),
             quantum: 0.1f64.to_radians(),
             seen: 0.95,
+            crowd: 0.3,
             wild: 0.02,
+            turn: 3f64.to_radians(),
         }
     }
 }
@@ -161,15 +171,21 @@ impl Sbs1 {
             return None;
         }
         let mut random = scene.random(self.stream(beacon.id, sweep));
-        if !random.chance(self.config.seen) {
+        let hidden = scene.people_between(at, own.point(), beacon.at) > 0;
+        if !random.chance(if hidden { self.config.crowd } else { self.config.seen }) {
             return None;
         }
-        let true_bearing = libm::atan2(dy, dx) - own.theta.radians();
+        let turn = self.config.turn * (2.0 * scene.random(self.stream(0, TURN)).uniform() - 1.0);
+        let direction = |of: Point| libm::atan2(of.y - own.y, of.x - own.x) - own.theta.radians() - turn;
+        let true_bearing = direction(beacon.at);
         let noise =
             (random.normal() + self.drift(at, beacon.id, scene)) * self.config.sigma / core::f64::consts::SQRT_2;
         let wild = if at < self.wild.0 { self.wild.1.max(self.config.wild) } else { self.config.wild };
         let bearing = match random.chance(wild) {
-            true => (random.uniform() - 0.5) * core::f64::consts::TAU,
+            true => match self.something_else(beacon, &mut random, scene) {
+                Some(other) => wrap(direction(other)),
+                None => wrap(TAU * random.uniform()),
+            },
             false => wrap(true_bearing + noise),
         };
         let quantum = self.config.quantum;
@@ -178,6 +194,14 @@ impl Sbs1 {
         let bearing = (hundredths + 18_000).rem_euclid(36_000) - 18_000;
         let strength = 255.0 / (1.0 + distance / HALF_STRENGTH);
         Some((bearing as i16, libm::round(strength) as u8))
+    }
+
+    /// Another beacon, half of the time; else a reflection, from anywhere.
+    fn something_else(&self, beacon: &Beacon, random: &mut Random, scene: &Scene) -> Option<Point> {
+        let others = scene.world().beacons.iter().filter(|other| other.id != beacon.id);
+        let others: Vec<Point> = others.map(|other| other.at).collect();
+        let drawn = (random.uniform() * 2.0 * others.len() as f64) as usize;
+        others.get(drawn).copied()
     }
 
     /// An error of deviation 1 that changes slowly: drawn every [`DRIFT`], a straight line between.
@@ -201,11 +225,10 @@ mod tests {
     use crate::body::Parameters;
     use crate::sonar::Sonar;
     use crate::world::{Column, World};
-    use navitools::Point;
     use rs485::boards::sbs1::{Sightings, parse_beacons, parse_debug};
 
     fn exact() -> Sbs1Config {
-        Sbs1Config { sigma: 0.0, quantum: 0.0, seen: 1.0, wild: 0.0, ..Sbs1Config::default() }
+        Sbs1Config { sigma: 0.0, quantum: 0.0, seen: 1.0, wild: 0.0, turn: 0.0, ..Sbs1Config::default() }
     }
 
     fn scene(beacons: &[(u8, f64, f64)]) -> Scene {
@@ -303,7 +326,7 @@ mod tests {
     #[test]
     fn bearings_scatter_as_configured_and_the_same_seed_repeats() {
         let scene = scene(&[(1, 10.0, 0.0)]);
-        let config = Sbs1Config { quantum: 0.0, wild: 0.0, ..Sbs1Config::default() };
+        let config = Sbs1Config { quantum: 0.0, wild: 0.0, turn: 0.0, ..Sbs1Config::default() };
         let run = |board: &mut Sbs1| (1..4000).flat_map(|n| beacons(board, 1000 * n, &scene)).collect::<Vec<_>>();
         let sightings = run(&mut Sbs1::new(0x30, config, Instant::ZERO));
         assert_eq!(sightings, run(&mut Sbs1::new(0x30, config, Instant::ZERO)));
@@ -312,6 +335,71 @@ mod tests {
         let squares: f64 = sightings.iter().map(|s| f64::from(s.bearing) * f64::from(s.bearing)).sum();
         let sigma = libm::sqrt(squares / n);
         assert!((sigma - 50.0).abs() < 3.0, "{sigma} hundredths of a degree");
+    }
+
+    #[test]
+    fn half_of_an_error_lasts_two_seconds() {
+        let scene = scene(&[(1, 10.0, 0.0)]);
+        let config = Sbs1Config { sigma: 0.5f64.to_radians(), ..exact() };
+        let mut board = Sbs1::new(0x30, config, Instant::ZERO);
+        let all: Vec<f64> = (1..8000).map(|n| f64::from(beacons(&mut board, 1000 * n, &scene)[0].bearing)).collect();
+        let correlation = |lag: usize| {
+            let products = all.iter().zip(&all[lag..]).map(|(a, b)| a * b).sum::<f64>();
+            products / (all.len() - lag) as f64 / (all.iter().map(|a| a * a).sum::<f64>() / all.len() as f64)
+        };
+        let [one, two, four] = [1, 2, 4].map(correlation);
+        assert!((0.25..0.5).contains(&one) && two < one - 0.1 && four.abs() < 0.05, "{one} {two} {four}");
+    }
+
+    #[test]
+    fn it_is_turned_for_a_run_and_wild_now_and_then_half_of_that_to_another_beacon() {
+        let beacons_of = |seed| {
+            let world = scene(&[(1, 8.0, 0.0), (2, 0.0, 6.0)]).world().clone();
+            let scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), seed);
+            let config = Sbs1Config { turn: 3f64.to_radians(), wild: 0.02, ..exact() };
+            let mut board = Sbs1::new(0x30, config, Instant::ZERO);
+            (1..20_000).map(|n| beacons(&mut board, 1000 * n, &scene)[0].bearing).collect::<Vec<i16>>()
+        };
+        let mut turns = Vec::new();
+        for seed in 1..20 {
+            let all = beacons_of(seed);
+            let usual = all[..9].iter().max_by_key(|one| all.iter().filter(|other| other == one).count()).unwrap();
+            // The other one is to the left: 6 m up, 0.25 m back.
+            let other = usual + libm::round(libm::atan2(6.0, -0.25).to_degrees() * 100.0) as i16;
+            let share = |of: &dyn Fn(&i16) -> bool| all.iter().filter(|one| of(one)).count() as f64 / all.len() as f64;
+            let (wild, swapped) = (share(&|one| one != usual), share(&|one| (one - other).abs() < 3));
+            assert!((wild - 0.02).abs() < 0.005 && (swapped - 0.01).abs() < 0.004, "{wild} {swapped}");
+            assert!(usual.abs() <= 300);
+            turns.push(*usual);
+        }
+        turns.sort_unstable();
+        turns.dedup();
+        assert!(turns.len() > 15 && turns[0] < -100 && turns[turns.len() - 1] > 100, "{turns:?}");
+    }
+
+    #[test]
+    fn a_crowd_hides_most_of_a_beacon() {
+        let mut world = World::hall(20.0, 12.0);
+        world.beacons = scene(&[(1, 19.0, 6.0), (2, 10.2, 11.0)]).world().beacons.clone();
+        world.places = vec![Point { x: 14.0, y: 6.0 }, Point { x: 15.0, y: 6.0 }];
+        world.people = crate::world::Crowd { count: 30, ..crate::world::Crowd::default() };
+        let mut scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1);
+        let mut board = Sbs1::new(0x30, exact(), Instant::ZERO);
+        let mut seen = [(0, 0), (0, 0)];
+        for second in 60..900 {
+            scene.skip(Instant::from_millis(1000 * second));
+            let ids: Vec<u8> = beacons(&mut board, 1000 * second, &scene).iter().map(|sighting| sighting.id).collect();
+            let own = Point { x: 10.25, y: 6.0 };
+            for (number, seen) in (0..).zip(&mut seen) {
+                let at = Instant::from_millis(1000 * second - 750 + 500 * number);
+                let to = scene.world().beacons[number as usize].at;
+                if scene.people_between(at, own, to) > 0 {
+                    *seen = (seen.0 + usize::from(ids.contains(&(number as u8 + 1))), seen.1 + 1);
+                }
+            }
+        }
+        let (sighted, all) = seen[0];
+        assert!(all > 200 && (sighted as f64 / all as f64 - 0.3).abs() < 0.1, "{seen:?}");
     }
 
     #[test]

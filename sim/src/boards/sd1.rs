@@ -18,6 +18,8 @@ const SLOTS: u64 = 3;
 pub const RANGER_PERIOD: Duration = Duration::from_millis(20);
 /// What a sonar that hears nothing hears of another's pulse is nearer than this, m.
 const FAR: f64 = 6.0;
+/// Two beams have nothing in common whose axes are farther apart, rad.
+const APART: f64 = 1.75;
 /// Beyond these the floor is not where it should be, m.
 const FLOOR: (f64, f64) = (0.080, 0.200);
 
@@ -152,7 +154,8 @@ impl Sd1 {
             if now < self.ears.blind {
                 return NO_ECHO;
             }
-            let metres = scene.sonar(*mount, fired, self.stream(channel as u64, slot));
+            let heard = self.heard(channel, *mount, slot, fired, scene);
+            let metres = scene.reading(heard, self.stream(channel as u64, slot));
             let mut random = scene.random(self.stream(32 + channel as u64, slot));
             let metres = match random.chance(mixed) {
                 true => Some(metres.unwrap_or(FAR) * random.uniform()),
@@ -161,6 +164,23 @@ impl Sd1 {
             metres.map_or(NO_ECHO, |metres| libm::round(metres * 1000.0) as u16)
         };
         self.config.srfs.iter().take(SRFS).enumerate().map(measure).collect()
+    }
+
+    /// The first that a channel hears in a slot, m: its own echo, or that of another one that is fired with it.
+    fn heard(&self, channel: usize, mount: Pose, slot: u64, fired: Instant, scene: &Scene) -> Option<f64> {
+        let echo = |channel: usize, mount: Pose| scene.echo(mount, fired, self.stream(48 + channel as u64, slot));
+        let mut first = echo(channel, mount).map(|echo| echo.distance);
+        for (other, theirs) in self.config.srfs.iter().take(SRFS).enumerate() {
+            let together = other != channel && other % SLOTS as usize == channel % SLOTS as usize;
+            // Sensors that look away from each other have nothing in common.
+            if !together || libm::fabs((theirs.theta - mount.theta).radians()) > APART {
+                continue;
+            }
+            let stream = self.stream(64 + 8 * channel as u64 + other as u64, slot);
+            let overheard = echo(other, *theirs).and_then(|echo| scene.overheard(mount, fired, &echo, stream));
+            first = overheard.into_iter().chain(first).reduce(f64::min);
+        }
+        first
     }
 
     fn irs(&self, now: Instant, scene: &Scene) -> Irs {
@@ -184,8 +204,7 @@ mod tests {
     use crate::world::World;
 
     fn scene(world: World) -> Scene {
-        let exact = Sonar { sigma: (0.0, 0.0), ..Sonar::default() };
-        Scene::new(Instant::ZERO, world, Parameters::default(), exact, 1)
+        Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::exact(), 1)
     }
 
     fn board(irs: Vec<Point>) -> Sd1 {

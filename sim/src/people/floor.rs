@@ -20,7 +20,7 @@ const NO_WAY: u32 = u32::MAX;
 
 /// The grid.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Floor {
+pub(crate) struct Floor {
     cell: f64,
     origin: Point,
     columns: usize,
@@ -35,7 +35,7 @@ pub(super) struct Floor {
 
 /// How far it is from each cell to a place, in fifths of a cell.
 #[derive(Clone, Debug)]
-pub(super) struct Field(Vec<u32>);
+pub(crate) struct Field(Vec<u32>);
 
 impl Floor {
     pub fn new(world: &World) -> Self {
@@ -77,6 +77,11 @@ impl Floor {
             self.free.push(least > MARGIN && world.floor(middle));
         }
         self.begins.push(self.near.len());
+        // Behind the walls nobody walks, either.
+        let ways = self.field(world.start.point());
+        for (free, way) in self.free.iter_mut().zip(&ways.0) {
+            *free &= *way != NO_WAY;
+        }
     }
 
     fn middle(&self, place: usize) -> Point {
@@ -184,9 +189,21 @@ mod tests {
     }
 
     #[test]
+    fn nobody_is_behind_the_walls() {
+        let p = |x, y| Point { x, y };
+        let mut world = World::hall(20.0, 12.0);
+        world.start = navitools::Pose::new(2.0, 2.0, 0.0);
+        world.walls.push(Segment { a: p(10.0, 0.0), b: p(10.0, 12.0) });
+        let floor = Floor::new(&world);
+        let mut random = Random::new(1);
+        assert!((0..200).all(|_| floor.somewhere(&mut random).unwrap().x < 10.0));
+    }
+
+    #[test]
     fn nobody_walks_where_there_is_no_floor_or_no_room() {
         let p = |x, y| Point { x, y };
         let mut world = World::hall(10.0, 6.0);
+        world.start = navitools::Pose::new(1.0, 1.0, 0.0);
         world.drops.push(vec![p(3.0, 1.0), p(7.0, 1.0), p(7.0, 5.0), p(3.0, 5.0)]);
         let floor = Floor::new(&world);
         let mut random = Random::new(1);

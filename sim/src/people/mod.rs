@@ -13,7 +13,8 @@ pub use contact::{Contact, Mover, NoContact, TOWARDS};
 use crate::random::Random;
 use crate::world::{Crowd, World};
 use base::Duration;
-use floor::{Field, Floor};
+use floor::Field;
+pub(crate) use floor::Floor;
 use navitools::{Point, Pose};
 
 /// People think this often.

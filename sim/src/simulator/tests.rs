@@ -117,6 +117,30 @@ fn a_fault_that_it_does_not_know_is_reported() {
 }
 
 #[test]
+fn it_can_be_carried_off() {
+    let mut bench = bench(config(false));
+    fault(&mut bench, "robot", "put:4,5,0.5", 0.0);
+    bench.done();
+    bench.pass(Duration::from_millis(60));
+    let at = |bench: &mut Bench| {
+        let truths = bench.published().into_iter().filter_map(|message| match message {
+            Message::SimDataTruth(truth) => Some((truth.x, truth.y, truth.theta)),
+            _ => None,
+        });
+        truths.last().unwrap()
+    };
+    assert_eq!(at(&mut bench), (4.0, 5.0, 0.5));
+    bench.done();
+    fault(&mut bench, "robot", "put:0,0,0", 0.0);
+    let refused = |(_, action): (_, module::Action)| matches!(action, module::Action::Report(_));
+    assert!(bench.done().into_iter().any(refused), "in the corner there is no room");
+    fault(&mut bench, "robot", "kidnap", 0.0);
+    bench.done();
+    bench.pass(Duration::from_millis(60));
+    assert_ne!(at(&mut bench), (4.0, 5.0, 0.5));
+}
+
+#[test]
 fn a_line_is_disturbed_where_no_wire_is_modelled() {
     let mut bench = bench(config(true));
     let answered = |bench: &mut Bench| (0..20).filter(|_| ask(bench, TICKS).is_some()).count();
