@@ -1,20 +1,21 @@
 //! The virtual world beside real time: `cargo bench -p advee --bench world`.
 //!
-//! The whole robot as it is shipped, all its modules and the watchdog, on virtual busses, in the worlds `empty` and
-//! `hall`: standing, and driven by commands at 20 Hz. For each: virtual seconds in a second of CPU time, what an
+//! The whole robot as it is shipped, all its modules and the watchdog, on virtual busses, in the worlds `empty` (nobody
+//! there) and `hall` (20 visitors walk about): standing, and driven by commands at 20 Hz. For each: virtual seconds in a second of CPU time, what an
 //! observer was told of, allocations, way, digest. Each runs twice; two digests that differ end the bench. Figure to
 //! reach: 1000 × real time on one core, `empty`, driving.
 //!
-//! `-- --minutes 10 empty driving`: how long, of which world, how.
+//! `-- --minutes 10 empty driving`: how long, of which world, how; `--picture FILE` draws the last run.
 
 #[path = "sys.rs"]
 mod sys;
 
 use base::{Duration, Instant};
 use messages::{Message, lowlevel};
+use robot::plot::Picture;
 use robot::topology::{Place, virtual_machine};
 use sim::host::{Config, News, Virtual};
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 
@@ -29,18 +30,26 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let at = arguments.iter().position(|argument| argument == "--minutes");
     let minutes = at.map_or(MINUTES, |at| arguments[at + 1].parse().expect("a number of minutes"));
+    let at = arguments.iter().position(|argument| argument == "--picture");
+    let picture = at.map(|at| arguments.get(at + 1).expect("a file"));
     // A kind of which nothing is named is not chosen from.
     let chosen = |all: [&'static str; 2]| {
         let named: Vec<_> = all.into_iter().filter(|one| arguments.iter().any(|argument| argument == one)).collect();
         if named.is_empty() { all.to_vec() } else { named }
     };
-    println!("world  robot     x real time  CPU us/s   news/s  allocations/s    way m  digest ({minutes} min, 2 runs)");
+    println!(
+        "world  robot     x real time  CPU us/s   news/s  allocations/s    way m  contacts  digest ({minutes} min, 2 runs)"
+    );
     for world in chosen(["empty", "hall"]) {
         for robot in chosen(["standing", "driving"]) {
-            let run = || Run::of(world, robot == "driving", minutes);
+            let run = || Run::of(world, robot == "driving", minutes, picture.is_some());
             let (first, second) = (run(), run());
             assert_eq!(first.digest, second.digest, "the same run twice");
-            first.min(second).print(world, robot);
+            let best = first.min(second);
+            best.print(world, robot);
+            if let Some(file) = picture {
+                std::fs::write(file, best.picture).expect("the picture can be written");
+            }
         }
     }
 }
@@ -52,6 +61,9 @@ struct Seen {
     way: Cell<f64>,
     at: Cell<Option<(f64, f64)>>,
     homed: Cell<bool>,
+    /// Those of the body that the robot moved into.
+    contacts: Cell<i32>,
+    picture: RefCell<Option<Picture>>,
 }
 
 struct Run {
@@ -60,12 +72,14 @@ struct Run {
     news: u64,
     allocations: u64,
     way: f64,
+    contacts: i32,
     digest: u64,
+    picture: String,
 }
 
 impl Run {
-    fn of(world: &str, drives: bool, minutes: u64) -> Self {
-        let (mut machine, seen) = machine(world);
+    fn of(world: &str, drives: bool, minutes: u64, draws: bool) -> Self {
+        let (mut machine, seen) = machine(world, draws);
         machine.run_until(Instant::ZERO + READY);
         assert!(seen.homed.get(), "the steering is homed");
         let begin = (sys::cpu_ns(), seen.news.get(), MEMORY.allocations(), seen.way.get());
@@ -84,7 +98,9 @@ impl Run {
             news: seen.news.get() - begin.1,
             allocations: MEMORY.allocations() - begin.2,
             way: seen.way.get() - begin.3,
+            contacts: seen.contacts.get(),
             digest: machine.digest(),
+            picture: seen.picture.take().map_or(String::new(), |picture| picture.svg()),
         }
     }
 
@@ -95,12 +111,13 @@ impl Run {
 
     fn print(&self, world: &str, robot: &str) {
         println!(
-            "{world:6} {robot:9} {:11.0} {:9.0} {:8.0} {:14.1} {:8.1}  {:016x}",
+            "{world:6} {robot:9} {:11.0} {:9.0} {:8.0} {:14.1} {:8.1} {:9}  {:016x}",
             self.seconds / self.cpu_s,
             self.cpu_s / self.seconds * 1e6,
             self.news as f64 / self.seconds,
             self.allocations as f64 / self.seconds,
             self.way,
+            self.contacts,
             self.digest
         );
     }
@@ -114,7 +131,7 @@ fn command(second: u64) -> lowlevel::CmdMotion {
     lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: "bench".into() }
 }
 
-fn machine(world: &str) -> (Virtual, Rc<Seen>) {
+fn machine(world: &str, draws: bool) -> (Virtual, Rc<Seen>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let place = Place {
         config: root.join("conf/advee"),
@@ -127,6 +144,11 @@ fn machine(world: &str) -> (Virtual, Rc<Seen>) {
     let config = Config { lcm_jitter: Duration::from_micros(200), ..Config::default() };
     let mut machine = virtual_machine(&place, config).expect("the shipped configuration");
     let seen = Rc::new(Seen::default());
+    if draws {
+        let known = robot::config::Config::load(&place.config, true, &[]).expect("the shipped configuration");
+        let world = robot::config::world(&place.config, place.world.as_deref(), &[]).expect("a shipped world");
+        seen.picture.replace(Some(Picture::new(world, known.robot.geometry)));
+    }
     let keep = seen.clone();
     machine.observe(move |_, news| keep.take(news));
     machine.keep("watchdog").expect("the watchdog starts");
@@ -136,8 +158,12 @@ fn machine(world: &str) -> (Virtual, Rc<Seen>) {
 impl Seen {
     fn take(&self, news: &News<'_>) {
         self.news.set(self.news.get() + 1);
+        if let (News::Message { message, .. }, Some(picture)) = (news, self.picture.borrow_mut().as_mut()) {
+            picture.take(message);
+        }
         match news {
             News::Message { message: Message::SimDataTruth(truth), .. } => {
+                self.contacts.set(truth.collisions);
                 if let Some((x, y)) = self.at.replace(Some((truth.x, truth.y))) {
                     let (dx, dy) = (truth.x - x, truth.y - y);
                     self.way.set(self.way.get() + dx.hypot(dy));

@@ -11,6 +11,7 @@ use crate::topology::{self, Made, Place};
 use base::Duration;
 use module::record::Header;
 use module::{Shell, State};
+use sim::world::World;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -88,8 +89,20 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
         sim,
         world: None,
     };
-    let world = || config::parsed_world(node(WORLD)?, Path::new(WORLD), &sets);
+    let world = || parsed_world(header, &sets);
     topology::shell_in(&nowhere, &config, &header.module, header.wanted, made(header)?, world)
+}
+
+/// The world of a header; none where it was no simulation.
+pub fn world(header: &Header) -> Result<Option<World>, ConfigError> {
+    let sets: Vec<String> = header.texts(SET);
+    header.text(WORLD).map(|_| parsed_world(header, &sets)).transpose()
+}
+
+fn parsed_world(header: &Header, sets: &[String]) -> Result<World, ConfigError> {
+    let text = header.text(WORLD).ok_or_else(|| ConfigError(vec![format!("{WORLD}: not in the file")]))?;
+    let node = Node::parse(Path::new(WORLD), text).map_err(ConfigError)?;
+    config::parsed_world(node, Path::new(WORLD), sets)
 }
 
 fn made(header: &Header) -> Result<Made, ConfigError> {

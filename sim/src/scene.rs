@@ -117,8 +117,11 @@ impl Scene {
             self.people.step(&self.world, &self.body.hull());
         }
         let way = self.body.sweep(self.body.travelled() - before.travelled());
+        if !self.people.may_meet(way, STEP_NS as f64 / 1e9) {
+            return;
+        }
         let known = self.contacts.len();
-        if self.people.meet(moment, &self.body.hull(), way, STEP_NS as f64 / 1e9, &mut self.contacts) {
+        if self.people.meet(moment, &self.body.hull(), &mut self.contacts) {
             let anew = self.contacts[known..].iter().any(|contact| contact.mover == Mover::Robot);
             self.body.stop_at(before, anew);
         }
@@ -131,7 +134,9 @@ impl Scene {
             let moment = self.people.next_step();
             let hull = self.body.hull();
             self.people.step(&self.world, &hull);
-            self.people.meet(moment, &hull, 0.0, people::PERIOD.as_secs_f64(), &mut self.contacts);
+            if self.people.may_meet(0.0, people::PERIOD.as_secs_f64()) {
+                self.people.meet(moment, &hull, &mut self.contacts);
+            }
         }
         self.steps = self.steps.max(passed);
     }

@@ -8,6 +8,7 @@ mod fault;
 mod holder;
 mod home;
 mod lcm;
+mod plot;
 mod port;
 mod replay;
 mod rs485;
@@ -75,6 +76,8 @@ enum Command {
     Fault(fault::Fault),
     /// Play again what the modules of a run were told, and compare what they answer
     Replay(replay::Replay),
+    /// Draw a recorded run from above
+    Plot(plot::Plot),
     /// Robot-hours in virtual time: everything breaks, and rules must hold
     Soak(soak::Soak),
     /// Check machine and configuration: what is wrong, why it matters, what helps
@@ -113,6 +116,7 @@ pub fn main() -> ExitCode {
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
         Command::Replay(command) => replay::replay(&common, &command),
+        Command::Plot(command) => plot::plot(&common, &command),
         Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),

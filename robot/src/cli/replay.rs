@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// A file of inputs is read whole; one that is longer is none of ours.
-const FILE_MAX: u64 = 4 << 30;
+pub(super) const FILE_MAX: u64 = 4 << 30;
 
 #[derive(clap::Args)]
 pub struct Replay {
@@ -73,7 +73,7 @@ pub fn replay(common: &Common, command: &Replay) -> Outcome {
 }
 
 /// The files that are asked for, by name.
-fn files(run: &Path, module: Option<&str>) -> Result<Vec<PathBuf>, Failed> {
+pub(super) fn files(run: &Path, module: Option<&str>) -> Result<Vec<PathBuf>, Failed> {
     if run.is_file() {
         return Ok(vec![run.into()]);
     }

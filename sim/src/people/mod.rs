@@ -322,13 +322,16 @@ impl People {
         gaps.fold(f64::INFINITY, f64::min).max(0.0)
     }
 
-    /// The robot has moved by at most `way` m since it was asked last, in `dt` s: who touches it? Answers whether
-    /// somebody is in its way; what was touched anew is added to `contacts`, and he who was touched stops.
-    pub fn meet(&mut self, moment: Moment, robot: &Hull, way: f64, dt: f64, contacts: &mut Vec<Contact>) -> bool {
+    /// Whether somebody may touch a robot no part of which has moved by more than `way` m since it was asked last, in
+    /// `dt` s: then [`People::meet`] tells.
+    pub fn may_meet(&mut self, way: f64, dt: f64) -> bool {
         self.room -= way + FASTEST * dt;
-        if self.room > 0.0 || self.is_empty() {
-            return false;
-        }
+        self.room <= 0.0 && !self.is_empty()
+    }
+
+    /// Who touches the robot? Answers whether somebody is in its way; who was touched anew is added to `contacts`, and
+    /// whoever is touched stops.
+    pub fn meet(&mut self, moment: Moment, robot: &Hull, contacts: &mut Vec<Contact>) -> bool {
         let (ring, part) = ((self.step % MEMORY as u64) as usize, (moment % NS) as f64 / NS as f64);
         let (mut room, mut blocked) = (f64::INFINITY, false);
         for (number, (track, person)) in self.tracks[ring].iter_mut().zip(&mut self.persons).enumerate() {

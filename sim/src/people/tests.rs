@@ -129,10 +129,10 @@ fn a_contact_says_who_moved() {
     // The robot's front is at 10.75; it comes at 0.5 m/s to somebody who stands there.
     let robot = Hull::new(Pose::new(10.0, 6.0, 0.0), OUTLINE, (0.5, 0.0));
     let mut people = one(Point { x: 10.951, y: 6.0 }, (0.0, 0.0));
-    assert!(people.meet(0, &robot, 0.0, 0.005, &mut contacts), "he is in its way");
+    assert!(people.meet(0, &robot, &mut contacts), "he is in its way");
     let [contact] = contacts[..] else { panic!("{contacts:?}") };
     assert_eq!((contact.mover, contact.person, contact.robot_mps), (Mover::Robot, Some((0, 0.0)), 0.5));
-    assert!(people.meet(NS / 20, &robot, 0.0, 0.005, &mut contacts) && contacts.len() == 1, "once");
+    assert!(people.meet(NS / 20, &robot, &mut contacts) && contacts.len() == 1, "once");
     // It stands, and somebody walks into its side.
     contacts.clear();
     let robot = standing(Pose::new(10.0, 6.0, 0.0));
@@ -140,7 +140,7 @@ fn a_contact_says_who_moved() {
     let mut moment = 0;
     while contacts.is_empty() {
         moment += NS / 20;
-        assert!(!people.meet(moment, &robot, 0.0, 0.005, &mut contacts), "he is not in the way of one that stands");
+        assert!(!people.meet(moment, &robot, &mut contacts), "he is not in the way of one that stands");
     }
     let [contact] = contacts[..] else { panic!("{contacts:?}") };
     assert_eq!((contact.mover, contact.robot_mps), (Mover::Person, 0.0));
@@ -156,7 +156,7 @@ fn a_contact_says_who_moved() {
     contacts.clear();
     let turning = Hull::new(Pose::new(10.0, 6.0, 0.0), OUTLINE, (0.0, 0.5));
     let mut people = one(Point { x: 10.7, y: 6.501 }, (0.0, 0.0));
-    assert!(people.meet(0, &turning, 0.0, 0.005, &mut contacts));
+    assert!(people.meet(0, &turning, &mut contacts));
     assert!(contacts[0].mover == Mover::Robot && (contacts[0].robot_mps - 0.35).abs() < 1e-9, "{contacts:?}");
 }
 
@@ -181,11 +181,7 @@ fn those_who_look_step_aside_for_a_robot_that_comes_slowly() {
         if step.is_multiple_of(20) {
             people.step(&world, &hull(time));
         }
-        people.meet(step * 5_000_000, &hull(time), 0.0015, 0.005, &mut contacts);
-        if time % 20.0 < 0.004 {
-            people.forget();
-            contacts.clear();
-        }
+        people.meet(step * 5_000_000, &hull(time), &mut contacts);
     }
     assert!(contacts.len() <= 1, "it stops for nobody: {contacts:?}");
 }
