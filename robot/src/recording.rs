@@ -23,7 +23,8 @@ const ROBOT: &str = "robot.toml";
 const SIM: &str = "sim.toml";
 const MODULES: &str = "modules.toml";
 const WORLD: &str = "world.toml";
-const SET: &str = "--set";
+/// Name of the texts that are overrides.
+pub const SET: &str = "--set";
 /// What the host decided: [`Made`].
 const WIRE_TIME: &str = "wire_time";
 const SEED: &str = "seed";
@@ -70,14 +71,9 @@ pub fn program() -> String {
 
 /// Makes the module of a header again; `sets` are further overrides, after the recorded ones.
 pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
-    let node = |name: &str| {
-        let text = header.text(name).ok_or_else(|| ConfigError(vec![format!("{name}: not in the file")]))?;
-        Node::parse(Path::new(name), text).map_err(ConfigError)
-    };
     let sim = header.text(SIM).is_some();
     let sets = [&header.texts(SET), sets].concat();
-    let over = if sim { Some(node(SIM)?) } else { None };
-    let mut config = Config::merge(node(ROBOT)?, over, node(MODULES)?, &sets)?;
+    let mut config = config(header, &sets)?;
     for node in config.robot.can.iter_mut().flat_map(|can| &mut can.nodes) {
         node.eds = None;
     }
@@ -93,6 +89,17 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     topology::shell_in(&nowhere, &config, &header.module, header.wanted, made(header)?, world)
 }
 
+/// The configuration of a header, with these overrides laid over it.
+pub fn config(header: &Header, sets: &[String]) -> Result<Config, ConfigError> {
+    let over = if header.text(SIM).is_some() { Some(node(header, SIM)?) } else { None };
+    Config::merge(node(header, ROBOT)?, over, node(header, MODULES)?, sets)
+}
+
+fn node(header: &Header, name: &str) -> Result<Node, ConfigError> {
+    let text = header.text(name).ok_or_else(|| ConfigError(vec![format!("{name}: not in the file")]))?;
+    Node::parse(Path::new(name), text).map_err(ConfigError)
+}
+
 /// The world of a header; none where it was no simulation.
 pub fn world(header: &Header) -> Result<Option<World>, ConfigError> {
     let sets: Vec<String> = header.texts(SET);
@@ -100,9 +107,7 @@ pub fn world(header: &Header) -> Result<Option<World>, ConfigError> {
 }
 
 fn parsed_world(header: &Header, sets: &[String]) -> Result<World, ConfigError> {
-    let text = header.text(WORLD).ok_or_else(|| ConfigError(vec![format!("{WORLD}: not in the file")]))?;
-    let node = Node::parse(Path::new(WORLD), text).map_err(ConfigError)?;
-    config::parsed_world(node, Path::new(WORLD), sets)
+    config::parsed_world(node(header, WORLD)?, Path::new(WORLD), sets)
 }
 
 fn made(header: &Header) -> Result<Made, ConfigError> {

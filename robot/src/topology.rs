@@ -385,10 +385,10 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
 
 /// `estimator`: the map of beacons, and as many of them at once as the scanner takes.
 fn estimator(robot: &Robot) -> Result<estimator::Estimator, ConfigError> {
-    let beacons = robot.beacons.iter().map(|beacon| estimator::filter::Beacon {
-        id: beacon.id.into(),
-        at: Point { x: beacon.x, y: beacon.y },
-    });
+    let beacons = robot
+        .beacons
+        .iter()
+        .map(|beacon| estimator::filter::Beacon { id: beacon.id.into(), at: Point { x: beacon.x, y: beacon.y } });
     let config = estimator::Config {
         filter: estimator::filter::Config { beacons: beacons.collect(), ..robot.estimator.clone() },
         wheelbase_m: robot.geometry.wheelbase_m,

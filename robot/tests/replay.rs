@@ -114,6 +114,24 @@ fn a_run_in_virtual_time_is_played_again_to_the_last_bit() {
 }
 
 #[test]
+fn a_run_is_drawn_from_what_its_modules_said() {
+    let run = recorded("plot");
+    let plot = |extra: &[&str]| {
+        let advee = Command::new(env!("CARGO_BIN_EXE_advee")).arg("plot").arg(&run.0).args(extra).output();
+        advee.expect("the executable is built")
+    };
+    assert_eq!(plot(&[]).status.code(), Some(0));
+    let svg = fs::read_to_string(run.0.join("plot.svg")).unwrap();
+    // It drove 0.8 m in the hall of thirteen walls, six columns and six beacons.
+    assert!(svg.starts_with("<svg ") && svg.contains("<polyline") && svg.contains("<polygon"));
+    assert_eq!((svg.matches("<line ").count(), svg.matches("<circle ").count()), (13, 12));
+    let late = plot(&["--from", "1e6"]);
+    assert_eq!(late.status.code(), Some(1));
+    let said = String::from_utf8(late.stderr).unwrap();
+    assert!(said.trim_end().ends_with("no truth and no estimate in that time"), "{said}");
+}
+
+#[test]
 fn another_constant_is_shown_with_its_moment_its_channel_and_its_fields() {
     let run = recorded("constant");
     // The robot coasts as far as it did: the set-points are others.

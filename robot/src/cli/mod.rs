@@ -116,7 +116,7 @@ pub fn main() -> ExitCode {
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
         Command::Replay(command) => replay::replay(&common, &command),
-        Command::Plot(command) => plot::plot(&common, &command),
+        Command::Plot(command) => plot::plot(&command),
         Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),

@@ -1,8 +1,7 @@
 //! `advee plot RUN`: a picture of a recorded run, from what its modules said.
 
 use super::replay::{self, FILE_MAX};
-use super::{Common, Failed, Outcome, print};
-use crate::config::Config;
+use super::{Failed, Outcome, print};
 use crate::plot::Picture;
 use crate::recording;
 use messages::Message;
@@ -41,16 +40,18 @@ enum What {
     Note(String),
 }
 
-pub fn plot(common: &Common, command: &Plot) -> Outcome {
+pub fn plot(command: &Plot) -> Outcome {
     let mut said = Vec::new();
-    let mut world = None;
+    let mut known = None;
     for module in MODULES {
         // Who was not there has said nothing.
         for path in replay::files(&command.run, Some(module)).unwrap_or_default() {
             let bytes = read(&path)?;
             let mut reader = Reader::open(&bytes).map_err(|error| named(&path, error))?;
-            if world.is_none() {
-                world = recording::world(reader.header())?;
+            if known.is_none() {
+                let header = reader.header();
+                let geometry = recording::config(header, &header.texts(recording::SET))?.robot.geometry;
+                known = Some((recording::world(header)?.unwrap_or_default(), geometry));
             }
             take(&mut reader, &mut said);
         }
@@ -58,8 +59,8 @@ pub fn plot(common: &Common, command: &Plot) -> Outcome {
     let nothing = || format!("{}: no inputs of {}", command.run.display(), MODULES.join(", "));
     let begin = said.iter().map(|said| said.timestamp_us).min().ok_or_else(nothing)?;
     said.sort_by_key(|said| said.timestamp_us);
-    let geometry = Config::load(&common.config_dir(), false, &common.sets)?.robot.geometry;
-    let mut picture = Picture::new(world.unwrap_or_default(), geometry);
+    let (world, geometry) = known.ok_or_else(nothing)?;
+    let mut picture = Picture::new(world, geometry);
     for said in &said {
         let seconds = (said.timestamp_us - begin) as f64 / 1e6;
         if (command.from..=command.to).contains(&seconds) {

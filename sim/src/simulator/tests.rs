@@ -127,7 +127,7 @@ fn it_can_be_carried_off() {
             Message::SimDataTruth(truth) => Some((truth.x, truth.y, truth.theta)),
             _ => None,
         });
-        truths.last().unwrap()
+        truths.collect::<Vec<_>>().pop().unwrap()
     };
     assert_eq!(at(&mut bench), (4.0, 5.0, 0.5));
     bench.done();
