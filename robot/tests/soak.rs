@@ -4,12 +4,18 @@
 //! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` for more.
 
 use base::Duration;
+use messages::Message;
+use robot::checks;
 use robot::cli::soak::{Progress, Robot};
 use robot::config;
-use robot::topology::Place;
-use sim::soak::{Fault, Kind, Scenario, draw, shrink};
+use robot::topology::{Place, virtual_machine_recorded};
+use sim::host::News;
+use sim::soak::{Disk, Fault, Kind, Scenario, Stage, draw, episode, shrink};
+use std::cell::RefCell;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::rc::Rc;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -126,6 +132,78 @@ fn a_fault_that_nobody_knows_is_told_and_no_soak_goes_on_without_it() {
     let [(0, violation)] = &report.violations[..] else { panic!("{:?}", report.violations) };
     assert_eq!(violation.rule, "scenario");
     assert!(violation.what.contains("fault silent of sd1_frnt"), "{violation}");
+}
+
+/// What happens in an episode with these faults: the digest of all but the orders that let them loose, and how often it
+/// was told that inputs are lost.
+fn effect(world: &str, scenario: &Scenario, faults: &[Fault]) -> (u64, u32) {
+    let place = place(world);
+    let (limits, world) = (
+        checks::limits(&place, scenario.restart_delay_max).unwrap(),
+        config::world(&place.config, place.world.as_deref(), &place.sets).unwrap(),
+    );
+    let disk = Disk::default();
+    let stage = Stage { scenario, world: &world, limits: &limits, seed: 1, disk: &disk };
+    let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
+    let keep = seen.clone();
+    let outcome = episode(&stage, 0, faults, &mut |config| {
+        let disk = disk.clone();
+        let sink = move |_: &str| {
+            let disk = disk.clone();
+            Some(Box::new(move |_: &[u8]| !disk.is_full()) as module::record::Sink)
+        };
+        let mut machine = virtual_machine_recorded(&place, config, sink).map_err(|error| error.to_string())?;
+        let seen = keep.clone();
+        machine.observe(move |now, news| {
+            let (hasher, lost) = &mut *seen.borrow_mut();
+            match news {
+                News::Message { message: Message::SimCmdFault(_), .. } => {}
+                News::Message { message, .. } => {
+                    let mut bytes = Vec::new();
+                    message.encode(&mut bytes).expect("it was sent");
+                    (now.as_nanos(), bytes).hash(hasher);
+                }
+                News::Can { frame, .. } => (now.as_nanos(), frame.data()).hash(hasher),
+                News::Report { report, .. } if report.fault == base::Fault::InputsLost => *lost += 1,
+                _ => {}
+            }
+        });
+        machine.keep(watchdog::NAME)?;
+        Ok(machine)
+    });
+    assert_eq!(outcome.unwrap().violation, None, "{faults:?}");
+    let (hasher, lost) = &*seen.borrow();
+    (hasher.finish(), *lost)
+}
+
+#[test]
+fn every_kind_of_fault_of_the_shipped_scenario_does_something() {
+    let scenario = Scenario { settle: Duration::from_secs(13), ..short() };
+    let without = effect("hall", &scenario, &[]).0;
+    for kind in &scenario.kinds {
+        let (target, fault) = (kind.targets[0].clone(), kind.fault.clone());
+        let at = scenario.settle + Duration::from_secs(2);
+        let fault =
+            Fault { at, kind: kind.name.clone(), target, fault, value: kind.value.1, lasts: kind.lasts.1.min(15.0) };
+        assert_ne!(effect("hall", &scenario, &[fault]).0, without, "{}", kind.name);
+    }
+}
+
+#[test]
+fn a_disk_that_is_full_is_told_once_by_each_process_and_stops_nobody() {
+    let scenario = short();
+    let full = |at_s, lasts| Fault {
+        at: Duration::from_secs(at_s),
+        kind: "disk_full".into(),
+        target: "disk".into(),
+        fault: "full".into(),
+        value: 0.0,
+        lasts,
+    };
+    let modules = config::Config::load(&root().join("conf/advee"), true, &[]).unwrap().modules.len() as u32 + 1;
+    assert_eq!(effect("empty", &scenario, &[]).1, 0);
+    // That the robot moves in calm is a rule.
+    assert_eq!(effect("empty", &scenario, &[full(22, 5.0), full(30, 5.0)]).1, modules);
 }
 
 fn advee(arguments: &[&str]) -> (Option<i32>, String, String) {

@@ -21,7 +21,7 @@ mod shrink;
 mod tests;
 
 pub use crate::check::{Limits, Times, Violation};
-pub use chaos::{Fault, draw};
+pub use chaos::{Disk, Fault, draw};
 pub use figures::{Figures, Worst};
 pub use report::Report;
 pub use scenario::{Behaviour, Kind, Phase, Scenario};
@@ -57,6 +57,8 @@ pub struct Stage<'a> {
     pub limits: &'a Limits,
     /// What all chance follows from.
     pub seed: u64,
+    /// Where recorders write, one for each episode.
+    pub disk: &'a Disk,
 }
 
 /// Makes the machine of an episode, on which nothing runs yet but what starts everything else is kept.
@@ -140,7 +142,7 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
         reason: String::new(),
         unknown: None,
     }));
-    Ok(Episode::new(scenario, machine, watch).run(faults))
+    Ok(Episode::new(scenario, machine, watch).run(faults, stage.disk))
 }
 
 struct Episode<'a> {
@@ -158,9 +160,9 @@ impl<'a> Episode<'a> {
         Self { scenario, machine, watch, counts: BTreeMap::new(), calm: None }
     }
 
-    fn run(mut self, faults: &[Fault]) -> Outcome {
+    fn run(mut self, faults: &[Fault], disk: &Disk) -> Outcome {
         // A module that breaks an invariant of its own would end its process, live; here it ends the episode.
-        let violation = match catch_unwind(AssertUnwindSafe(|| self.pass(faults))) {
+        let violation = match catch_unwind(AssertUnwindSafe(|| self.pass(faults, disk))) {
             Ok(violation) => violation,
             Err(panic) => {
                 let text = panic.downcast_ref::<String>().map(String::as_str);
@@ -182,8 +184,8 @@ impl<'a> Episode<'a> {
         }
     }
 
-    fn pass(&mut self, faults: &[Fault]) -> Option<Violation> {
-        let mut chaos = Chaos::new(faults);
+    fn pass(&mut self, faults: &[Fault], disk: &Disk) -> Option<Violation> {
+        let mut chaos = Chaos::new(faults, disk.clone());
         let mut acts = Ticker::new(Instant::ZERO + operator::PERIOD, operator::PERIOD);
         for (phase, end) in self.scenario.phases() {
             let end = Instant::ZERO + end;

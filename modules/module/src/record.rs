@@ -116,6 +116,8 @@ pub struct Recorder {
     left: u64,
     /// Calls for which there was no room since the last one for which there was.
     lost: u32,
+    /// Some were lost.
+    gaps: bool,
     /// Whether there is room for what comes before the call that is being answered.
     open: bool,
     /// The moment of the last record.
@@ -136,6 +138,7 @@ impl Recorder {
             number: 0,
             left: limit,
             lost: 0,
+            gaps: false,
             open: false,
             at: Instant::ZERO,
             wake: None,
@@ -147,8 +150,17 @@ impl Recorder {
         recorder.frame.extend(MAGIC);
         recorder.frame.extend(VERSION.to_le_bytes());
         header.put(&mut recorder.payload);
-        recorder.write();
+        if !recorder.write() {
+            // Without its beginning the rest is of no use.
+            (recorder.sink, recorder.gaps) = (None, true);
+        }
         recorder
+    }
+
+    /// Whether calls are missing for which there was no room.
+    #[must_use]
+    pub fn has_gaps(&self) -> bool {
+        self.gaps
     }
 
     /// A call of the shell comes.
@@ -211,7 +223,7 @@ impl Recorder {
         if self.open {
             (self.at, self.wake) = (self.now, wake);
         } else {
-            self.lost = self.lost.saturating_add(1);
+            (self.lost, self.gaps) = (self.lost.saturating_add(1), true);
         }
         if actions.iter().any(|action| matches!(action, Action::Exit(_))) {
             self.end(EXITED);

@@ -95,6 +95,12 @@ impl Shell {
         self.recorder = Some(recorder);
     }
 
+    /// Whether some of what it was told is not written down, for want of room: the host reports that.
+    #[must_use]
+    pub fn has_lost_inputs(&self) -> bool {
+        self.recorder.as_ref().is_some_and(Recorder::has_gaps)
+    }
+
     /// The module's name.
     #[must_use]
     pub fn name(&self) -> &str {

@@ -1,14 +1,17 @@
 //! `advee soak`: robot-hours in virtual time, under chaos and calm, with rules that must hold.
 
+mod inputs;
+
 use super::{Common, Failed, Outcome, print};
 use crate::checks;
 use crate::config::{self, ConfigError, scenario};
-use crate::topology::{Place, virtual_machine};
+use crate::topology::{Place, virtual_machine, virtual_machine_recorded};
 use base::Duration;
+use inputs::Inputs;
 use serde_json::json;
 use sim::check::Limits;
 use sim::host::{self, Virtual};
-use sim::soak::{self, Behaviour, Fault, Report, Scenario, Stage, draw, shrink};
+use sim::soak::{self, Behaviour, Disk, Fault, Report, Scenario, Stage, draw, shrink};
 use sim::world::World;
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -100,6 +103,8 @@ pub struct Robot {
     world: World,
     limits: Limits,
     seed: u64,
+    /// All modules: one of them is recorded in each episode, in turn, and played again.
+    modules: Vec<String>,
     /// What of the command line makes the same robot again.
     again: String,
 }
@@ -115,7 +120,10 @@ impl Robot {
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
         // Once, so that what is wrong is told as such.
         drop(virtual_machine(&place, host::Config::default())?);
-        Ok(Self { place, scenario, world, limits, seed, again: String::new() })
+        let config = config::Config::load(&place.config, place.sim, &place.sets)?;
+        let mut modules: Vec<String> = config.modules.iter().map(|module| module.name.clone()).collect();
+        modules.push(watchdog::NAME.into());
+        Ok(Self { place, scenario, world, limits, seed, modules, again: String::new() })
     }
 
     fn load(common: &Common, command: &Soak) -> Result<Self, Failed> {
@@ -137,8 +145,14 @@ impl Robot {
     /// One line why it cannot be run.
     pub fn episode(&self, number: u64, faults: &[Fault]) -> Result<soak::Outcome, String> {
         EPISODE.set(number);
-        let stage = Stage { scenario: &self.scenario, world: &self.world, limits: &self.limits, seed: self.seed };
-        soak::episode(&stage, number, faults, &mut |config| machine(&self.place, config))
+        let Self { scenario, world, limits, seed, .. } = self;
+        let disk = Disk::default();
+        let stage = Stage { scenario, world, limits, seed: *seed, disk: &disk };
+        let recorded = self.modules[(number % self.modules.len() as u64) as usize].as_str();
+        let inputs = Inputs::new(recorded, disk.clone());
+        let mut outcome = soak::episode(&stage, number, faults, &mut |config| machine(&self.place, config, &inputs))?;
+        outcome.violation = outcome.violation.or_else(|| inputs.violation());
+        Ok(outcome)
     }
 
     /// Runs as many episodes as asked for, so many at once. After a violation no further ones are begun, and those after
@@ -321,8 +335,10 @@ impl Progress {
     }
 }
 
-fn machine(place: &Place, config: host::Config) -> Result<Virtual, String> {
-    let mut machine = virtual_machine(place, config).map_err(|error| error.to_string())?;
+fn machine(place: &Place, config: host::Config, inputs: &Inputs) -> Result<Virtual, String> {
+    let inputs = inputs.clone();
+    let machine = virtual_machine_recorded(place, config, move |module| inputs.sink(module));
+    let mut machine = machine.map_err(|error| error.to_string())?;
     machine.keep(watchdog::NAME)?;
     Ok(machine)
 }

@@ -35,7 +35,7 @@ pub(super) struct Rule {
     speed: Option<f64>,
     /// The last RPDO4 moves it.
     moves: bool,
-    /// The longest from knowing to the stop on the bus.
+    /// The longest from knowing to the stop, where the bus is well.
     pub worst: Option<Duration>,
 }
 
@@ -47,7 +47,8 @@ impl Rule {
 
     /// An RPDO4 has left the wire that does not move the robot.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) {
-        if let (true, Pause::Engaged(since)) = (std::mem::take(&mut self.moves), facts.pause) {
+        let moved = std::mem::take(&mut self.moves) && !facts.was_disturbed(now);
+        if let (true, Pause::Engaged(since)) = (moved, facts.pause) {
             self.worst = self.worst.max(Some(now.since(since)));
         }
     }

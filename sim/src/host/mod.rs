@@ -34,7 +34,7 @@ use crate::random::Random;
 use agenda::{Entry, Happening, Waiting};
 use base::gamepad::Event as GamepadEvent;
 use base::serial::Word;
-use base::{Duration, Instant};
+use base::{Duration, Fault, Instant, Report, Severity};
 use can::Told;
 use digest::Digest;
 use life::{Kept, Life};
@@ -59,6 +59,8 @@ const BACKLOG: usize = 1024;
 const SPIN: u32 = 10_000;
 /// The LCM bus as a target of faults.
 const LCM: &str = "lcm";
+/// What is said when a recorder has no room.
+const GAPS: &str = "inputs are no longer recorded whole: the disk takes nothing";
 /// A message that comes twice comes again within this time.
 const TWICE: Duration = Duration::from_millis(2);
 
@@ -75,6 +77,8 @@ struct Process {
     /// With the epoch that it took when it was started.
     out: Actions,
     due: Option<(Instant, u64)>,
+    /// That inputs are lost was reported.
+    told_of_gaps: bool,
     /// When it was last served by its timer, and how often at that moment.
     spin: (Instant, u32),
 }
@@ -316,6 +320,7 @@ impl Virtual {
             life: Life::new(),
             out: Actions::new(self.config.epoch),
             due: None,
+            told_of_gaps: false,
             spin: (Instant::ZERO, 0),
         });
         self.schedule(self.now + self.config.start_delay, Happening::Tell(pid, Waiting::Start));
@@ -595,6 +600,10 @@ impl Virtual {
             out = Actions::new(self.config.epoch);
         }
         process.shell.handle(self.now, event, &mut out);
+        if process.shell.has_lost_inputs() && !mem::replace(&mut process.told_of_gaps, true) {
+            let report = Report::new(Severity::Warning, Fault::InputsLost, "inputs", GAPS);
+            process.shell.raise(self.now, report, &mut out);
+        }
         self.perform(pid, out);
     }
 

@@ -7,8 +7,12 @@ use crate::random::Random;
 use base::{Duration, Instant};
 use messages::{common, simulation};
 use module::State;
+use std::cell::Cell;
 use std::fmt;
+use std::rc::Rc;
 
+/// The target of `full`.
+const DISK: &str = "disk";
 /// The target of a step of the wall clock, by `value` s.
 const CLOCK: &str = "clock";
 /// Who commands states in a chaos: not the operator.
@@ -24,7 +28,7 @@ pub struct Fault {
     /// Whom it befalls.
     pub target: String,
     /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
-    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. Of others who command the robot:
+    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others who command the robot:
     /// `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the names of
     /// `SIM_CMD_FAULT`.
     pub fault: String,
@@ -102,6 +106,19 @@ fn between((least, most): (f64, f64), random: &mut Random) -> f64 {
 enum Undo {
     Resume(u32),
     Uncrawl(u32),
+    Free,
+}
+
+/// The disk of an episode, shared with whoever writes to it: how many faults keep it full.
+#[derive(Clone, Debug, Default)]
+pub struct Disk(Rc<Cell<u32>>);
+
+impl Disk {
+    /// Whether it takes nothing at the moment.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.0.get() > 0
+    }
 }
 
 /// Lets faults loose.
@@ -109,11 +126,12 @@ enum Undo {
 pub(super) struct Chaos<'a> {
     faults: std::slice::Iter<'a, Fault>,
     undo: Vec<(Instant, Undo)>,
+    disk: Disk,
 }
 
 impl<'a> Chaos<'a> {
-    pub fn new(faults: &'a [Fault]) -> Self {
-        Self { faults: faults.iter(), undo: Vec::new() }
+    pub fn new(faults: &'a [Fault], disk: Disk) -> Self {
+        Self { faults: faults.iter(), undo: Vec::new(), disk }
     }
 
     /// When the next thing happens.
@@ -130,6 +148,7 @@ impl<'a> Chaos<'a> {
             match undo {
                 Undo::Resume(pid) => machine.resume(pid),
                 Undo::Uncrawl(pid) => machine.crawl(pid, Duration::ZERO),
+                Undo::Free => self.disk.0.update(|faults| faults - 1),
             }
         }
         while let Some(fault) = self.faults.as_slice().first().filter(|fault| Instant::ZERO + fault.at <= now) {
@@ -147,6 +166,10 @@ impl<'a> Chaos<'a> {
         let pid = machine.pid(target);
         match (fault.fault.as_str(), pid) {
             ("step", _) if target == CLOCK => machine.step_clock((fault.value * 1e6) as i64),
+            ("full", _) if target == DISK => {
+                self.disk.0.update(|faults| faults + 1);
+                self.undo.push((over, Undo::Free));
+            }
             ("kill" | "hang" | "crawl", None) => return false,
             ("kill", Some(pid)) => machine.kill(pid),
             ("hang", Some(pid)) => {

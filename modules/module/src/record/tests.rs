@@ -258,6 +258,14 @@ fn what_found_no_room_before_the_end_is_told_too() {
 }
 
 #[test]
+fn what_cannot_even_be_begun_is_no_file_and_is_known_to_be_missing() {
+    let (mut shell, file) = recorded(u64::MAX, || false);
+    assert!(shell.has_lost_inputs());
+    drive(&mut shell);
+    assert_eq!(file.borrow().len(), 0);
+}
+
+#[test]
 fn at_its_limit_a_file_ends_and_is_good_up_to_there() {
     let (mut shell, file) = recorded(1200, || true);
     drive(&mut shell);
