@@ -27,7 +27,7 @@ impl Rule {
         let speed = speed.abs();
         let before = std::mem::replace(&mut self.speed, speed);
         let until = facts.sources.iter().filter_map(super::sources::Source::moves_until).max();
-        let until = until.filter(|_| facts.driver.works()).map(|until| until + facts.driver.late);
+        let until = until.map(|until| (until + facts.driver.late).min(facts.driver.worked(now)));
         // On a disturbed bus a stop comes late, and the master's heartbeat not late enough to be missed.
         let until = if facts.is_disturbed(now) { Some(now) } else { until };
         if let Some(until) = until.map(|until| until.min(now)).filter(|until| *until > self.permitted) {

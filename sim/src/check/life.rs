@@ -10,6 +10,8 @@ pub(super) struct Life {
     pub started: Instant,
     /// It hangs.
     hung: bool,
+    /// When it last ceased to work.
+    ceased: Instant,
     /// How late it is served.
     pub late: Duration,
     /// When it was last not as it should be.
@@ -26,6 +28,11 @@ impl Life {
         self.pid.is_some() && !self.hung
     }
 
+    /// When it last did anything; now, while it works.
+    pub fn worked(&self, now: Instant) -> Instant {
+        if self.works() { now } else { self.ceased }
+    }
+
     /// When it was last dead, hung or late; now, while it is.
     pub fn ill(&self, now: Instant) -> Instant {
         if self.is_well() { self.ill } else { now }
@@ -34,8 +41,10 @@ impl Life {
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match *news {
             News::Started { pid, .. } => *self = Self { pid: Some(pid), started: now, ill: now, ..Self::default() },
-            News::Exited { pid, .. } if self.pid == Some(pid) => *self = Self { ill: now, ..Self::default() },
-            News::Hung { pid, .. } if self.pid == Some(pid) => self.hung = true,
+            News::Exited { pid, .. } if self.pid == Some(pid) => {
+                *self = Self { ceased: self.worked(now), ill: now, ..Self::default() };
+            }
+            News::Hung { pid, .. } if self.pid == Some(pid) => (self.ceased, self.hung) = (self.worked(now), true),
             News::Resumed { pid, .. } if self.pid == Some(pid) => (self.hung, self.ill) = (false, now),
             News::Crawls { pid, late, .. } if self.pid == Some(pid) => {
                 // What waits for it is served as late as it was.

@@ -632,6 +632,27 @@ fn a_robot_that_nobody_moves_comes_to_a_stand() {
 }
 
 #[test]
+fn what_a_driver_commanded_before_it_hung_moves_the_robot_until_the_drive_misses_it() {
+    let mut bench = Bench::new();
+    bench.pass(20);
+    bench.begin(PAD, 0.4);
+    bench.drive(0.4);
+    bench.pass(10);
+    bench.tell(&News::Hung { module: "driver", pid: DRIVER });
+    for speed in [0.05, 0.1, 0.15, 0.2] {
+        bench.speed = speed;
+        bench.pass(50);
+    }
+    bench.holds();
+    for speed in [0.15, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0] {
+        bench.speed = speed;
+        bench.pass(50);
+    }
+    bench.truth(0.1);
+    bench.breaks("body");
+}
+
+#[test]
 fn stop_is_left_by_an_operator_alone() {
     let mut bench = Bench::new();
     bench.command("power", State::Stop, true);
