@@ -289,6 +289,10 @@ fn beacons_are_seen_where_they_are_each_at_its_own_instant() {
 #[test]
 fn who_commands_beacons_gets_those_and_no_others() {
     let (mut robot, heard) = ready(1);
+    // Who chooses them while it runs.
+    let (module, state) = ("estimator".into(), common::DataState::TERMINATE);
+    say(&mut robot, common::CmdState { timestamp: 0, module, state, manual: true, source: "test".into() });
+    robot.pass(2.0);
     say(&mut robot, lowlevel::DataActiveBeacons { timestamp: 0, ids: vec![6, 1] });
     robot.pass(3.0);
     heard.borrow_mut().beacons.clear();
