@@ -216,6 +216,20 @@ pub fn set_watchdog_timeout(device: BorrowedFd<'_>, seconds: u32) -> io::Result<
     Ok(timeout.unsigned_abs())
 }
 
+/// Asks an event device something that fills a buffer of any length below 16 KiB (`EVIOCG…`, linux/input.h).
+pub fn event_query(device: BorrowedFd<'_>, number: u8, answer: &mut [u8]) -> io::Result<()> {
+    let request = nix::request_code_read!(b'E', number, answer.len()) as libc::Ioctl;
+    // SAFETY: the request carries the buffer's length, and the kernel fills no more of it; the buffer is live.
+    check(unsafe { libc::ioctl(device.as_raw_fd(), request, answer.as_mut_ptr()) })
+}
+
+/// Keeps others from hearing an event device, until it is closed.
+pub fn grab_events(device: BorrowedFd<'_>) -> io::Result<()> {
+    const EVIOCGRAB: libc::Ioctl = nix::request_code_write!(b'E', 0x90, size_of::<libc::c_int>()) as libc::Ioctl;
+    // SAFETY: takes a plain number.
+    check(unsafe { libc::ioctl(device.as_raw_fd(), EVIOCGRAB, 1 as libc::c_int) })
+}
+
 /// A raw CAN socket on an interface: non-blocking, frames of the error classes `errors` delivered (linux/can/error.h),
 /// those with long identifiers only when `extended`, and a send buffer that holds a few frames only, so that none of them
 /// gets old in it.

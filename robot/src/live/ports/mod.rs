@@ -3,12 +3,15 @@
 mod can_slcan;
 mod can_socket;
 mod can_udp;
+mod evdev;
 mod queue;
 mod restart;
 mod serial;
 
 pub use can_slcan::codec as can_slcan_codec;
 pub use can_udp::codec as can_udp_codec;
+pub use evdev::GamepadPlace;
+pub use evdev::codec as gamepad_codec;
 pub use serial::{Driver, TerminalConfig};
 
 use base::{Duration, Fault, Instant};
@@ -45,6 +48,18 @@ pub enum PortConfig {
     CanSocket {
         /// `can0`.
         interface: String,
+    },
+    /// A gamepad.
+    Gamepad {
+        /// Where.
+        place: GamepadPlace,
+        /// Keeps others from hearing it.
+        grab: bool,
+    },
+    /// The simulator's side of a gamepad: a UNIX socket of this name.
+    GamepadHub {
+        /// Made anew, removed at the end.
+        path: PathBuf,
     },
 }
 
@@ -154,6 +169,8 @@ impl Port {
             PortConfig::Terminal(config) => Box::new(serial::Serial::terminal(config)),
             PortConfig::CanUdp { bus } => Box::new(can_udp::CanUdp::new(bus)),
             PortConfig::CanSlcan { path, bitrate } => Box::new(can_slcan::CanSlcan::new(path, bitrate)),
+            PortConfig::Gamepad { place, grab } => Box::new(evdev::Gamepad::new(place, grab)),
+            PortConfig::GamepadHub { path } => Box::new(evdev::Hub::new(path)),
             PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
         };
         let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
