@@ -10,6 +10,7 @@ pub mod body;
 pub mod check;
 mod disturbance;
 mod faults;
+mod gamepad;
 pub mod host;
 pub mod people;
 mod random;

@@ -11,6 +11,7 @@ use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
 use crate::boards::so1::So1;
 use crate::body::{Parameters, STEP};
 use crate::faults::{self, Ailment};
+use crate::gamepad::{self, Gamepad};
 use crate::random::Random;
 use crate::scene::Scene;
 use crate::sonar::Sonar;
@@ -96,6 +97,8 @@ pub struct Config {
     pub can: Option<CanConfig>,
     /// The serial busses.
     pub serial: Vec<SerialConfig>,
+    /// The port of a gamepad, as its driver has it: `joystick`. It is unplugged until somebody asks for it.
+    pub gamepad: Option<String>,
     /// Whether answers are delayed by the time that request and answer take on the wire: true where the port has no
     /// wire (a pseudo-terminal), false where the host models it (`host::Virtual`) or it is real.
     pub wire_time: bool,
@@ -112,6 +115,7 @@ impl Default for Config {
             seed: 1,
             can: None,
             serial: Vec::new(),
+            gamepad: None,
             wire_time: false,
             rate: 1.0,
         }
@@ -119,7 +123,7 @@ impl Default for Config {
 }
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial busses in the order of its
-/// configuration.
+/// configuration, and last the gamepad.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
@@ -127,6 +131,7 @@ pub struct Simulator {
     drives: Vec<Drive>,
     can: CanLine,
     lines: Vec<SerialLine>,
+    gamepad: Gamepad,
     truth: Ticker,
     clock: Ticker,
     rangers: Ticker,
@@ -146,13 +151,15 @@ impl Simulator {
             .serial
             .iter()
             .map(|serial| PortSpec { bus: serial.bus.clone(), line: Line::Serial { baud: serial.baud } });
-        let ports = can.chain(serial).collect();
+        let gamepad = config.gamepad.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gamepad });
+        let ports = can.chain(serial).chain(gamepad).collect();
         let never = Ticker::new(Instant::NEVER, TRUTH);
         Self {
             scene: scene(&config, Instant::ZERO),
             drives: Vec::new(),
             can: can_line(&config),
             lines: Vec::new(),
+            gamepad: Gamepad::default(),
             config,
             ports,
             truth: never,
@@ -172,6 +179,7 @@ impl Simulator {
     fn start(&mut self, now: Instant, out: &mut Actions) {
         self.scene = scene(&self.config, now);
         self.motors = true;
+        self.gamepad = Gamepad::default();
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
         let body = self.scene.body();
         self.can = can_line(&self.config);
@@ -311,6 +319,7 @@ impl Simulator {
             drive.handle_timeout(now, self.scene.body());
         }
         self.can.handle_timeout(now);
+        self.gamepad.handle_timeout(now);
         for line in &mut self.lines {
             line.handle_timeout(now);
         }
@@ -334,10 +343,13 @@ impl Simulator {
 
     fn fault(&mut self, now: Instant, command: &simulation::CmdFault, out: &mut Actions) {
         let until = faults::until(now, command.duration);
-        let known = match command.target == ROBOT {
-            true => self.carry_off(&command.fault, command.value),
-            false => Ailment::from_name(&command.fault, command.value)
-                .is_some_and(|ailment| self.ail(now, &command.target, ailment, until)),
+        let known = match &*command.target {
+            ROBOT => self.carry_off(&command.fault, command.value),
+            gamepad::TARGET if self.config.gamepad.is_some() => {
+                self.gamepad.ask(now, &command.fault, command.value, until)
+            }
+            target => Ailment::from_name(&command.fault, command.value)
+                .is_some_and(|ailment| self.ail(now, target, ailment, until)),
         };
         if !known {
             let subject = format!("{} {}", command.target, command.fault);
@@ -404,6 +416,11 @@ impl Simulator {
                 out.push(module::Action::Send(PortId(port as u8), Output::Words(words)));
             }
         }
+        while let Some(event) = self.gamepad.poll() {
+            if let Some(port) = self.ports.iter().position(|port| port.line == Line::Gamepad) {
+                out.push(module::Action::Send(PortId(port as u8), Output::Gamepad(event)));
+            }
+        }
     }
 }
 
@@ -448,6 +465,7 @@ impl Module for Simulator {
                     drive.handle_rx(now, &frame, self.scene.body());
                 }
             }
+            Event::Port { input: Input::Gamepad(input), .. } => self.gamepad.play(now, input.into()),
             Event::Message { message: Message::SimCmdFault(command), .. } => self.fault(now, command, out),
             _ => {}
         }
@@ -460,6 +478,7 @@ impl Module for Simulator {
 
     fn poll_timeout(&self) -> Option<Instant> {
         let step = if self.rests() { Instant::NEVER } else { self.scene.next_step() };
+        let step = step.min(self.gamepad.poll_timeout());
         let own = step.min(self.truth.next()).min(self.clock.next()).min(self.rangers.next());
         let lines = self.lines.iter().map(SerialLine::poll_timeout).fold(own, Instant::min);
         let drives = self.drives.iter().filter_map(Drive::poll_timeout).fold(lines, Instant::min);

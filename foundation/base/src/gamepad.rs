@@ -48,14 +48,19 @@ pub struct Device {
 }
 
 impl Device {
-    /// A device without axes and buttons; of its name so much is kept as there is room for, without control characters.
+    /// A device without axes and buttons; of its name so much is kept as there is room for, without control
+    /// characters, and without spaces around it.
     #[must_use]
     pub fn new(name: &str) -> Self {
         let mut device = Self::default();
         for letter in name.chars().filter(|letter| !letter.is_control()) {
-            if device.name.push(letter).is_err() {
+            let leads = device.name.is_empty() && letter.is_whitespace();
+            if !leads && device.name.push(letter).is_err() {
                 break;
             }
+        }
+        while device.name.ends_with(char::is_whitespace) {
+            device.name.pop();
         }
         device
     }
@@ -296,6 +301,7 @@ mod tests {
     #[test]
     fn a_name_is_cut_between_letters() {
         assert_eq!(Device::new(&"ř".repeat(41)).name(), "ř".repeat(40));
+        assert_eq!(Device::new(&alloc::format!(" \n{} y", "x".repeat(79))).name(), "x".repeat(79));
         assert_eq!(Device::new(&alloc::format!("x{}", "ř".repeat(40))).name().len(), NAME_MAX - 1);
     }
 
