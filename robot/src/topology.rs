@@ -1,16 +1,17 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
 use crate::config::{
-    self, CanBus, CanDriver, CanInterface, Config, ConfigError, ModuleEntry, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
+    self, CanBus, CanDriver, CanInterface, Config, ConfigError, Joystick, JoystickDevice, ModuleEntry, Robot, Rs485Bus,
+    Rs485Driver, SIMULATOR,
 };
 use crate::live::limits::Limits;
-use crate::live::ports::{PortConfig, TerminalConfig};
+use crate::live::ports::{GamepadPlace, PortConfig, TerminalConfig};
 use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
 use crate::recording;
 use base::Duration;
 use canopen::eds::Eds;
-use drivers::{canbus, power, rs485a, rs485b};
+use drivers::{canbus, joydev, power, rs485a, rs485b};
 use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
@@ -129,6 +130,7 @@ pub(crate) fn shell_in(
         power::NAME => Box::new(power(place, config)?),
         estimator::NAME => Box::new(estimator(robot)?),
         canbus::NAME => Box::new(canbus(place, config)?),
+        joydev::NAME => Box::new(joydev(robot)?),
         SIMULATOR if place.sim => {
             let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
             Box::new(sim::Simulator::new(sim::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
@@ -161,8 +163,18 @@ fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
     robot
 }
 
-const MODULES: [&str; 7] =
-    [watchdog::NAME, SIMULATOR, power::NAME, "driver_rs485a", rs485b::NAME, canbus::NAME, estimator::NAME];
+const MODULES: [&str; 8] = [
+    watchdog::NAME,
+    SIMULATOR,
+    power::NAME,
+    "driver_rs485a",
+    rs485b::NAME,
+    canbus::NAME,
+    joydev::NAME,
+    estimator::NAME,
+];
+/// The gamepad's port.
+const JOYSTICK: &str = "joystick";
 /// The watchdog ends modules one after the other, those that others depend on last.
 const WATCHDOG_END: Duration = Duration::from_secs(6);
 
@@ -175,6 +187,9 @@ fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Re
     if let Some(can) = bus.strip_prefix("can.").and_then(|name| robot.can.iter().find(|can| can.name == name)) {
         return can_port(place, &can.interface, can.bitrate);
     }
+    if let (JOYSTICK, Some(joystick)) = (bus, &robot.joystick) {
+        return Ok(gamepad_port(place, joystick, simulated_side));
+    }
     let serial = bus.strip_prefix("rs485.").and_then(|name| robot.rs485.iter().find(|line| line.name == name));
     let Some(line) = serial else {
         return refused(format!("bus {bus}: robot.toml has no table [{bus}]"));
@@ -185,6 +200,19 @@ fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Re
         true => refused(format!("{bus}.port = {:?}: the simulator needs a name in the run folder", line.port)),
         false => Ok(PortConfig::Terminal(terminal(place, line))),
     }
+}
+
+/// Where the gamepad is; the simulator has the other end of what lies in the run folder.
+fn gamepad_port(place: &Place, joystick: &Joystick, simulated_side: bool) -> PortConfig {
+    let found = match &joystick.device {
+        JoystickDevice::Stream(path) if simulated_side => {
+            return PortConfig::GamepadHub { path: place.run_dir.join(path) };
+        }
+        JoystickDevice::Stream(path) => GamepadPlace::Stream(place.run_dir.join(path)),
+        JoystickDevice::Path(path) => GamepadPlace::Device(path.clone()),
+        JoystickDevice::Auto => GamepadPlace::Auto,
+    };
+    PortConfig::Gamepad { place: found, grab: joystick.grab }
 }
 
 /// The serial device of a bus.
@@ -462,6 +490,33 @@ fn canbus(place: &Place, config: &Config) -> Result<canbus::Canbus, ConfigError>
     Ok(driver)
 }
 
+/// `driver_joydev`: the gamepad, within the limits of a manual source.
+fn joydev(robot: &Robot) -> Result<joydev::Joydev, ConfigError> {
+    let Some(joystick) = &robot.joystick else {
+        return refused("driver_joydev: robot.toml has no table [joystick]".into());
+    };
+    let stick = |stick: config::JoystickStick, limit: f64| joydev::StickConfig {
+        axis: stick.axis,
+        inverted: stick.inverted,
+        dead_zone: stick.dead_zone,
+        expo: stick.expo,
+        limit: stick.limit.unwrap_or(limit).min(limit),
+    };
+    let gear = |gear: config::JoystickGear| joydev::Gear { button: gear.button, scale: gear.scale };
+    let limits = robot.limits;
+    let config = joydev::Config {
+        bus: JOYSTICK.into(),
+        speed: stick(joystick.speed, limits.speed_manual_mps.min(limits.speed_mps)),
+        steering: stick(joystick.steering, limits.steering_rad),
+        dead_man: joystick.dead_man,
+        scale: joystick.scale,
+        slow: joystick.slow.map(gear),
+        fast: joystick.fast.map(gear),
+        quiet: joystick.quiet_s.map(Duration::from_secs_f64),
+    };
+    joydev::Joydev::new(config).map_err(|error| ConfigError(vec![format!("driver_joydev: {error}")]))
+}
+
 /// A data sheet that the configuration names must be one of a device that the driver can set up.
 fn check_sheets(place: &Place, bus: &CanBus, driver: &canbus::Canbus) -> Result<(), ConfigError> {
     for node in &bus.nodes {
@@ -544,9 +599,15 @@ fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> sim::Config {
         parameters,
         can: can.map(|(can, _)| can),
         serial: serial.collect(),
+        gamepad: robot.joystick.as_ref().filter(|joystick| is_simulated(joystick)).map(|_| JOYSTICK.into()),
         wire_time,
         ..sim::Config::default()
     }
+}
+
+/// Whether the simulator has the gamepad: what is read lies in the run folder.
+fn is_simulated(joystick: &Joystick) -> bool {
+    matches!(&joystick.device, JoystickDevice::Stream(path) if path.is_relative())
 }
 
 /// A CAN bus with both drives on it, and the gear of the propulsion.
@@ -656,6 +717,22 @@ mod tests {
         let path = PathBuf::from("/run/advee/rs485-a");
         assert_eq!(driver.ports, [PortConfig::Terminal(TerminalConfig::new(path.clone(), 115_200))]);
         assert!(simulator.ports.contains(&PortConfig::Pseudo { link: path, baud: 115_200 }));
+    }
+
+    #[test]
+    fn the_gamepad_is_the_simulator_s_where_its_socket_lies_in_the_run_folder() {
+        let ports = |sim, name: &str, set: &str| {
+            let sets = if set.is_empty() { Vec::new() } else { vec![format!("joystick.device={set:?}")] };
+            module(&Place { sets, ..shipped(sim) }, name, State::Run).unwrap().1.ports
+        };
+        let stream = |path: &str| PortConfig::Gamepad { place: GamepadPlace::Stream(path.into()), grab: false };
+        let hub = PortConfig::GamepadHub { path: "/run/advee/gamepad".into() };
+        assert_eq!(ports(true, joydev::NAME, ""), [stream("/run/advee/gamepad")]);
+        assert!(ports(true, SIMULATOR, "").contains(&hub));
+        assert_eq!(ports(true, joydev::NAME, "file:/tmp/pad"), [stream("/tmp/pad")]);
+        let gamepads = |port: &PortConfig| matches!(port, PortConfig::GamepadHub { .. });
+        assert!(!ports(true, SIMULATOR, "file:/tmp/pad").iter().any(gamepads));
+        assert_eq!(ports(false, joydev::NAME, ""), [PortConfig::Gamepad { place: GamepadPlace::Auto, grab: false }]);
     }
 
     #[test]

@@ -15,7 +15,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use support::Robot;
 
-const MODULES: [&str; 5] = ["simulator", "driver_power", "driver_rs485a", "driver_rs485b", "driver_canbus"];
+const MODULES: [&str; 7] =
+    ["simulator", "driver_power", "driver_rs485a", "driver_rs485b", "estimator", "driver_canbus", "driver_joydev"];
 
 /// A robot all of whose modules run; its steering need not be homed.
 fn running(extra: &[&str]) -> Robot {

@@ -5,6 +5,7 @@
 //! world.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
 
 mod estimator;
+mod joystick;
 mod log;
 mod modules;
 mod reader;
@@ -15,6 +16,7 @@ mod tests;
 mod tree;
 mod world;
 
+pub use joystick::{Joystick, JoystickDevice, JoystickGear, JoystickStick};
 pub use log::Log;
 pub use modules::{HardwareWatchdog, ModuleEntry, SIMULATOR};
 pub use reader::{Problems, Table};

@@ -3,6 +3,7 @@
 //! The robot's frame: origin on the floor under the middle of the rear axle, x forward, y to the left, angles
 //! counter-clockwise.
 
+use super::joystick::Joystick;
 use super::log::Log;
 use super::reader::Table;
 use base::Severity;
@@ -34,6 +35,8 @@ pub struct Robot {
     pub estimator: estimator::filter::Config,
     /// The power controller, where there is one that tells of the PAUSE line.
     pub power: Option<Power>,
+    /// The gamepad.
+    pub joystick: Option<Joystick>,
     /// What a run writes down.
     pub log: Log,
 }
@@ -320,11 +323,26 @@ impl Robot {
         let beacons = Beacon::read_all(&mut root);
         let estimator = root.table_if_any("estimator").map_or_else(Default::default, super::estimator::read);
         let power = root.table_if_any("power").map(|table| Power::read(table, &rs485));
+        let joystick = root.table_if_any("joystick").map(Joystick::read);
         let log = root.table_if_any("log").map_or_else(Log::default, Log::read);
         root.end();
         let (name, report_from) = robot?;
         let (geometry, limits) = (geometry?, limits?);
-        Some(Self { name, report_from, geometry, limits, can, rs485, srfs, irs, beacons, estimator, power, log })
+        Some(Self {
+            name,
+            report_from,
+            geometry,
+            limits,
+            can,
+            rs485,
+            srfs,
+            irs,
+            beacons,
+            estimator,
+            power,
+            joystick,
+            log,
+        })
     }
 
     /// The EIA-485 bus that is called so, `rs485.a`.

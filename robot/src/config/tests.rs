@@ -69,6 +69,63 @@ fn refused(from: &str, to: &str, lines: &[&str]) {
 }
 
 #[test]
+fn a_gamepad_is_configured_by_names_and_codes() {
+    use base::gamepad::{ABS_RY, BTN_TR, BTN_WEST};
+    let table = "[joystick]\ndevice = \"/dev/input/event5\"\ndead_man = \"BTN_TR\"\nspeed = { axis = \"ABS_RY\", limit = 0.4 }\n\
+                 steering = { axis = 0x28, inverted = true }\nslow = { button = \"BTN_WEST\", scale = 0.25 }\n[limits]";
+    let joystick = load(&ROBOT.replacen("[limits]", table, 1), "", &[], MODULES).unwrap().robot.joystick.unwrap();
+    assert_eq!(joystick.device, JoystickDevice::Path("/dev/input/event5".into()));
+    assert_eq!((joystick.speed.axis, joystick.speed.limit), (Some(ABS_RY), Some(0.4)));
+    assert_eq!((joystick.steering.axis, joystick.steering.inverted), (Some(0x28), true));
+    assert_eq!((joystick.steering.dead_zone, joystick.steering.limit), (0.1, None));
+    assert_eq!(
+        (joystick.dead_man, joystick.slow),
+        (Some(BTN_TR), Some(JoystickGear { button: BTN_WEST, scale: 0.25 }))
+    );
+    assert_eq!((joystick.fast, joystick.quiet_s, joystick.scale), (None, None, 1.0));
+    assert!(load(ROBOT, "", &[], MODULES).unwrap().robot.joystick.is_none());
+}
+
+#[test]
+fn a_gamepad_that_cannot_be_meant_is_refused() {
+    let table = |lines: &str| format!("[joystick]\n{lines}\n[limits]");
+    let refused =
+        |line: &str, why: &str| refused("[limits]", &table(line), &[&format!("robot.toml:12: joystick{why}")]);
+    refused(
+        "device = \"js0\"",
+        ".device = \"js0\": expected \"auto\", a device file as \"/dev/input/event5\", or \"file:PATH\"",
+    );
+    refused(
+        "device = \"file:\"",
+        ".device = \"file:\": expected \"auto\", a device file as \"/dev/input/event5\", or \"file:PATH\"",
+    );
+    refused(
+        "dead_man = \"BTN_LEFT\"",
+        ".dead_man = \"BTN_LEFT\": expected a name as \"BTN_TL\", or a code from 0x100 to 0x2ff",
+    );
+    refused("dead_man = 30", ".dead_man = 30: expected a name as \"BTN_TL\", or a code from 0x100 to 0x2ff");
+    refused("speed = { axis = 64 }", ".speed.axis = 64: expected a name as \"ABS_Y\", or a code from 0x0 to 0x3f");
+    refused("speed = { dead_zone = 1.0 }", ".speed.dead_zone = 1.0: expected a number from 0 to 0.9");
+    refused("steering = { expo = nan }", ".steering.expo = NaN: expected a number from 0 to 1");
+    refused("slow = { scale = 0.5 }", ".slow.button: missing, expected the name of a button");
+    refused("scale = 0", ".scale = 0: expected a number from 0.01 to 1");
+    refused("quiet_s = 0", ".quiet_s = 0: expected a number from 0.5 to 3600");
+    refused(
+        "deadman = 1",
+        ".deadman: unknown key, expected one of device, grab, speed, steering, dead_man, scale, slow, fast, quiet_s",
+    );
+    let twice =
+        "speed = { axis = 1 }\nsteering = { axis = \"ABS_Y\" }\ndead_man = 300\nfast = { button = 300, scale = 1 }";
+    let found = load(&ROBOT.replacen("[limits]", &table(twice), 1), "", &[], MODULES).unwrap_err();
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(
+        found[0].starts_with("robot.toml:13: joystick.steering = ")
+            && found[0].ends_with("another axis than that of the speed")
+    );
+    assert!(found[1].starts_with("robot.toml:15: joystick.fast = "), "{found:?}");
+}
+
+#[test]
 fn the_shipped_robot_loads_live_and_simulated() {
     let live = Config::load(&shipped(), false, &[]).unwrap();
     let sim = Config::load(&shipped(), true, &[]).unwrap();
@@ -78,9 +135,12 @@ fn the_shipped_robot_loads_live_and_simulated() {
     assert_eq!(sim.robot.can[0].interface, CanInterface::Udp { group, port: None });
     assert_eq!(sim.robot.rs485[0].port, PathBuf::from("rs485-a"));
     let names = |config: &Config| config.modules.iter().map(|module| module.name.clone()).collect::<Vec<_>>();
-    let drivers = ["driver_power", "driver_rs485a", "driver_rs485b", "driver_canbus"];
+    let drivers = ["driver_power", "driver_rs485a", "driver_rs485b", "estimator", "driver_canbus", "driver_joydev"];
     assert_eq!(names(&live), drivers);
     assert_eq!(names(&sim)[..], [&["simulator"], &drivers[..]].concat());
+    let device = |config: &Config| config.robot.joystick.as_ref().map(|joystick| joystick.device.clone());
+    assert_eq!(device(&live), Some(JoystickDevice::Auto));
+    assert_eq!(device(&sim), Some(JoystickDevice::Stream("gamepad".into())));
     assert!(live.robot.power.is_some() && live.robot.beacons.len() == 6);
     assert!(live.modules.iter().all(|module| module.depends.is_empty()));
 }
@@ -109,7 +169,7 @@ fn an_unknown_table_is_refused() {
         "[powder]\nport = \"x\"\n[limits]",
         &[
             "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs, beacons, \
-           power, log",
+           estimator, power, joystick, log",
         ],
     );
 }

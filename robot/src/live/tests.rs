@@ -97,6 +97,10 @@ impl Module for Toy {
             Event::Port { input: Input::Down(reason), .. } => self.note(format!("down {reason}")),
             Event::Port { input: Input::Sent, .. } => self.note("sent"),
             Event::Port { input: Input::CanNotice(notice), .. } => self.note(format!("{notice:?}")),
+            Event::Port {
+                input: input @ (Input::I2c(_) | Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_)),
+                ..
+            } => self.note(format!("{input:?}")),
             Event::Port { input: Input::Words(words), .. } => {
                 words
                     .iter()

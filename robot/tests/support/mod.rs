@@ -58,6 +58,7 @@ pub struct View {
     pub truth: Option<simulation::DataTruth>,
     pub motion: Option<lowlevel::DataMotion>,
     pub odo: Option<lowlevel::DataOdo>,
+    pub joydev: Option<lowlevel::DataJoydev>,
     pub processes: BTreeMap<String, common::Process>,
     pub errors: Vec<common::Error>,
     pub seen: BTreeMap<String, u32>,
@@ -71,6 +72,7 @@ impl View {
             Ok(Message::SimDataTruth(truth)) => self.truth = Some(truth),
             Ok(Message::LlDataMotion(motion)) => self.motion = Some(motion),
             Ok(Message::LlDataOdo(odo)) => self.odo = Some(odo),
+            Ok(Message::LlDataJoydev(joydev)) => self.joydev = Some(joydev),
             Ok(Message::CmDataProcesses(list)) => {
                 self.processes = list.processes.into_iter().map(|process| (process.module.clone(), process)).collect();
             }

@@ -1,7 +1,7 @@
 //! The configuration, and the devices that it names.
 
 use super::finding::Finding;
-use crate::config::{CanBus, CanInterface, Config, ConfigError, ModuleEntry, Rs485Bus};
+use crate::config::{CanBus, CanInterface, Config, ConfigError, Joystick, JoystickDevice, ModuleEntry, Rs485Bus};
 use nix::unistd::{AccessFlags, Gid, Group, access};
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
@@ -44,6 +44,8 @@ pub struct Device {
     pub character: bool,
     /// Whether this user may read and write it.
     pub access: bool,
+    /// Whether he may read it.
+    pub readable: bool,
     /// The group that owns it.
     pub group: Option<String>,
 }
@@ -55,6 +57,7 @@ impl Device {
             there: true,
             character: data.file_type().is_char_device(),
             access: access(path, AccessFlags::R_OK | AccessFlags::W_OK).is_ok(),
+            readable: access(path, AccessFlags::R_OK).is_ok(),
             group: Group::from_gid(Gid::from_raw(data.gid())).ok().flatten().map(|group| group.name),
         }
     }
@@ -90,6 +93,28 @@ fn device_file(check: &str, path: &Path, rate: u32, device: &Device, (lost, user
         }
         _ => Finding::ok(check, format!("{port}, {rate} bit/s asked")),
     }
+}
+
+/// A gamepad: that none is there is no fault, that it may not be heard is one. None for a stream, which comes when it comes.
+pub fn gamepad(joystick: &Joystick, gather: impl Fn(&Path) -> Device, user: &str) -> Option<Finding> {
+    const CHECK: &str = "joystick";
+    let path = match &joystick.device {
+        JoystickDevice::Auto => Path::new("/dev/input"),
+        JoystickDevice::Path(path) => path,
+        JoystickDevice::Stream(_) => return None,
+    };
+    let (device, place) = (gather(path), path.display());
+    Some(match (&joystick.device, device) {
+        (_, Device { there: false, .. }) => Finding::ok(CHECK, format!("{place} is not there: not connected")),
+        (JoystickDevice::Path(_), Device { readable: false, group, .. }) => {
+            let group = group.filter(|group| group != "root").unwrap_or_else(|| "input".into());
+            Finding::fail(CHECK, format!("{user} may not open {place}"))
+                .why("The gamepad is not heard. Log in anew after the cure.")
+                .cure(format!("sudo usermod -aG {group} {user}"))
+        }
+        (JoystickDevice::Path(_), _) => Finding::ok(CHECK, format!("{place} is connected")),
+        _ => Finding::ok(CHECK, format!("any gamepad in {place}")),
+    })
 }
 
 /// A CAN interface.

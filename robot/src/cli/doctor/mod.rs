@@ -78,6 +78,8 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
     findings.extend(
         config.robot.rs485.iter().filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.port), user)),
     );
+    let gamepad = config.robot.joystick.as_ref();
+    findings.extend(gamepad.and_then(|gamepad| devices::gamepad(gamepad, devices::Device::gather, user)));
     findings.extend(devices::commands(&config.modules, devices::executable));
     findings
 }

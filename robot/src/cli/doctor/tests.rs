@@ -8,7 +8,9 @@ use super::machine::{self, Folder, RealTime};
 use super::network::{Interface, Listener};
 use super::probe::{Outgoing, Trip};
 use super::report::Style;
-use crate::config::{CanBus, CanInterface, ConfigError, Crc, Rs485Bus, Transport};
+use crate::config::{
+    CanBus, CanInterface, ConfigError, Crc, Joystick, JoystickDevice, JoystickStick, Rs485Bus, Transport,
+};
 use crate::live::sys::ClockState;
 use lcm::url::{Interface as Choice, Udpm};
 use std::collections::BTreeSet;
@@ -227,7 +229,7 @@ fn a_serial_port_must_be_a_device_that_may_be_opened() {
         raw: false,
         nodes,
     };
-    let good = Device { there: true, character: true, access: true, group: Some("dialout".into()) };
+    let good = Device { there: true, character: true, access: true, readable: true, group: Some("dialout".into()) };
     let check = |bus: &Rs485Bus, device: Device| devices::serial(bus, &device, "robo");
     says(&check(&bus, good.clone()).unwrap(), Level::Ok, "/dev/ttyUSB0", "");
     says(&check(&bus, Device::default()).unwrap(), Level::Fail, "is not there", "ls -l /dev/serial/by-id/");
@@ -239,6 +241,32 @@ fn a_serial_port_must_be_a_device_that_may_be_opened() {
     says(&check(&bus, owned).unwrap(), Level::Fail, "robo may not open", "usermod -aG dialout robo");
     bus.port = "rs485-a".into();
     assert_eq!(check(&bus, Device::default()), None);
+}
+
+#[test]
+fn a_gamepad_that_is_not_there_is_well_and_one_that_may_not_be_heard_is_not() {
+    let stick = JoystickStick { axis: None, inverted: false, dead_zone: 0.1, expo: 0.3, limit: None };
+    let joystick = |device| Joystick {
+        device,
+        grab: false,
+        speed: stick,
+        steering: stick,
+        dead_man: None,
+        scale: 1.0,
+        slow: None,
+        fast: None,
+        quiet_s: None,
+    };
+    let there =
+        Device { there: true, character: true, readable: true, group: Some("input".into()), ..Device::default() };
+    let check = |place: JoystickDevice, device: &Device| devices::gamepad(&joystick(place), |_| device.clone(), "robo");
+    let own = || JoystickDevice::Path("/dev/input/event5".into());
+    says(&check(own(), &there).unwrap(), Level::Ok, "event5 is connected", "");
+    says(&check(own(), &Device::default()).unwrap(), Level::Ok, "event5 is not there: not connected", "");
+    let closed = Device { readable: false, ..there.clone() };
+    says(&check(own(), &closed).unwrap(), Level::Fail, "robo may not open /dev/input/event5", "usermod -aG input robo");
+    says(&check(JoystickDevice::Auto, &there).unwrap(), Level::Ok, "any gamepad in /dev/input", "");
+    assert_eq!(check(JoystickDevice::Stream("gamepad".into()), &there), None);
 }
 
 #[test]

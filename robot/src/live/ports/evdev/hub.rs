@@ -21,13 +21,13 @@ const CLIENTS_MAX: usize = 8;
 pub struct Hub {
     path: PathBuf,
     opened: Option<(Epoll, UnixListener)>,
-    clients: Vec<Client>,
+    pub(super) clients: Vec<Client>,
     /// The gamepad as it was told, for those who come later.
     device: Option<Box<gamepad::Device>>,
     current: Option<Event>,
 }
 
-struct Client {
+pub(super) struct Client {
     stream: Stream,
     /// It has said something: it plays, and is told nothing.
     plays: bool,

@@ -63,6 +63,10 @@ pub struct Gamepad {
     grab: bool,
     opened: Option<Opened>,
     source: Option<Source>,
+    /// It was told of, and not that it is gone.
+    there: bool,
+    /// A file has been played: that is done once.
+    played: bool,
     /// What is to be handed out, and what is.
     told: VecDeque<Event>,
     current: Option<Event>,
@@ -117,7 +121,7 @@ impl Gamepad {
     /// A port to a gamepad; with `grab` nobody else hears an event device.
     pub fn new(place: GamepadPlace, grab: bool) -> Self {
         let (told, current) = (VecDeque::new(), None);
-        Self { place, grab, opened: None, source: None, told, current, note: None }
+        Self { place, grab, opened: None, source: None, there: false, played: false, told, current, note: None }
     }
 
     /// The folders whose changes tell that it may have come, the outermost first.
@@ -146,7 +150,7 @@ impl Gamepad {
     /// Looks for a gamepad, where there is none.
     fn look(&mut self) {
         let folders = self.folders();
-        let Some(opened) = self.opened.as_ref().filter(|_| self.source.is_none()) else { return };
+        let Some(opened) = self.opened.as_ref().filter(|_| self.source.is_none() && !self.played) else { return };
         // A folder that has come is watched before it is looked into.
         let watched = opened.watch(&folders);
         let found = match &self.place {
@@ -199,8 +203,11 @@ impl Gamepad {
 
     /// The gamepad has gone; another one may be there.
     fn lose(&mut self) {
-        self.source = None;
-        self.told.push_back(Event::Gone);
+        let source = self.source.take();
+        self.played |= matches!(source, Some(Source::Stream(stream)) if stream.is_file());
+        if self.there {
+            self.told.push_back(Event::Gone);
+        }
         if let Some(opened) = &self.opened {
             // Were it refused, the folder's changes remain.
             let _ = opened.again.set(Expiration::OneShot(TimeSpec::from_duration(AGAIN)), TimerSetTimeFlags::empty());
@@ -252,6 +259,7 @@ impl Device for Gamepad {
     fn close(&mut self) {
         (self.source, self.opened, self.note, self.current) = (None, None, None, None);
         self.told.clear();
+        (self.there, self.played) = (false, false);
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -282,6 +290,11 @@ impl Device for Gamepad {
             }
         }
         self.current = self.told.pop_front();
+        match &self.current {
+            Some(Event::Found(_)) => self.there = true,
+            Some(Event::Gone) => self.there = false,
+            _ => {}
+        }
         Ok(match &self.current {
             Some(event) => Received::Input(Input::Gamepad(event.as_input())),
             // Looking may have found what cannot be opened.

@@ -4,7 +4,7 @@ use super::codec::{Line, Reader};
 use base::Duration;
 use base::gamepad::Event;
 use nix::errno::Errno;
-use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
+use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
 use nix::unistd::read;
@@ -15,6 +15,9 @@ const READ_MAX: usize = 1024;
 /// Reads and lines without an event before others have their turn, for this long.
 const READS_MAX: usize = 64;
 const BREATH: Duration = Duration::from_millis(1);
+
+const TIMER: u64 = 0;
+const FILE: u64 = 1;
 
 /// What a stream had for us.
 pub enum Told {
@@ -45,8 +48,8 @@ impl Stream {
     pub fn new(file: OwnedFd) -> nix::Result<Self> {
         let both = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC)?;
-        both.add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, 0))?;
-        let polled = match both.add(&file, EpollEvent::new(EpollFlags::EPOLLIN, 1)) {
+        both.add(&timer, EpollEvent::new(EpollFlags::EPOLLIN, TIMER))?;
+        let polled = match both.add(&file, EpollEvent::new(EpollFlags::EPOLLIN, FILE)) {
             Ok(()) => true,
             Err(Errno::EPERM) => false,
             Err(errno) => return Err(errno),
@@ -57,6 +60,11 @@ impl Stream {
     /// To wait for.
     pub fn fd(&self) -> BorrowedFd<'_> {
         self.both.0.as_fd()
+    }
+
+    /// Whether it is a file, which ends once.
+    pub fn is_file(&self) -> bool {
+        !self.polled
     }
 
     /// The file itself.
@@ -87,6 +95,8 @@ impl Stream {
                 Some(Ok(Line::Wait(Duration::ZERO))) => {}
                 Some(Ok(Line::Wait(wait))) => return self.pause(wait),
                 Some(Err(why)) => return Ok(Told::Wrong(why)),
+                // A FIFO that nobody has opened to write looks ended to who reads it.
+                None if self.polled && !self.is_readable()? => return Ok(Told::Nothing),
                 None => {
                     let mut bytes = [0; READ_MAX];
                     let count = read(&self.file, &mut bytes)?;
@@ -101,6 +111,12 @@ impl Stream {
         self.pause(BREATH)
     }
 
+    fn is_readable(&self) -> nix::Result<bool> {
+        let mut events = [EpollEvent::empty(); 2];
+        let count = self.both.wait(&mut events, EpollTimeout::ZERO)?;
+        Ok(events[..count].iter().any(|event| event.data() == FILE))
+    }
+
     fn pause(&mut self, wait: Duration) -> nix::Result<Told> {
         self.timer.set(Expiration::OneShot(TimeSpec::from_duration(wait)), TimerSetTimeFlags::empty())?;
         self.waits = true;
@@ -112,7 +128,7 @@ impl Stream {
     fn heed(&self, heed: bool) -> nix::Result<()> {
         match (self.polled, heed) {
             (false, _) => Ok(()),
-            (true, true) => self.both.add(&self.file, EpollEvent::new(EpollFlags::EPOLLIN, 1)),
+            (true, true) => self.both.add(&self.file, EpollEvent::new(EpollFlags::EPOLLIN, FILE)),
             (true, false) => self.both.delete(&self.file),
         }
     }

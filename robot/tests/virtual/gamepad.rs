@@ -1,0 +1,139 @@
+//! A gamepad moves the robot in virtual time, and leaves it in every way that a gamepad can.
+
+use super::*;
+use base::gamepad::{ABS_RX, ABS_Y, Axis, BTN_SOUTH, BTN_TL, Button, Device, Event};
+use messages::simulation::CmdFault;
+
+/// A commanded stop from the manual limit: 0.6 m/s at 0.8 m/s², and some turns of loops and drives.
+const STANDS: Duration = Duration::from_millis(750 + 150);
+/// The same where nobody says zero: a command's life, then a quick stop at 1.5 m/s².
+const STANDS_UNTOLD: Duration = Duration::from_millis(250 + 400 + 150);
+
+impl Robot {
+    fn pad(&mut self, fault: &str, value: f64) {
+        let (target, fault) = ("gamepad".into(), fault.into());
+        let now = self.machine.now();
+        self.machine.inject(now, CmdFault { timestamp: 0, target, fault, value, duration: 0.0 });
+        self.pass(0.01);
+    }
+
+    /// The gamepad is plugged in, held, and pushed; each in its turn.
+    fn grip(&mut self, speed: f64) {
+        for (what, value) in [("release", 0.0), ("speed", 0.0), ("plug", 0.0), ("hold", 0.0), ("speed", speed)] {
+            self.pad(what, value);
+        }
+    }
+
+    /// How long it takes to stand from now on.
+    #[track_caller]
+    fn stands_within(&mut self, bound: Duration, why: &str) {
+        let begin = self.machine.now();
+        while self.speed().abs() >= 0.01 {
+            self.pass(0.01);
+            let took = self.machine.now().since(begin);
+            assert!(took <= bound, "{why}: {} m/s after {took:?}", self.speed());
+        }
+        // And goes on standing.
+        self.pass(0.6);
+        assert!(self.speed().abs() < 0.01, "{why}: it moves again");
+    }
+}
+
+#[test]
+fn it_drives_while_it_is_held_and_stands_when_it_is_let_go() {
+    let mut robot = Robot::ready(3);
+    robot.grip(1.0);
+    robot.pass(2.0);
+    assert!((robot.speed() - 0.6).abs() < 0.02, "{} {}", robot.speed(), robot.motion().reason);
+    assert_eq!(robot.motion().source, "gamepad");
+    robot.pad("steering", 1.0);
+    robot.pass(1.0);
+    assert!(robot.motion().steering > 0.5, "left is left");
+    robot.pad("release", 0.0);
+    robot.stands_within(STANDS, "let go");
+}
+
+#[test]
+fn unplugged_at_any_phase_of_its_commands_it_stands_within_its_bound() {
+    let mut robot = Robot::ready(4);
+    for phase in 0..25_u32 {
+        robot.grip(if phase % 2 == 0 { 1.0 } else { -0.7 });
+        // From the first tenths of a second to full speed, and over all of the 50 ms between two commands.
+        robot.pass(0.1 + f64::from(phase) * 0.053);
+        robot.pad("unplug", 0.0);
+        robot.stands_within(STANDS, &format!("unplugged in phase {phase}"));
+        robot.pad("plug", 0.0);
+        robot.pass(0.3);
+        assert!(robot.speed().abs() < 0.01, "plugged in again with everything pushed");
+    }
+}
+
+#[test]
+fn whatever_its_driver_does_in_whatever_phase_the_robot_stands_within_a_command_s_life_and_a_quick_stop() {
+    let mut robot = Robot::ready(5);
+    for phase in 0..12_u32 {
+        robot.grip(0.8);
+        robot.pass(0.8 + f64::from(phase) * 0.029);
+        assert!(robot.speed() > 0.1, "phase {phase}: {}", robot.motion().reason);
+        let pid = robot.machine.pid("driver_joydev").expect("it runs");
+        if phase % 2 == 0 {
+            robot.machine.kill(pid);
+        } else {
+            robot.machine.hang(pid);
+        }
+        robot.stands_within(STANDS_UNTOLD, &format!("its driver is gone in phase {phase}"));
+        // The watchdog is less and less in a hurry, up to ten seconds.
+        let runs = |robot: &Robot| {
+            let new = robot.machine.pid("driver_joydev").filter(|new| *new != pid);
+            new.and_then(|new| robot.machine.state(new)) == Some(State::Run)
+        };
+        let begin = robot.machine.now();
+        while !runs(&robot) {
+            robot.pass(0.1);
+            assert!(robot.machine.now().since(begin) < Duration::from_secs(15), "phase {phase}: it is not back");
+        }
+        robot.pass(1.0);
+        assert!(robot.speed().abs() < 0.01, "phase {phase}: with the button still held");
+    }
+}
+
+#[test]
+fn a_gamepad_that_goes_with_its_simulator_stops_the_robot_too() {
+    let mut robot = Robot::ready(6);
+    let mut pad = Device::new("of the test");
+    for code in [ABS_Y, ABS_RX] {
+        pad.add_axis(Axis { code, min: -100, max: 100, fuzz: 0, flat: 0, value: 0 });
+    }
+    for code in [BTN_SOUTH, BTN_TL] {
+        pad.add_button(Button { code, pressed: false });
+    }
+    for event in [
+        Event::Found(Box::new(pad)),
+        Event::Button { code: BTN_TL, pressed: true },
+        Event::Frame,
+        Event::Axis { code: ABS_Y, value: -50 },
+        Event::Frame,
+    ] {
+        assert!(robot.machine.gamepad("joystick", event));
+        robot.pass(0.06);
+    }
+    robot.pass(2.0);
+    assert!(robot.speed() > 0.15, "{} {}", robot.speed(), robot.motion().reason);
+    assert!(robot.machine.gamepad("joystick", Event::Gone));
+    robot.stands_within(STANDS, "gone");
+}
+
+#[test]
+fn a_session_with_a_gamepad_is_the_same_to_the_last_bit() {
+    let session = |seed| {
+        let mut robot = Robot::ready(seed);
+        robot.grip(0.9);
+        robot.pad("steering", -0.4);
+        robot.pass(2.0);
+        robot.pad("unplug", 0.0);
+        robot.pass(2.0);
+        robot.machine.digest()
+    };
+    assert_eq!(session(11), session(11));
+    assert_ne!(session(11), session(12));
+}
