@@ -17,8 +17,16 @@ use std::process::Command;
 use std::rc::Rc;
 use support::Robot;
 
-const MODULES: [&str; 7] =
-    ["driver_canbus", "driver_power", "driver_rs485a", "driver_rs485b", "estimator", "simulator", "watchdog"];
+const MODULES: [&str; 8] = [
+    "driver_canbus",
+    "driver_joydev",
+    "driver_power",
+    "driver_rs485a",
+    "driver_rs485b",
+    "estimator",
+    "simulator",
+    "watchdog",
+];
 
 /// The folder of a run, removed in the end.
 struct Run(PathBuf);
