@@ -8,6 +8,7 @@ mod fault;
 mod holder;
 mod home;
 mod lcm;
+mod plan;
 mod plot;
 mod port;
 mod replay;
@@ -74,6 +75,8 @@ enum Command {
     Home(home::Home),
     /// Inject a fault into the simulation
     Fault(fault::Fault),
+    /// Plan a drivable way on a map file
+    Plan(plan::Plan),
     /// Play again what the modules of a run were told, and compare what they answer
     Replay(replay::Replay),
     /// Draw a recorded run from above
@@ -115,6 +118,7 @@ pub fn main() -> ExitCode {
         Command::Drive(command) => drive::drive(&common, &command),
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
+        Command::Plan(command) => plan::plan(&common, &command),
         Command::Replay(command) => replay::replay(&common, &command),
         Command::Plot(command) => plot::plot(&command),
         Command::Soak(command) => soak::soak(&common, &command),

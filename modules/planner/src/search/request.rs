@@ -16,7 +16,7 @@ pub struct Limits {
     pub radius_m: f64,
     /// Preferences.
     pub costs: Costs,
-    /// States that one search may hold; 48 bytes each.
+    /// States that one search may hold; about 64 bytes each.
     pub states_max: u32,
 }
 
