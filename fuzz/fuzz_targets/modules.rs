@@ -18,7 +18,7 @@ use robot::topology::{self, Place};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::Path;
 
-const MODULES: [&str; 4] = ["driver_rs485a", "driver_canbus", "simulator", "watchdog"];
+const MODULES: [&str; 5] = ["driver_rs485a", "driver_canbus", "simulator", "watchdog", "estimator"];
 
 libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
     let (which, steps) = input;

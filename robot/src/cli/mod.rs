@@ -4,6 +4,7 @@ mod bus;
 mod can;
 mod doctor;
 mod drive;
+mod estimate;
 mod fault;
 mod holder;
 mod home;
@@ -11,6 +12,7 @@ mod lcm;
 mod plan;
 mod plot;
 mod port;
+mod pose;
 mod replay;
 mod rs485;
 mod run;
@@ -71,6 +73,8 @@ enum Command {
     State(state::State),
     /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
     Drive(drive::Drive),
+    /// Tell the estimator where the robot is
+    Pose(pose::Pose),
     /// Home the steering
     Home(home::Home),
     /// Inject a fault into the simulation
@@ -81,6 +85,8 @@ enum Command {
     Replay(replay::Replay),
     /// Draw a recorded run from above
     Plot(plot::Plot),
+    /// Run the estimator over a recorded run, or over recorded data of any robot
+    Estimate(estimate::Estimate),
     /// Robot-hours in virtual time: everything breaks, and rules must hold
     Soak(soak::Soak),
     /// Check machine and configuration: what is wrong, why it matters, what helps
@@ -116,6 +122,8 @@ pub fn main() -> ExitCode {
         Command::Run(command) => run::run(&common, &command),
         Command::State(command) => state::state(&common, &command),
         Command::Drive(command) => drive::drive(&common, &command),
+        Command::Pose(command) => pose::tell(&common, &command),
+        Command::Estimate(command) => estimate::estimate(&common, &command),
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
         Command::Plan(command) => plan::plan(&common, &command),

@@ -192,6 +192,7 @@ pub struct Filter {
     searched: Instant,
     to_search: bool,
     counts: Counts,
+    evidence: f64,
 }
 
 impl Filter {
@@ -225,6 +226,7 @@ impl Filter {
             searched: Instant::ZERO,
             to_search: false,
             counts: Counts::default(),
+            evidence: 0.0,
             config,
         })
     }
@@ -233,6 +235,13 @@ impl Filter {
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.counts
+    }
+
+    /// How well the bearings fit what was expected of them: the logarithm of their likelihood beside that of directions
+    /// that are any. Of two configurations the one with more of it describes the robot better, over the same data.
+    #[must_use]
+    pub fn evidence(&self) -> f64 {
+        self.evidence
     }
 
     /// What the robot does not know of itself.
@@ -396,7 +405,7 @@ impl Filter {
     fn settle(&mut self) {
         let (mut against, mut good, mut last_good) = (self.against, self.good, self.last_good);
         let mut worst = against;
-        let wild = self.config.wild;
+        let (wild, mut evidence) = (self.config.wild, self.evidence);
         while let Some((mut state, entry)) = self.history.next() {
             match &mut entry.kind {
                 Kind::Begin => {}
@@ -410,7 +419,9 @@ impl Filter {
                             state.update(&fit, right);
                         }
                         if std::mem::take(fresh) {
-                            against = (against - libm::log((own + other) * TAU)).max(0.0);
+                            let likely = libm::log((own + other) * TAU);
+                            evidence += likely;
+                            against = (against - likely).max(0.0);
                             worst = worst.max(against);
                             let fits = inside && right > 0.5;
                             (good, last_good) = if fits { (good + 1, entry.at) } else { (0, last_good) };
@@ -424,6 +435,7 @@ impl Filter {
             entry.state = state;
         }
         (self.against, self.good, self.last_good) = (against, good, last_good);
+        self.evidence = evidence;
         if self.has_pose {
             self.judge(worst);
         }
