@@ -111,7 +111,7 @@ impl Vital {
 impl Vital {
     /// When the first beat was missed.
     fn missed(&self) -> Instant {
-        let period = if self.page.is_some() { Duration::from_nanos(beats::PERIOD.as_nanos()) } else { Duration::ZERO };
+        let period = if self.page.is_some() { beats::PERIOD } else { Duration::ZERO };
         self.last + period
     }
 }

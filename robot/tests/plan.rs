@@ -1,4 +1,5 @@
 //! `advee plan` from the shell.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use serde_json::Value;
 use std::fs;

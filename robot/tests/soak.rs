@@ -2,6 +2,7 @@
 //! scenario holds; what once failed does not fail again.
 //!
 //! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` for more.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use base::Duration;
 use messages::Message;

@@ -235,9 +235,9 @@ impl Guard {
         }
         let calmer = calm(state) > calm(self.wanted);
         if calmer {
-            (self.wanted, self.differs) = (state, None)
+            (self.wanted, self.differs) = (state, None);
         } else {
-            self.repeat(now, out)
+            self.repeat(now, out);
         }
         calmer
     }

@@ -468,7 +468,7 @@ fn a_world_is_read_as_strictly() {
 #[test]
 fn a_world_s_people_are_a_number_or_a_table_and_can_be_overridden() {
     let read = |text: &str, sets: &[&str]| {
-        let sets: Vec<String> = sets.iter().map(|set| set.to_string()).collect();
+        let sets: Vec<String> = sets.iter().map(ToString::to_string).collect();
         let path = Path::new("w.toml");
         super::parsed_world(Node::parse(path, &format!("start = [0, 0, 0]\n{text}")).unwrap(), path, &sets)
     };

@@ -277,7 +277,8 @@ impl Device for Gamepad {
             match &mut self.source {
                 None => {}
                 Some(Source::Kernel(device)) => {
-                    if device.read(&mut self.told).is_err() {
+                    let read = device.read(&mut self.told);
+                    if read.is_err() {
                         self.lose();
                     }
                 }
