@@ -556,6 +556,8 @@ impl Filter {
             }
         }
         self.history.restart(&state);
+        // A robot that stands hears of the new pose by bearings, too.
+        self.applied.fill(Applied::default());
         self.has_pose = true;
         self.doubt = None;
         (self.against, self.misfits, self.good) = (0.0, 0.0, 0);

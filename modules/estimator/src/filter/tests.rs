@@ -102,6 +102,24 @@ fn what_is_told_again_to_a_robot_that_stands_adds_nothing() {
 }
 
 #[test]
+fn a_pose_by_hand_is_put_right_by_what_is_seen_even_while_it_stands() {
+    let mut filter = filter();
+    filter.odometry(ms(1000), Motion::default()).unwrap();
+    for second in 1..20u64 {
+        if second == 10 {
+            let Pose { x, y, .. } = pose(0);
+            filter.set(Pose::new(x + 0.2, y, 0.05), [[0.04, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, 0.0, 0.01]]).unwrap();
+        }
+        filter.odometry(ms(second * 1000 + 500), Motion::default()).unwrap();
+        for (beacon, (id, ..)) in BEACONS.iter().enumerate() {
+            filter.bearing(ms(second * 1000 + 400), *id, bearing(pose(0), beacon)).unwrap();
+        }
+    }
+    let estimate = filter.estimate(ms(19_500));
+    assert!(estimate.pose.point().distance(pose(0).point()) < 0.05, "{estimate:?}");
+}
+
+#[test]
 fn without_beacons_it_grows_unsure_and_says_so() {
     let mut filter = filter();
     filter.odometry(ms(0), ON).unwrap();
