@@ -1,9 +1,10 @@
 //! The virtual world beside real time: `cargo bench -p advee --bench world`.
 //!
 //! The whole robot as it is shipped, all its modules and the watchdog, on virtual busses, in the worlds `empty` (nobody
-//! there) and `hall` (20 visitors walk about): standing, and driven by commands at 20 Hz. For each: virtual seconds in a second of CPU time, what an
-//! observer was told of, allocations, way, digest. Each runs twice; two digests that differ end the bench. Figure to
-//! reach: 1000 × real time on one core, `empty`, driving.
+//! there) and `hall` (20 visitors walk about): standing, driven by commands at 20 Hz, and `checked`: driven, with the
+//! rules of `advee soak` held against every step. For each: virtual seconds in a second of CPU time, what an observer was
+//! told of, allocations, way, digest. Each runs twice; two digests that differ end the bench. Figures to reach: 1000 ×
+//! real time on one core, `empty`, driving; the rules cost 5 % at most.
 //!
 //! `-- --minutes 10 empty driving`: how long, of which world, how; `--picture FILE` draws the last run.
 
@@ -14,6 +15,7 @@ use base::{Duration, Instant};
 use messages::{Message, lowlevel};
 use robot::plot::Picture;
 use robot::topology::{Place, virtual_machine};
+use sim::check::Checkers;
 use sim::host::{Config, News, Virtual};
 use std::cell::{Cell, RefCell};
 use std::path::Path;
@@ -33,16 +35,17 @@ fn main() {
     let at = arguments.iter().position(|argument| argument == "--picture");
     let picture = at.map(|at| arguments.get(at + 1).expect("a file"));
     // A kind of which nothing is named is not chosen from.
-    let chosen = |all: [&'static str; 2]| {
-        let named: Vec<_> = all.into_iter().filter(|one| arguments.iter().any(|argument| argument == one)).collect();
+    let chosen = |all: &[&'static str]| {
+        let named: Vec<_> =
+            all.iter().copied().filter(|one| arguments.iter().any(|argument| argument == one)).collect();
         if named.is_empty() { all.to_vec() } else { named }
     };
     println!(
         "world  robot     x real time  CPU us/s   news/s  allocations/s    way m  contacts  digest ({minutes} min, 2 runs)"
     );
-    for world in chosen(["empty", "hall"]) {
-        for robot in chosen(["standing", "driving"]) {
-            let run = || Run::of(world, robot == "driving", minutes, picture.is_some());
+    for world in chosen(&["empty", "hall"]) {
+        for robot in chosen(&["standing", "driving", "checked"]) {
+            let run = || Run::of(world, robot, minutes, picture.is_some());
             let (first, second) = (run(), run());
             assert_eq!(first.digest, second.digest, "the same run twice");
             let best = first.min(second);
@@ -78,14 +81,14 @@ struct Run {
 }
 
 impl Run {
-    fn of(world: &str, drives: bool, minutes: u64, draws: bool) -> Self {
-        let (mut machine, seen) = machine(world, draws);
+    fn of(world: &str, robot: &str, minutes: u64, draws: bool) -> Self {
+        let (mut machine, seen) = machine(world, draws, robot == "checked");
         machine.run_until(Instant::ZERO + READY);
         assert!(seen.homed.get(), "the steering is homed");
         let begin = (sys::cpu_ns(), seen.news.get(), MEMORY.allocations(), seen.way.get());
         for second in 0..60 * minutes {
             let now = machine.now();
-            if drives {
+            if robot != "standing" {
                 for n in 0..20 {
                     machine.inject(now + n * Duration::from_millis(50), command(second));
                 }
@@ -131,7 +134,7 @@ fn command(second: u64) -> lowlevel::CmdMotion {
     lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: "bench".into() }
 }
 
-fn machine(world: &str, draws: bool) -> (Virtual, Rc<Seen>) {
+fn machine(world: &str, draws: bool, checked: bool) -> (Virtual, Rc<Seen>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let place = Place {
         config: root.join("conf/advee"),
@@ -142,7 +145,7 @@ fn machine(world: &str, draws: bool) -> (Virtual, Rc<Seen>) {
         world: Some(root.join("conf/worlds").join(world).with_extension("toml")),
     };
     let config = Config { lcm_jitter: Duration::from_micros(200), ..Config::default() };
-    let mut machine = virtual_machine(&place, config).expect("the shipped configuration");
+    let mut machine = virtual_machine(&place, config.clone()).expect("the shipped configuration");
     let seen = Rc::new(Seen::default());
     if draws {
         let known = robot::config::Config::load(&place.config, true, &[]).expect("the shipped configuration");
@@ -151,6 +154,14 @@ fn machine(world: &str, draws: bool) -> (Virtual, Rc<Seen>) {
     }
     let keep = seen.clone();
     machine.observe(move |_, news| keep.take(news));
+    if checked {
+        let limits = robot::checks::limits(&place, config.restart_delay_max).expect("the shipped configuration");
+        let mut checkers = Checkers::new(limits);
+        machine.observe(move |now, news| {
+            checkers.observe(now, news);
+            assert_eq!(checkers.violation(), None);
+        });
+    }
     machine.keep("watchdog").expect("the watchdog starts");
     (machine, seen)
 }

@@ -64,7 +64,7 @@ impl Tool {
             match self.bus.receive(now) {
                 Received::Message { message, .. } => return Ok(Heard::Message(message)),
                 // A tool is not the place to complain of others: `advee lcm echo` shows them.
-                Received::Malformed { .. } => {}
+                Received::Malformed { .. } | Received::Foreign => {}
                 Received::Broken(why) => return Err(why.into()),
                 Received::Nothing if until <= now => return Ok(Heard::Nothing),
                 Received::Nothing => wait(&[self.bus.as_fd(), self.interrupt.as_fd()], until.since(now))?,

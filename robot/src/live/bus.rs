@@ -28,6 +28,8 @@ pub enum Received {
         /// What it says.
         message: Message,
     },
+    /// Something that a pattern let through, on a channel that is not ours.
+    Foreign,
     /// Something on a channel of ours that is no message of it.
     Malformed {
         /// Channel and kind of fault; the same for each of a kind.
@@ -93,20 +95,15 @@ impl Bus {
 
     /// Takes what has come, decoded.
     pub fn receive(&mut self, now: Instant) -> Received {
-        loop {
-            let raw = match self.receive_raw() {
-                Ok(Some(raw)) => raw,
-                Ok(None) => return Received::Nothing,
-                Err(why) => return Received::Broken(why),
-            };
-            match Message::receive(raw.channel, raw.data) {
-                Some(Ok(message)) => {
-                    return Received::Message { at: clock::received(now, raw.received_ns), message };
-                }
-                Some(Err(error)) => return malformed(&raw, &error),
-                // A pattern may match what is not ours.
-                None => {}
-            }
+        let raw = match self.receive_raw() {
+            Ok(Some(raw)) => raw,
+            Ok(None) => return Received::Nothing,
+            Err(why) => return Received::Broken(why),
+        };
+        match Message::receive(raw.channel, raw.data) {
+            Some(Ok(message)) => Received::Message { at: clock::received(now, raw.received_ns), message },
+            Some(Err(error)) => malformed(&raw, &error),
+            None => Received::Foreign,
         }
     }
 

@@ -357,6 +357,7 @@ impl Host {
                         self.feed(Event::Message { at, message: &message });
                     }
                 }
+                FromBus::Foreign => {}
                 FromBus::Malformed { subject, why } => {
                     self.drop_bad(now, Fault::MessageMalformed, subject, why, 1);
                 }
@@ -384,7 +385,9 @@ impl Host {
     /// Does all that was asked for, and what follows from that.
     fn act(&mut self) {
         while !self.out.as_slice().is_empty() {
-            let mut actions = mem::replace(&mut self.out, mem::take(&mut self.spare));
+            // Each list has the epoch: what an action leads to may come here again, and take the spare one.
+            let another = Actions::new(self.out.epoch());
+            let mut actions = mem::replace(&mut self.out, mem::replace(&mut self.spare, another));
             for action in actions.drain() {
                 self.act_on(action);
             }

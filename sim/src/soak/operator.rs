@@ -142,7 +142,9 @@ impl Operator {
             let state = common::DataState::RUN;
             say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
         }
-        if self.motion.as_ref().is_some_and(|motion| !motion.homed && motion.reason.contains("homing failed")) {
+        // The driver's words, as a person reads them.
+        let failed = |motion: &lowlevel::DataMotion| motion.reason.starts_with("homing the steering failed");
+        if self.motion.as_ref().is_some_and(|motion| !motion.homed && failed(motion)) {
             say(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() }.into());
         }
     }

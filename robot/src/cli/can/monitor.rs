@@ -119,7 +119,7 @@ impl Source {
                             let heard = frame_of(&raw.frame).map_or(Heard::Note("not a frame".into()), Heard::Frame);
                             return Ok(Some(Arrived { at: raw.frame.timestamp, heard, sent }));
                         }
-                        Received::Message { .. } | Received::Malformed { .. } => {}
+                        Received::Message { .. } | Received::Malformed { .. } | Received::Foreign => {}
                         Received::Broken(why) => return Err(why.into()),
                         Received::Nothing if until <= now => return Ok(None),
                         Received::Nothing => wait(&[(**bus).as_fd(), interrupt.as_fd()], until.since(now))?,

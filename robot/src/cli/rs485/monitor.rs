@@ -118,7 +118,7 @@ impl Source {
                 let now = clock::now();
                 match bus.receive(now) {
                     Received::Message { message: Message::LlDataRaw(raw), .. } => return Ok(Next::Frame(raw.frame)),
-                    Received::Message { .. } | Received::Malformed { .. } => {}
+                    Received::Message { .. } | Received::Malformed { .. } | Received::Foreign => {}
                     Received::Broken(why) => return Err(why.into()),
                     Received::Nothing if until <= now => return Ok(Next::Nothing),
                     Received::Nothing => wait(&[(**bus).as_fd(), interrupt.as_fd()], until.since(now))?,
