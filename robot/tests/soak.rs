@@ -180,13 +180,22 @@ fn effect(world: &str, scenario: &Scenario, faults: &[Fault]) -> (u64, u32) {
 #[test]
 fn every_kind_of_fault_of_the_shipped_scenario_does_something() {
     let scenario = Scenario { settle: Duration::from_secs(13), ..short() };
-    let without = effect("hall", &scenario, &[]).0;
+    let at = scenario.settle + Duration::from_secs(2);
+    // A step of the clock shows in who is started after it.
+    let kill = Fault {
+        at: at + Duration::from_secs(1),
+        kind: "kill".into(),
+        target: "driver_rs485b".into(),
+        fault: "kill".into(),
+        value: 0.0,
+        lasts: 0.0,
+    };
+    let without = effect("hall", &scenario, std::slice::from_ref(&kill)).0;
     for kind in &scenario.kinds {
         let (target, fault) = (kind.targets[0].clone(), kind.fault.clone());
-        let at = scenario.settle + Duration::from_secs(2);
         let fault =
             Fault { at, kind: kind.name.clone(), target, fault, value: kind.value.1, lasts: kind.lasts.1.min(15.0) };
-        assert_ne!(effect("hall", &scenario, &[fault]).0, without, "{}", kind.name);
+        assert_ne!(effect("hall", &scenario, &[fault, kill.clone()]).0, without, "{}", kind.name);
     }
 }
 
