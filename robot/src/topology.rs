@@ -8,6 +8,7 @@ use crate::live::limits::Limits;
 use crate::live::ports::{GamepadPlace, PortConfig, TerminalConfig};
 use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
+use crate::map_file;
 use crate::recording;
 use base::Duration;
 use canopen::eds::Eds;
@@ -15,6 +16,7 @@ use drivers::{canbus, joydev, power, rs485a, rs485b};
 use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
+use planner::map::Map;
 use rs485::crc::Crc8;
 use sim::host::{self, Virtual};
 use sim::world::{Beacon, World};
@@ -131,6 +133,7 @@ pub(crate) fn shell_in(
         estimator::NAME => Box::new(estimator(robot)?),
         canbus::NAME => Box::new(canbus(place, config)?),
         joydev::NAME => Box::new(joydev(robot)?),
+        planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         SIMULATOR if place.sim => {
             let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
             Box::new(sim::Simulator::new(sim::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
@@ -151,7 +154,7 @@ pub(crate) fn shell_in(
 }
 
 /// Those that know where what is: their map is of the world, where that is simulated.
-const MAPPED: [&str; 4] = [SIMULATOR, rs485b::NAME, estimator::NAME, "planner"];
+const MAPPED: [&str; 4] = [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME];
 
 /// The robot with the beacons of a world, if that has any.
 fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
@@ -163,7 +166,9 @@ fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
     robot
 }
 
-const MODULES: [&str; 8] = [
+/// Those without which the planner does not move the robot, and others may.
+const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
+const MODULES: [&str; 9] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -172,11 +177,15 @@ const MODULES: [&str; 8] = [
     canbus::NAME,
     joydev::NAME,
     estimator::NAME,
+    planner::NAME,
 ];
 /// The gamepad's port.
 const JOYSTICK: &str = "joystick";
 /// The watchdog ends modules one after the other, those that others depend on last.
 const WATCHDOG_END: Duration = Duration::from_secs(6);
+
+/// Cells of a map that is made from a world, at most about so many.
+const MAP_CELLS: f64 = 2e6;
 
 fn refused<T>(why: String) -> Result<T, ConfigError> {
     Err(ConfigError(vec![why]))
@@ -481,6 +490,13 @@ fn canbus(place: &Place, config: &Config) -> Result<canbus::Canbus, ConfigError>
         },
         ttl: Duration::from_secs_f64(limits.command_ttl_s),
         critical: critical.map(|module| module.name.clone()).collect(),
+        planning: config
+            .modules
+            .iter()
+            .map(|module| &module.name)
+            .filter(|name| PLANNING.contains(&name.as_str()))
+            .cloned()
+            .collect(),
         has_pause_line: robot.power.is_some(),
         propulsion,
         steering,
@@ -515,6 +531,58 @@ fn joydev(robot: &Robot) -> Result<joydev::Joydev, ConfigError> {
         quiet: joystick.quiet_s.map(Duration::from_secs_f64),
     };
     joydev::Joydev::new(config).map_err(|error| ConfigError(vec![format!("driver_joydev: {error}")]))
+}
+
+/// `planner`: the robot's measures and limits, and a map: the file that the configuration names, or the world's walls.
+fn planner(place: &Place, robot: &Robot, world: Option<&World>) -> Result<planner::Planner, ConfigError> {
+    let (geometry, limits) = (&robot.geometry, &robot.limits);
+    let map = match &robot.planner.map {
+        Some(file) => Some(map_file::load(&place.config.join(file)).map_err(|why| ConfigError(vec![why]))?),
+        None => world.and_then(walls),
+    };
+    Ok(planner::Planner::new(planner::Config {
+        body: planner::Body {
+            wheelbase: geometry.wheelbase_m,
+            front: geometry.length_m - geometry.rear_overhang_m,
+            rear: geometry.rear_overhang_m,
+            width: geometry.width_m,
+        },
+        limits: planner::Limits {
+            speed: limits.speed_autonomous_mps,
+            steering: limits.steering_rad,
+            steering_rate: limits.steering_rate_radps,
+            acceleration: limits.acceleration_mps2,
+            deceleration: limits.deceleration_mps2,
+            lateral_acceleration: limits.lateral_acceleration_mps2,
+        },
+        manners: robot.planner.manners(),
+        map,
+    }))
+}
+
+/// A world's walls, columns and drops as a map; none where nothing stands in it.
+fn walls(world: &World) -> Option<Map> {
+    let xy = |point: &Point| (point.x, point.y);
+    let ends = world.walls.iter().flat_map(|wall| [xy(&wall.a), xy(&wall.b)]);
+    let edges = world.columns.iter().flat_map(|column| {
+        let Point { x, y } = column.centre;
+        [(x - column.radius, y - column.radius), (x + column.radius, y + column.radius)]
+    });
+    let points: Vec<(f64, f64)> = ends.chain(edges).chain(world.drops.iter().flatten().map(xy)).collect();
+    let least = |(ax, ay): (f64, f64), (bx, by): (f64, f64)| (ax.min(bx), ay.min(by));
+    let most = |(ax, ay): (f64, f64), (bx, by): (f64, f64)| (ax.max(bx), ay.max(by));
+    let (low, high) = (points.iter().copied().reduce(least)?, points.iter().copied().reduce(most)?);
+    // Coarser where the world is too large for fine cells.
+    let (low, high) = ((low.0 - 0.1, low.1 - 0.1), (high.0 + 0.1, high.1 + 0.1));
+    let area = (high.0 - low.0) * (high.1 - low.1);
+    let cell = (area / MAP_CELLS).sqrt().max(0.05);
+    let mut map = Map::around(low, high, cell).ok()?;
+    world.walls.iter().for_each(|wall| map.wall(xy(&wall.a), xy(&wall.b)));
+    world.columns.iter().for_each(|column| map.column(xy(&column.centre), column.radius));
+    for drop in &world.drops {
+        map.polygon(&drop.iter().map(xy).collect::<Vec<_>>());
+    }
+    Some(map)
 }
 
 /// A data sheet that the configuration names must be one of a device that the driver can set up.

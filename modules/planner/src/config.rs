@@ -1,5 +1,6 @@
 //! What the planner must know of the robot, and how it drives.
 
+use crate::map::Map;
 use navitools::Point;
 
 /// The configuration; SI units. Whoever builds it from a file has checked its numbers.
@@ -11,6 +12,8 @@ pub struct Config {
     pub limits: Limits,
     /// How it behaves.
     pub manners: Manners,
+    /// Walls and what else is known to stand; none: the floor is taken as free, and the sonars say what is not.
+    pub map: Option<Map>,
 }
 
 /// The rectangle on the floor that the robot covers; origin under the middle of the rear axle.
@@ -83,7 +86,7 @@ impl Default for Manners {
             reaction: 0.37,
             coasting: 0.25,
             patience: 4.0,
-            attempts: 8,
+            attempts: 12,
         }
     }
 }

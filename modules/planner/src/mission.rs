@@ -36,8 +36,8 @@ const BACK_LEAST: f64 = 0.25;
 const AGAIN: (f64, f64) = (0.12, 0.12);
 /// Ways of so many waypoints are kept.
 const KEPT: usize = 64;
-/// So much way without trouble, m, and old troubles are forgotten.
-const FORGIVEN: f64 = 1.5;
+/// So much nearer to the waypoint than ever before, m, and old troubles are forgotten.
+const FORGIVEN: f64 = 1.0;
 /// Longest wait between attempts, in patiences.
 const WAITS_MAX: u32 = 3;
 
@@ -90,8 +90,8 @@ pub struct Mission {
     /// Ways between waypoints that were found on the map alone, by the waypoint that they lead to.
     kept: Vec<Option<Vec<(Pose, bool)>>>,
     attempts: u32,
-    /// Way since the last trouble, m.
-    smooth: f64,
+    /// The nearest to the waypoint so far, m, when the troubles were last forgotten.
+    nearest: f64,
     /// Told to drive, and stands, since.
     stuck: Option<Instant>,
     id: i32,
@@ -113,7 +113,7 @@ impl Default for Mission {
             trace: VecDeque::new(),
             kept: Vec::new(),
             attempts: 0,
-            smooth: 0.0,
+            nearest: f64::INFINITY,
             stuck: None,
             id: 0,
             waypoint: 0,
@@ -296,16 +296,8 @@ impl Mission {
         if forever {
             return self.end(id, Status::Failed, format!("cannot reach waypoint {}: {why}", number + 1));
         }
-        self.attempts += 1;
-        if self.attempts >= sight.config.manners.attempts {
-            match goal.after(number).filter(|_| goal.looped) {
-                Some(next) => self.skip(next),
-                None if goal.looped => self.attempts = 0,
-                None => {
-                    let words = format!("gave up waypoint {}: {why}", number + 1);
-                    return self.end(id, Status::Failed, words);
-                }
-            }
+        if self.is_enough(sight, why) {
+            return;
         }
         if self.attempts % 2 == 1 && self.back_out(sight) {
             return;
@@ -314,12 +306,20 @@ impl Mission {
         self.doing = Doing::Waiting { since: sight.now, gone: None };
     }
 
-    /// A loop goes on with its next waypoint.
-    fn skip(&mut self, next: usize) {
-        self.attempts = 0;
-        if let Some(goal) = &mut self.goal {
-            goal.next = next;
+    /// One more attempt. Whether it was the last: then a goal has failed; a loop goes on with its next waypoint.
+    fn is_enough(&mut self, sight: &Sight<'_>, why: &str) -> bool {
+        self.attempts += 1;
+        let Some(goal) = self.goal.as_mut().filter(|_| self.attempts >= sight.config.manners.attempts) else {
+            return false;
+        };
+        if goal.looped {
+            goal.next = goal.after(goal.next).unwrap_or(goal.next);
+            (self.attempts, self.nearest) = (0, f64::INFINITY);
+            return false;
         }
+        let (id, words) = (goal.id, format!("gave up waypoint {}: {why}", goal.next + 1));
+        self.end(id, Status::Failed, words);
+        true
     }
 
     fn drive(&mut self, sight: &Sight<'_>, ways: &mut Ways, next: Option<(Route, usize)>) -> Motion {
@@ -410,6 +410,7 @@ impl Mission {
             && let Some(next) = goal.after(passed)
         {
             goal.next = next;
+            (self.attempts, self.nearest) = (0, f64::INFINITY);
             self.say_driving();
         }
     }
@@ -419,6 +420,7 @@ impl Mission {
         match goal.after(number) {
             Some(next) => {
                 goal.next = next;
+                (self.attempts, self.nearest) = (0, f64::INFINITY);
                 self.doing = Doing::Nothing;
                 self.say_driving();
             }
@@ -460,7 +462,10 @@ impl Mission {
         }
         let patience = sight.config.manners.patience * f64::from((1 + self.attempts / 2).min(WAITS_MAX));
         if waited >= patience && gone.is_none() {
-            return self.think(sight, ways, true);
+            if !self.is_enough(sight, "something stands in the way") {
+                self.think(sight, ways, true);
+            }
+            return;
         }
         self.doing = Doing::Waiting { since, gone };
     }
@@ -516,13 +521,14 @@ impl Mission {
         }
         if !matches!(self.doing, Doing::Backing { .. }) {
             self.trace.push_back((sight.robot, sight.motion.speed > 0.0));
-            self.smooth += step.min(4.0 * TRACE_STEP);
         }
         if self.trace.len() > (TRACE / TRACE_STEP) as usize {
             self.trace.pop_front();
         }
-        if self.smooth > FORGIVEN {
-            (self.attempts, self.smooth) = (0, 0.0);
+        let Some(goal) = &self.goal else { return };
+        let distance = goal.waypoints[goal.next].at.distance(sight.robot.point());
+        if distance < self.nearest - FORGIVEN {
+            (self.attempts, self.nearest) = (0, distance);
         }
     }
 }

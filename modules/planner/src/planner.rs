@@ -53,7 +53,7 @@ impl Planner {
     #[must_use]
     pub fn new(config: Config) -> Self {
         Self {
-            ways: Ways::new(&config.body, &config.limits),
+            ways: Ways::new(&config),
             config,
             senses: Senses::default(),
             obstacles: Obstacles::new(),
@@ -129,11 +129,16 @@ impl Planner {
         }
     }
 
+    /// There is anything to command, or to wait for.
+    fn is_busy(&self) -> bool {
+        self.mission.has_goal() || self.zeros > 0
+    }
+
     /// One turn of the control loop.
     fn control(&mut self, now: Instant, out: &mut Actions) {
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
-        self.waits = self.senses.objection(now, NAME).filter(|_| self.mission.has_goal());
+        self.waits = self.senses.objection(now, NAME);
         let drives = wants && self.waits.is_none();
         if self.drove && !drives {
             self.mission.interrupt();
@@ -181,7 +186,7 @@ impl Planner {
 
     fn tell(&mut self, now: Instant, out: &mut Actions) {
         let (id, waypoint, status, words) = self.mission.status();
-        let words = self.waits.as_deref().unwrap_or(words);
+        let words = self.waits.as_deref().filter(|_| self.mission.has_goal()).unwrap_or(words);
         let told = (self.told.0, self.told.1, self.told.2, self.told.3.as_str());
         let changed = (id, waypoint, status, words) != told;
         if !(self.tell.due(now) | changed) {
@@ -230,7 +235,7 @@ impl Module for Planner {
             Event::State(state) => self.senses.state = Some(state),
             Event::Timer | Event::Port { .. } | Event::Process(_) => {}
         }
-        if self.control.due(now) {
+        if self.control.due(now) && self.is_busy() {
             self.control(now, out);
         }
         self.tell(now, out);
@@ -238,7 +243,8 @@ impl Module for Planner {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        [self.control.next(), self.tell.next(), self.show.next()].into_iter().min()
+        let control = if self.is_busy() { self.control.next() } else { Instant::NEVER };
+        [control, self.tell.next(), self.show.next()].into_iter().min()
     }
 }
 

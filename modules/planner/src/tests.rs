@@ -55,11 +55,16 @@ struct Robot {
     goal: DataGoal,
     commands: u32,
     lost: bool,
+    deaf: bool,
 }
 
 impl Robot {
     fn new() -> Self {
-        let config = Config { body: BODY, limits: LIMITS, manners: Manners::default() };
+        Self::on(None)
+    }
+
+    fn on(map: Option<crate::map::Map>) -> Self {
+        let config = Config { body: BODY, limits: LIMITS, manners: Manners::default(), map };
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));
         let mut bench = Bench::new(shell);
         bench.start();
@@ -78,6 +83,7 @@ impl Robot {
             goal: DataGoal::default(),
             commands: 0,
             lost: false,
+            deaf: false,
         }
     }
 
@@ -139,7 +145,7 @@ impl Robot {
             let (speed, steering) = (self.speed, self.steering);
             self.bench.message(DataMotion { speed, steering, source, reason, homed: true, ..Default::default() });
         }
-        if self.ticks % 25 == 2 {
+        if self.ticks % 25 == 2 && !self.deaf {
             let range = |(id, &(x, y, degrees)): (usize, &(f64, f64, f64))| {
                 let theta = degrees.to_radians();
                 let distance = self.sonar((x, y, theta));
@@ -251,8 +257,8 @@ fn who_steps_in_close_by_is_braked_for() {
         assert!(robot.speed > 0.6, "{}", robot.speed);
         let at = robot.pose * Point { x: BODY.front + x, y };
         robot.discs = vec![(at, 0.15)];
-        robot.pass(4.0);
-        assert_eq!(robot.speed, 0.0);
+        robot.until(DataGoal::BLOCKED, 8.0);
+        assert!(robot.speed.abs() < 0.05, "{}", robot.speed);
         assert!(robot.nearest > 0.02, "{}", robot.nearest);
     }
 }
@@ -272,4 +278,151 @@ fn who_walks_towards_it_finds_it_standing() {
         robot.step();
     }
     assert!(robot.nearest > 0.05, "{}", robot.nearest);
+}
+
+/// A hall of 12 m by 6 m.
+fn hall() -> crate::map::Map {
+    let mut map = crate::map::Map::around((0.0, 0.0), (12.0, 6.0), 0.05).unwrap();
+    let corners = [(0.0, 0.0), (12.0, 0.0), (12.0, 6.0), (0.0, 6.0)];
+    (0..4).for_each(|n| map.wall(corners[n], corners[(n + 1) % 4]));
+    map
+}
+
+#[test]
+fn a_way_around_is_found_when_nobody_leaves() {
+    let mut robot = Robot::on(Some(hall()));
+    robot.discs = vec![disc(5.5, 2.0), disc(5.5, 2.3), disc(5.5, 1.7)];
+    robot.goal(&[(9.0, 2.0)], false);
+    robot.until(DataGoal::BLOCKED, 10.0);
+    robot.until(DataGoal::REACHED, 60.0);
+    assert!(robot.nearest > 0.02, "{}", robot.nearest);
+}
+
+#[test]
+fn a_goal_in_a_wall_fails_in_words_and_the_robot_stands() {
+    let mut map = hall();
+    map.wall((8.0, 0.0), (8.0, 6.0));
+    for (goal, why) in [
+        ((12.0, 3.0), "cannot reach waypoint 1: the robot does not fit in at the goal"),
+        ((50.0, 3.0), "cannot reach waypoint 1: the robot does not fit in at the goal"),
+        ((10.0, 3.0), "cannot reach waypoint 1: no way leads to the goal"),
+    ] {
+        let mut robot = Robot::on(Some(map.clone()));
+        robot.goal(&[goal], false);
+        robot.until(DataGoal::FAILED, 10.0);
+        assert_eq!((robot.goal.message.as_str(), robot.speed), (why, 0.0));
+    }
+}
+
+#[test]
+fn a_goal_that_is_no_place_is_refused() {
+    let mut robot = Robot::new();
+    robot.pass(0.5);
+    robot.goal(&[(f64::NAN, 3.0)], false);
+    robot.pass(0.1);
+    assert_eq!(robot.goal.status, DataGoal::FAILED);
+    assert!(robot.goal.message.starts_with("refused: waypoint 0 at NaN"), "{}", robot.goal.message);
+    assert_eq!(robot.commands, 0);
+}
+
+/// Three legs across the only passage.
+fn closed() -> Vec<(Point, f64)> {
+    (0..=30).map(|n| disc(6.0, 0.2 * f64::from(n))).collect()
+}
+
+#[test]
+fn a_goal_behind_what_never_leaves_is_given_up_in_words() {
+    let mut robot = Robot::on(Some(hall()));
+    robot.discs = closed();
+    robot.goal(&[(10.0, 2.0)], false);
+    robot.until(DataGoal::FAILED, 300.0);
+    assert!(robot.goal.message.starts_with("gave up waypoint 1: "), "{}", robot.goal.message);
+    assert!(robot.nearest > 0.0, "{}", robot.nearest);
+}
+
+#[test]
+fn a_loop_is_never_given_up() {
+    let mut robot = Robot::on(Some(hall()));
+    robot.goal(&[(10.0, 2.0), (2.0, 3.0)], true);
+    robot.pass(3.0);
+    robot.discs = closed();
+    for _ in 0..20_000 {
+        robot.step();
+        assert!([DataGoal::DRIVING, DataGoal::BLOCKED].contains(&robot.goal.status), "{:?}", robot.goal);
+    }
+    robot.discs.clear();
+    let mut far = false;
+    for _ in 0..8000 {
+        robot.step();
+        far |= robot.pose.x > 9.5;
+    }
+    assert!(far, "{:?} {:?}", robot.pose, robot.goal);
+}
+
+#[test]
+fn without_an_estimate_it_stands_and_says_so() {
+    let mut robot = Robot::new();
+    robot.goal(&[(12.0, 2.0)], false);
+    robot.pass(4.0);
+    robot.lost = true;
+    robot.pass(2.0);
+    assert_eq!(robot.speed, 0.0);
+    assert_eq!(robot.goal.message, "waits: the estimate is old or no number");
+    assert_eq!(robot.goal.status, DataGoal::DRIVING);
+    robot.lost = false;
+    robot.until(DataGoal::REACHED, 30.0);
+}
+
+#[test]
+fn what_driver_canbus_says_is_passed_on() {
+    let mut robot = Robot::new();
+    robot.reason = "planner must be let go by an operator first".into();
+    robot.goal(&[(12.0, 2.0)], false);
+    robot.pass(2.0);
+    assert_eq!(robot.goal.message, "waits for an operator: a goal given anew, or planner RUN by hand");
+    assert!(robot.commands > 30 && robot.command.speed == 0.0);
+    robot.reason.clear();
+    robot.pass(4.0);
+    assert!(robot.speed > 0.5);
+}
+
+#[test]
+fn in_pause_it_keeps_its_goal_and_is_silent() {
+    let mut robot = Robot::new();
+    robot.goal(&[(12.0, 2.0)], false);
+    robot.pass(4.0);
+    let command = |state: State| messages::common::CmdState {
+        timestamp: 0,
+        module: NAME.into(),
+        state: state as i8,
+        manual: true,
+        source: "test".into(),
+    };
+    robot.bench.message(command(State::Pause));
+    robot.pass(2.0);
+    assert_eq!((robot.speed, robot.goal.message.as_str()), (0.0, "planner is in PAUSE"));
+    let commands = robot.commands;
+    robot.pass(1.0);
+    assert_eq!(robot.commands, commands);
+    robot.bench.message(command(State::Run));
+    robot.until(DataGoal::REACHED, 30.0);
+}
+
+#[test]
+fn deaf_sonars_stop_it() {
+    let mut robot = Robot::new();
+    robot.goal(&[(12.0, 2.0)], false);
+    robot.pass(4.0);
+    robot.deaf = true;
+    robot.pass(3.0);
+    assert_eq!((robot.speed, robot.goal.message.as_str()), (0.0, "waits: the sonars are not heard"));
+}
+
+#[test]
+fn it_comes_back_to_where_it_stands_with_another_heading() {
+    let mut robot = Robot::on(Some(hall()));
+    let turned = Waypoint { x: 2.0, y: 2.0, theta: 3.1, tolerance: 0.2, heading: true };
+    robot.bench.message(CmdGoal { timestamp: 0, id: 5, waypoints: vec![turned], r#loop: false });
+    robot.until(DataGoal::REACHED, 60.0);
+    assert!(wrap(robot.pose.theta.radians() - 3.1).abs() < 0.2, "{:?}", robot.pose);
 }

@@ -6,6 +6,7 @@ mod doctor;
 mod drive;
 mod estimate;
 mod fault;
+mod goal;
 mod holder;
 mod home;
 mod lcm;
@@ -73,6 +74,8 @@ enum Command {
     State(state::State),
     /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
     Drive(drive::Drive),
+    /// Send the robot somewhere, or let it stand
+    Goal(goal::Goal),
     /// Tell the estimator where the robot is
     Pose(pose::Pose),
     /// Home the steering
@@ -122,6 +125,7 @@ pub fn main() -> ExitCode {
         Command::Run(command) => run::run(&common, &command),
         Command::State(command) => state::state(&common, &command),
         Command::Drive(command) => drive::drive(&common, &command),
+        Command::Goal(command) => goal::goal(&common, &command),
         Command::Pose(command) => pose::tell(&common, &command),
         Command::Estimate(command) => estimate::estimate(&common, &command),
         Command::Home(command) => home::home(&common, &command),

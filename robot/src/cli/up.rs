@@ -11,6 +11,7 @@ use crate::recording;
 use crate::run_folder::RunFolder;
 use guards::Guards;
 use parent::Parent;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -21,7 +22,7 @@ pub struct Up {
     /// The simulated world: a file, or a name in conf/worlds
     #[arg(long, value_name = "FILE", requires = "sim")]
     world: Option<PathBuf>,
-    /// Where to go; this version has no planner and knows only `none`
+    /// The way to drive when all is ready, of the simulated world's [default: patrol, where it has that], or none
     #[arg(long, value_name = "NAME")]
     goal: Option<String>,
     /// The web diagnostic center; this version has none
@@ -34,9 +35,6 @@ pub struct Up {
 
 pub fn up(common: &Common, command: &Up) -> Outcome {
     let log = Log::new("up");
-    if let Some(goal) = command.goal.as_deref().filter(|goal| *goal != "none") {
-        return Err(format!("--goal {goal}: this version has no planner; use --goal none, or advee drive").into());
-    }
     match &command.http {
         Some(address) if !command.headless => {
             return Err(format!("--http {address}: this version has no web server; use --headless").into());
@@ -48,15 +46,15 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     }
     // Whatever is wrong is said here, once, and nothing starts.
     let config = common.load(command.sim)?;
-    if command.sim {
-        config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?;
-    }
+    let route = route(common, command, &config)?;
     let watchdog = watchdog(common, command)?;
+    let goal = route.map(|route| goal(&watchdog, command, &route));
     // Signals are held back before there is anything to leave behind.
     let guards = Guards::new(log.clone(), config.hardware_watchdog.clone(), command.sim)?;
     let mut parent = Parent::new(log.clone(), guards)?;
     let folder = RunFolder::take(&common.run_dir())?;
     parent.log_to(run(common, &config, &log));
+    parent.run_errand(goal);
     let result = parent.run(&watchdog);
     let beats = beats::folder(folder.path());
     clean(&folder, &config);
@@ -67,6 +65,39 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
     processes::clean(folder.path());
     folder.give_back();
     result
+}
+
+/// The way that the robot drives when all is ready. A name that the world does not have is refused.
+fn route(common: &Common, command: &Up, config: &Config) -> Result<Option<String>, Failed> {
+    let wanted = command.goal.as_deref();
+    if !command.sim {
+        let named = wanted.filter(|goal| *goal != "none");
+        return named.map_or(Ok(None), |goal| Err(format!("--goal {goal}: only with --sim; see advee goal").into()));
+    }
+    let world = config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?;
+    let has = |name: &str| world.routes.iter().any(|route| route.name == name);
+    let plans = config.modules.iter().any(|module| module.name == planner::NAME);
+    match wanted {
+        None => Ok((plans && has(PATROL)).then(|| PATROL.into())),
+        Some("none") => Ok(None),
+        Some(goal) if !has(goal) => Err(format!("--goal {goal}: the world has no route of that name").into()),
+        Some(goal) if !plans => Err(format!("--goal {goal}: modules.toml has no planner").into()),
+        Some(goal) => Ok(Some(goal.into())),
+    }
+}
+
+/// What a simulated robot does where nothing else was asked for.
+const PATROL: &str = "patrol";
+
+/// The command line of the operator who sends it there once: the planner is let go by nobody else.
+fn goal(watchdog: &[OsString], command: &Up, route: &str) -> Vec<OsString> {
+    let mut args: Vec<OsString> = vec!["goal".into(), "--when-ready".into(), "--route".into(), route.into()];
+    // As the watchdog is told, but for what is for modules alone.
+    args.extend(watchdog[2..].iter().take_while(|arg| *arg != "--sim").cloned());
+    if let Some(world) = &command.world {
+        args.extend(["--world".into(), world.into()]);
+    }
+    args
 }
 
 /// The folder of this run's logs, where anything is to be written there. Without one the robot runs all the same.
@@ -96,10 +127,10 @@ fn clean(folder: &RunFolder, config: &Config) {
 }
 
 /// The command line of the watchdog; all modules get the same.
-fn watchdog(common: &Common, command: &Up) -> Result<Vec<std::ffi::OsString>, Failed> {
+fn watchdog(common: &Common, command: &Up) -> Result<Vec<OsString>, Failed> {
     let absolute =
         |path: &Path| std::path::absolute(path).map_err(|error| Failed::from(format!("{}: {error}", path.display())));
-    let mut args: Vec<std::ffi::OsString> = vec!["run".into(), watchdog::NAME.into()];
+    let mut args: Vec<OsString> = vec!["run".into(), watchdog::NAME.into()];
     args.extend(["--config".into(), absolute(&common.config_dir())?.into()]);
     args.extend(["--run-dir".into(), absolute(&common.run_dir())?.into()]);
     args.extend(["--lcm-url".into(), common.lcm_url().into()]);

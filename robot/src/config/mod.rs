@@ -8,6 +8,7 @@ mod estimator;
 mod joystick;
 mod log;
 mod modules;
+mod planner;
 mod reader;
 mod robot;
 mod scenario;
@@ -19,6 +20,7 @@ mod world;
 pub use joystick::{Joystick, JoystickDevice, JoystickGear, JoystickStick};
 pub use log::Log;
 pub use modules::{HardwareWatchdog, ModuleEntry, SIMULATOR};
+pub use planner::Planner;
 pub use reader::{Problems, Table};
 pub use robot::{
     Axis, Beacon, CanBus, CanDriver, CanInterface, CanNode, Crc, Direction, Geometry, Limits, Power, Ranger, Robot,

@@ -5,6 +5,7 @@
 
 use super::joystick::Joystick;
 use super::log::Log;
+use super::planner::Planner;
 use super::reader::Table;
 use base::Severity;
 use std::net::Ipv4Addr;
@@ -37,6 +38,8 @@ pub struct Robot {
     pub power: Option<Power>,
     /// The gamepad.
     pub joystick: Option<Joystick>,
+    /// How it drives by itself.
+    pub planner: Planner,
     /// What a run writes down.
     pub log: Log,
 }
@@ -324,6 +327,7 @@ impl Robot {
         let estimator = root.table_if_any("estimator").map_or_else(Default::default, super::estimator::read);
         let power = root.table_if_any("power").map(|table| Power::read(table, &rs485));
         let joystick = root.table_if_any("joystick").map(Joystick::read);
+        let planner = root.table_if_any("planner").map_or_else(Planner::default, Planner::read);
         let log = root.table_if_any("log").map_or_else(Log::default, Log::read);
         root.end();
         let (name, report_from) = robot?;
@@ -341,6 +345,7 @@ impl Robot {
             estimator,
             power,
             joystick,
+            planner,
             log,
         })
     }

@@ -21,6 +21,8 @@ pub struct Config {
     pub ttl: Duration,
     /// Modules without which the robot must not move.
     pub critical: Vec<String>,
+    /// Modules without which the planner must not move it.
+    pub planning: Vec<String>,
     /// The robot has a power controller that tells of the PAUSE line.
     pub has_pause_line: bool,
     /// The drive of the rear axle.

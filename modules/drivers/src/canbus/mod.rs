@@ -107,7 +107,7 @@ impl Canbus {
         Ok(Self {
             master,
             arbiter: Arbiter::new(config.ttl),
-            around: Surroundings::new(config.critical.clone(), config.has_pause_line),
+            around: Surroundings::new(config.critical.clone(), config.planning.clone(), config.has_pause_line),
             ports,
             propulsion,
             steering,
@@ -471,14 +471,20 @@ impl Canbus {
         }
     }
 
-    /// Without an estimate the planner stops; an estimate that comes back does not let it go again.
+    /// Without an estimate, or the modules that it needs, the planner stops; when they come back that does not let it go
+    /// again.
     fn watch_planner(&mut self, now: Instant) {
         let plans = self.arbiter.current(now).is_some_and(|command| command.priority == arbiter::PLANNER);
-        if plans && self.planned && !self.around.is_located(now) {
-            self.arbiter.stopped(now);
-            self.ignored = Some((now + self.config.ttl, "the planner has lost the estimate it drove by".into()));
-        }
-        self.planned = plans && self.around.is_located(now);
+        let objection = self.around.objection_to_planner(now).filter(|_| plans);
+        self.planned = match objection {
+            Some(why) if self.planned => {
+                self.arbiter.stopped(now);
+                self.ignored = Some((now + self.config.ttl, why));
+                false
+            }
+            Some(_) => false,
+            None => plans,
+        };
     }
 
     /// The steering while nobody moves the robot: it is homed when nothing but that stands against motion, holds its
@@ -499,7 +505,7 @@ impl Canbus {
         let command = self.arbiter.current(now)?;
         let limits = &self.config.limits;
         let planner = command.priority == arbiter::PLANNER;
-        if planner && !self.around.is_located(now) {
+        if planner && self.around.objection_to_planner(now).is_some() {
             return None;
         }
         let by_source = if planner { limits.speed_autonomous } else { limits.speed_manual };
@@ -545,8 +551,8 @@ impl Canbus {
         let ignored = || self.ignored.as_ref().map(|(_, why)| why.clone());
         match (&self.blocked, self.arbiter.current(now)) {
             (Some(blocked), _) => blocked.reason.clone(),
-            (None, Some(command)) if command.priority == arbiter::PLANNER && !self.around.is_located(now) => {
-                "the planner has no estimate to drive by".into()
+            (None, Some(command)) if command.priority == arbiter::PLANNER => {
+                self.around.objection_to_planner(now).unwrap_or_default()
             }
             (None, Some(_)) => String::new(),
             (None, None) => ignored().unwrap_or_else(|| "nobody commands the motion".into()),

@@ -52,9 +52,13 @@ impl fmt::Display for Objection {
 #[derive(Debug)]
 pub struct Surroundings {
     critical: Vec<String>,
+    /// Those that the motion depends on while the planner commands it.
+    planning: Vec<String>,
     has_pause_line: bool,
     /// None until the watchdog was heard: without it this module is run by hand, and nothing guards the others.
     processes: Option<(Instant, Option<String>)>,
+    /// One of `planning` that does not run.
+    planning_missing: Option<String>,
     /// Since when the PAUSE line is listened to, or its last message.
     pause: (Instant, Option<String>),
     estimate: Option<Instant>,
@@ -63,9 +67,9 @@ pub struct Surroundings {
 impl Surroundings {
     /// Nothing heard yet. `has_pause_line`: the robot has a power controller that tells of the PAUSE line.
     #[must_use]
-    pub fn new(critical: Vec<String>, has_pause_line: bool) -> Self {
+    pub fn new(critical: Vec<String>, planning: Vec<String>, has_pause_line: bool) -> Self {
         let pause = (Instant::ZERO, has_pause_line.then(|| "nobody heard of yet".into()));
-        Self { critical, has_pause_line, processes: None, pause, estimate: None }
+        Self { critical, planning, has_pause_line, processes: None, planning_missing: None, pause, estimate: None }
     }
 
     /// The watchdog's list, received at `at`.
@@ -73,6 +77,7 @@ impl Surroundings {
         let runs = |name: &str| list.processes.iter().any(|p| p.module == name && p.phase == common::Process::RUNNING);
         let missing = self.critical.iter().find(|name| !runs(name) && !sabotage::is(Bug::CriticalIgnored)).cloned();
         self.processes = Some((at, missing));
+        self.planning_missing = self.planning.iter().find(|name| !runs(name)).cloned();
     }
 
     /// The PAUSE line, received at `at`.
@@ -105,10 +110,16 @@ impl Surroundings {
         }
     }
 
-    /// Whether the planner may drive by the estimate it has.
+    /// Why the planner may not drive, beyond what stands against any motion: it, or the estimator, does not run, or it
+    /// has no estimate to drive by.
     #[must_use]
-    pub fn is_located(&self, now: Instant) -> bool {
-        self.estimate.is_some_and(|at| now.since(at) < ESTIMATE_OLD) || sabotage::is(Bug::EstimateIgnored)
+    pub fn objection_to_planner(&self, now: Instant) -> Option<String> {
+        if let Some(module) = &self.planning_missing {
+            return Some(format!("the planner may not drive: {module} is not running"));
+        }
+        let located =
+            self.estimate.is_some_and(|at| now.since(at) < ESTIMATE_OLD) || sabotage::is(Bug::EstimateIgnored);
+        (!located).then(|| "the planner has no estimate to drive by".into())
     }
 
     /// When, after `now`, silence may make an objection or an old estimate, if nothing is heard until then.
@@ -140,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_critical_module_that_does_not_run_stands_against_motion() {
-        let mut around = Surroundings::new(vec!["eyes".into()], false);
+        let mut around = Surroundings::new(vec!["eyes".into()], vec![], false);
         assert_eq!(around.objection(at(0)), None, "run by hand, without a watchdog");
         around.on_processes(at(0), &processes(&["nerves"]));
         assert_eq!(around.objection(at(0)), Some(Objection::Critical("eyes".into())));
@@ -153,7 +164,7 @@ mod tests {
 
     #[test]
     fn the_pause_line_must_be_known_and_open_where_there_is_one() {
-        let mut around = Surroundings::new(vec![], true);
+        let mut around = Surroundings::new(vec![], vec![], true);
         assert!(around.objection(at(0)).is_some());
         let open = lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() };
         around.on_stop(at(100), &open);
@@ -165,7 +176,7 @@ mod tests {
 
     #[test]
     fn an_engaged_pause_line_counts_without_a_power_controller_too() {
-        let mut around = Surroundings::new(vec![], false);
+        let mut around = Surroundings::new(vec![], vec![], false);
         assert_eq!(around.objection(at(5000)), None);
         around.on_stop(at(5000), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper1".into() });
         assert_eq!(around.objection(at(9000)), Some(Objection::Paused("bumper1".into())));
@@ -175,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_deadline_that_is_past_hides_none_that_comes() {
-        let mut around = Surroundings::new(vec![], true);
+        let mut around = Surroundings::new(vec![], vec![], true);
         around.on_processes(at(0), &processes(&[]));
         around.on_stop(at(100), &lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() });
         assert_eq!(around.poll_timeout(at(300)), Some(at(1300)));
@@ -183,12 +194,25 @@ mod tests {
 
     #[test]
     fn a_lost_or_old_estimate_does_not_carry_the_planner() {
-        let mut around = Surroundings::new(vec![], false);
+        let mut around = Surroundings::new(vec![], vec![], false);
         let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
         around.on_estimate(at(0), &fine);
-        assert!(around.is_located(at(199)) && !around.is_located(at(200)));
+        assert!(around.objection_to_planner(at(199)).is_none() && around.objection_to_planner(at(200)).is_some());
         assert_eq!(around.poll_timeout(at(0)), Some(at(200)));
         around.on_estimate(at(300), &middlelevel::DataEstimate { quality: middlelevel::DataEstimate::LOST, ..fine });
-        assert!(!around.is_located(at(300)));
+        assert_eq!(around.objection_to_planner(at(300)).unwrap(), "the planner has no estimate to drive by");
+    }
+
+    #[test]
+    fn a_module_that_the_planner_needs_stands_against_the_planner_alone() {
+        let mut around = Surroundings::new(vec![], vec!["map".into()], false);
+        let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
+        around.on_estimate(at(0), &fine);
+        assert_eq!(around.objection_to_planner(at(0)), None, "run by hand, without a watchdog");
+        around.on_processes(at(0), &processes(&["eyes"]));
+        assert_eq!(around.objection_to_planner(at(0)).unwrap(), "the planner may not drive: map is not running");
+        assert_eq!(around.objection(at(0)), None);
+        around.on_processes(at(100), &processes(&["map"]));
+        assert_eq!(around.objection_to_planner(at(100)), None);
     }
 }

@@ -35,6 +35,7 @@ fn config() -> Config {
         },
         ttl: Duration::from_millis(250),
         critical: vec!["driver_rs485a".into()],
+        planning: vec!["planner".into()],
         has_pause_line: false,
         propulsion: PropulsionConfig { node: 1, rpm_per_mps: 2483.0 },
         steering: SteeringConfig {
@@ -108,7 +109,7 @@ impl Robot {
                     phase: common::Process::RUNNING,
                     ..common::Process::default()
                 };
-                let modules = [NAME, "driver_rs485a"].into_iter().filter(|module| *module != self.missing);
+                let modules = [NAME, "driver_rs485a", "planner"].into_iter().filter(|module| *module != self.missing);
                 self.bench.message(common::DataProcesses { timestamp: 0, processes: modules.map(process).collect() });
             }
             self.epos.handle_timeout(now);

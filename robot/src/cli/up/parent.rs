@@ -19,7 +19,7 @@ use std::ffi::OsString;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::{Command, ExitCode, Stdio};
 
 /// The first delay after an immediate restart of the watchdog; doubles up to `DELAY_MAX`.
 const DELAY_FIRST: Duration = Duration::from_millis(100);
@@ -48,6 +48,14 @@ pub struct Parent {
     sweep: Instant,
     /// The folder of the run's logs, if it has any.
     run: Option<PathBuf>,
+    /// A command of ours that is run once, beside the watchdog.
+    errand: Errand,
+}
+
+enum Errand {
+    None,
+    Wanted(Vec<OsString>),
+    Running(Pid),
 }
 
 enum State {
@@ -77,12 +85,26 @@ impl Parent {
         let signals = SignalFd::with_flags(&set, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC);
         let signals = signals.map_err(refused("signalfd"))?;
         let state = State::Down { start: Instant::ZERO };
-        Ok(Self { log, guards, signals, state, delay: Duration::ZERO, sweep: Instant::NEVER, run: None })
+        Ok(Self {
+            log,
+            guards,
+            signals,
+            state,
+            delay: Duration::ZERO,
+            sweep: Instant::NEVER,
+            run: None,
+            errand: Errand::None,
+        })
     }
 
     /// Tells all processes where the run's logs are.
     pub fn log_to(&mut self, run: Option<PathBuf>) {
         self.run = run;
+    }
+
+    /// Runs a command of ours once, when the watchdog has started; how it fares is its own affair.
+    pub fn run_errand(&mut self, args: Option<Vec<OsString>>) {
+        self.errand = args.map_or(Errand::None, Errand::Wanted);
     }
 
     /// Until the watchdog has ended in good order; `watchdog` are its arguments.
@@ -144,6 +166,18 @@ impl Parent {
     }
 
     fn start(&mut self, now: Instant, exe: &Path, args: &[OsString]) {
+        if let Errand::Wanted(args) = &self.errand {
+            let mut command = Command::new(exe);
+            command.args(args).stdin(Stdio::null()).process_group(0);
+            sys::die_with_parent(&mut command);
+            self.errand = match command.spawn() {
+                Ok(child) => Errand::Running(Pid::from_raw(child.id() as i32)),
+                Err(error) => {
+                    self.log.line(format_args!("{}: {error}", exe.display()));
+                    Errand::None
+                }
+            };
+        }
         match self.give_birth(exe, args) {
             Ok((pid, heard)) => self.state = State::Running { pid, since: now, heard, until: now + BEGIN },
             Err(error) => {
@@ -183,6 +217,9 @@ impl Parent {
 
     /// Ctrl-C and its like: the watchdog is told, and ends everything in order.
     fn end(&mut self) {
+        if let Errand::Running(pid) = self.errand {
+            let _ = kill(pid, Signal::SIGTERM);
+        }
         match self.state {
             State::Running { pid, .. } => {
                 self.guards.stopping();
@@ -206,6 +243,9 @@ impl Parent {
 
     fn on_end(&mut self, (gone, how): (Pid, String)) {
         let now = clock::now();
+        if matches!(self.errand, Errand::Running(pid) if pid == gone) {
+            self.errand = Errand::None;
+        }
         match &self.state {
             State::Running { pid, since, .. } if *pid == gone => {
                 let lived = now.since(*since);

@@ -56,6 +56,25 @@ fn an_estimate_that_comes_back_does_not_let_the_planner_go_again() {
 }
 
 #[test]
+fn a_planner_that_dies_stops_the_robot_at_once_and_a_manual_source_drives_without_it() {
+    let mut robot = Robot::ready();
+    robot.goal(robot.bench.now());
+    robot.plan(0.4, 500, true);
+    assert!(robot.moves(), "{}", robot.reason());
+    robot.missing = "planner";
+    robot.pass(100);
+    assert!(!robot.moves(), "before its last command was too old");
+    robot.missing = "";
+    robot.pass(200);
+    robot.plan(0.4, 500, true);
+    assert!(!robot.moves(), "it resumed by itself");
+    robot.missing = "planner";
+    robot.pass(1000);
+    robot.drive(0.4, 300);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
 fn a_goal_from_before_the_end_of_a_stop_does_not_let_the_planner_go() {
     let mut robot = Robot::ready();
     robot.goal(robot.bench.now());
