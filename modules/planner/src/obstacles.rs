@@ -3,8 +3,8 @@
 //! A sonar hears the nearest echo in its cone, not where in the cone it came from. So an echo puts an arc of suspicion
 //! at its distance, less what other cones have just found free; space nearer than the echo is free. Silence frees only
 //! what even a leg would have been heard in, and only within the specular limit (docs/facts/robot.md 2.1, 4.3). A cell
-//! counts when it was suspected twice within a second: one crosstalk is no obstacle. What is not heard again is
-//! forgotten.
+//! counts when it was suspected twice within about a second: one crosstalk is no obstacle. What is not heard again is
+//! forgotten. Clothes swallow sound: beyond a metre that a cone did not hear somebody says little.
 
 use base::{Duration, Instant};
 use messages::lowlevel::Range;
@@ -24,10 +24,16 @@ const HALF_BEAM: f64 = 0.48;
 const COS2_SPECULAR: f64 = 0.8214;
 /// An echo's distance is known to this, m: noise, a reading's age and the pose.
 const BLUR: f64 = 0.10;
-/// Suspicions of a cell that make an obstacle of it.
-const CONFIRMED: u8 = 2;
-/// More are not counted, so that what has left is forgotten soon.
-const EVIDENCE_MAX: u8 = 3;
+/// What a suspicion counts, and how much makes an obstacle: two.
+const SUSPICION: u8 = 4;
+const CONFIRMED: u8 = 6;
+/// More is not counted, so that what has left is forgotten soon.
+const EVIDENCE_MAX: u8 = 12;
+/// What a round counts in which a cone found it free: near, and where it may just not have heard.
+const FREE_NEAR: u8 = 3;
+const FREE_FAR: u8 = 1;
+/// Near is up to here, m.
+const NEAR: f64 = 1.0;
 /// A cell that was not suspected for this long is free.
 const DECAY: Duration = Duration::from_secs(5);
 /// The second suspicion must come within this time.
@@ -100,12 +106,17 @@ struct Cone {
 }
 
 impl Cone {
-    /// Whether it has just found `point` free.
-    fn frees(&self, point: Point) -> bool {
+    /// How sure it is that `point` is free; 0: it is not.
+    fn frees(&self, point: Point) -> u8 {
         let (dx, dy) = (point.x - self.from.x, point.y - self.from.y);
         let along = dx * self.cos + dy * self.sin;
         let d2 = dx * dx + dy * dy;
-        along > 0.0 && d2 < self.free * self.free && along * along >= COS2_SPECULAR * d2
+        let frees = along > 0.0 && d2 < self.free * self.free && along * along >= COS2_SPECULAR * d2;
+        match frees {
+            true if d2 < NEAR * NEAR => FREE_NEAR,
+            true => FREE_FAR,
+            false => 0,
+        }
     }
 }
 
@@ -161,9 +172,8 @@ impl Obstacles {
         self.keep(|cell| {
             let at = middle(cell.place);
             let limit = if cell.evidence < CONFIRMED { CONFIRM_WITHIN } else { DECAY };
-            if cones.iter().any(|cone| cone.frees(at)) {
-                cell.evidence -= 1;
-            }
+            let freed = cones.iter().map(|cone| cone.frees(at)).max().unwrap_or(0);
+            cell.evidence = cell.evidence.saturating_sub(freed);
             let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
             cell.evidence > 0 && now.since(cell.heard) < limit && inside && !footprint(inverse * at)
         });
@@ -247,7 +257,7 @@ impl Obstacles {
         for step in -count..=count {
             let at = point(step);
             let cell = place(at, CELL);
-            let carved = cones.iter().enumerate().any(|(other, cone)| other != number && cone.frees(at));
+            let carved = cones.iter().enumerate().any(|(other, cone)| other != number && cone.frees(at) == FREE_NEAR);
             if last == Some(cell) || carved || footprint(at) {
                 continue;
             }
@@ -262,11 +272,11 @@ impl Obstacles {
             Some(number) => {
                 let cell = &mut self.cells[usize::from(number)];
                 if cell.place == place {
-                    *cell = Cell { evidence: (cell.evidence + 1).min(EVIDENCE_MAX), heard: now, closing, ..*cell };
+                    *cell = Cell { evidence: (cell.evidence + SUSPICION).min(EVIDENCE_MAX), heard: now, closing, ..*cell };
                 }
             }
             None if self.cells.len() < HITS_MAX => {
-                self.cells.push(Cell { place, evidence: 1, heard: now, closing });
+                self.cells.push(Cell { place, evidence: SUSPICION, heard: now, closing });
                 self.index[slot] = self.cells.len() as u16;
             }
             None => {}
@@ -394,10 +404,10 @@ mod tests {
         let mut alone = bench();
         let mut carved = bench();
         for _ in 0..2 {
-            alone.hear([1.05, 1.0, 1.05]);
-            carved.hear([2.5, 1.0, 2.5]);
+            alone.hear([0.85, 0.8, 0.85]);
+            carved.hear([2.5, 0.8, 2.5]);
         }
-        let near = |hit: &Hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 1.06;
+        let near = |hit: &Hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 0.86;
         let width = |bench: &Bench| bench.0.hits().filter(near).map(|hit| hit.at.y.abs()).fold(0.0, f64::max);
         assert!(width(&carved) < 0.5 * width(&alone), "{} {}", width(&carved), width(&alone));
     }
@@ -409,7 +419,7 @@ mod tests {
             bench.hear([2.0, 1.0, 2.0]);
         }
         assert!(bench.count() > 0);
-        for _ in 0..4 {
+        for _ in 0..6 {
             bench.hear([2.5, 2.4, 2.5]);
         }
         let old = bench.0.hits().filter(|hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 1.5).count();
