@@ -29,6 +29,7 @@ bench:
 	@tools/venv
 	cargo bench -p advee --locked --bench start --bench wheel
 	cargo bench -p advee --locked --bench world
+	cargo bench -p advee --locked --bench patrol
 	cargo bench -p advee --locked --bench faults
 	cargo bench -p estimator --locked --bench estimator
 	cargo bench -p lcm-gen --locked --bench codec
