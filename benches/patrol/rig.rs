@@ -6,8 +6,8 @@ use base::{Duration, Instant};
 use messages::middlelevel::{CmdGoal, DataGoal, Waypoint};
 use messages::{Message, lowlevel, simulation};
 use module::record::Sink;
-use module::{Module as _, State};
-use robot::config::{self, Config};
+use module::State;
+use robot::config;
 use robot::topology::{Place, virtual_machine_recorded};
 use sim::host::{self, News, Virtual};
 use std::cell::RefCell;
@@ -89,7 +89,6 @@ impl Patrol {
         let keep = seen.clone();
         machine.observe(move |now, news| keep.borrow_mut().take(now, news));
         machine.spawn("watchdog", State::Run).expect("the watchdog starts");
-        let _ = Config::load(&place.config, true, &[]).expect("the shipped configuration");
         Self { machine, seen, route, let_go: 0 }
     }
 

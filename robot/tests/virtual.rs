@@ -19,8 +19,9 @@ use robot::topology::{Place, virtual_machine};
 use sim::check::Checkers;
 use sim::host::{Config, News, Virtual};
 use std::cell::RefCell;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::LazyLock;
 
 #[derive(Default)]
 struct Seen {
@@ -43,15 +44,28 @@ fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
 }
 
+/// The shipped robot without its middle level: here the test estimates, plans, and has the beacons to itself.
 fn place() -> Place {
+    static LOW_LEVEL: LazyLock<PathBuf> = LazyLock::new(|| {
+        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee");
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("low-level-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        for file in ["robot.toml", "sim.toml"] {
+            std::fs::copy(shipped.join(file), folder.join(file)).expect("the shipped configuration");
+        }
+        let modules = std::fs::read_to_string(shipped.join("modules.toml")).expect("the shipped configuration");
+        let middle = |entry: &&str| ["estimator", "planner"].iter().any(|name| entry.contains(&format!("name = {name:?}")));
+        let entries: Vec<&str> = modules.split("[[modules]]").filter(|entry| !middle(entry)).collect();
+        std::fs::write(folder.join("modules.toml"), entries.join("[[modules]]")).expect("a file");
+        folder
+    });
     Place {
-        config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
+        config: LOW_LEVEL.clone(),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
-        // What visitors do has tests of its own.
-        sets: vec!["world.people=0".into()],
+        sets: Vec::new(),
         sim: true,
-        world: None,
+        world: Some(Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/hall.toml")),
     }
 }
 

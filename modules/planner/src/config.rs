@@ -86,7 +86,7 @@ impl Default for Manners {
             reaction: 0.37,
             coasting: 0.25,
             patience: 4.0,
-            attempts: 12,
+            attempts: 8,
         }
     }
 }

@@ -335,7 +335,7 @@ fn a_goal_behind_what_never_leaves_is_given_up_in_words() {
     let mut robot = Robot::on(Some(hall()));
     robot.discs = closed();
     robot.goal(&[(10.0, 2.0)], false);
-    robot.until(DataGoal::FAILED, 300.0);
+    robot.until(DataGoal::FAILED, 400.0);
     assert!(robot.goal.message.starts_with("gave up waypoint 1: "), "{}", robot.goal.message);
     assert!(robot.nearest > 0.0, "{}", robot.nearest);
 }

@@ -23,7 +23,7 @@ pub struct Planner {
     pub coasting_mps2: f64,
     /// So long it waits for who stands in the way before it looks for a way around, 0.5..=600 s; default 4.
     pub patience_s: f64,
-    /// So often it tries to get free before a goal that is no loop has failed, 1..=1000; default 12.
+    /// So often it tries to get free before a goal that is no loop has failed, 1..=1000; default 8.
     pub attempts: u32,
 }
 
