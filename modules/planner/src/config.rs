@@ -81,8 +81,8 @@ impl Default for Manners {
         Self {
             speed_reverse: 0.3,
             speed_unseen: 0.4,
-            margin: 0.08,
-            stop_distance: 0.25,
+            margin: 0.20,
+            stop_distance: 0.45,
             reaction: 0.37,
             coasting: 0.25,
             patience: 4.0,

@@ -22,6 +22,13 @@ const SHY_GAIN: f64 = 1.1;
 const SUDDEN: f64 = 1.0;
 /// Kept at least to what the map has, m.
 const MAPPED: f64 = 0.04;
+/// Who is this far behind the robot's front corner, m, is not before it.
+const ABREAST: f64 = 0.3;
+/// Sonars hear legs; people are so much wider, m.
+const STOUT: f64 = 0.2;
+/// People come nearer as fast, m/s, and are met as slowly.
+const STROLLING: f64 = 0.5;
+const CAUTIOUS: f64 = 0.25;
 /// Slower is standing still, m/s.
 const LEAST: f64 = 0.05;
 
@@ -113,6 +120,20 @@ pub fn sudden(now: Instant, forward: bool, obstacles: &Obstacles, config: &Confi
     };
     let speed = near.map(speed).fold(limits.speed, f64::min);
     if speed < LEAST { 0.0 } else { speed }
+}
+
+/// The speed at which the robot may meet those who were heard ahead of it of late, wherever they go next.
+#[must_use]
+pub fn caution(now: Instant, robot: Pose, forward: bool, obstacles: &Obstacles, config: &Config) -> f64 {
+    let (body, limits, manners) = (&config.body, &config.limits, &config.manners);
+    let inverse = robot.inverse();
+    let speed = |place: Point| {
+        let at = inverse * place;
+        let ahead = if forward { at.x > body.front - ABREAST } else { at.x < ABREAST - body.rear };
+        let free = gap(body, at) - STOUT;
+        if ahead { stopping_speed(free, STROLLING, limits, manners).max(CAUTIOUS) } else { limits.speed }
+    };
+    obstacles.present(now).map(speed).fold(limits.speed, f64::min)
 }
 
 /// From how fast the robot stands within `free` m while something comes nearer at `closing` m/s: both by the brakes

@@ -360,7 +360,8 @@ impl Mission {
     fn allowed(&self, sight: &Sight<'_>) -> f64 {
         let forward = self.track.forward().unwrap_or(true);
         let sudden = guard::sudden(sight.now, forward, sight.obstacles, sight.config);
-        self.ahead.speed(self.track.way(), sight.config).min(sudden)
+        let caution = guard::caution(sight.now, sight.robot, forward, sight.obstacles, sight.config);
+        self.ahead.speed(self.track.way(), sight.config).min(sudden).min(caution)
     }
 
     fn is_stuck(&mut self, sight: &Sight<'_>, command: Motion) -> bool {

@@ -9,6 +9,7 @@
 use base::{Duration, Instant};
 use messages::lowlevel::Range;
 use navitools::{Point, Pose};
+use std::collections::VecDeque;
 
 /// Edge of a cell, m.
 pub const CELL: f64 = 0.05;
@@ -48,6 +49,12 @@ const SONARS_MAX: usize = 32;
 const HITS_MAX: usize = 2000;
 /// Nobody walks faster, m/s (ISO 13855).
 const WALKING: f64 = 1.6;
+/// Two echoes within this time and this far apart, m, are of somebody, who may walk; he is there for so long.
+const SAME_TIME: Duration = Duration::from_millis(1000);
+const SAME_PLACE: f64 = 0.8;
+const PRESENT: Duration = Duration::from_millis(1200);
+/// Echoes that are remembered for this.
+const RECENT_MAX: usize = 64;
 /// Slower than this nobody comes nearer: the jitter of a reading's age, m/s.
 const CLOSING_LEAST: f64 = 0.3;
 
@@ -129,6 +136,9 @@ pub struct Obstacles {
     /// By place modulo [`PATCHES`]: which patch, and when it was last seen free.
     seen: Vec<((i32, i32), Instant)>,
     echoes: Vec<Echo>,
+    /// Echoes of late that the map does not explain, on their cones' axes; and those of somebody.
+    recent: VecDeque<(Instant, Point)>,
+    present: VecDeque<(Instant, Point)>,
 }
 
 impl Default for Obstacles {
@@ -138,6 +148,8 @@ impl Default for Obstacles {
             index: vec![0; (SIDE * SIDE) as usize],
             seen: vec![((i32::MAX, i32::MAX), Instant::ZERO); (PATCHES * PATCHES) as usize],
             echoes: Vec::new(),
+            recent: VecDeque::with_capacity(RECENT_MAX),
+            present: VecDeque::with_capacity(RECENT_MAX),
         }
     }
 }
@@ -253,6 +265,7 @@ impl Obstacles {
             self.echoes[cone.sonar].mapped = true;
             return;
         }
+        self.notice(now, point(0));
         let mut last = None;
         for step in -count..=count {
             let at = point(step);
@@ -266,13 +279,30 @@ impl Obstacles {
         }
     }
 
+    /// Who walks is never heard twice in one cell, but twice in about one place.
+    fn notice(&mut self, now: Instant, at: Point) {
+        let before =
+            |(heard, place): &(Instant, Point)| now.since(*heard) <= SAME_TIME && place.distance(at) <= SAME_PLACE;
+        if self.recent.iter().any(before) {
+            push(&mut self.present, (now, at));
+        }
+        push(&mut self.recent, (now, at));
+    }
+
+    /// Where somebody was heard of late: about there, on the axis of the sonar that heard him.
+    pub fn present(&self, now: Instant) -> impl Iterator<Item = Point> + '_ {
+        let fresh = self.present.iter().rev().take_while(move |(at, _)| now.since(*at) <= PRESENT);
+        fresh.map(|(_, place)| *place)
+    }
+
     fn add(&mut self, now: Instant, place: (i32, i32), closing: f64) {
         let slot = slot(place, SIDE);
         match self.index[slot].checked_sub(1) {
             Some(number) => {
                 let cell = &mut self.cells[usize::from(number)];
                 if cell.place == place {
-                    *cell = Cell { evidence: (cell.evidence + SUSPICION).min(EVIDENCE_MAX), heard: now, closing, ..*cell };
+                    *cell =
+                        Cell { evidence: (cell.evidence + SUSPICION).min(EVIDENCE_MAX), heard: now, closing, ..*cell };
                 }
             }
             None if self.cells.len() < HITS_MAX => {
@@ -322,6 +352,13 @@ impl Obstacles {
         };
         self.echoes.iter().filter(fresh).filter_map(told)
     }
+}
+
+fn push(list: &mut VecDeque<(Instant, Point)>, item: (Instant, Point)) {
+    if list.len() == RECENT_MAX {
+        list.pop_front();
+    }
+    list.push_back(item);
 }
 
 fn place(point: Point, size: f64) -> (i32, i32) {
@@ -423,9 +460,7 @@ mod tests {
         for _ in 0..6 {
             bench.hear([2.5, 2.4, 2.5]);
         }
-        let old = |bench: &Bench| {
-            bench.0.hits().filter(|hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 1.5).count()
-        };
+        let old = |bench: &Bench| bench.0.hits().filter(|hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 1.5).count();
         assert!(old(&bench) * 4 < before, "but for the arc's ends: {} of {before}", old(&bench));
         for _ in 0..15 {
             bench.hear([2.5, 2.4, 2.5]);
@@ -468,6 +503,19 @@ mod tests {
         let echo = bench.0.echoes(bench.1, true).next().unwrap();
         assert!((echo.distance - 1.75).abs() < 1e-9 && (echo.closing - 1.0).abs() < 1e-9, "{echo:?}");
         assert_eq!(bench.0.echoes(bench.1, false).next(), None);
+    }
+
+    #[test]
+    fn who_walks_by_is_noticed_at_his_second_echo() {
+        let mut bench = bench();
+        bench.hear([f64::NAN, 2.0, f64::NAN]);
+        assert_eq!(bench.0.present(bench.1).count(), 0);
+        bench.hear([1.7, f64::NAN, f64::NAN]);
+        assert_eq!(bench.0.present(bench.1).count(), 0, "too far from the first");
+        bench.hear([f64::NAN, 1.6, f64::NAN]);
+        assert_eq!(bench.0.present(bench.1).count(), 1);
+        assert_eq!(bench.count(), 0, "no cell was suspected twice");
+        assert_eq!(bench.0.present(bench.1 + Duration::from_secs(2)).count(), 0);
     }
 
     #[test]

@@ -17,7 +17,7 @@ const WIDER: f64 = 1.08;
 /// Kept free on all sides, on the map and of what is heard, m: the pose and the following are good to this.
 const MARGIN: f64 = 0.08;
 /// What is heard is taken as so large, m, beside its cell.
-const HEARD: f64 = 0.05;
+const HEARD: f64 = 0.15;
 /// Without a map the floor is taken as free so far beyond start and goal, m.
 const BEYOND: f64 = 8.0;
 /// In cells of at least this, and about so many along an edge.
