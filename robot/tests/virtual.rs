@@ -44,7 +44,8 @@ fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
 }
 
-/// The shipped robot without its middle level: here the test estimates, plans, and has the beacons to itself.
+/// The shipped robot without its middle level and without visitors: here the test estimates, plans, has the beacons to
+/// itself, and nobody walks into the robot.
 fn place() -> Place {
     static LOW_LEVEL: LazyLock<PathBuf> = LazyLock::new(|| {
         let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee");
@@ -63,7 +64,7 @@ fn place() -> Place {
         config: LOW_LEVEL.clone(),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
-        sets: Vec::new(),
+        sets: vec!["world.people=0".into()],
         sim: true,
         world: Some(Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/hall.toml")),
     }
