@@ -63,6 +63,7 @@ struct Total {
     waypoints: u32,
     failed: u32,
     let_go: u32,
+    told: (u32, u32),
     contacts: Vec<(f64, bool, String)>,
     took: f64,
 }
@@ -82,6 +83,7 @@ fn run(people: Option<u32>, seed: u64, sink: Option<module::record::Sink>) -> To
         waypoints: seen.waypoints,
         failed: seen.failed,
         let_go: robot.let_go,
+        told: seen.told,
         contacts: seen.contacts,
         took: begin.elapsed().as_secs_f64(),
     }
@@ -94,6 +96,7 @@ impl Total {
         self.waypoints += other.waypoints;
         self.failed += other.failed;
         self.let_go += other.let_go;
+        self.told = (self.told.0 + other.told.0, self.told.1 + other.told.1);
         self.contacts.extend(other.contacts);
         self.took += other.took;
     }
@@ -106,14 +109,15 @@ impl Total {
 impl std::fmt::Display for Total {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let own = self.contacts.iter().filter(|(_, own, _)| *own).count();
-        let Self { seconds, way, waypoints, failed, let_go, contacts, took } = self;
+        let Self { seconds, way, waypoints, failed, let_go, told, contacts, took } = self;
         write!(
             f,
             "{:.1} h, {way:.0} m, {:.3} m/s, {waypoints} waypoints, {failed} goals given up, contacts: {own} by the robot, \
-             {} by others; let go by hand {let_go} times; {:.0} x real time",
+             {} by others; in the way {:.0} %; let go by hand {let_go} times; {:.0} x real time",
             seconds / 3600.0,
             self.speed(),
             contacts.len() - own,
+            100.0 * f64::from(told.1) / f64::from(told.0.max(1)),
             seconds / took
         )
     }

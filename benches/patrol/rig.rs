@@ -35,6 +35,8 @@ pub struct Seen {
     pub waypoints: u32,
     /// How often the status was FAILED.
     pub failed: u32,
+    /// How often it was told, and how often of these something was in the way.
+    pub told: (u32, u32),
     /// Since when the planner waits for an operator.
     pub waits: Option<Instant>,
     /// What the planner commanded last.
@@ -189,6 +191,8 @@ impl Seen {
     fn on_goal(&mut self, now: Instant, goal: &DataGoal) {
         self.waypoints += u32::from(goal.waypoint != self.goal.waypoint);
         self.failed += u32::from(goal.status == DataGoal::FAILED && self.goal.status != DataGoal::FAILED);
+        self.told.0 += 1;
+        self.told.1 += u32::from(goal.status == DataGoal::BLOCKED);
         let waits = goal.message.starts_with("waits for an operator");
         self.waits = waits.then(|| self.waits.unwrap_or(now));
         if goal.message != self.goal.message {

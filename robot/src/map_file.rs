@@ -1,28 +1,44 @@
-//! A map on disk: the YAML text and the PGM picture that it names, as nav2 has them.
+//! Maps on disk, as nav2's map_server reads them: a YAML text and the PGM picture that it names; and worlds as maps.
 
 use planner::map::{Map, pgm, yaml};
+use std::fs;
 use std::path::Path;
 
-/// Neither text nor picture is larger, bytes: 4096 × 4096 pixels of 16 bits, and a header.
-const BYTES_MAX: u64 = (1 << 25) + 4096;
+/// Cells of a world's map, m.
+const WORLD_CELL_M: f64 = 0.05;
+/// Files are not longer than this: a plain picture of the largest map, and some.
+const FILE_MAX: u64 = 128 << 20;
 
-/// Reads the map whose YAML text is at `path`.
+/// The map of a YAML file and the picture it names.
 ///
 /// # Errors
-/// One line: which file, where in it, and what is wrong.
-pub fn load(path: &Path) -> Result<Map, String> {
-    let text = String::from_utf8(bytes(path)?).map_err(|_| format!("{}: not UTF-8 text", path.display()))?;
-    let info = yaml::read(&text).map_err(|error| format!("{}: {error}", path.display()))?;
-    let picture = path.parent().unwrap_or(Path::new("")).join(&info.image);
-    let pixels = pgm::read(&bytes(&picture)?).map_err(|error| format!("{}: {error}", picture.display()))?;
-    info.map(&pixels).map_err(|error| format!("{}: {error}", path.display()))
+/// A file cannot be read, or is refused, with its line or byte.
+pub fn load(file: &Path) -> Result<Map, String> {
+    let named = |file: &Path, why: &dyn std::fmt::Display| format!("{}: {why}", file.display());
+    let text = String::from_utf8(read(file)?).map_err(|_| named(file, &"is no text"))?;
+    let info = yaml::read(&text).map_err(|error| named(file, &error))?;
+    let image = file.parent().unwrap_or(Path::new("")).join(&info.image);
+    let picture = pgm::read(&read(&image)?).map_err(|error| named(&image, &error))?;
+    info.map(&picture).map_err(|error| named(file, &error))
 }
 
-fn bytes(path: &Path) -> Result<Vec<u8>, String> {
-    let named = |error: std::io::Error| format!("{}: {error}", path.display());
-    let length = std::fs::metadata(path).map_err(named)?.len();
-    if length > BYTES_MAX {
-        return Err(format!("{}: {length} bytes; a map has at most {BYTES_MAX}", path.display()));
+fn read(file: &Path) -> Result<Vec<u8>, String> {
+    let told = |error: std::io::Error| format!("{}: {error}", file.display());
+    let about = fs::metadata(file).map_err(told)?;
+    if !about.is_file() || about.len() > FILE_MAX {
+        return Err(format!("{}: no file, or longer than {} MiB", file.display(), FILE_MAX >> 20));
     }
-    std::fs::read(path).map_err(named)
+    fs::read(file).map_err(told)
+}
+
+/// The map of what stands in a world, and of where its floor ends.
+///
+/// # Errors
+/// What stands in it is too far apart for one map.
+pub fn of_world(world: &sim::world::World) -> Result<Map, String> {
+    let flat = |point: &navitools::Point| (point.x, point.y);
+    let walls = world.walls.iter().map(|wall| (flat(&wall.a), flat(&wall.b))).collect::<Vec<_>>();
+    let columns = world.columns.iter().map(|column| (flat(&column.centre), column.radius)).collect::<Vec<_>>();
+    let drops = world.drops.iter().map(|drop| drop.iter().map(flat).collect()).collect::<Vec<Vec<_>>>();
+    Map::drawn(&walls, &columns, &drops, flat(&world.start.point()), WORLD_CELL_M).map_err(|error| error.to_string())
 }

@@ -16,7 +16,6 @@ use drivers::{canbus, joydev, power, rs485a, rs485b};
 use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
-use planner::map::Map;
 use rs485::crc::Crc8;
 use sim::host::{self, Virtual};
 use sim::world::{Beacon, World};
@@ -183,9 +182,6 @@ const MODULES: [&str; 9] = [
 const JOYSTICK: &str = "joystick";
 /// The watchdog ends modules one after the other, those that others depend on last.
 const WATCHDOG_END: Duration = Duration::from_secs(6);
-
-/// Cells of a map that is made from a world, at most about so many.
-const MAP_CELLS: f64 = 2e6;
 
 fn refused<T>(why: String) -> Result<T, ConfigError> {
     Err(ConfigError(vec![why]))
@@ -538,7 +534,8 @@ fn planner(place: &Place, robot: &Robot, world: Option<&World>) -> Result<planne
     let (geometry, limits) = (&robot.geometry, &robot.limits);
     let map = match &robot.planner.map {
         Some(file) => Some(map_file::load(&place.config.join(file)).map_err(|why| ConfigError(vec![why]))?),
-        None => world.and_then(walls),
+        // One that is too large for a map is an open floor.
+        None => world.and_then(|world| map_file::of_world(world).ok()),
     };
     Ok(planner::Planner::new(planner::Config {
         body: planner::Body {
@@ -558,31 +555,6 @@ fn planner(place: &Place, robot: &Robot, world: Option<&World>) -> Result<planne
         manners: robot.planner.manners(),
         map,
     }))
-}
-
-/// A world's walls, columns and drops as a map; none where nothing stands in it.
-fn walls(world: &World) -> Option<Map> {
-    let xy = |point: &Point| (point.x, point.y);
-    let ends = world.walls.iter().flat_map(|wall| [xy(&wall.a), xy(&wall.b)]);
-    let edges = world.columns.iter().flat_map(|column| {
-        let Point { x, y } = column.centre;
-        [(x - column.radius, y - column.radius), (x + column.radius, y + column.radius)]
-    });
-    let points: Vec<(f64, f64)> = ends.chain(edges).chain(world.drops.iter().flatten().map(xy)).collect();
-    let least = |(ax, ay): (f64, f64), (bx, by): (f64, f64)| (ax.min(bx), ay.min(by));
-    let most = |(ax, ay): (f64, f64), (bx, by): (f64, f64)| (ax.max(bx), ay.max(by));
-    let (low, high) = (points.iter().copied().reduce(least)?, points.iter().copied().reduce(most)?);
-    // Coarser where the world is too large for fine cells.
-    let (low, high) = ((low.0 - 0.1, low.1 - 0.1), (high.0 + 0.1, high.1 + 0.1));
-    let area = (high.0 - low.0) * (high.1 - low.1);
-    let cell = (area / MAP_CELLS).sqrt().max(0.05);
-    let mut map = Map::around(low, high, cell).ok()?;
-    world.walls.iter().for_each(|wall| map.wall(xy(&wall.a), xy(&wall.b)));
-    world.columns.iter().for_each(|column| map.column(xy(&column.centre), column.radius));
-    for drop in &world.drops {
-        map.polygon(&drop.iter().map(xy).collect::<Vec<_>>());
-    }
-    Some(map)
 }
 
 /// A data sheet that the configuration names must be one of a device that the driver can set up.

@@ -85,7 +85,7 @@ impl Default for Manners {
             stop_distance: 0.45,
             reaction: 0.37,
             coasting: 0.25,
-            patience: 4.0,
+            patience: 3.0,
             attempts: 8,
         }
     }

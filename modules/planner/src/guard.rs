@@ -27,8 +27,8 @@ const ABREAST: f64 = 0.3;
 /// Sonars hear legs; people are so much wider, m.
 const STOUT: f64 = 0.2;
 /// People come nearer as fast, m/s, and are met as slowly.
-const STROLLING: f64 = 0.5;
-const CAUTIOUS: f64 = 0.25;
+const STROLLING: f64 = 0.3;
+const CAUTIOUS: f64 = 0.35;
 /// Slower is standing still, m/s.
 const LEAST: f64 = 0.05;
 

@@ -52,7 +52,7 @@ const WALKING: f64 = 1.6;
 /// Two echoes within this time and this far apart, m, are of somebody, who may walk; he is there for so long.
 const SAME_TIME: Duration = Duration::from_millis(1000);
 const SAME_PLACE: f64 = 0.8;
-const PRESENT: Duration = Duration::from_millis(1200);
+const PRESENT: Duration = Duration::from_millis(1000);
 /// Echoes that are remembered for this.
 const RECENT_MAX: usize = 64;
 /// Slower than this nobody comes nearer: the jitter of a reading's age, m/s.

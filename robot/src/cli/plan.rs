@@ -1,15 +1,15 @@
 //! `advee plan`: a drivable way on a map file, or in a world, without a robot.
 
 use super::{Common, Failed, Outcome, finite, print};
-use crate::config;
+use crate::{config, map_file};
 use navitools::{Ackermann, Pose};
-use planner::map::{Field, Map, Unknown, pgm, yaml};
+use planner::map::{Field, Unknown};
 use planner::path::{self, PathPoint};
 use planner::search::{Budget, Footprint, Goal, Limits, Search};
 use serde_json::json;
 use std::fmt::Write;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -50,11 +50,6 @@ pub struct Plan {
     json: bool,
 }
 
-/// Cells of a world's map, m.
-const WORLD_CELL_M: f64 = 0.05;
-/// Files are not longer than this: a plain picture of the largest map, and some.
-const FILE_MAX: u64 = 128 << 20;
-
 pub fn plan(common: &Common, command: &Plan) -> Outcome {
     match way(common, command) {
         Ok(()) => Ok(ExitCode::SUCCESS),
@@ -70,8 +65,8 @@ pub fn plan(common: &Common, command: &Plan) -> Outcome {
 fn way(common: &Common, command: &Plan) -> Result<(), Failed> {
     let limits = limits(common, command)?;
     let map = match (&command.map, &command.world) {
-        (Some(file), _) => read_map(file)?,
-        (None, world) => world_map(&config::world(&common.config_dir(), world.as_deref(), &common.sets)?)?,
+        (Some(file), _) => map_file::load(file)?,
+        (None, world) => map_file::of_world(&config::world(&common.config_dir(), world.as_deref(), &common.sets)?)?,
     };
     let unknown = if command.through_unknown { Unknown::Free } else { Unknown::Blocked };
     let field = Field::new(&map, unknown);
@@ -129,37 +124,6 @@ fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
         .into());
     }
     Ok(Limits::new(Footprint { length_m, width_m, rear_m }, radius))
-}
-
-/// The map of a YAML file and the picture it names.
-///
-/// # Errors
-/// A file cannot be read, or is refused, with its line or byte.
-pub fn read_map(file: &Path) -> Result<Map, String> {
-    let named = |file: &Path, why: &dyn std::fmt::Display| format!("{}: {why}", file.display());
-    let text = String::from_utf8(read(file)?).map_err(|_| named(file, &"is no text"))?;
-    let info = yaml::read(&text).map_err(|error| named(file, &error))?;
-    let image = file.parent().unwrap_or(Path::new("")).join(&info.image);
-    let picture = pgm::read(&read(&image)?).map_err(|error| named(&image, &error))?;
-    info.map(&picture).map_err(|error| named(file, &error))
-}
-
-fn read(file: &Path) -> Result<Vec<u8>, String> {
-    let told = |error: std::io::Error| format!("{}: {error}", file.display());
-    let about = fs::metadata(file).map_err(told)?;
-    if !about.is_file() || about.len() > FILE_MAX {
-        return Err(format!("{}: no file, or longer than {} MiB", file.display(), FILE_MAX >> 20));
-    }
-    fs::read(file).map_err(told)
-}
-
-/// The map of what stands in a world, and of where its floor ends.
-fn world_map(world: &sim::world::World) -> Result<Map, String> {
-    let flat = |point: &navitools::Point| (point.x, point.y);
-    let walls = world.walls.iter().map(|wall| (flat(&wall.a), flat(&wall.b))).collect::<Vec<_>>();
-    let columns = world.columns.iter().map(|column| (flat(&column.centre), column.radius)).collect::<Vec<_>>();
-    let drops = world.drops.iter().map(|drop| drop.iter().map(flat).collect()).collect::<Vec<Vec<_>>>();
-    Map::drawn(&walls, &columns, &drops, flat(&world.start.point()), WORLD_CELL_M).map_err(|error| error.to_string())
 }
 
 fn csv(path: &path::Path) -> String {

@@ -21,7 +21,7 @@ pub struct Planner {
     pub reaction_s: f64,
     /// Of the robot rolling out without its motors, 0.05..=20 m/s²; default 0.25.
     pub coasting_mps2: f64,
-    /// So long it waits for who stands in the way before it looks for a way around, 0.5..=600 s; default 4.
+    /// So long it waits for who stands in the way before it looks for a way around, 0.5..=600 s; default 3.
     pub patience_s: f64,
     /// So often it tries to get free before a goal that is no loop has failed, 1..=1000; default 8.
     pub attempts: u32,
