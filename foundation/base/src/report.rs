@@ -143,6 +143,15 @@ faults! {
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;
 
+    /// A chip on an I2C bus does not answer, or another one does.
+    ChipLost = 0x0701, Device;
+    /// Something is hotter than its limit.
+    OverTemperature = 0x0702, Device;
+    /// A fan does not turn although it is driven.
+    FanFailed = 0x0703, Device;
+    /// What a 1-Wire thermometer says is damaged, or no temperature.
+    ThermometerBad = 0x0704, Device;
+
     /// A gamepad cannot drive the robot: it lacks an axis or a button, or an axis has no range.
     GamepadRefused = 0x0711, Device;
     /// The dead-man button is held and moves nothing: it was held before, or pressed with a stick off its middle.

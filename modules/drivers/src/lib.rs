@@ -2,6 +2,7 @@
 //! heard of each other, of ports' names or of processes.
 #![forbid(unsafe_code)]
 
+pub mod auxiliary;
 pub mod canbus;
 pub mod joydev;
 mod line;

@@ -1,0 +1,200 @@
+//! One fan controller: its rounds, what they found, and what an operator is told of it.
+
+use super::config::{ChipConfig, ConfigError};
+use base::i2c::{Error, Outcome, Transfer};
+use base::{Duration, Fault, Severity};
+use i2c::max6615::{Event, Max6615, Reading};
+use messages::lowlevel::{DataTemperature, Fan, Node, Temperature};
+use module::Actions;
+
+/// An over-temperature is over this far below the limit, °C.
+const HYSTERESIS_C: f64 = 2.0;
+
+/// A chip and its driver.
+#[derive(Debug)]
+pub(super) struct Chip {
+    config: ChipConfig,
+    driver: Max6615,
+    /// What the last round found; none: nothing is known.
+    reading: Option<Reading>,
+    /// Above its limit, each channel.
+    over: [bool; 2],
+    /// The clocks of the transfer that is under way, as far as it is written.
+    clocks: u64,
+    requests: i64,
+    retries: i64,
+    timeouts: i64,
+    /// Least, most and sum of the round trips since it was asked last, and how many.
+    round_trips: Option<(Duration, Duration, Duration, u32)>,
+}
+
+impl Chip {
+    pub fn new(config: ChipConfig) -> Result<Self, ConfigError> {
+        let driver = Max6615::new(config.chip).map_err(|why| ConfigError::Chip(config.name.clone(), why))?;
+        Ok(Self {
+            driver,
+            config,
+            reading: None,
+            over: [false; 2],
+            clocks: 0,
+            requests: 0,
+            retries: 0,
+            timeouts: 0,
+            round_trips: None,
+        })
+    }
+
+    pub fn begin(&mut self) {
+        self.driver.begin();
+    }
+
+    pub fn poll_transfer(&mut self) -> Option<Transfer> {
+        let transfer = self.driver.poll_transfer()?;
+        self.requests += 1;
+        // START, address and what is written, and the same before what is read; STOP, and the pause after it.
+        let addresses = u64::from(!transfer.begins_with_read()) + u64::from(transfer.reads());
+        self.clocks = 10 * addresses + 9 * transfer.write.len() as u64 + 2;
+        Some(transfer)
+    }
+
+    /// What came of it, and after how long; the clocks that it took on the wire.
+    pub fn on_outcome(&mut self, outcome: &Outcome, after: Duration) -> u64 {
+        self.driver.handle_outcome(outcome);
+        match outcome {
+            Ok(read) => {
+                let (least, most, sum, count) = self.round_trips.unwrap_or((after, after, Duration::ZERO, 0));
+                self.round_trips = Some((least.min(after), most.max(after), sum + after, count + 1));
+                self.clocks + 9 * read.len() as u64
+            }
+            Err(error) => {
+                self.retries += 1;
+                self.timeouts += i64::from(matches!(error, Error::NoAddress | Error::Stretched));
+                12
+            }
+        }
+    }
+
+    /// The port is gone: what is under way has no outcome.
+    pub fn forget(&mut self) {
+        self.reading = None;
+        // A few failures end a round.
+        loop {
+            self.driver.handle_outcome(&Err(Error::Other));
+            if self.driver.poll_transfer().is_none() {
+                break;
+            }
+        }
+        while self.driver.poll_event().is_some() {}
+    }
+
+    /// Whether it is there and configured.
+    pub fn is_there(&self) -> bool {
+        self.reading.is_some()
+    }
+
+    /// For people: name, address, bus.
+    fn text(&self, bus: &str) -> String {
+        format!("{} ({} on {bus})", self.config.name, self.config.chip.address)
+    }
+
+    /// Tells of what a transfer has brought to an end.
+    pub fn report(&mut self, bus: &str, out: &mut Actions) {
+        while let Some(event) = self.driver.poll_event() {
+            let text = self.text(bus);
+            match event {
+                Event::Found { revision } => out.note(format!("{text}: MAX6615 revision {revision}, configured")),
+                Event::Reset => out.note(format!("{text} had forgotten its configuration: configured anew")),
+                Event::Reading(reading) => self.on_reading(reading, bus, out),
+                // Told when the round is over, each time: the port may have gone since.
+                Event::Lost(_) => {}
+            }
+        }
+    }
+
+    /// No more is to be asked of it.
+    pub fn round_over(&mut self, bus: &str, out: &mut Actions) {
+        let Some(why) = self.driver.lost_by() else { return };
+        self.reading = None;
+        let message = format!("{}: {why}; looked for once a second", self.text(bus));
+        out.raise(Severity::Error, Fault::ChipLost, self.config.name.as_str(), message);
+    }
+
+    /// Its transfer does not come back.
+    pub fn hangs(&mut self, bus: &str, out: &mut Actions) {
+        self.reading = None;
+        let message = format!("{}: the adapter does not come back from a transfer", self.text(bus));
+        out.raise(Severity::Error, Fault::ChipLost, self.config.name.as_str(), message);
+    }
+
+    fn on_reading(&mut self, reading: Reading, bus: &str, out: &mut Actions) {
+        self.reading = Some(reading);
+        out.clear(Fault::ChipLost, self.config.name.as_str(), format!("{} answers again", self.text(bus)));
+        for place in 0..2 {
+            if let Some(channel) = &self.config.channels[place] {
+                let (value, limit) = (reading.temperature_c[place], f64::from(self.config.chip.limit_c[place]));
+                let above = if self.over[place] { limit - HYSTERESIS_C } else { limit };
+                self.over[place] = reading.over[place] || value > above;
+                tell_over(&channel.name, value, limit, self.over[place], out);
+            }
+            if let Some(fan) = &self.config.fans[place] {
+                let (name, rpm) = (fan.name.as_str(), reading.rpm[place]);
+                if reading.failed[place] {
+                    let message = format!("{name} fails: {rpm:.0} rpm at {:.0} %", reading.duty[place] * 100.0);
+                    out.raise(Severity::Error, Fault::FanFailed, name, message);
+                } else {
+                    out.clear(Fault::FanFailed, name, format!("{name} turns again: {rpm:.0} rpm"));
+                }
+            }
+        }
+    }
+
+    /// Adds what is known.
+    pub fn tell(&self, message: &mut DataTemperature) {
+        for (place, channel) in self.config.channels.iter().enumerate() {
+            let value = self.reading.map_or(f64::NAN, |reading| reading.temperature_c[place]);
+            let over = self.reading.is_some() && self.over[place];
+            message.temperatures.extend(channel.iter().map(|named| Temperature {
+                name: named.name.clone(),
+                value,
+                over,
+            }));
+        }
+        for (place, fan) in self.config.fans.iter().enumerate() {
+            let (duty, rpm, failed) = match self.reading {
+                Some(reading) => (reading.duty[place], reading.rpm[place], reading.failed[place]),
+                None => (f64::NAN, f64::NAN, false),
+            };
+            message.fans.extend(fan.iter().map(|named| Fan { name: named.name.clone(), duty, rpm, failed }));
+        }
+    }
+
+    /// How it fared on the bus.
+    pub fn node(&mut self) -> Node {
+        let seconds = self.round_trips.take().map(|(least, most, sum, count)| {
+            [least.as_secs_f64(), sum.as_secs_f64() / f64::from(count), most.as_secs_f64()]
+        });
+        let [round_trip_min, round_trip_mean, round_trip_max] = seconds.unwrap_or([f64::NAN; 3]);
+        Node {
+            name: self.config.name.clone(),
+            address: i32::from(self.config.chip.address.get()),
+            state: if self.is_there() { Node::OK } else { Node::LOST },
+            requests: self.requests,
+            retries: self.retries,
+            timeouts: self.timeouts,
+            crc_errors: 0,
+            round_trip_min,
+            round_trip_mean,
+            round_trip_max,
+        }
+    }
+}
+
+/// Tells of an over-temperature, and that it is over.
+pub(super) fn tell_over(name: &str, value: f64, limit: f64, over: bool, out: &mut Actions) {
+    if over {
+        let message = format!("{name} is {value:.1} °C hot, above its limit of {limit:.0} °C");
+        out.raise(Severity::Error, Fault::OverTemperature, name, message);
+    } else {
+        out.clear(Fault::OverTemperature, name, format!("{name} is {value:.1} °C, below its limit of {limit:.0} °C"));
+    }
+}

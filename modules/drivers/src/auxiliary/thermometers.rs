@@ -1,0 +1,173 @@
+//! The thermometers on 1-Wire: who is there, what each says, and who is not connected.
+
+use super::chip::tell_over;
+use super::config::{Thermometer, W1Config};
+use base::w1::{Error, List, MAX, Request, Rom};
+use base::{Fault, Severity};
+use messages::lowlevel::{DataTemperature, Temperature};
+use module::{Actions, PortId};
+
+/// What a DS18B20 says that has measured nothing since its supply came, thousandths of a degree.
+const POWER_ON: i32 = 85_000;
+/// One that was hotter than this before may well be at that.
+const HOT_C: f64 = 80.0;
+/// A thermometer that fails so often in a row is reported; until then its last value stands.
+const FAILURES: u8 = 3;
+/// An over-temperature is over this far below the limit, °C.
+const HYSTERESIS_C: f64 = 2.0;
+
+/// All of them.
+#[derive(Debug)]
+pub(super) struct Thermometers {
+    bus: String,
+    port: PortId,
+    /// Those that are configured, in that order; then those that were found besides, by their codes.
+    all: Vec<State>,
+    configured: usize,
+    /// Whose turn it is; none: nothing is under way.
+    turn: Option<Turn>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    List,
+    Of(usize),
+}
+
+#[derive(Debug)]
+struct State {
+    known: Thermometer,
+    /// Whether it is on the bus; none until that is known.
+    there: Option<bool>,
+    value_c: Option<f64>,
+    over: bool,
+    failures: u8,
+}
+
+impl State {
+    fn new(known: Thermometer) -> Self {
+        Self { known, there: None, value_c: None, over: false, failures: 0 }
+    }
+}
+
+impl Thermometers {
+    pub fn new(config: W1Config, port: PortId) -> Self {
+        let all: Vec<State> = config.thermometers.into_iter().map(State::new).collect();
+        Self { bus: config.bus, port, configured: all.len(), all, turn: None }
+    }
+
+    /// Looks who is there and asks each, unless that is still going on.
+    pub fn begin(&mut self, out: &mut Actions) {
+        if self.turn.is_none() {
+            self.turn = Some(Turn::List);
+            out.ask_w1(self.port, Request::List);
+        }
+    }
+
+    /// The port is gone: what is under way has no answer.
+    pub fn down(&mut self, why: &str, out: &mut Actions) {
+        self.turn = None;
+        out.note(format!("{}: {why}; tried again", self.bus));
+        for place in 0..self.all.len() {
+            self.set_there(place, false, out);
+        }
+    }
+
+    pub fn on_list(&mut self, list: &List, asks: bool, out: &mut Actions) {
+        if self.turn != Some(Turn::List) {
+            return;
+        }
+        for rom in list {
+            if self.all.len() < self.configured + MAX && self.all.iter().all(|state| state.known.rom != *rom) {
+                let known = Thermometer { rom: *rom, name: rom.to_string(), limit_c: None };
+                let after = self.all[self.configured..].partition_point(|state| state.known.rom < *rom);
+                self.all.insert(self.configured + after, State::new(known));
+            }
+        }
+        for place in 0..self.all.len() {
+            let there = list.contains(&self.all[place].known.rom);
+            self.set_there(place, there, out);
+        }
+        // A stranger that has left is nobody's.
+        let configured = self.configured;
+        let mut place = 0;
+        self.all.retain(|state| {
+            place += 1;
+            place <= configured || state.there == Some(true)
+        });
+        self.next(0, asks, out);
+    }
+
+    pub fn on_said(&mut self, rom: Rom, said: Result<i32, Error>, asks: bool, out: &mut Actions) {
+        let Some(Turn::Of(place)) = self.turn else { return };
+        if self.all.get(place).is_none_or(|state| state.known.rom != rom) {
+            return;
+        }
+        let state = &mut self.all[place];
+        let name = state.known.name.clone();
+        match said {
+            Ok(POWER_ON) if state.value_c.is_none_or(|before| before < HOT_C) => {
+                self.failed(place, "it says 85 °C: its supply was gone", out);
+            }
+            Ok(millidegrees) => {
+                let value = f64::from(millidegrees) / 1000.0;
+                (state.value_c, state.failures) = (Some(value), 0);
+                out.clear(Fault::ThermometerBad, name.as_str(), format!("{name} measures again"));
+                if let Some(limit) = state.known.limit_c {
+                    state.over = value > if state.over { limit - HYSTERESIS_C } else { limit };
+                    tell_over(&name, value, limit, state.over, out);
+                }
+            }
+            Err(Error::Absent) => self.set_there(place, false, out),
+            Err(error) => self.failed(place, &error.to_string(), out),
+        }
+        self.next(place + 1, asks, out);
+    }
+
+    /// Asks the next one that is there.
+    fn next(&mut self, from: usize, asks: bool, out: &mut Actions) {
+        let place = (from..self.all.len()).find(|place| asks && self.all[*place].there == Some(true));
+        self.turn = place.map(Turn::Of);
+        if let Some(place) = place {
+            out.ask_w1(self.port, Request::Temperature(self.all[place].known.rom));
+        }
+    }
+
+    fn failed(&mut self, place: usize, why: &str, out: &mut Actions) {
+        let state = &mut self.all[place];
+        state.failures = state.failures.saturating_add(1);
+        if state.failures >= FAILURES {
+            (state.value_c, state.over) = (None, false);
+            let name = state.known.name.as_str();
+            let message = format!("{name} ({} on {}): {why}", state.known.rom, self.bus);
+            out.raise(Severity::Warning, Fault::ThermometerBad, name, message);
+        }
+    }
+
+    fn set_there(&mut self, place: usize, there: bool, out: &mut Actions) {
+        let state = &mut self.all[place];
+        let before = state.there.replace(there);
+        if before == Some(there) {
+            return;
+        }
+        let (name, rom) = (&state.known.name, state.known.rom);
+        if there {
+            out.note(format!("{name} ({rom} on {}): connected", self.bus));
+        } else {
+            out.note(format!("{name} ({rom} on {}): not connected", self.bus));
+            (state.value_c, state.over, state.failures) = (None, false, 0);
+            // Of one that is not there nothing is known.
+            out.clear(Fault::ThermometerBad, name.as_str(), format!("{name} is not connected"));
+            out.clear(Fault::OverTemperature, name.as_str(), format!("{name} is not connected"));
+        }
+    }
+
+    /// Adds what is known.
+    pub fn tell(&self, message: &mut DataTemperature) {
+        message.temperatures.extend(self.all.iter().map(|state| Temperature {
+            name: state.known.name.clone(),
+            value: state.value_c.unwrap_or(f64::NAN),
+            over: state.over,
+        }));
+    }
+}
