@@ -23,6 +23,14 @@
 //! | a power controller | `power_off` | the main switch is turned: the supply is cut in `value` s (0: 30) |
 //! | `robot` | `put:X,Y,THETA` | it is carried there, where there is room; its wheels do not turn: `put:3,4.5,1.57` |
 //! | `robot` | `kidnap` | the same, to somewhere; to where else with another `value` |
+//! | a fan board | `silent`, `reset` | it does not hear; as after a short loss of its supply |
+//! | a fan board | `wrong` | it reads FF everywhere |
+//! | a fan board | `hold` | it holds SDA low: nobody can talk on its bus |
+//! | a fan board | `stall` | its fan `value`, 1 or 2 (0: 1), is blocked |
+//! | a fan board | `hot` | it is `value` °C warm in the box (0: 90) |
+//! | a thermometer | `silent` | it is not connected |
+//! | a thermometer | `wrong` | what it sends is damaged |
+//! | a thermometer | `hot` | it is `value` °C warm (0: 90) |
 //! | a drive | `silent` | it neither hears nor speaks, and goes on with what it does until its heartbeat watch stops it |
 //! | a drive | `fault` | emergency `value` (0: 0x1000, generic), and the fault state |
 //! | a drive | `babble` | frames of the identifier `value` (0: that of its TPDO2) take half of the bus |
@@ -98,6 +106,14 @@ pub enum Ailment {
     Bumper(u8),
     /// The stop button is pressed.
     StopButton,
+    /// It says FF, or what is damaged.
+    Wrong,
+    /// It holds SDA.
+    Hold,
+    /// The fan of this number, 1 or 2, is blocked.
+    Stall(u8),
+    /// It is so warm, °C.
+    Hot(f64),
     /// The battery's voltage at rest, V.
     Battery(f64),
     /// The supply is cut in so many seconds.
@@ -147,6 +163,10 @@ impl Ailment {
             "stop_button" => Some(Self::StopButton),
             "battery" => (8.0..=40.0).contains(&value).then_some(Self::Battery(value)),
             "power_off" => Some(Self::PowerOff(or(value, 30.0) as u8)),
+            "wrong" => Some(Self::Wrong),
+            "hold" => Some(Self::Hold),
+            "stall" => [1, 2].into_iter().find(|fan| f64::from(*fan) == or(value, 1.0)).map(Self::Stall),
+            "hot" => Some(Self::Hot(or(value, 90.0).min(200.0))),
             "refuses" => Some(Self::Refuses),
             "stuck" => Some(Self::Stuck),
             "wrap" => Some(Self::Wrap),
@@ -224,7 +244,9 @@ mod tests {
         assert_eq!(Ailment::from_name("fault", f64::NAN), Some(Ailment::Fault(0x1000)));
         assert_eq!(Ailment::from_name("on fire", 0.0), None);
         assert_eq!(Ailment::from_name("bumper", 8.0), Some(Ailment::Bumper(8)));
-        for (name, value) in [("bumper", 0.0), ("bumper", 9.0), ("bumper", 1.5), ("battery", 50.0)] {
+        assert_eq!(Ailment::from_name("stall", 2.0), Some(Ailment::Stall(2)));
+        assert_eq!(Ailment::from_name("hot", f64::INFINITY), Some(Ailment::Hot(200.0)));
+        for (name, value) in [("stall", 3.0), ("bumper", 0.0), ("bumper", 9.0), ("bumper", 1.5), ("battery", 50.0)] {
             assert_eq!(Ailment::from_name(name, value), None, "{name} {value}");
         }
         assert_eq!(Ailment::from_name("slow", 1e300), Some(Ailment::Slow(Duration::from_secs(1))));

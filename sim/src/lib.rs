@@ -5,6 +5,7 @@
 //! bus share one deterministic process. Knows no module by name, no file, no socket, no clock.
 #![forbid(unsafe_code)]
 
+mod auxiliary;
 pub mod boards;
 pub mod body;
 pub mod check;
@@ -20,5 +21,6 @@ pub mod soak;
 pub mod sonar;
 pub mod world;
 
+pub use auxiliary::{I2cConfig, W1Config};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

@@ -1,5 +1,6 @@
 //! The simulator: a module that sits on the robot's busses and answers as its boards would.
 
+use crate::auxiliary::{Auxiliary, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
 use crate::boards::drive::{self, Drive, Layout};
@@ -97,6 +98,10 @@ pub struct Config {
     pub can: Option<CanConfig>,
     /// The serial busses.
     pub serial: Vec<SerialConfig>,
+    /// The I2C busses.
+    pub i2c: Vec<I2cConfig>,
+    /// The 1-Wire bus.
+    pub w1: Option<W1Config>,
     /// The port of a gamepad, as its driver has it: `joystick`. It is unplugged until somebody asks for it.
     pub gamepad: Option<String>,
     /// Whether answers are delayed by the time that request and answer take on the wire: true where the port has no
@@ -115,6 +120,8 @@ impl Default for Config {
             seed: 1,
             can: None,
             serial: Vec::new(),
+            i2c: Vec::new(),
+            w1: None,
             gamepad: None,
             wire_time: false,
             rate: 1.0,
@@ -122,8 +129,8 @@ impl Default for Config {
     }
 }
 
-/// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial busses in the order of its
-/// configuration, and last the gamepad.
+/// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C busses in the order of its
+/// configuration, then the 1-Wire bus, if there is one, and last the gamepad.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
@@ -131,6 +138,7 @@ pub struct Simulator {
     drives: Vec<Drive>,
     can: CanLine,
     lines: Vec<SerialLine>,
+    auxiliary: Auxiliary,
     gamepad: Gamepad,
     truth: Ticker,
     clock: Ticker,
@@ -151,14 +159,17 @@ impl Simulator {
             .serial
             .iter()
             .map(|serial| PortSpec { bus: serial.bus.clone(), line: Line::Serial { baud: serial.baud } });
+        let i2c = config.i2c.iter().map(|i2c| PortSpec { bus: i2c.bus.clone(), line: Line::I2c { hz: i2c.hz } });
+        let w1 = config.w1.iter().map(|w1| PortSpec { bus: w1.bus.clone(), line: Line::OneWire });
         let gamepad = config.gamepad.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gamepad });
-        let ports = can.chain(serial).chain(gamepad).collect();
+        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).collect();
         let never = Ticker::new(Instant::NEVER, TRUTH);
         Self {
             scene: scene(&config, Instant::ZERO),
             drives: Vec::new(),
             can: can_line(&config),
             lines: Vec::new(),
+            auxiliary: Auxiliary::new(&[], None, Instant::ZERO),
             gamepad: Gamepad::default(),
             config,
             ports,
@@ -181,6 +192,7 @@ impl Simulator {
         self.motors = true;
         self.gamepad = Gamepad::default();
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
+        self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
         let body = self.scene.body();
         self.can = can_line(&self.config);
         self.drives = match &self.config.can {
@@ -202,7 +214,21 @@ impl Simulator {
         }
     }
 
-    fn on_port_state(&mut self, port: PortId, out: &mut Actions) {
+    /// The number of the I2C bus at a port; one more for the 1-Wire bus.
+    fn i2c_of(&self, port: PortId) -> Option<usize> {
+        usize::from(port.0).checked_sub(self.first_i2c())
+    }
+
+    fn first_i2c(&self) -> usize {
+        usize::from(self.config.can.is_some()) + self.config.serial.len()
+    }
+
+    fn on_port_state(&mut self, now: Instant, port: PortId, up: bool, out: &mut Actions) {
+        match self.i2c_of(port) {
+            Some(bus) if bus < self.config.i2c.len() => self.auxiliary.forget(bus),
+            Some(bus) if up && bus == self.config.i2c.len() && self.config.w1.is_some() => self.auxiliary.on_w1_up(now),
+            _ => {}
+        }
         if !self.told.contains(&port) {
             self.told.push(port);
             if self.told.len() == self.ports.len() {
@@ -323,6 +349,7 @@ impl Simulator {
         for line in &mut self.lines {
             line.handle_timeout(now);
         }
+        self.auxiliary.handle_timeout(now, self.scene.body().speed());
     }
 
     fn truth(&self, timestamp: i64) -> simulation::DataTruth {
@@ -393,6 +420,9 @@ impl Simulator {
         if let Some(line) = self.config.serial.iter().position(|serial| serial.bus == target) {
             return self.lines[line].disturb(now, ailment, until);
         }
+        if self.auxiliary.suffer(now, target, ailment, until) {
+            return true;
+        }
         let board = boards(&mut self.lines).find(|board| board.name == target);
         board.is_some_and(|board| board.suffer(now, ailment, until, &self.scene))
     }
@@ -415,6 +445,14 @@ impl Simulator {
             while let Some(words) = line.poll_tx(now) {
                 out.push(module::Action::Send(PortId(port as u8), Output::Words(words)));
             }
+        }
+        let first = self.first_i2c();
+        while let Some((bus, outcome)) = self.auxiliary.poll_outcome(now) {
+            out.push(module::Action::Send(PortId((first + bus) as u8), Output::I2cAnswer(outcome)));
+        }
+        while let Some(answer) = self.auxiliary.poll_w1() {
+            let port = PortId((first + self.config.i2c.len()) as u8);
+            out.push(module::Action::Send(port, Output::OneWireIs(answer)));
         }
         while let Some(event) = self.gamepad.poll() {
             if let Some(port) = self.ports.iter().position(|port| port.line == Line::Gamepad) {
@@ -458,7 +496,13 @@ impl Module for Simulator {
                     line.handle_rx(now, words, &self.scene);
                 }
             }
-            Event::Port { port, input: Input::Up | Input::Down(_) } => self.on_port_state(port, out),
+            Event::Port { port, input: Input::I2cAsked(transfer) } => {
+                if let Some(bus) = self.i2c_of(port) {
+                    self.auxiliary.on_asked(now, bus, transfer, self.config.wire_time);
+                }
+            }
+            Event::Port { port, input: Input::Up } => self.on_port_state(now, port, true, out),
+            Event::Port { port, input: Input::Down(_) } => self.on_port_state(now, port, false, out),
             Event::Port { input: Input::Can(frame), .. } if self.can.passes(now, &frame) => {
                 self.can.handle_rx(now, &frame);
                 for drive in &mut self.drives {
@@ -480,6 +524,7 @@ impl Module for Simulator {
         let step = if self.rests() { Instant::NEVER } else { self.scene.next_step() };
         let step = step.min(self.gamepad.poll_timeout());
         let own = step.min(self.truth.next()).min(self.clock.next()).min(self.rangers.next());
+        let own = own.min(self.auxiliary.poll_timeout());
         let lines = self.lines.iter().map(SerialLine::poll_timeout).fold(own, Instant::min);
         let drives = self.drives.iter().filter_map(Drive::poll_timeout).fold(lines, Instant::min);
         Some(self.can.poll_timeout().map_or(drives, |due| due.min(drives)))

@@ -2,8 +2,10 @@
 
 pub mod battery;
 pub(crate) mod can_line;
+pub(crate) mod climate;
 pub(crate) mod drive;
 pub mod epos;
+pub(crate) mod fan1;
 pub mod icla;
 pub(crate) mod line;
 mod mirror;

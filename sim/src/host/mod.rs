@@ -26,6 +26,7 @@ mod w1;
 mod wire;
 
 pub use config::Config;
+pub(crate) use i2c::duration as i2c_duration;
 pub use news::{News, Traffic};
 
 use crate::disturbance::{Disturbance, part};
