@@ -18,7 +18,7 @@ use robot::topology::{self, Place};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::Path;
 
-const MODULES: [&str; 5] = ["driver_rs485a", "driver_canbus", "simulator", "watchdog", "estimator"];
+const MODULES: [&str; 6] = ["driver_rs485a", "driver_canbus", "simulator", "watchdog", "estimator", "driver_aux"];
 
 libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
     let (which, steps) = input;
@@ -61,6 +61,18 @@ libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
                             .map(|pair| Word { byte: pair[0], ninth: pair.len() > 1 && pair[1] & 1 != 0 })
                             .collect();
                         bench.words(port, &words);
+                    }
+                    Line::I2c { .. } if number & 1 == 0 => {
+                        let read = base::i2c::Bytes::from_slice(&bytes[..bytes.len().min(base::i2c::MAX)]);
+                        bench.i2c(port, &read.map_err(|_| base::i2c::Error::Other));
+                    }
+                    Line::I2c { .. } => bench.i2c(port, &Err(base::i2c::Error::NoData { at: number as u8 })),
+                    Line::OneWire => {
+                        let rom = base::w1::Rom::new(0x28, u64::from(number & 3)).expect("a small number");
+                        bench.w1(port, &match number & 4 {
+                            0 => base::w1::Answer::List([rom].into_iter().collect()),
+                            _ => base::w1::Answer::Temperature(rom, Ok(i32::from(number) * 2 - 40_000)),
+                        });
                     }
                     Line::Gamepad => bench.event(Event::Port { port, input: Input::Gamepad(gamepad::Input::Frame) }),
                 }

@@ -1,8 +1,8 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
 use crate::config::{
-    self, CanBus, CanDriver, CanInterface, Config, ConfigError, Joystick, JoystickDevice, ModuleEntry, Robot, Rs485Bus,
-    Rs485Driver, SIMULATOR,
+    self, CanBus, CanDriver, CanInterface, Config, ConfigError, I2cBus, I2cChip, I2cPlace, Joystick, JoystickDevice,
+    ModuleEntry, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
 use crate::live::limits::Limits;
 use crate::live::ports::{GamepadPlace, PortConfig, TerminalConfig};
@@ -12,7 +12,8 @@ use crate::map_file;
 use crate::recording;
 use base::Duration;
 use canopen::eds::Eds;
-use drivers::{canbus, joydev, power, rs485a, rs485b};
+use drivers::{auxiliary, canbus, joydev, power, rs485a, rs485b};
+use i2c::max6615::{self, fields::Frequency};
 use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
@@ -131,6 +132,7 @@ pub(crate) fn shell_in(
         power::NAME => Box::new(power(place, config)?),
         estimator::NAME => Box::new(estimator(robot)?),
         canbus::NAME => Box::new(canbus(place, config)?),
+        auxiliary::NAME => Box::new(auxiliary(&config.robot)?),
         joydev::NAME => Box::new(joydev(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         SIMULATOR if place.sim => {
@@ -167,7 +169,7 @@ fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 9] = [
+const MODULES: [&str; 10] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -175,11 +177,14 @@ const MODULES: [&str; 9] = [
     rs485b::NAME,
     canbus::NAME,
     joydev::NAME,
+    auxiliary::NAME,
     estimator::NAME,
     planner::NAME,
 ];
 /// The gamepad's port.
 const JOYSTICK: &str = "joystick";
+/// What modules call the 1-Wire bus.
+const W1_BUS: &str = "w1";
 /// The watchdog ends modules one after the other, those that others depend on last.
 const WATCHDOG_END: Duration = Duration::from_secs(6);
 
@@ -194,6 +199,17 @@ fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Re
     }
     if let (JOYSTICK, Some(joystick)) = (bus, &robot.joystick) {
         return Ok(gamepad_port(place, joystick, simulated_side));
+    }
+    if let Some(i2c) = bus.strip_prefix("i2c.").and_then(|name| robot.i2c.iter().find(|i2c| i2c.name == name)) {
+        return i2c_port(place, i2c, simulated_side);
+    }
+    if let (W1_BUS, Some(w1)) = (bus, &robot.w1) {
+        let folder = place.run_dir.join(&w1.folder);
+        return match simulated_side {
+            true if w1.folder.is_relative() => Ok(PortConfig::W1Folder { folder }),
+            true => refused(format!("w1.folder = {:?}: the simulator needs a name in the run folder", w1.folder)),
+            false => Ok(PortConfig::W1 { folder }),
+        };
     }
     let serial = bus.strip_prefix("rs485.").and_then(|name| robot.rs485.iter().find(|line| line.name == name));
     let Some(line) = serial else {
@@ -238,9 +254,31 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
     let raw = match kind {
         "can" => robot.can.iter().find(|can| can.name == name)?.raw,
         "rs485" => robot.rs485.iter().find(|line| line.name == name)?.raw,
+        "i2c" => robot.i2c.iter().find(|bus| bus.name == name)?.raw,
         _ => false,
     };
     raw.then(|| name.to_uppercase())
+}
+
+/// Where an I2C bus is; the simulator has the other end of a socket.
+pub fn i2c_port(place: &Place, bus: &I2cBus, simulated_side: bool) -> Result<PortConfig, ConfigError> {
+    match &bus.place {
+        I2cPlace::Socket(path) if simulated_side => Ok(PortConfig::I2cServer { path: place.run_dir.join(path) }),
+        _ if simulated_side => {
+            refused(format!("i2c.{}.bus: the simulator needs \"unix:\" and a name in the run folder", bus.name))
+        }
+        place_of => Ok(i2c_place(place, place_of, bus.hz)),
+    }
+}
+
+/// The port at a place.
+#[must_use]
+pub fn i2c_place(place: &Place, bus: &I2cPlace, hz: u32) -> PortConfig {
+    match bus {
+        I2cPlace::Dev(path) => PortConfig::I2cDev { path: path.clone() },
+        I2cPlace::Gpio { chip, sda, scl } => PortConfig::I2cGpio { chip: chip.clone(), sda: *sda, scl: *scl, hz },
+        I2cPlace::Socket(path) => PortConfig::I2cSocket { path: place.run_dir.join(path) },
+    }
 }
 
 /// Where a CAN bus is; its bit rate where the port sets it.
@@ -459,6 +497,68 @@ fn power(place: &Place, config: &Config) -> Result<power::Power, ConfigError> {
     power::Power::new(config).map_err(|error| ConfigError(vec![format!("driver_power: {error}")]))
 }
 
+/// `driver_aux`: the first I2C bus with chips on it, and the thermometers.
+fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
+    let bus = robot.i2c.iter().find(|bus| !bus.chips.is_empty()).map(|bus| {
+        let chips = bus.chips.iter().map(chip).collect::<Result<_, _>>()?;
+        Ok(auxiliary::BusConfig { bus: format!("i2c.{}", bus.name), hz: bus.hz, chips })
+    });
+    let sensor = |sensor: &config::W1Sensor| {
+        let config::W1Sensor { id, ref name, limit_c } = *sensor;
+        auxiliary::Thermometer { rom: id, name: name.clone(), limit_c }
+    };
+    let w1 = robot.w1.as_ref().map(|w1| {
+        let thermometers = w1.sensors.iter().map(sensor).collect();
+        auxiliary::W1Config { bus: W1_BUS.into(), thermometers }
+    });
+    let driver = auxiliary::Auxiliary::new(auxiliary::Config { bus: bus.transpose()?, w1 });
+    driver.map_err(|error| ConfigError(vec![format!("driver_aux: {error}")]))
+}
+
+fn address(chip: &I2cChip) -> Result<base::i2c::Address, ConfigError> {
+    let address = base::i2c::Address::new(chip.address);
+    address.ok_or_else(|| ConfigError(vec![format!("{}: {:#04x} is no address", chip.name, chip.address)]))
+}
+
+fn chip(chip: &I2cChip) -> Result<auxiliary::ChipConfig, ConfigError> {
+    let usual = max6615::Config::new(address(chip)?);
+    let fan = |fan: &Option<config::I2cFan>| {
+        // An output that nobody uses stands still.
+        let off = max6615::Fan { mode: max6615::Mode::Manual { duty: 0.0 }, minimum_rpm: 0.0, ..usual.fans[0] };
+        let Some(fan) = fan else { return off };
+        // In 240ths; no more than 15, as the configuration was checked.
+        let step = (fan.duty_per_c * 240.0).round() as u8;
+        let mode = match fan.follows {
+            [false, false] => max6615::Mode::Manual { duty: fan.duty },
+            follows => max6615::Mode::Automatic { follows, start_duty: fan.duty, maximum_duty: fan.duty_max, step },
+        };
+        max6615::Fan { mode, minimum_rpm: fan.rpm_min, ..off }
+    };
+    let [one, two] = &chip.temperatures;
+    let of = |temperature: &Option<config::I2cTemperature>, usual: u8, f: fn(&config::I2cTemperature) -> u8| {
+        temperature.as_ref().map_or(usual, f)
+    };
+    let limits = [of(one, 255, |one| one.limit_c), of(two, 255, |two| two.limit_c)];
+    let starts = [of(one, 255, |one| one.start_c), of(two, 255, |two| two.start_c)];
+    let named = |temperature: &Option<config::I2cTemperature>| {
+        temperature.as_ref().map(|temperature| auxiliary::Channel { name: temperature.name.clone() })
+    };
+    Ok(auxiliary::ChipConfig {
+        name: chip.name.clone(),
+        channels: [named(one), named(two)],
+        fans: chip.fans.clone().map(|fan| fan.map(|fan| auxiliary::FanConfig { name: fan.name })),
+        chip: max6615::Config {
+            limit_c: limits,
+            start_c: starts,
+            internal: chip.internal,
+            minimum_duty: chip.always,
+            frequency: if chip.pwm_35_khz { Frequency::Khz35 } else { Frequency::Hz33 },
+            fans: [fan(&chip.fans[0]), fan(&chip.fans[1])],
+            ..usual
+        },
+    })
+}
+
 /// `driver_canbus`: the CAN bus that both drives are on.
 fn canbus(place: &Place, config: &Config) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
@@ -634,11 +734,22 @@ fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> sim::Config {
         crc: crc(bus.crc),
         boards: bus.nodes.iter().map(|node| board(robot, node)).collect(),
     });
+    let i2c = robot.i2c.iter().map(|bus| sim::I2cConfig {
+        bus: format!("i2c.{}", bus.name),
+        hz: bus.hz,
+        fans: bus.chips.iter().filter_map(|chip| Some((chip.name.clone(), address(chip).ok()?))).collect(),
+    });
+    let w1 = robot.w1.as_ref().map(|w1| sim::W1Config {
+        bus: W1_BUS.into(),
+        thermometers: w1.sensors.iter().map(|sensor| (sensor.id, sensor.name.clone())).collect(),
+    });
     sim::Config {
         world,
         parameters,
         can: can.map(|(can, _)| can),
         serial: serial.collect(),
+        i2c: i2c.collect(),
+        w1,
         gamepad: robot.joystick.as_ref().filter(|joystick| is_simulated(joystick)).map(|_| JOYSTICK.into()),
         wire_time,
         ..sim::Config::default()

@@ -17,13 +17,15 @@ use std::process::Command;
 use std::rc::Rc;
 use support::Robot;
 
-const MODULES: [&str; 8] = [
+const MODULES: [&str; 10] = [
+    "driver_aux",
     "driver_canbus",
     "driver_joydev",
     "driver_power",
     "driver_rs485a",
     "driver_rs485b",
     "estimator",
+    "planner",
     "simulator",
     "watchdog",
 ];

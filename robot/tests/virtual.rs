@@ -1,6 +1,8 @@
 //! The whole robot in virtual time: the same modules, the watchdog among them, on modelled busses. What live tests can
 //! only bound, this one knows to the nanosecond.
 
+#[path = "virtual/auxiliary.rs"]
+mod auxiliary;
 #[path = "virtual/estimator.rs"]
 mod estimator;
 #[path = "virtual/gamepad.rs"]

@@ -9,6 +9,7 @@ mod fault;
 mod goal;
 mod holder;
 mod home;
+mod i2c;
 mod lcm;
 mod plan;
 mod plot;
@@ -103,6 +104,9 @@ enum Command {
     /// Commission the boards on EIA-485
     #[command(subcommand)]
     Rs485(rs485::Rs485),
+    /// Commission chips on I2C and SMBus
+    #[command(subcommand)]
+    I2c(i2c::I2c),
 }
 
 /// Runs the executable.
@@ -138,6 +142,7 @@ pub fn main() -> ExitCode {
         Command::Lcm(command) => lcm::lcm(&common, &command),
         Command::Can(command) => can::can(&common, &command),
         Command::Rs485(command) => rs485::rs485(&common, &command),
+        Command::I2c(command) => i2c::i2c(&common, &command),
     };
     result.unwrap_or_else(|Failed { code, why }| {
         if !why.is_empty() {

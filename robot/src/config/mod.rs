@@ -4,6 +4,7 @@
 //! `modules.toml` lists the modules (`--set modules.NAME.key=value`), a world where the simulated robot is (`--set
 //! world.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`.
 
+mod auxiliary;
 mod estimator;
 mod joystick;
 mod log;
@@ -17,6 +18,7 @@ mod tests;
 mod tree;
 mod world;
 
+pub use auxiliary::{I2cBus, I2cChip, I2cFan, I2cPlace, I2cTemperature, W1, W1Sensor};
 pub use joystick::{Joystick, JoystickDevice, JoystickGear, JoystickStick};
 pub use log::Log;
 pub use modules::{HardwareWatchdog, ModuleEntry, SIMULATOR};

@@ -3,6 +3,7 @@
 //! The robot's frame: origin on the floor under the middle of the rear axle, x forward, y to the left, angles
 //! counter-clockwise.
 
+use super::auxiliary::{I2cBus, W1};
 use super::joystick::Joystick;
 use super::log::Log;
 use super::planner::Planner;
@@ -26,6 +27,10 @@ pub struct Robot {
     pub can: Vec<CanBus>,
     /// EIA-485 busses by name.
     pub rs485: Vec<Rs485Bus>,
+    /// I2C busses by name.
+    pub i2c: Vec<I2cBus>,
+    /// The 1-Wire bus, where there is one.
+    pub w1: Option<W1>,
     /// Sonars.
     pub srfs: Vec<Ranger>,
     /// Infrared rangers.
@@ -321,6 +326,8 @@ impl Robot {
         let can = root.named_tables("can").into_iter().map(|(name, table)| CanBus::read(name, table)).collect();
         let rs485: Vec<Rs485Bus> =
             root.named_tables("rs485").into_iter().map(|(name, table)| Rs485Bus::read(name, table)).collect();
+        let i2c = root.named_tables("i2c").into_iter().map(|(name, table)| I2cBus::read(name, table)).collect();
+        let w1 = root.table_if_any("w1").map(W1::read);
         let srfs = Ranger::read_all(&mut root, "srfs", 7, &rs485);
         let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
         let beacons = Beacon::read_all(&mut root);
@@ -339,6 +346,8 @@ impl Robot {
             limits,
             can,
             rs485,
+            i2c,
+            w1,
             srfs,
             irs,
             beacons,

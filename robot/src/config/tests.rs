@@ -135,7 +135,16 @@ fn the_shipped_robot_loads_live_and_simulated() {
     assert_eq!(sim.robot.can[0].interface, CanInterface::Udp { group, port: None });
     assert_eq!(sim.robot.rs485[0].port, PathBuf::from("rs485-a"));
     let names = |config: &Config| config.modules.iter().map(|module| module.name.clone()).collect::<Vec<_>>();
-    let drivers = ["driver_power", "driver_rs485a", "driver_rs485b", "estimator", "driver_canbus", "driver_joydev"];
+    let drivers = [
+        "driver_power",
+        "driver_rs485a",
+        "driver_rs485b",
+        "estimator",
+        "driver_canbus",
+        "driver_joydev",
+        "driver_aux",
+        "planner",
+    ];
     assert_eq!(names(&live), drivers);
     assert_eq!(names(&sim)[..], [&["simulator"], &drivers[..]].concat());
     let device = |config: &Config| config.robot.joystick.as_ref().map(|joystick| joystick.device.clone());
@@ -168,8 +177,8 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &[
-            "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, srfs, irs, beacons, \
-           estimator, power, joystick, log",
+            "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, i2c, w1, srfs, irs, \
+           beacons, estimator, power, joystick, log",
         ],
     );
 }
@@ -309,6 +318,64 @@ fn a_power_controller_has_a_link_of_its_own_and_a_battery_that_can_be() {
     let robot = load(&ROBOT.replacen("[limits]", link, 1), "", &[], MODULES).unwrap().robot;
     let power = robot.power.unwrap();
     assert_eq!((power.reserve, power.halt_command.len(), power.reboot_command.len()), (0.2, 1, 0));
+}
+
+#[test]
+fn an_i2c_bus_is_where_it_says_and_its_chips_can_be() {
+    use crate::config::I2cPlace;
+    let place = |text: &str| I2cPlace::parse(text);
+    assert_eq!(place("/dev/i2c-1"), Some(I2cPlace::Dev("/dev/i2c-1".into())));
+    let chip = "/dev/gpiochip0".into();
+    assert_eq!(place("gpio:/dev/gpiochip0:2:3"), Some(I2cPlace::Gpio { chip, sda: 2, scl: 3 }));
+    assert_eq!(place("unix:i2c-aux"), Some(I2cPlace::Socket("i2c-aux".into())));
+    for bad in ["", "i2c-1", "unix:", "gpio:", "gpio:/dev/gpiochip0", "gpio:/dev/gpiochip0:2", "gpio:chip:2:3"] {
+        assert_eq!(place(bad), None, "{bad}");
+    }
+    for bad in ["gpio:/dev/gpiochip0:2:2", "gpio:/dev/gpiochip0:-1:2", "gpio:/dev/gpiochip0:2:x"] {
+        assert_eq!(place(bad), None, "{bad}");
+    }
+    let bus = "[i2c.aux]\nbus = \"i2c-1\"\nchips = [\n\
+               { address = 0x78, driver = \"max6615\" },\n\
+               { address = 0x18, driver = \"lm75\" },\n\
+               { address = 0x18, driver = \"max6615\", temperatures = [\n\
+               { name = \"box\", channel = 3, limit_c = 60 },\n\
+               { name = \"box\", channel = 1, limit_c = 0 } ], fans = [\n\
+               { name = \"fan\", output = 1, follows = [\"bax\"], duty = 2 },\n\
+               { name = \"fan\", output = 1, rpm_min = 100 } ] },\n]\n[limits]";
+    refused(
+        "[limits]",
+        bus,
+        &[
+            "robot.toml:12: i2c.aux.bus = \"i2c-1\": expected \"/dev/i2c-1\", \"gpio:/dev/gpiochip0:SDA:SCL\", or \"unix:PATH\"",
+            "robot.toml:14: i2c.aux.chips[0].address = 120: expected an integer from 8 to 119",
+            "robot.toml:15: i2c.aux.chips[1].driver = \"lm75\": expected \"max6615\"",
+            "robot.toml:16: i2c.aux.chips[2].address = 24: expected one that no other chip of the bus has",
+            "robot.toml:17: i2c.aux.chips[2].temperatures[0].channel = 3: expected an integer from 1 to 2",
+            "robot.toml:18: i2c.aux.chips[2].temperatures[1].limit_c = 0: expected an integer from 1 to 150",
+            "robot.toml:18: i2c.aux.chips[2].temperatures[1].channel = 1: expected one that no other temperature of the chip has",
+            "robot.toml:19: i2c.aux.chips[2].fans[0].follows = [1 items]: expected names of temperatures of this chip",
+            "robot.toml:19: i2c.aux.chips[2].fans[0].duty = 2: expected a number from 0 to 1",
+            "robot.toml:20: i2c.aux.chips[2].fans[1].rpm_min = 100: expected 0, or a number from 230 to 57600",
+            "robot.toml:20: i2c.aux.chips[2].fans[1].output = 1: expected one that no other fan of the chip has",
+        ],
+    );
+}
+
+#[test]
+fn thermometers_have_the_names_of_the_kernel() {
+    refused(
+        "[limits]",
+        "[w1]\nsensors = [\n{ id = \"28-1\" },\n{ id = \"26-000000000001\" },\n\
+         { id = \"28-000000000001\", limit_c = 200 },\n{ id = \"28-000000000001\" },\n]\n[limits]",
+        &[
+            "robot.toml:13: w1.sensors[0].id = \"28-1\": expected a thermometer as the kernel names it: \"28-0316a2795bff\"",
+            "robot.toml:14: w1.sensors[1].id = \"26-000000000001\": expected a thermometer as the kernel names it: \"28-0316a2795bff\"",
+            "robot.toml:15: w1.sensors[2].limit_c = 200: expected a number from -50 to 125",
+            "robot.toml:16: w1.sensors[3].id = \"28-000000000001\": expected one that no other of the sensors has",
+        ],
+    );
+    let robot = load(&ROBOT.replacen("[limits]", "[w1]\n[limits]", 1), "", &[], MODULES).unwrap().robot;
+    assert_eq!(robot.w1.unwrap().folder, PathBuf::from("/sys/bus/w1/devices"));
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! The configuration, and the devices that it names.
 
 use super::finding::Finding;
-use crate::config::{CanBus, CanInterface, Config, ConfigError, Joystick, JoystickDevice, ModuleEntry, Rs485Bus};
+use crate::config::{
+    CanBus, CanInterface, Config, ConfigError, I2cBus, I2cPlace, Joystick, JoystickDevice, ModuleEntry, Rs485Bus, W1,
+};
 use nix::unistd::{AccessFlags, Gid, Group, access};
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
@@ -69,25 +71,67 @@ pub fn serial(bus: &Rs485Bus, device: &Device, user: &str) -> Option<Finding> {
         return None;
     }
     let lost = "Its boards are not heard; where the module is critical the robot does not move.";
-    Some(device_file(&format!("rs485.{}", bus.name), &bus.port, bus.baud, device, (lost, user)))
+    Some(device_file(&format!("rs485.{}", bus.name), &bus.port, bus.baud, device, (lost, user), SERIAL))
+}
+
+/// An I2C adapter, or the GPIO chip that makes one; none for the simulator's.
+pub fn i2c(bus: &I2cBus, device: impl Fn(&Path) -> Device, user: &str) -> Option<Finding> {
+    let (path, kind) = match &bus.place {
+        I2cPlace::Dev(path) => (path, ("ls -l /dev/i2c-*; sudo modprobe i2c-dev", "i2c")),
+        I2cPlace::Gpio { chip, .. } => (chip, ("ls -l /dev/gpiochip*", "gpio")),
+        I2cPlace::Socket(_) => return None,
+    };
+    let lost = "Temperatures and fans are not seen; the fans go on by themselves.";
+    Some(device_file(&format!("i2c.{}", bus.name), path, bus.hz, &device(path), (lost, user), kind))
+}
+
+/// The kernel's 1-Wire thermometers; none for the simulator's.
+pub fn w1(w1: &W1) -> Option<Finding> {
+    const CHECK: &str = "w1";
+    if w1.folder.is_relative() {
+        return None;
+    }
+    let folder = w1.folder.display();
+    if !w1.folder.is_dir() {
+        let what = format!("{folder} is not there: no thermometer is connected");
+        return Some(Finding::warning(CHECK, what).cure("sudo modprobe w1-therm; dmesg | grep -i w1"));
+    }
+    let missing: Vec<&str> = w1
+        .sensors
+        .iter()
+        .filter(|sensor| !w1.folder.join(sensor.id.to_string()).exists())
+        .map(|sensor| &*sensor.name)
+        .collect();
+    Some(match missing[..] {
+        [] => Finding::ok(CHECK, format!("{} thermometers are connected", w1.sensors.len())),
+        _ => Finding::warning(CHECK, format!("not connected: {}", missing.join(", "))).cure(format!("ls {folder}")),
+    })
 }
 
 /// The serial device of a CAN adapter.
 pub fn adapter(bus: &CanBus, path: &Path, device: &Device, user: &str) -> Finding {
     let lost = "The drives are not reached: the robot does not move.";
-    device_file(&format!("can.{}", bus.name), path, bus.bitrate, device, (lost, user))
+    device_file(&format!("can.{}", bus.name), path, bus.bitrate, device, (lost, user), SERIAL)
 }
 
-fn device_file(check: &str, path: &Path, rate: u32, device: &Device, (lost, user): (&str, &str)) -> Finding {
+/// Where to look for a serial device, and the group that usually owns it.
+const SERIAL: (&str, &str) = ("ls -l /dev/serial/by-id/ /dev/tt*[A-Z]*[0-9]", "dialout");
+
+fn device_file(
+    check: &str,
+    path: &Path,
+    rate: u32,
+    device: &Device,
+    (lost, user): (&str, &str),
+    (look, usual_group): (&str, &str),
+) -> Finding {
     let port = path.display();
     let fail = |what: String| Finding::fail(check, what).why(lost);
     match device {
-        Device { there: false, .. } => {
-            fail(format!("{port} is not there")).cure("ls -l /dev/serial/by-id/ /dev/tt*[A-Z]*[0-9]")
-        }
+        Device { there: false, .. } => fail(format!("{port} is not there")).cure(look),
         Device { character: false, .. } => fail(format!("{port} is no device")).cure(format!("ls -lL {port}")),
         Device { access: false, group, .. } => {
-            let group = group.as_deref().filter(|group| *group != "root").unwrap_or("dialout");
+            let group = group.as_deref().filter(|group| *group != "root").unwrap_or(usual_group);
             let why = format!("{lost} Log in anew after the cure.");
             fail(format!("{user} may not open {port}")).why(why).cure(format!("sudo usermod -aG {group} {user}"))
         }

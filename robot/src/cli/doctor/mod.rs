@@ -78,6 +78,8 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
     findings.extend(
         config.robot.rs485.iter().filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.port), user)),
     );
+    findings.extend(config.robot.i2c.iter().filter_map(|bus| devices::i2c(bus, devices::Device::gather, user)));
+    findings.extend(config.robot.w1.iter().filter_map(devices::w1));
     let gamepad = config.robot.joystick.as_ref();
     findings.extend(gamepad.and_then(|gamepad| devices::gamepad(gamepad, devices::Device::gather, user)));
     findings.extend(devices::commands(&config.modules, devices::executable));

@@ -4,15 +4,20 @@ mod can_slcan;
 mod can_socket;
 mod can_udp;
 mod evdev;
+mod i2c;
 mod queue;
 mod restart;
 mod serial;
+mod w1;
+mod worker;
 
 pub use can_slcan::codec as can_slcan_codec;
 pub use can_udp::codec as can_udp_codec;
 pub use evdev::GamepadPlace;
 pub use evdev::codec as gamepad_codec;
+pub use i2c::codec as i2c_codec;
 pub use serial::{Driver, TerminalConfig};
+pub use w1::read as w1_read;
 
 use base::{Duration, Fault, Instant};
 use module::{Input, Line, Output};
@@ -60,6 +65,42 @@ pub enum PortConfig {
     GamepadHub {
         /// Made anew, removed at the end.
         path: PathBuf,
+    },
+    /// An I2C adapter of the kernel's.
+    I2cDev {
+        /// `/dev/i2c-1`.
+        path: PathBuf,
+    },
+    /// An I2C bus on two lines of a GPIO chip.
+    I2cGpio {
+        /// `/dev/gpiochip0`.
+        chip: PathBuf,
+        /// The number of the data line.
+        sda: u32,
+        /// The number of the clock line.
+        scl: u32,
+        /// Hz.
+        hz: u32,
+    },
+    /// The simulator's I2C bus.
+    I2cSocket {
+        /// Its socket.
+        path: PathBuf,
+    },
+    /// The simulator's side of that.
+    I2cServer {
+        /// Made anew, removed at the end.
+        path: PathBuf,
+    },
+    /// The kernel's 1-Wire thermometers.
+    W1 {
+        /// `/sys/bus/w1/devices`.
+        folder: PathBuf,
+    },
+    /// The simulator's side of such.
+    W1Folder {
+        /// Made anew, removed at the end.
+        folder: PathBuf,
     },
 }
 
@@ -172,6 +213,12 @@ impl Port {
             PortConfig::Gamepad { place, grab } => Box::new(evdev::Gamepad::new(place, grab)),
             PortConfig::GamepadHub { path } => Box::new(evdev::Hub::new(path)),
             PortConfig::CanSocket { interface } => Box::new(can_socket::CanSocket::new(interface)),
+            PortConfig::I2cDev { path } => Box::new(i2c::I2c::dev(path)),
+            PortConfig::I2cGpio { chip, sda, scl, hz } => Box::new(i2c::I2c::gpio(chip, sda, scl, hz)),
+            PortConfig::I2cSocket { path } => Box::new(i2c::Socket::new(path)),
+            PortConfig::I2cServer { path } => Box::new(i2c::Server::new(path)),
+            PortConfig::W1 { folder } => Box::new(w1::W1::new(folder)),
+            PortConfig::W1Folder { folder } => Box::new(w1::Folder::new(folder)),
         };
         let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
         Self { name, device, state, more: false, overrun: false, polls_write: false, why: Lost::new() }
