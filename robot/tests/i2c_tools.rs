@@ -61,7 +61,7 @@ fn the_simulated_robot_s_fan_controller_is_found_read_and_written_while_its_driv
     let wrote = good(&robot, &["i2c", "set", "fan1", "over_temperature_mask", "0x80"]);
     assert_eq!(wrote, "fan1 (0x18) 06 over-temperature mask: 0x80  channel 1\n");
     assert_eq!(good(&robot, &["i2c", "get", "0x18", "0x06"]), wrote);
-    assert!(robot.view.all_run() && runs(&robot.view));
+    robot.until("driver_aux RUN as before", 3.0, runs);
 
     let why = refused(&robot, &["i2c", "set", "fan1", "temperature_1", "7"]);
     assert!(why.contains("register 00, temperature 1, cannot be written"), "{why}");
@@ -89,9 +89,9 @@ fn the_simulated_robot_s_fan_controller_is_found_read_and_written_while_its_driv
 #[test]
 fn what_is_no_bus_is_refused_by_name() {
     for (port, why) in [
-        ("/dev/null", "/dev/null is no I2C adapter"),
+        ("/dev/full", "/dev/full is no I2C adapter"),
         ("/dev/no-such-adapter", "/dev/no-such-adapter: "),
-        ("gpio:/dev/null:1:2", "lines 1 and 2: "),
+        ("gpio:/dev/full:1:2", "lines 1 and 2: "),
         ("unix:/no/such/socket", "/no/such/socket: "),
         ("i2c-1", "expected /dev/i2c-1, gpio:/dev/gpiochip0:SDA:SCL or unix:PATH"),
     ] {

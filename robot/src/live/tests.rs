@@ -108,7 +108,7 @@ impl Module for Toy {
             }
             Event::Port { input: Input::Can(frame), .. } => self.note(format!("{:?}", frame.data())),
             Event::State(state) => self.note(state.name()),
-            Event::Message { .. } | Event::Port { .. } | Event::Process(_) => {}
+            Event::Message { .. } | Event::Process(_) => {}
         }
     }
 
