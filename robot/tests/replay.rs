@@ -116,7 +116,8 @@ fn a_run_in_virtual_time_is_played_again_to_the_last_bit() {
     let results: Vec<(&str, &str)> =
         lines.iter().map(|line| (line["file"].as_str().unwrap(), line["result"].as_str().unwrap())).collect();
     let mut expected: Vec<(&str, &str)> = MODULES.map(|module| (module, "same")).to_vec();
-    expected.insert(3, ("driver_rs485a.2", "same"));
+    expected.push(("driver_rs485a.2", "same"));
+    expected.sort_unstable();
     assert_eq!(results, expected, "{lines:?}");
     assert_eq!(code, 0);
     assert!(lines.iter().all(|line| line["events"].as_u64().unwrap() > 50), "{lines:?}");
@@ -241,7 +242,8 @@ fn a_live_run_is_played_again_to_the_last_bit() {
     let results: Vec<(&str, &str)> =
         lines.iter().map(|line| (line["file"].as_str().unwrap(), line["result"].as_str().unwrap())).collect();
     let mut expected: Vec<(&str, &str)> = MODULES.map(|module| (module, "same")).to_vec();
-    expected.insert(3, ("driver_rs485a.2", "same"));
+    expected.push(("driver_rs485a.2", "same"));
+    expected.sort_unstable();
     assert_eq!(results, expected, "{lines:?}");
     assert_eq!(code, 0);
     for line in &lines {

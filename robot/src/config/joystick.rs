@@ -97,7 +97,7 @@ impl Joystick {
         if fast_button.is_some() && [dead_man, slow_button].contains(&fast_button) {
             table.refuse("fast", "another button than dead_man and slow");
         }
-        let quiet_s = table.has("quiet_s").then(|| table.number("quiet_s", None, 0.5..=3600.0));
+        let quiet_s = number_if_any(&mut table, "quiet_s", 0.5..=3600.0);
         table.end();
         Self { device, grab, speed, steering, dead_man, scale, slow, fast, quiet_s }
     }
@@ -112,7 +112,7 @@ impl JoystickStick {
             inverted: table.boolean("inverted", usual.inverted),
             dead_zone: table.number("dead_zone", Some(usual.dead_zone), 0.0..=0.9),
             expo: table.number("expo", Some(usual.expo), 0.0..=1.0),
-            limit: table.has("limit").then(|| table.number("limit", None, 0.01..=10.0)),
+            limit: number_if_any(&mut table, "limit", 0.01..=10.0),
         };
         table.end();
         stick
@@ -129,6 +129,11 @@ impl JoystickGear {
         table.end();
         Some(Self { button: button?, scale })
     }
+}
+
+/// A key that is not there is known all the same.
+fn number_if_any(table: &mut Table<'_>, key: &'static str, range: RangeInclusive<f64>) -> Option<f64> {
+    table.node(key).is_some().then(|| table.number(key, None, range))
 }
 
 fn button(table: &mut Table<'_>, key: &'static str) -> Option<u16> {
