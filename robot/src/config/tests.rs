@@ -178,7 +178,7 @@ fn an_unknown_table_is_refused() {
         "[powder]\nport = \"x\"\n[limits]",
         &[
             "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, i2c, w1, srfs, irs, \
-           beacons, estimator, power, joystick, log",
+           beacons, estimator, power, joystick, planner, log",
         ],
     );
 }
