@@ -891,8 +891,8 @@ mod tests {
         let why = |place, name| module(&place, name, State::Run).err().unwrap().to_string();
         assert_eq!(why(shipped(false), SIMULATOR), "module simulator: only with --sim");
         assert!(
-            why(shipped(true), "planner")
-                .starts_with("module planner: there is none of that name; there are watchdog, ")
+            why(shipped(true), "cook")
+                .starts_with("module cook: there is none of that name; there are watchdog, ")
         );
     }
 }

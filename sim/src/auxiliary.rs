@@ -102,10 +102,9 @@ impl Auxiliary {
 
     /// The next thing that has come of a transfer, and on which bus.
     pub fn poll_outcome(&mut self, now: Instant) -> Option<(usize, Outcome)> {
-        let mut busses = self.busses.iter_mut().enumerate();
-        busses.find_map(|(place, bus)| {
-            bus.outcomes.pop_front_if(|(at, _)| *at <= now).map(|(_, outcome)| (place, outcome))
-        })
+        let due = |bus: &Bus| bus.outcomes.front().is_some_and(|(at, _)| *at <= now);
+        let place = self.busses.iter().position(due)?;
+        self.busses[place].outcomes.pop_front().map(|(_, outcome)| (place, outcome))
     }
 
     /// The masters of a bus are gone, and with them whoever waited.

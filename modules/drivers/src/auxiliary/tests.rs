@@ -112,9 +112,13 @@ impl Rig {
             let next = due.unwrap_or(end).min(end);
             self.bench.pass(next.since(self.bench.now()));
             self.collect();
-            if let Some((_, outcome)) = self.outcomes.pop_front_if(|(at, _)| *at <= next) {
+            if outcome.is_some_and(|at| at <= next)
+                && let Some((_, outcome)) = self.outcomes.pop_front()
+            {
                 self.port(I2C, Input::I2c(&outcome));
-            } else if let Some((_, answer)) = self.answers.pop_front_if(|(at, _)| *at <= next) {
+            } else if answer.is_some_and(|at| at <= next)
+                && let Some((_, answer)) = self.answers.pop_front()
+            {
                 self.port(W1, Input::OneWire(&answer));
             } else if next == end {
                 return std::mem::take(&mut self.log).join("\n");
