@@ -131,7 +131,7 @@ fn ready(tool: &mut Tool) -> Result<(), super::Failed> {
             }
             Heard::Message(Message::LlDataMotion(motion)) => {
                 let free = ["", "nobody commands the motion"].contains(&motion.reason.as_str());
-                moves = (motion.homed && motion.enabled && free).then(clock::now);
+                moves = (motion.homed && free).then(clock::now);
                 why = if moves.is_some() { "the estimator does not know where it is".into() } else { motion.reason };
             }
             Heard::Message(_) => {}
