@@ -21,9 +21,8 @@ use robot::topology::{Place, virtual_machine};
 use sim::check::Checkers;
 use sim::host::{Config, News, Virtual};
 use std::cell::RefCell;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
-use std::sync::LazyLock;
 
 #[derive(Default)]
 struct Seen {
@@ -46,24 +45,10 @@ fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
 }
 
-/// The shipped robot without its middle level and without visitors: here the test estimates, plans, has the beacons to
-/// itself, and nobody walks into the robot.
+/// The shipped robot; nobody walks into it.
 fn place() -> Place {
-    static LOW_LEVEL: LazyLock<PathBuf> = LazyLock::new(|| {
-        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee");
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("low-level-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        for file in ["robot.toml", "sim.toml"] {
-            std::fs::copy(shipped.join(file), folder.join(file)).expect("the shipped configuration");
-        }
-        let modules = std::fs::read_to_string(shipped.join("modules.toml")).expect("the shipped configuration");
-        let middle = |entry: &&str| ["estimator", "planner"].iter().any(|name| entry.contains(&format!("name = {name:?}")));
-        let entries: Vec<&str> = modules.split("[[modules]]").filter(|entry| !middle(entry)).collect();
-        std::fs::write(folder.join("modules.toml"), entries.join("[[modules]]")).expect("a file");
-        folder
-    });
     Place {
-        config: LOW_LEVEL.clone(),
+        config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
         sets: vec!["world.people=0".into()],
@@ -72,17 +57,36 @@ fn place() -> Place {
     }
 }
 
+/// The same without its middle level: the test estimates and plans.
+fn low_level() -> Place {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("low-level-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let shipped = place();
+    for file in ["robot.toml", "sim.toml"] {
+        std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
+    }
+    let modules = std::fs::read_to_string(shipped.config.join("modules.toml")).expect("the shipped configuration");
+    let middle = |entry: &&str| ["estimator", "planner"].iter().any(|name| entry.contains(&format!("name = {name:?}")));
+    let entries: Vec<&str> = modules.split("[[modules]]").filter(|entry| !middle(entry)).collect();
+    std::fs::write(folder.join("modules.toml"), entries.join("[[modules]]")).expect("a file");
+    Place { config: folder, ..shipped }
+}
+
 impl Robot {
     fn new(seed: u64) -> Self {
         Self::with(Config { seed, lcm_jitter: Duration::from_micros(200), ..Config::default() })
     }
 
     fn with(config: Config) -> Self {
-        let mut machine = virtual_machine(&place(), config).expect("the shipped configuration");
+        Self::at(&place(), config)
+    }
+
+    fn at(place: &Place, config: Config) -> Self {
+        let mut machine = virtual_machine(place, config).expect("the shipped configuration");
         let seen = Rc::new(RefCell::new(Seen::default()));
         let keep = seen.clone();
         machine.observe(move |now, news| keep.borrow_mut().take(now, news));
-        let limits = robot::checks::limits(&place(), Duration::from_secs(10)).expect("the shipped configuration");
+        let limits = robot::checks::limits(place, Duration::from_secs(10)).expect("the shipped configuration");
         let checkers = Rc::new(RefCell::new(Checkers::new(limits)));
         let keep = checkers.clone();
         machine.observe(move |now, news| keep.borrow_mut().observe(now, news));

@@ -19,16 +19,19 @@ const SHY: f64 = 0.45;
 const SHY_SPEED: f64 = 0.30;
 const SHY_GAIN: f64 = 1.1;
 /// A single echo ahead nearer than this is braked for, confirmed or not, m.
-const SUDDEN: f64 = 1.0;
+const SUDDEN: f64 = 1.2;
 /// Kept at least to what the map has, m.
 const MAPPED: f64 = 0.04;
 /// Who is this far behind the robot's front corner, m, is not before it.
 const ABREAST: f64 = 0.3;
 /// Sonars hear legs; people are so much wider, m.
 const STOUT: f64 = 0.2;
-/// People come nearer as fast, m/s, and are met as slowly.
-const STROLLING: f64 = 0.3;
-const CAUTIOUS: f64 = 0.35;
+/// People come nearer as fast, m/s, and are met as slowly where they are before the robot, or nearer beside it than
+const STROLLING: f64 = 0.4;
+const CAUTIOUS: f64 = 0.20;
+/// this, m; and passed as slowly where they are farther.
+const NARROW: f64 = 0.30;
+const PASSING: f64 = 0.45;
 /// Slower is standing still, m/s.
 const LEAST: f64 = 0.05;
 
@@ -129,9 +132,14 @@ pub fn caution(now: Instant, robot: Pose, forward: bool, obstacles: &Obstacles, 
     let inverse = robot.inverse();
     let speed = |place: Point| {
         let at = inverse * place;
-        let ahead = if forward { at.x > body.front - ABREAST } else { at.x < ABREAST - body.rear };
-        let free = gap(body, at) - STOUT;
-        if ahead { stopping_speed(free, STROLLING, limits, manners).max(CAUTIOUS) } else { limits.speed }
+        let before = if forward { at.x - body.front } else { -body.rear - at.x };
+        if before < -ABREAST {
+            return limits.speed;
+        }
+        // He is not before the robot yet: what he must walk for that is as good as distance.
+        let beside = (at.y.abs() - body.width / 2.0 - STOUT).max(0.0);
+        let least = if beside < NARROW { CAUTIOUS } else { PASSING };
+        stopping_speed(before - STOUT + beside, STROLLING, limits, manners).max(least)
     };
     obstacles.present(now).map(speed).fold(limits.speed, f64::min)
 }

@@ -16,9 +16,9 @@ use std::collections::VecDeque;
 use std::mem;
 
 /// The next leg is looked for when less than this is left of the one that is driven, m.
-const AHEAD: f64 = 2.5;
+const AHEAD: f64 = 3.0;
 /// What was in the way must be gone for so long.
-const GONE: Duration = Duration::from_millis(500);
+const GONE: Duration = Duration::from_millis(300);
 /// The robot stands, m/s.
 const STANDING: f64 = 0.03;
 /// Further off the path it looks for a new one, m and rad.
@@ -262,7 +262,7 @@ impl Mission {
                 }
                 self.set_out(poses, sight);
             }
-            Progress::NoWay { why, forever } => self.no_way(sight, &why, forever && !around),
+            Progress::NoWay { why, forever } => self.no_way(sight, ways, &why, forever && !around),
         }
     }
 
@@ -290,7 +290,7 @@ impl Mission {
         }
     }
 
-    fn no_way(&mut self, sight: &Sight<'_>, why: &str, forever: bool) {
+    fn no_way(&mut self, sight: &Sight<'_>, ways: &Ways, why: &str, forever: bool) {
         let Some(goal) = &self.goal else { return };
         let (id, number) = (goal.id, goal.next);
         if forever {
@@ -299,7 +299,7 @@ impl Mission {
         if self.is_enough(sight, why) {
             return;
         }
-        if self.attempts % 2 == 1 && self.back_out(sight) {
+        if self.attempts % 2 == 1 && self.back_out(sight, ways) {
             return;
         }
         self.say(Status::Blocked, format!("waits for a way to waypoint {}: {why}", number + 1));
@@ -337,7 +337,7 @@ impl Mission {
         }
         if self.track.is_done() {
             match stands {
-                true => self.arrive(sight),
+                true => self.arrive(sight, ways),
                 false => self.doing = Doing::Driving { next: None },
             }
             return Motion { speed: 0.0, ..command };
@@ -348,7 +348,7 @@ impl Mission {
             return Motion { speed: 0.0, ..command };
         }
         if self.is_stuck(sight, command) {
-            self.no_way(sight, "it was told to drive and does not move", false);
+            self.no_way(sight, ways, "it was told to drive and does not move", false);
             return Motion { speed: 0.0, ..command };
         }
         let next = self.think_ahead(sight, ways, next);
@@ -435,14 +435,14 @@ impl Mission {
     }
 
     /// The robot stands at the end of the track.
-    fn arrive(&mut self, sight: &Sight<'_>) {
+    fn arrive(&mut self, sight: &Sight<'_>, ways: &Ways) {
         let Some(goal) = &self.goal else { return };
         let Waypoint { at, .. } = goal.waypoints[goal.next];
         if goal.waypoints[goal.next].is_reached(sight.robot) {
             return self.reached(goal.next);
         }
         let off = at.distance(sight.robot.point());
-        self.no_way(sight, &format!("the robot came to stand {off:.2} m beside it"), false);
+        self.no_way(sight, ways, &format!("the robot came to stand {off:.2} m beside it"), false);
     }
 
     fn say_blocked(&mut self) {
@@ -471,20 +471,26 @@ impl Mission {
         self.doing = Doing::Waiting { since, gone };
     }
 
-    /// Turns to where the robot came from, if it came from anywhere.
-    fn back_out(&mut self, sight: &Sight<'_>) -> bool {
-        let Config { body, limits, manners, .. } = sight.config;
-        let Some(&(_, forward)) = self.trace.back() else { return false };
+    /// Turns to where the robot came from; when it came from nowhere, straight back or forward, where the map is free.
+    fn back_out(&mut self, sight: &Sight<'_>, ways: &Ways) -> bool {
         let steps = (BACK / TRACE_STEP) as usize;
-        let back = self.trace.iter().rev().take_while(|(_, was)| *was == forward).take(steps);
-        let back: Vec<(Pose, bool)> = back.map(|(pose, _)| (*pose, !forward)).collect();
-        let track = Track::new(&back, usize::MAX, body, limits, manners);
-        if track.remaining() < BACK_LEAST {
-            return false;
-        }
-        self.track = track;
+        let came = self.trace.back().map(|(_, forward)| *forward);
+        let back = self.trace.iter().rev().take_while(|(_, was)| Some(*was) == came).take(steps);
+        let back: Vec<(Pose, bool)> = back.map(|(pose, was)| (*pose, !was)).collect();
+        let straight = |forward: bool| {
+            let step = if forward { TRACE_STEP } else { -TRACE_STEP };
+            let pose = move |n: usize| sight.robot * Pose::new(step * n as f64, 0.0, 0.0);
+            let free = (0..=steps).map(pose).take_while(|pose| ways.is_free(*pose));
+            free.map(|pose| (pose, forward)).collect::<Vec<_>>()
+        };
+        [back, straight(false), straight(true)].iter().any(|poses| self.retreat(sight, poses))
+    }
+
+    fn retreat(&mut self, sight: &Sight<'_>, poses: &[(Pose, bool)]) -> bool {
+        let Config { body, limits, manners, .. } = sight.config;
+        self.track = Track::new(poses, usize::MAX, body, limits, manners);
         self.look(sight.now, sight.obstacles, sight.config);
-        if self.allowed(sight) <= 0.1 {
+        if self.track.remaining() < BACK_LEAST || self.allowed(sight) <= 0.1 {
             self.track = Track::default();
             return false;
         }
@@ -500,7 +506,7 @@ impl Mission {
         let command = self.track.follow(sight.robot, sight.motion, allowed, body, limits);
         let stands = sight.motion.speed.abs() < STANDING;
         let blocked = (allowed <= 0.0).then(|| blocked.unwrap_or(sight.now));
-        let gives_up = blocked.is_some_and(|since| sight.now.since(since) >= 2 * GONE);
+        let gives_up = blocked.is_some_and(|since| sight.now.since(since) >= 3 * GONE);
         if (self.track.is_done() || gives_up || self.is_stuck(sight, command)) && stands {
             self.trace.clear();
             self.think(sight, ways, true);

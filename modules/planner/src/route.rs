@@ -68,6 +68,12 @@ impl Ways {
         self.has_map && self.still.as_ref().is_some_and(|still| f64::from(still.distance(point.x, point.y)) <= within)
     }
 
+    /// Whether the map alone lets the robot stand at a pose.
+    #[must_use]
+    pub fn is_free(&self, pose: Pose) -> bool {
+        self.still.as_ref().is_none_or(|still| self.search.limits().footprint.is_free(still, pose))
+    }
+
     /// Ways around are around what is heard now, but for what the robot itself stands in.
     pub fn sense(&mut self, obstacles: &Obstacles, robot: Pose, body: &Body) {
         let Some(still) = &self.still else { return };

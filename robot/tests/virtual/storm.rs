@@ -3,10 +3,16 @@
 //!
 //! `STORMS=1000 cargo test -p advee --test virtual storm` for more; `STORM=SEED` for one.
 
-use super::{Robot, at, command};
+use super::{Robot, at, command, low_level};
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel, simulation};
+use robot::topology::Place;
 use sim::Random;
+use sim::host::Config;
+use std::sync::LazyLock;
+
+/// Whoever estimates and plans here is the storm.
+static LOW_LEVEL: LazyLock<Place> = LazyLock::new(low_level);
 
 const SOURCES: [(&str, i8); 5] = [("planner", 0), ("phone", 1), ("shell", 1), ("pad", 2), ("service", 3)];
 /// Faults of a drive: at the one it brakes, at the other it lets go.
@@ -33,7 +39,8 @@ struct Storm {
 
 impl Storm {
     fn new(seed: u64) -> Self {
-        let mut robot = Robot::new(seed);
+        let config = Config { seed, lcm_jitter: Duration::from_micros(200), ..Config::default() };
+        let mut robot = Robot::at(&LOW_LEVEL, config);
         robot.machine.run_until(at(12.0));
         let random = Random::new(seed ^ 0x5707_0000);
         Self { robot, random, moods: [Mood::Silent; 5], located: true, hung: Vec::new(), log: Vec::new() }

@@ -39,6 +39,8 @@ enum Doing {
     Zero(Instant),
     /// Drives like this until then.
     Drive { speed: f64, steering: f64, until: Instant },
+    /// Says nothing until then, and sends the planner off: it is let go by nobody who drives.
+    Yields(Instant),
     /// Lets the planner drive until then.
     Waits(Instant),
 }
@@ -109,12 +111,13 @@ impl Operator {
         self.watch(now);
         match self.doing {
             Doing::Silent(until) | Doing::Waits(until) if until <= now => self.doing = Doing::Zero(now + ZERO),
-            Doing::Zero(until) if until <= now && self.may_drive() => self.go(now, &mut say),
+            Doing::Zero(until) if until <= now && self.may_drive() => self.go(now),
+            Doing::Yields(until) if until <= now => self.send(now, &mut say),
             Doing::Drive { until, .. } if until <= now => self.change(now),
             _ => {}
         }
         let (speed, steering) = match self.doing {
-            Doing::Silent(_) | Doing::Waits(_) => return,
+            Doing::Silent(_) | Doing::Yields(_) | Doing::Waits(_) => return,
             Doing::Zero(_) => (0.0, 0.0),
             Doing::Drive { speed, steering, .. } => (speed, steering),
         };
@@ -151,7 +154,9 @@ impl Operator {
 
     /// Lets go when it does not do as he says, or comes too near to something.
     fn watch(&mut self, now: Instant) {
-        let Doing::Drive { speed, steering, .. } = self.doing else { return };
+        if !matches!(self.doing, Doing::Drive { .. } | Doing::Waits(_)) {
+            return;
+        }
         let disobeys = self.motion.as_ref().is_none_or(|motion| !motion.reason.is_empty());
         let since = match (disobeys, self.disobeyed) {
             (true, since) => *self.disobeyed.insert(since.unwrap_or(now)),
@@ -159,6 +164,13 @@ impl Operator {
                 self.disobeyed = None;
                 now
             }
+        };
+        let Doing::Drive { speed, steering, .. } = self.doing else {
+            // The planner needs a moment to begin; what stopped it later keeps it until he says so again.
+            if now.since(since) >= 4 * PATIENCE {
+                (self.disobeyed, self.doing) = (None, Doing::Silent(now));
+            }
+            return;
         };
         let pose = self.pose();
         let near = self.room(pose, speed, steering, 0.0) < self.behaviour.clearance / 2.0;
@@ -188,17 +200,22 @@ impl Operator {
     }
 
     /// He has commanded zero for a while.
-    fn go(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
+    fn go(&mut self, now: Instant) {
         let planner = |process: &common::Process| process.module == PLANNER && process.state == common::DataState::RUN;
         if self.processes.processes.iter().any(planner) && self.random.chance(0.5) {
-            self.doing = Doing::Waits(now + GOAL);
-            self.goal += 1;
-            let waypoint = middlelevel::Waypoint { tolerance: 0.2, ..self.somewhere() };
-            let waypoints = vec![waypoint];
-            say(middlelevel::CmdGoal { timestamp: 0, id: self.goal, waypoints, r#loop: false }.into());
+            self.doing = Doing::Yields(now + ZERO);
             return;
         }
         self.doing = self.leg(now);
+    }
+
+    /// The planner is to drive.
+    fn send(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
+        self.doing = Doing::Waits(now + GOAL);
+        self.goal += 1;
+        let waypoint = middlelevel::Waypoint { tolerance: 0.2, ..self.somewhere() };
+        let waypoints = vec![waypoint];
+        say(middlelevel::CmdGoal { timestamp: 0, id: self.goal, waypoints, r#loop: false }.into());
     }
 
     /// A place with room.
