@@ -5,8 +5,8 @@
 use base::{Duration, Instant};
 use messages::middlelevel::{CmdGoal, DataGoal, Waypoint};
 use messages::{Message, lowlevel, simulation};
-use module::record::Sink;
 use module::State;
+use module::record::Sink;
 use robot::config;
 use robot::topology::{Place, virtual_machine_recorded};
 use sim::host::{self, News, Virtual};

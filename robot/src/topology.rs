@@ -891,8 +891,7 @@ mod tests {
         let why = |place, name| module(&place, name, State::Run).err().unwrap().to_string();
         assert_eq!(why(shipped(false), SIMULATOR), "module simulator: only with --sim");
         assert!(
-            why(shipped(true), "cook")
-                .starts_with("module cook: there is none of that name; there are watchdog, ")
+            why(shipped(true), "cook").starts_with("module cook: there is none of that name; there are watchdog, ")
         );
     }
 }

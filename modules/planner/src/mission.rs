@@ -269,7 +269,7 @@ impl Mission {
     fn set_out(&mut self, poses: Vec<(Pose, bool)>, sight: &Sight<'_>) {
         let Some(goal) = &self.goal else { return };
         let Config { body, limits, manners, .. } = sight.config;
-        self.track = Track::new(&poses, goal.next, body, limits, manners);
+        self.track = Track::new(&poses, Some(goal.next), body, limits, manners);
         (self.replanned, self.unseen, self.stuck) = (true, true, None);
         self.doing = Doing::Driving { next: None };
         self.say_driving();
@@ -386,7 +386,7 @@ impl Mission {
             let to = goal.after(self.track.leads_to()?).filter(|_| self.track.remaining() < AHEAD)?;
             let at = goal.waypoints[to];
             if let Some(poses) = self.kept_way(to, end) {
-                self.track.extend(&poses, to, body, limits, manners);
+                self.track.extend(&poses, Some(to), body, limits, manners);
                 (self.unseen, self.replanned) = (true, true);
                 return None;
             }
@@ -397,7 +397,7 @@ impl Mission {
             Progress::Going => Some((route, to)),
             Progress::Found(poses) => {
                 self.keep_way(to, &poses);
-                self.track.extend(&poses, to, body, limits, manners);
+                self.track.extend(&poses, Some(to), body, limits, manners);
                 (self.unseen, self.replanned) = (true, true);
                 None
             }
@@ -488,7 +488,7 @@ impl Mission {
 
     fn retreat(&mut self, sight: &Sight<'_>, poses: &[(Pose, bool)]) -> bool {
         let Config { body, limits, manners, .. } = sight.config;
-        self.track = Track::new(poses, usize::MAX, body, limits, manners);
+        self.track = Track::new(poses, None, body, limits, manners);
         self.look(sight.now, sight.obstacles, sight.config);
         if self.track.remaining() < BACK_LEAST || self.allowed(sight) <= 0.1 {
             self.track = Track::default();

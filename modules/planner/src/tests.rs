@@ -426,3 +426,10 @@ fn it_comes_back_to_where_it_stands_with_another_heading() {
     robot.until(DataGoal::REACHED, 60.0);
     assert!(wrap(robot.pose.theta.radians() - 3.1).abs() < 0.2, "{:?}", robot.pose);
 }
+
+#[test]
+fn a_way_back_leads_to_no_waypoint() {
+    let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), false));
+    let mut track = crate::track::Track::new(&poses, None, &BODY, &LIMITS, &Manners::default());
+    assert_eq!((track.leads_to(), track.passed(), track.remaining()), (None, None, 0.5));
+}

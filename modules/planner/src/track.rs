@@ -63,17 +63,30 @@ pub struct Track {
 }
 
 impl Track {
-    /// A track to `waypoint` of poses driven forward (or not), near enough to each other to be joined by straight
+    /// A track to `waypoint`, if to any, of poses driven forward (or not), near enough to each other to be joined by straight
     /// lines. At a cusp the pose may stand twice.
     #[must_use]
-    pub fn new(poses: &[(Pose, bool)], waypoint: usize, body: &Body, limits: &Limits, manners: &Manners) -> Self {
+    pub fn new(
+        poses: &[(Pose, bool)],
+        waypoint: Option<usize>,
+        body: &Body,
+        limits: &Limits,
+        manners: &Manners,
+    ) -> Self {
         let mut track = Self::default();
         track.extend(poses, waypoint, body, limits, manners);
         track
     }
 
     /// Appends the way to the next waypoint; it begins where this one ends.
-    pub fn extend(&mut self, poses: &[(Pose, bool)], waypoint: usize, body: &Body, limits: &Limits, manners: &Manners) {
+    pub fn extend(
+        &mut self,
+        poses: &[(Pose, bool)],
+        waypoint: Option<usize>,
+        body: &Body,
+        limits: &Limits,
+        manners: &Manners,
+    ) {
         // What was driven is not needed any more.
         let passed = self.at.saturating_sub(1);
         self.samples.drain(..passed);
@@ -91,7 +104,7 @@ impl Track {
                 self.samples.push(Sample { pose, forward, way, curvature: 0.0, speed: 0.0 });
             }
         }
-        self.marks.push((self.samples.len().saturating_sub(1), waypoint));
+        self.marks.extend(waypoint.map(|waypoint| (self.samples.len().saturating_sub(1), waypoint)));
         self.shape(body, limits, manners);
     }
 
