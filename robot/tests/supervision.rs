@@ -194,6 +194,11 @@ fn what_hangs_while_all_that_guards_it_is_killed_is_ended_too() {
         let begin = Instant::now();
         if how != "a program that knows nothing of us" {
             support::signal(module, "STOP");
+            // One that is stopped later than its guards ended is not noticed by the kernel.
+            let stopped = || fs::read_to_string(format!("/proc/{module}/stat")).is_ok_and(|stat| stat.contains(") T "));
+            while !stopped() && begin.elapsed() < Duration::from_secs(5) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
         }
         support::signal(up, "KILL");
         while fs::read_to_string(format!("/proc/{module}/stat")).is_ok_and(|stat| !stat.contains(") Z ")) {
