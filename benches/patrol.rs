@@ -43,6 +43,9 @@ fn main() -> ExitCode {
         for (at, own, line) in &one.contacts {
             println!("  {at:8.1} s  {}  {line}", if *own { "THE ROBOT MOVED INTO IT" } else { "it was walked into" });
         }
+        if let Some(words) = one.words.last().filter(|_| 2 * one.told.1 > one.told.0) {
+            println!("  {:8.1} s  it stands at {:.2}, {:.2}: {}", words.0, one.at.0, one.at.1, words.1);
+        }
         all.add(one);
     }
     println!("all: {all}");
@@ -65,6 +68,9 @@ struct Total {
     let_go: u32,
     told: (u32, u32),
     contacts: Vec<(f64, bool, String)>,
+    /// What the planner said last, and where the robot is.
+    words: Vec<(f64, String)>,
+    at: (f64, f64),
     took: f64,
 }
 
@@ -85,6 +91,8 @@ fn run(people: Option<u32>, seed: u64, sink: Option<module::record::Sink>) -> To
         let_go: robot.let_go,
         told: seen.told,
         contacts: seen.contacts,
+        words: seen.words,
+        at: (seen.truth.x, seen.truth.y),
         took: begin.elapsed().as_secs_f64(),
     }
 }
@@ -109,7 +117,7 @@ impl Total {
 impl std::fmt::Display for Total {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let own = self.contacts.iter().filter(|(_, own, _)| *own).count();
-        let Self { seconds, way, waypoints, failed, let_go, told, contacts, took } = self;
+        let Self { seconds, way, waypoints, failed, let_go, told, contacts, took, .. } = self;
         write!(
             f,
             "{:.1} h, {way:.0} m, {:.3} m/s, {waypoints} waypoints, {failed} goals given up, contacts: {own} by the robot, \

@@ -135,9 +135,10 @@ impl Arbiter {
         Some(source.at + self.ttl)
     }
 
-    /// The robot stands: a holder that is silent lets go.
+    /// The robot stands: a holder that is silent, or heard late, lets go, and is as one that was stopped.
     pub fn standing(&mut self, now: Instant) {
         if self.current(now).is_none() {
+            self.decided(now);
             self.holder = None;
         }
     }
@@ -258,6 +259,17 @@ mod tests {
         bench.0.standing(Instant::from_millis(1310));
         assert_eq!(bench.say(320, "b", 1, 0.1), Holds);
         assert_eq!(bench.say(330, "a", 1, 0.4), Contested);
+    }
+
+    #[test]
+    fn a_source_that_is_heard_late_while_the_robot_stands_does_not_go_on() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        // Served at 260, received at 200: the driver was late, and the robot was told to stop before.
+        bench.0.standing(Instant::from_millis(1255));
+        assert_eq!(bench.say(200, "op", 1, 0.4), NotReleased);
+        assert_eq!(bench.say(250, "op", 1, 0.0), Holds);
+        assert_eq!(bench.say(300, "op", 1, 0.4), Holds);
     }
 
     #[test]
