@@ -43,8 +43,11 @@ fn main() -> ExitCode {
         for (at, own, line) in &one.contacts {
             println!("  {at:8.1} s  {}  {line}", if *own { "THE ROBOT MOVED INTO IT" } else { "it was walked into" });
         }
-        if let Some(words) = one.words.last().filter(|_| 2 * one.told.1 > one.told.0) {
-            println!("  {:8.1} s  it stands at {:.2}, {:.2}: {}", words.0, one.at.0, one.at.1, words.1);
+        if 2 * one.told.1 > one.told.0 {
+            println!("  it stands at {:.2}, {:.2}, {:.2} rad:", one.at.0, one.at.1, one.at.2);
+            for (at, words) in one.words.iter().rev().take(8).rev() {
+                println!("  {at:8.1} s  {words}");
+            }
         }
         all.add(one);
     }
@@ -70,7 +73,7 @@ struct Total {
     contacts: Vec<(f64, bool, String)>,
     /// What the planner said last, and where the robot is.
     words: Vec<(f64, String)>,
-    at: (f64, f64),
+    at: (f64, f64, f64),
     took: f64,
 }
 
@@ -92,7 +95,7 @@ fn run(people: Option<u32>, seed: u64, sink: Option<module::record::Sink>) -> To
         told: seen.told,
         contacts: seen.contacts,
         words: seen.words,
-        at: (seen.truth.x, seen.truth.y),
+        at: (seen.truth.x, seen.truth.y, seen.truth.theta),
         took: begin.elapsed().as_secs_f64(),
     }
 }

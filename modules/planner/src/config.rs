@@ -82,7 +82,7 @@ impl Default for Manners {
             speed_reverse: 0.3,
             speed_unseen: 0.4,
             margin: 0.20,
-            stop_distance: 0.45,
+            stop_distance: 0.25,
             reaction: 0.37,
             coasting: 0.25,
             patience: 3.0,

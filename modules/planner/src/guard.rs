@@ -13,6 +13,8 @@ const HORIZON: f64 = 2.5;
 const STRIDE: f64 = 0.10;
 /// Free space is believed for this long at full speed.
 const FRESH: Duration = Duration::from_secs(1);
+/// Who is within the margin already is not approached by more, m.
+const CLOSER: f64 = 0.03;
 /// What is nearer beside the way than this makes the robot slow, m.
 const SHY: f64 = 0.45;
 /// How fast it passes what it nearly touches, m/s, and how much faster for each metre between.
@@ -54,7 +56,11 @@ impl Ahead {
         let (body, manners) = (&config.body, &config.manners);
         let reach = HORIZON + body.front + SHY;
         let near = |hit: &Hit| hit.at.distance(here.pose.point()) < reach;
-        let mut hits: Vec<(Hit, bool)> = obstacles.hits().filter(near).map(|hit| (hit, false)).collect();
+        // What is nearer already is left behind, but not approached.
+        let inverse = here.pose.inverse();
+        let keep = |hit: &Hit| (gap(body, inverse * hit.at) - CLOSER).min(manners.margin);
+        let mut hits: Vec<(Hit, f64, bool)> =
+            obstacles.hits().filter(near).map(|hit| (hit, keep(&hit), false)).collect();
         let mut found = Self::default();
         let (mut next, mut last) = (here.way, None);
         for sample in ahead.iter().take_while(|sample| sample.way <= here.way + HORIZON) {
@@ -64,10 +70,10 @@ impl Ahead {
             (next, last) = (sample.way + STRIDE, Some(sample.forward));
             let inverse = sample.pose.inverse();
             let mut beside = SHY;
-            for (hit, touched) in hits.iter_mut().filter(|(_, touched)| !touched) {
+            for (hit, keep, touched) in hits.iter_mut().filter(|(.., touched)| !touched) {
                 let at = inverse * hit.at;
                 let gap = gap(body, at);
-                if gap <= manners.margin {
+                if gap <= *keep {
                     *touched = true;
                     found.contacts.push((sample.way, hit.closing));
                     found.first = found.first.or(Some((sample.way, hit.at)));

@@ -171,7 +171,9 @@ impl Mission {
     pub fn remaining(&self) -> f64 {
         let Some(goal) = self.goal.as_ref().filter(|goal| !goal.looped) else { return f64::NAN };
         let Some(to) = self.track.leads_to() else { return f64::NAN };
-        let rest = goal.waypoints[to..].windows(2).map(|pair| pair[0].at.distance(pair[1].at));
+        // Backing out leads to no waypoint.
+        let Some(rest) = goal.waypoints.get(to..) else { return f64::NAN };
+        let rest = rest.windows(2).map(|pair| pair[0].at.distance(pair[1].at));
         self.track.remaining() + rest.sum::<f64>()
     }
 
@@ -463,10 +465,14 @@ impl Mission {
         }
         let patience = sight.config.manners.patience * f64::from((1 + self.attempts / 2).min(WAITS_MAX));
         if waited >= patience && gone.is_none() {
-            if !self.is_enough(sight, "something stands in the way") {
-                self.think(sight, ways, true);
+            if self.is_enough(sight, "something stands in the way") {
+                return;
             }
-            return;
+            // A way around may begin nearer to somebody than the robot goes: then it makes room first.
+            if self.attempts % 2 == 0 && self.back_out(sight, ways) {
+                return;
+            }
+            return self.think(sight, ways, true);
         }
         self.doing = Doing::Waiting { since, gone };
     }

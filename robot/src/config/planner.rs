@@ -15,7 +15,7 @@ pub struct Planner {
     pub speed_unseen_mps: f64,
     /// Kept free beside the robot of what is sensed, 0.01..=1 m; default 0.2: sonars hear legs, and people are wider.
     pub margin_m: f64,
-    /// Kept free before it, 0.05..=2 m; default 0.45.
+    /// Kept free before it, 0.05..=2 m, beyond the margin; default 0.25.
     pub stop_distance_m: f64,
     /// From a thing's appearance to the brakes, 0.05..=2 s; default 0.37.
     pub reaction_s: f64,
