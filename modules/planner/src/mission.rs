@@ -301,7 +301,7 @@ impl Mission {
         if self.is_enough(sight, why) {
             return;
         }
-        if self.attempts % 2 == 1 && self.back_out(sight, ways) {
+        if !self.attempts.is_multiple_of(2) && self.back_out(sight, ways) {
             return;
         }
         self.say(Status::Blocked, format!("waits for a way to waypoint {}: {why}", number + 1));
@@ -469,7 +469,7 @@ impl Mission {
                 return;
             }
             // A way around may begin nearer to somebody than the robot goes: then it makes room first.
-            if self.attempts % 2 == 0 && self.back_out(sight, ways) {
+            if self.attempts.is_multiple_of(2) && self.back_out(sight, ways) {
                 return;
             }
             return self.think(sight, ways, true);
