@@ -1,5 +1,6 @@
 //! The whole robot in virtual time: the same modules, the watchdog among them, on modelled busses. What live tests can
 //! only bound, this one knows to the nanosecond.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[path = "virtual/auxiliary.rs"]
 mod auxiliary;
