@@ -13,8 +13,12 @@ pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
     if asking.any(|source| facts.may(now, source)) {
         return Ok(());
     }
-    let asking: Vec<&str> =
-        facts.sources.iter().filter(|source| facts.asks(now, source, speed)).map(|source| source.name.as_str()).collect();
+    let asking: Vec<&str> = facts
+        .sources
+        .iter()
+        .filter(|source| facts.asks(now, source, speed))
+        .map(|source| source.name.as_str())
+        .collect();
     let who = if asking.is_empty() { "somebody".into() } else { asking.join(", ") };
     Err(format!("{speed:.3} m/s for {who} who has not begun anew since the stop at {:?}", facts.stopped))
 }
