@@ -1,6 +1,7 @@
 //! A robot in virtual time that patrols a world by itself, and what is seen of it from outside: its way, whom it touched
 //! and who moved, how its goal fares. An attendant lets the planner go again when a stop was for somebody's bumping into
 //! the robot, as an operator does; how often is counted.
+#![allow(dead_code, reason = "bench and test use it, each its part")]
 
 use base::{Duration, Instant};
 use messages::middlelevel::{CmdGoal, DataGoal, Waypoint};

@@ -1,7 +1,6 @@
 //! The whole robot drives by itself, in virtual time: it finds itself, plans, drives, waits, and stands when it must.
 
 #[path = "../../benches/patrol/rig.rs"]
-#[allow(dead_code)]
 mod rig;
 
 use messages::middlelevel::DataGoal;
