@@ -126,6 +126,9 @@ impl Serial {
 
     /// A pseudo-terminal, its other side offered by a link.
     pub fn pseudo(link: PathBuf, baud: u32) -> Self {
+        // What one that was killed left leads to a number that is given to the next terminal, of whatever line: nobody
+        // may find that there.
+        let _ = fs::remove_file(&link);
         Self::new(Place::Pseudo(link, PathBuf::new()), baud, Codec::TwoByte(TwoByte::new()), Setup::new(Vec::new()))
     }
 

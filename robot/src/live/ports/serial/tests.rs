@@ -30,6 +30,14 @@ fn a_pseudo_terminal_is_refused_for_parity_by_the_name_of_its_driver() {
 }
 
 #[test]
+fn what_a_killed_one_left_leads_nowhere_before_the_first_terminal_is_open() {
+    let link = path("left");
+    std::os::unix::fs::symlink("/dev/pts/0", &link).unwrap();
+    let _side = Serial::pseudo(link.clone(), 115_200);
+    assert!(!link.is_symlink());
+}
+
+#[test]
 fn a_rate_beyond_the_list_of_posix_is_set_as_asked() {
     let link = path("rate");
     let side = offer(&link);
