@@ -224,8 +224,10 @@ impl CanWire {
                 continue;
             }
             if segment != number {
-                // Its cable was cut, or mended, while it waited.
-                self.kick(now, segment);
+                // Its cable was cut, or mended, while it waited. Not before it may send: two that wait so on either side
+                // would wake each other for ever.
+                let when = now.max(controller.suspended);
+                self.kick(when, segment);
                 continue;
             }
             if controller.suspended > now {

@@ -209,6 +209,23 @@ fn who_is_cut_off_is_alone_and_says_nothing_old_when_it_is_back() {
 }
 
 #[test]
+fn passive_senders_on_either_side_of_a_cut_do_not_wake_each_other_for_ever() {
+    let mut wire = CanWire::new(1_000_000, Random::new(1), None);
+    wire.join(owner(1), &"master".into(), false);
+    wire.join(owner(2), &"boards".into(), false);
+    wire.suffer(Instant::ZERO, Ailment::Cut, us(500_000));
+    wire.send(us(0), owner(1), frame(0x200, &[]));
+    wire.send(us(0), owner(2), frame(0x180, &[]));
+    let mut turns = 0;
+    while let Some(due) = wire.poll_timeout().filter(|due| *due < us(500_000)) {
+        wire.handle_timeout(due);
+        turns += 1;
+        assert!(turns < 100_000, "time stands still at {due:?}");
+    }
+    assert!(wire.controllers.iter().all(|controller| controller.is_passive()));
+}
+
+#[test]
 fn a_passive_sender_lets_others_begin_first() {
     let mut wire = wire(1_000_000, 2);
     wire.suffer(Instant::ZERO, Ailment::Corrupt(1), us(3000));
