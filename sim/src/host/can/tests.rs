@@ -222,7 +222,7 @@ fn passive_senders_on_either_side_of_a_cut_do_not_wake_each_other_for_ever() {
         turns += 1;
         assert!(turns < 100_000, "time stands still at {due:?}");
     }
-    assert!(wire.controllers.iter().all(|controller| controller.is_passive()));
+    assert!(wire.controllers.iter().all(Controller::is_passive));
 }
 
 #[test]
