@@ -3,6 +3,8 @@
 //! Which bus, who drives its two lines and how fast is the host's affair; SMBus commands, PEC and chips belong to crate
 //! `i2c`. Clauses: UM10204 rev. 6 (I2C), SMBus 3.2.
 
+pub mod codec;
+
 use core::fmt;
 
 /// The most bytes of one direction of a transfer: command, length, 32 bytes of a block, PEC, and one to spare.

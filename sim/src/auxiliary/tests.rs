@@ -1,3 +1,5 @@
+//! The fan controller and the thermometers as the simulator has them.
+
 use super::*;
 use base::i2c::{Bytes, Read};
 use i2c::max6615::register;

@@ -1,3 +1,5 @@
+//! How people walk, give way, and touch the robot.
+
 use super::*;
 use crate::world::Segment;
 

@@ -81,7 +81,7 @@ enum Part {
 impl Default for Run {
     /// Before the first transfer.
     fn default() -> Self {
-        const NOBODY: Address = Address::new(0).unwrap();
+        const NOBODY: Address = Address::new(0).expect("seven bits");
         Self::new(Transfer { address: NOBODY, write: Bytes::new(), read: Read::None })
     }
 }

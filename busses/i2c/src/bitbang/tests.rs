@@ -1,3 +1,5 @@
+//! The master on a wired-AND bus, level by level: transcripts after UM10204, and what goes wrong.
+
 use super::*;
 use crate::testing::{Bench, Random, bytes, transfer};
 use base::i2c::{Address, Bytes};

@@ -1,3 +1,5 @@
+//! Each command as it stands on the bus, with PEC and without, and answers that are none.
+
 use super::*;
 use crate::target::{Target, answer};
 use crate::testing::{Bench, Random, address, bytes};

@@ -1,3 +1,5 @@
+//! Ends, symmetry, and against every way of a few pieces that one can drive, forward and backward.
+
 use super::*;
 use crate::Motion;
 

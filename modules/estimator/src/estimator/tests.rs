@@ -1,3 +1,5 @@
+//! The module on the bench: what it is told, what it says.
+
 use super::*;
 use crate::filter::Beacon;
 use messages::lowlevel;

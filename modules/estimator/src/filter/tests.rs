@@ -1,3 +1,5 @@
+//! The filter by itself: late, wild and lasting errors of bearings; a robot that was put elsewhere.
+
 use super::*;
 use navitools::Point;
 

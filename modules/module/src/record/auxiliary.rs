@@ -2,22 +2,8 @@
 
 use super::Malformed;
 use super::wire::{self, Take};
-use base::i2c::{Address, Bytes, Error, MAX, Outcome, Read, Transfer};
+use base::i2c::{Outcome, Transfer, codec};
 use base::w1::{self, Answer, Request, Rom};
-
-// What is read by a transfer.
-const NOTHING: u8 = 0;
-const EXACTLY: u8 = 1;
-const BLOCK: u8 = 2;
-
-// What came of it.
-const OK: u8 = 0;
-const NO_ADDRESS: u8 = 1;
-const NO_DATA: u8 = 2;
-const ARBITRATION: u8 = 3;
-const STRETCHED: u8 = 4;
-const STUCK: u8 = 5;
-const OTHER: u8 = 6;
 
 // Requests and answers of a 1-Wire bus; what is wrong with a temperature follows.
 const LIST: u8 = 0;
@@ -28,56 +14,19 @@ const NONSENSE: u8 = 4;
 const UNREADABLE: u8 = 5;
 
 pub(super) fn transfer(out: &mut Vec<u8>, transfer: &Transfer) {
-    let (kind, count) = match transfer.read {
-        Read::None => (NOTHING, 0),
-        Read::Exactly(count) => (EXACTLY, count),
-        Read::Block { extra } => (BLOCK, extra),
-    };
-    out.extend([transfer.address.get(), kind, count]);
-    wire::bytes(out, &transfer.write);
+    wire::bytes(out, &codec::transfer(transfer));
 }
 
 pub(super) fn take_transfer(take: &mut Take<'_>) -> Result<Transfer, Malformed> {
-    let address = Address::new(take.u8()?).ok_or(Malformed("an address of seven bits"))?;
-    let read = match (take.u8()?, take.u8()?) {
-        (NOTHING, 0) => Read::None,
-        (EXACTLY, count) if usize::from(count) <= MAX => Read::Exactly(count),
-        (BLOCK, extra @ 0..=3) => Read::Block { extra },
-        _ => return Err(Malformed("what a transfer can read")),
-    };
-    Ok(Transfer { address, write: take_bytes(take)?, read })
-}
-
-fn take_bytes(take: &mut Take<'_>) -> Result<Bytes, Malformed> {
-    Bytes::from_slice(take.bytes()?).map_err(|_| Malformed("as many bytes as a transfer can have"))
+    codec::parse_transfer(take.bytes()?).ok_or(Malformed("a transfer on an I2C bus"))
 }
 
 pub(super) fn outcome(out: &mut Vec<u8>, outcome: &Outcome) {
-    match outcome {
-        Ok(read) => {
-            out.push(OK);
-            wire::bytes(out, read);
-        }
-        Err(Error::NoAddress) => out.push(NO_ADDRESS),
-        Err(Error::NoData { at }) => out.extend([NO_DATA, *at]),
-        Err(Error::Arbitration) => out.push(ARBITRATION),
-        Err(Error::Stretched) => out.push(STRETCHED),
-        Err(Error::Stuck) => out.push(STUCK),
-        Err(Error::Other) => out.push(OTHER),
-    }
+    wire::bytes(out, &codec::outcome(outcome));
 }
 
 pub(super) fn take_outcome(take: &mut Take<'_>) -> Result<Outcome, Malformed> {
-    Ok(match take.u8()? {
-        OK => Ok(take_bytes(take)?),
-        NO_ADDRESS => Err(Error::NoAddress),
-        NO_DATA => Err(Error::NoData { at: take.u8()? }),
-        ARBITRATION => Err(Error::Arbitration),
-        STRETCHED => Err(Error::Stretched),
-        STUCK => Err(Error::Stuck),
-        OTHER => Err(Error::Other),
-        _ => return Err(Malformed("what can come of a transfer")),
-    })
+    codec::parse_outcome(take.bytes()?).ok_or(Malformed("what can come of a transfer"))
 }
 
 pub(super) fn request(out: &mut Vec<u8>, request: Request) {

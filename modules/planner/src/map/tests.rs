@@ -1,3 +1,5 @@
+//! Shapes drawn on a map; pictures and the texts beside them, good ones and bad ones.
+
 use super::*;
 
 fn count(map: &Map) -> usize {

@@ -1,3 +1,5 @@
+//! Ways that are found, and why others are not.
+
 use super::*;
 use crate::map::{Map, Unknown};
 

@@ -15,7 +15,6 @@ pub use can_slcan::codec as can_slcan_codec;
 pub use can_udp::codec as can_udp_codec;
 pub use evdev::GamepadPlace;
 pub use evdev::codec as gamepad_codec;
-pub use i2c::codec as i2c_codec;
 pub use serial::{Driver, TerminalConfig};
 pub use w1::read as w1_read;
 

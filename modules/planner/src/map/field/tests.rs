@@ -1,3 +1,5 @@
+//! Distances against those counted cell by cell.
+
 use super::*;
 
 fn random(seed: &mut u32, count: usize) -> usize {

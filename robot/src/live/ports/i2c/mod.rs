@@ -2,7 +2,6 @@
 //!
 //! `docs/i2c.md` has what each can do. Adapters and GPIO block, so they have a thread of their own; the socket does not.
 
-pub mod codec;
 mod dev;
 mod gpio;
 mod server;

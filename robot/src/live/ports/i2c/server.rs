@@ -1,10 +1,9 @@
 //! The simulator's end of its bus: who connects is a master. Their transfers are served one after the other, in the order
 //! in which they came.
 
-use super::codec;
 use super::socket::{listener, read, write};
 use crate::live::ports::{Device, Lost, Received};
-use base::i2c::Transfer;
+use base::i2c::{Transfer, codec};
 use base::{Fault, Instant};
 use module::{Input, OUTSTANDING, Output};
 use nix::errno::Errno;

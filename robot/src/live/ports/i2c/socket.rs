@@ -1,9 +1,9 @@
 //! The simulator's bus: a socket in the run folder, a datagram for each transfer and one for what came of it.
 
-use super::codec::{self, DATAGRAM_MAX};
 use crate::live::ports::{Device, Lost, Received};
 use base::Instant;
 use base::i2c::Outcome;
+use base::i2c::codec::{self, DATAGRAM_MAX};
 use module::{Input, OUTSTANDING, Output};
 use nix::errno::Errno;
 use nix::sys::socket::{

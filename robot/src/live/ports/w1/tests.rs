@@ -1,3 +1,5 @@
+//! Thermometers in a folder that is made for the test.
+
 use super::*;
 use base::w1::{Error, Rom};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};

@@ -1,8 +1,11 @@
-//! Transfers and what came of them on the simulator's socket, a datagram each; `docs/i2c.md` has the format.
+//! Transfers and what came of them as bytes: a datagram each on the simulator's socket, and so they stand in records.
+//! `docs/i2c.md` has the format.
 
-use base::i2c::{Address, Bytes, Error, MAX, Outcome, Read, Transfer};
+use super::{Address, Bytes, Error, MAX, Outcome, Read, Transfer};
+use alloc::vec;
+use alloc::vec::Vec;
 
-/// The longest datagram of either kind.
+/// The longest of either kind.
 pub const DATAGRAM_MAX: usize = 3 + MAX;
 
 // What is read.
@@ -32,8 +35,8 @@ pub fn transfer(transfer: &Transfer) -> Vec<u8> {
 
 /// Reads a transfer; none for what is none.
 #[must_use]
-pub fn parse_transfer(datagram: &[u8]) -> Option<Transfer> {
-    let (&[address, kind, count], write) = datagram.split_first_chunk()?;
+pub fn parse_transfer(bytes: &[u8]) -> Option<Transfer> {
+    let (&[address, kind, count], write) = bytes.split_first_chunk()?;
     let read = match (kind, count) {
         (NOTHING, 0) => Read::None,
         (EXACTLY, count) if usize::from(count) <= MAX => Read::Exactly(count),
@@ -59,8 +62,8 @@ pub fn outcome(outcome: &Outcome) -> Vec<u8> {
 
 /// Reads an outcome; none for what is none.
 #[must_use]
-pub fn parse_outcome(datagram: &[u8]) -> Option<Outcome> {
-    Some(match datagram {
+pub fn parse_outcome(bytes: &[u8]) -> Option<Outcome> {
+    Some(match bytes {
         [OK, read @ ..] => Ok(Bytes::from_slice(read).ok()?),
         [NO_ADDRESS] => Err(Error::NoAddress),
         [NO_DATA, at] => Err(Error::NoData { at: *at }),
