@@ -1,6 +1,6 @@
 //! The files of a configuration folder, an override, a world: a refusal is at least one line, each of one line.
 #![no_main]
-use robot::config::{Config, ConfigError, Node, check_world};
+use robot::config::{Config, ConfigError, Node, parsed_world};
 use std::path::Path;
 
 libfuzzer_sys::fuzz_target!(|texts: (&str, &str, &str)| {
@@ -10,7 +10,7 @@ libfuzzer_sys::fuzz_target!(|texts: (&str, &str, &str)| {
         lines(refused);
     }
     let (Ok(mut tree), Ok(over)) = (tree, over) else { return };
-    if let Err(ConfigError(refused)) = check_world(&tree) {
+    if let Err(ConfigError(refused)) = parsed_world(tree.clone(), Path::new("world.toml"), &[format!("world.{set}")]) {
         lines(&refused);
     }
     let modules = over.clone();
