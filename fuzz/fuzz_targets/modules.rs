@@ -74,6 +74,7 @@ libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, Vec<u8>)>)| {
                             _ => base::w1::Answer::Temperature(rom, Ok(i32::from(number) * 2 - 40_000)),
                         });
                     }
+                    Line::Store => bench.store(port, &base::store::Answer::Done { free: u64::from(number) }),
                     Line::Gamepad => bench.event(Event::Port { port, input: Input::Gamepad(gamepad::Input::Frame) }),
                 }
             }

@@ -12,6 +12,7 @@ pub mod i2c;
 mod queue;
 mod report;
 pub mod serial;
+pub mod store;
 mod time;
 pub mod w1;
 

@@ -143,7 +143,8 @@ impl Line {
             | Input::I2c(_)
             | Input::I2cAsked(_)
             | Input::OneWire(_)
-            | Input::Gamepad(_) => None,
+            | Input::Gamepad(_)
+            | Input::Store(_) => None,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::{PortId, State};
 use base::serial::Word;
-use base::{Epoch, Fault, Instant, Report, Severity, can, gamepad, i2c, w1};
+use base::{Epoch, Fault, Instant, Report, Severity, can, gamepad, i2c, store, w1};
 use messages::Message;
 
 /// What a module wants done.
@@ -59,6 +59,9 @@ pub enum Output {
     OneWireIs(w1::Answer),
     /// What a simulated gamepad tells.
     Gamepad(gamepad::Event),
+    /// A request to a folder of log files; the host answers with `Input::Store`. At most [`OUTSTANDING`] may wait for
+    /// theirs.
+    Store(store::Request),
 }
 
 /// Transfers and requests that wait for their answers on one port; more are dropped, which a live host reports as
@@ -157,6 +160,11 @@ impl Actions {
     /// Asks on a 1-Wire bus.
     pub fn ask_w1(&mut self, port: PortId, request: w1::Request) {
         self.push(Action::Send(port, Output::OneWire(request)));
+    }
+
+    /// Asks something of a folder of log files.
+    pub fn store(&mut self, port: PortId, request: store::Request) {
+        self.push(Action::Send(port, Output::Store(request)));
     }
 
     /// A fault stands from now on; reported once until cleared.

@@ -2,7 +2,7 @@
 
 use crate::{Action, Actions, Event, Input, Output, PortId, Shell};
 use base::serial::Word;
-use base::{Duration, Epoch, Instant, can, i2c, w1};
+use base::{Duration, Epoch, Instant, can, i2c, store, w1};
 use messages::Message;
 
 /// A shell, a clock that only the test moves, and everything the shell asked for.
@@ -67,6 +67,23 @@ impl Bench {
     /// Feeds an answer of a 1-Wire bus.
     pub fn w1(&mut self, port: PortId, answer: &w1::Answer) {
         self.event(Event::Port { port, input: Input::OneWire(answer) });
+    }
+
+    /// Feeds an answer of a folder of log files.
+    pub fn store(&mut self, port: PortId, answer: &store::Answer) {
+        self.event(Event::Port { port, input: Input::Store(answer) });
+    }
+
+    /// Feeds a message received now to a module that overhears, as the bytes that it is on the bus.
+    ///
+    /// # Panics
+    /// When LCM cannot express it.
+    pub fn heard(&mut self, message: impl Into<Message>) {
+        let message = message.into();
+        let mut data = Vec::new();
+        message.encode(&mut data).expect("a message that LCM can express");
+        self.event(Event::Heard { at: self.now, channel: &message.channel_name(), data: &data });
+        self.message(message);
     }
 
     /// Lets `duration` pass, serving every deadline on the way at its own moment.

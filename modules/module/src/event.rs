@@ -2,7 +2,7 @@
 
 use crate::State;
 use base::serial::Word;
-use base::{Instant, can, gamepad, i2c, w1};
+use base::{Instant, can, gamepad, i2c, store, w1};
 use messages::Message;
 
 /// What happened.
@@ -17,6 +17,16 @@ pub enum Event<'a> {
         at: Instant,
         /// What it says.
         message: &'a Message,
+    },
+    /// Anything that was said on the bus, as its bytes; only to a module that [overhears](crate::Module::overhears). It
+    /// comes before the [`Event::Message`] that the same bytes may be.
+    Heard {
+        /// When it was received.
+        at: Instant,
+        /// The channel, at most 63 bytes.
+        channel: &'a str,
+        /// The message, of any type or none.
+        data: &'a [u8],
     },
     /// Something from a port.
     Port {
@@ -70,6 +80,8 @@ pub enum Line {
     OneWire,
     /// A gamepad or joystick.
     Gamepad,
+    /// A folder for log files.
+    Store,
 }
 
 /// What a port says.
@@ -97,6 +109,9 @@ pub enum Input<'a> {
     OneWire(&'a w1::Answer),
     /// News of a gamepad. That none is there is news, too, and no [`Input::Down`].
     Gamepad(gamepad::Input<'a>),
+    /// What came of a request: one for each [`Output::Store`](crate::Output::Store), in order; none for what was on its
+    /// way when the port went down.
+    Store(&'a store::Answer),
 }
 
 /// News of the processes that the watchdog asked for.

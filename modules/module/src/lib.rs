@@ -34,6 +34,11 @@ pub trait Module {
         &[]
     }
 
+    /// Whether it wants everything that is said on the bus, as bytes: [`Event::Heard`]. The logger does.
+    fn overhears(&self) -> bool {
+        false
+    }
+
     /// The ports it needs, in the order of their [`PortId`]s. The host opens them before `Event::Start` and again
     /// whenever they are lost.
     fn ports(&self) -> &[PortSpec] {

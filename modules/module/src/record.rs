@@ -17,6 +17,7 @@ mod call;
 mod pad;
 mod player;
 mod reader;
+mod store;
 #[cfg(test)]
 mod tests;
 mod wire;

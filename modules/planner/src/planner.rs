@@ -233,7 +233,7 @@ impl Module for Planner {
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
             Event::State(state) => self.senses.state = Some(state),
-            Event::Timer | Event::Port { .. } | Event::Process(_) => {}
+            Event::Timer | Event::Port { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
         if self.control.due(now) && self.is_busy() {
             self.control(now, out);

@@ -522,7 +522,7 @@ impl Module for Watchdog {
                 self.changed = true;
                 self.end_what_may(now, out);
             }
-            Event::State(_) | Event::Port { .. } => {}
+            Event::State(_) | Event::Heard { .. } | Event::Port { .. } => {}
         }
         if self.changed {
             self.changed = false;

@@ -5,7 +5,7 @@ use crate::live::clock;
 use crate::live::log::TimeOfDay;
 use crate::live::recorder;
 use crate::recording;
-use base::{Epoch, Instant, can};
+use base::{Epoch, Instant, can, store};
 use module::record::{Difference, End, First, Item, Player, Reader, Refusal};
 use module::{Action, Output, PortId, PortSpec};
 use serde_json::{Value, json};
@@ -334,6 +334,10 @@ fn show(action: &Action, ports: &[PortSpec]) -> (String, Value) {
         Action::Send(port, Output::I2cAnswer(Err(error))) => (bus(*port), json!({ "error": error.to_string() })),
         Action::Send(port, Output::OneWire(request)) => (bus(*port), json!({ "asked": format!("{request:?}") })),
         Action::Send(port, Output::OneWireIs(answer)) => (bus(*port), json!({ "is": format!("{answer:?}") })),
+        Action::Send(port, Output::Store(store::Request::Append { bytes, sync })) => {
+            (bus(*port), json!({ "append": bytes.len(), "sync": sync }))
+        }
+        Action::Send(port, Output::Store(request)) => (bus(*port), json!({ "asked": format!("{request:?}") })),
         Action::Send(port, Output::Gamepad(event)) => (bus(*port), json!({ "gamepad": format!("{event:?}") })),
         Action::Report(report) | Action::Raise(report) | Action::Clear(report) => {
             let fields = json!({

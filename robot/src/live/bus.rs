@@ -95,13 +95,22 @@ impl Bus {
 
     /// Takes what has come, decoded.
     pub fn receive(&mut self, now: Instant) -> Received {
+        self.overhear(now, |_, _| true)
+    }
+
+    /// Takes what has come; shows it to `hear` as it is, which says whether it is to be decoded, too.
+    pub fn overhear(&mut self, now: Instant, hear: impl FnOnce(Instant, &Raw<'_>) -> bool) -> Received {
         let raw = match self.receive_raw() {
             Ok(Some(raw)) => raw,
             Ok(None) => return Received::Nothing,
             Err(why) => return Received::Broken(why),
         };
+        let at = clock::received(now, raw.received_ns);
+        if !hear(at, &raw) {
+            return Received::Foreign;
+        }
         match Message::receive(raw.channel, raw.data) {
-            Some(Ok(message)) => Received::Message { at: clock::received(now, raw.received_ns), message },
+            Some(Ok(message)) => Received::Message { at, message },
             Some(Err(error)) => malformed(&raw, &error),
             None => Received::Foreign,
         }

@@ -123,9 +123,13 @@ impl Host {
         // In its page of beats it sees the watchdog for less.
         channels.extend(guarded.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
         channels.extend(shell.module().subscriptions());
+        let overhears = shell.module().overhears();
         channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
-        let channels: Vec<&str> = channels.into_iter().map(Channel::name).collect();
+        let channels: Vec<&str> = match overhears {
+            true => vec![".*"],
+            false => channels.into_iter().map(Channel::name).collect(),
+        };
         let bus = Bus::open(&config.lcm_url, &channels)?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
@@ -340,7 +344,7 @@ impl Host {
     fn serve_bus(&mut self) {
         for _ in 0..BURST {
             let now = clock::now();
-            match self.bus.receive(now) {
+            match self.receive(now) {
                 FromBus::Nothing => {
                     self.bus_more = false;
                     self.bus_served = now;
@@ -368,6 +372,21 @@ impl Host {
                 }
             }
         }
+    }
+
+    /// Takes a message; a module that overhears has been told of it as bytes, and decoded is what it wants besides.
+    fn receive(&mut self, now: Instant) -> FromBus {
+        if !self.shell.module().overhears() {
+            return self.bus.receive(now);
+        }
+        let (shell, out) = (&mut self.shell, &mut self.out);
+        let received = self.bus.overhear(now, |at, raw| {
+            shell.handle(now, Event::Heard { at, channel: raw.channel, data: raw.data }, out);
+            let wanted = |channel| channel == Channel::CmDataProcesses || shell.wants(channel);
+            Channel::from_name(raw.channel).is_some_and(wanted)
+        });
+        self.act();
+        received
     }
 
     /// Hands the module an event, and does what follows from it.

@@ -57,7 +57,7 @@ impl Tap {
             }
             Input::CanNotice(_) | Input::Sent => self.finish(DataRaw::RECEIVED),
             // The simulator's end of a bus has no tap, a 1-Wire bus no frames: the kernel speaks on it.
-            Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_) => {}
+            Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Store(_) => {}
         }
     }
 
@@ -74,7 +74,11 @@ impl Tap {
                 self.asked.push_back(transfer.address);
                 self.ready.push((now, of_transfer(transfer)));
             }
-            Output::I2cAnswer(_) | Output::OneWire(_) | Output::OneWireIs(_) | Output::Gamepad(_) => {}
+            Output::I2cAnswer(_)
+            | Output::OneWire(_)
+            | Output::OneWireIs(_)
+            | Output::Gamepad(_)
+            | Output::Store(_) => {}
         }
     }
 

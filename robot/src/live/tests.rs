@@ -98,7 +98,8 @@ impl Module for Toy {
             Event::Port { input: Input::Sent, .. } => self.note("sent"),
             Event::Port { input: Input::CanNotice(notice), .. } => self.note(format!("{notice:?}")),
             Event::Port {
-                input: input @ (Input::I2c(_) | Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_)),
+                input:
+                    input @ (Input::I2c(_) | Input::I2cAsked(_) | Input::OneWire(_) | Input::Gamepad(_) | Input::Store(_)),
                 ..
             } => self.note(format!("{input:?}")),
             Event::Port { input: Input::Words(words), .. } => {
@@ -108,7 +109,7 @@ impl Module for Toy {
             }
             Event::Port { input: Input::Can(frame), .. } => self.note(format!("{:?}", frame.data())),
             Event::State(state) => self.note(state.name()),
-            Event::Message { .. } | Event::Process(_) => {}
+            Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
     }
 

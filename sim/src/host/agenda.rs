@@ -3,7 +3,7 @@
 use base::can::{Frame, Notice};
 use base::gamepad;
 use base::serial::Word;
-use base::{Instant, i2c, w1};
+use base::{Instant, i2c, store, w1};
 use messages::Message;
 use module::{ExitStatus, PortId};
 use std::cmp::Ordering;
@@ -12,6 +12,7 @@ use std::rc::Rc;
 /// An event with its data, as a hung process's buffers hold it.
 pub(super) enum Waiting {
     Message(Instant, Rc<Message>),
+    Heard(Instant, Rc<str>, Rc<[u8]>),
     Can(PortId, Frame),
     Notice(PortId, Notice),
     Down(PortId),
@@ -22,6 +23,7 @@ pub(super) enum Waiting {
     I2cAsked(PortId, i2c::Transfer),
     OneWire(PortId, w1::Answer),
     Gamepad(PortId, Rc<gamepad::Event>),
+    Store(PortId, store::Answer),
     Exited(u32, ExitStatus),
     Started(Rc<str>, u32),
     Unstartable(Rc<str>, Rc<str>),

@@ -6,7 +6,8 @@
 //!
 //! What is modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN
 //! with exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits a word and collisions ([`serial`]);
-//! I2C with the time that its bits take ([`i2c`]), 1-Wire with that of a search or a measurement ([`w1`]);
+//! I2C with the time that its bits take ([`i2c`]), 1-Wire with that of a search or a measurement ([`w1`]); disks that lose in a power
+//! cut what was not synchronized ([`Disk`]);
 //! processes that are started, ended, killed, hung, slow, that beat as live ones do, and outlive their watchdog for a
 //! while; what faults do to all of these. What is not: computing time (an event is served at once, or so much late),
 //! resource usage ([`module::ProcessEvent::Usage`] is never sent).
@@ -20,6 +21,7 @@ mod i2c;
 mod life;
 mod news;
 mod serial;
+mod store;
 #[cfg(test)]
 mod tests;
 mod w1;
@@ -28,6 +30,7 @@ mod wire;
 pub use config::Config;
 pub(crate) use i2c::duration as i2c_duration;
 pub use news::{News, Traffic};
+pub use store::{Disk, Stored};
 
 use crate::disturbance::{Disturbance, part};
 use crate::faults::{self, Ailment};
@@ -191,6 +194,14 @@ impl Virtual {
     #[must_use]
     pub fn traffic(&self, bus: &str) -> Option<Traffic> {
         self.wires.iter().find(|wire| &*wire.bus == bus).map(Wire::traffic)
+    }
+
+    /// The disk behind a port for log files; none when no such port was ever opened.
+    pub fn disk(&mut self, bus: &str) -> Option<&mut Disk> {
+        self.wires.iter_mut().find(|wire| &*wire.bus == bus).and_then(|wire| match &mut wire.kind {
+            Kind::Store(wire) => Some(&mut wire.disk),
+            _ => None,
+        })
     }
 
     /// Starts a process that nobody guards.
@@ -380,12 +391,21 @@ impl Virtual {
                 self.news(&News::Fault { target, fault, until: faults::until(self.now, command.duration) });
             }
         }
+        let mut bytes = None;
         let mut pid = 0;
         // By number, not by place: serving one may end or start others.
         while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
             let process = &self.processes[place];
             pid = process.pid;
-            if process.life.started && process.shell.wants(message.channel()) && !self.lcm.chance(loss) {
+            let (wants, overhears) = (process.shell.wants(message.channel()), process.shell.module().overhears());
+            if !process.life.started || !(wants || overhears) || self.lcm.chance(loss) {
+                continue;
+            }
+            if overhears {
+                let (channel, data) = bytes.get_or_insert_with(|| encoded(message)).clone();
+                self.tell(pid, Waiting::Heard(self.now, channel, data));
+            }
+            if wants {
                 self.tell(pid, Waiting::Message(self.now, message.clone()));
             }
         }
@@ -426,6 +446,11 @@ impl Virtual {
                     self.tell(owner.pid, Waiting::OneWire(owner.port, answer));
                 }
             }
+            Kind::Store(wire) => {
+                if let Some((owner, answer)) = wire.handle_timeout(now) {
+                    self.tell(owner.pid, Waiting::Store(owner.port, answer));
+                }
+            }
             Kind::Gamepad(_) => {}
         }
         self.arm_wire(place);
@@ -463,7 +488,7 @@ impl Virtual {
         self.each_port(place, |host, port| {
             let hears = match &host.wires[place].kind {
                 Kind::Can(wire) => wire.hears(host.now, port),
-                Kind::Serial(_) | Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) => false,
+                Kind::Serial(_) | Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Store(_) => false,
             };
             if hears && (port != owner || echo) {
                 for _ in 0..times {
@@ -570,6 +595,10 @@ impl Virtual {
             Waiting::Gamepad(port, event) => {
                 self.handle(pid, Event::Port { port, input: Input::Gamepad(event.as_input()) });
             }
+            Waiting::Store(port, answer) => self.handle(pid, Event::Port { port, input: Input::Store(&answer) }),
+            Waiting::Heard(at, channel, data) => {
+                self.handle(pid, Event::Heard { at, channel: &channel, data: &data });
+            }
             Waiting::Sent(port) => self.handle(pid, Event::Port { port, input: Input::Sent }),
             Waiting::Exited(pid_ended, status) => {
                 self.handle(pid, Event::Process(ProcessEvent::Exited { pid: pid_ended, status }));
@@ -649,7 +678,8 @@ impl Virtual {
         }
         self.digest.message(self.now, pid, &message.channel_name(), &self.bytes);
         self.news(&News::Message { pid, message: &message });
-        if self.processes.iter().any(|process| process.shell.wants(message.channel())) {
+        let hears = |process: &Process| process.shell.wants(message.channel()) || process.shell.module().overhears();
+        if self.processes.iter().any(hears) {
             let jitter = part(self.config.lcm_jitter, &mut self.lcm);
             let disturbance = &self.lcm_disturbance;
             let at = self.now + self.config.lcm_latency + jitter + disturbance.delay(self.now);
@@ -686,6 +716,7 @@ impl Virtual {
             (Kind::I2c(wire), Output::I2cAnswer(outcome)) => wire.answer(self.now, owner, outcome),
             (Kind::OneWire(wire), Output::OneWire(request)) => wire.send(self.now, owner, request),
             (Kind::OneWire(wire), Output::OneWireIs(answer)) => wire.is(owner, answer),
+            (Kind::Store(wire), Output::Store(request)) => wire.send(self.now, owner, request),
             (Kind::Gamepad(_), Output::Gamepad(event)) => {
                 self.gamepad_tells(wire, owner, event);
                 return;
@@ -775,4 +806,12 @@ impl Virtual {
             (_, due) => due.map(|due| (due, self.number())),
         }
     }
+}
+
+/// A message as it is on the bus.
+fn encoded(message: &Message) -> (Rc<str>, Rc<[u8]>) {
+    let mut data = Vec::new();
+    // It was encoded when it was sent.
+    let _ = message.encode(&mut data);
+    (message.channel_name().as_ref().into(), data.into())
 }

@@ -6,6 +6,7 @@ use super::gamepad::GamepadWire;
 use super::i2c::I2cWire;
 use super::news::Traffic;
 use super::serial::SerialWire;
+use super::store::StoreWire;
 use super::w1::W1Wire;
 use crate::disturbance::Disturbance;
 use crate::faults::Ailment;
@@ -40,6 +41,7 @@ pub(super) enum Kind {
     I2c(I2cWire),
     OneWire(W1Wire),
     Gamepad(GamepadWire),
+    Store(StoreWire),
 }
 
 impl Wire {
@@ -49,7 +51,7 @@ impl Wire {
             Kind::Can(wire) => wire.suffer(now, ailment, until),
             Kind::Serial(_) => false,
             // What ails these are their chips, or nothing.
-            Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) => return false,
+            Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Store(_) => return false,
         };
         // On a CAN bus noise destroys frames, which are sent again; the wire knows.
         let common = !matches!(ailment, Ailment::Reorder(_)) && (!own || ailment == Ailment::None);
@@ -83,6 +85,7 @@ impl Wire {
             Kind::Serial(wire) => wire.poll_timeout(),
             Kind::I2c(wire) => wire.poll_timeout(),
             Kind::OneWire(wire) => wire.poll_timeout(),
+            Kind::Store(wire) => wire.poll_timeout(),
             Kind::Gamepad(_) => None,
         }
     }
@@ -94,6 +97,7 @@ impl Wire {
             Kind::I2c(wire) => Line::I2c { hz: wire.hz },
             Kind::OneWire(_) => Line::OneWire,
             Kind::Gamepad(_) => Line::Gamepad,
+            Kind::Store(_) => Line::Store,
         }
     }
 
@@ -103,6 +107,7 @@ impl Wire {
             Kind::Serial(wire) => wire.traffic,
             Kind::I2c(wire) => wire.traffic,
             Kind::OneWire(wire) => wire.traffic,
+            Kind::Store(wire) => wire.traffic,
             Kind::Gamepad(_) => Traffic::default(),
         }
     }
@@ -114,6 +119,7 @@ impl Wire {
             Kind::I2c(wire) => &wire.ports,
             Kind::OneWire(wire) => &wire.ports,
             Kind::Gamepad(wire) => &wire.ports,
+            Kind::Store(wire) => &wire.ports,
         }
     }
 
@@ -137,6 +143,10 @@ impl Wire {
                 wire.ports.push(owner);
                 true
             }
+            Kind::Store(wire) => {
+                wire.ports.push(owner);
+                true
+            }
         }
     }
 
@@ -147,6 +157,7 @@ impl Wire {
             Kind::Serial(wire) => wire.close(pid),
             Kind::I2c(wire) => wire.close(pid),
             Kind::OneWire(wire) => wire.close(pid),
+            Kind::Store(wire) => wire.gone(pid),
             Kind::Gamepad(wire) => return wire.close(pid),
         }
         false
@@ -169,6 +180,7 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
         Line::I2c { hz } => Kind::I2c(I2cWire::new(hz)),
         Line::OneWire => Kind::OneWire(W1Wire::default()),
         Line::Gamepad => Kind::Gamepad(GamepadWire::default()),
+        Line::Store => Kind::Store(StoreWire::default()),
     };
     let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));
     wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random, told_dropped: 0 });

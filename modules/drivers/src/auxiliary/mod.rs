@@ -277,7 +277,7 @@ impl Module for Auxiliary {
             }
             Event::Port { input, .. } => self.on_w1(&input, out),
             Event::State(state) => self.state = state,
-            Event::Timer | Event::Message { .. } | Event::Process(_) => {}
+            Event::Timer | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
     }
 

@@ -625,7 +625,7 @@ impl Module for Canbus {
             Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
             Event::State(state) => self.state = state,
             Event::Timer if self.bus.is_up() => self.master.handle_timeout(now),
-            Event::Port { .. } | Event::Process(_) | Event::Timer => {}
+            Event::Port { .. } | Event::Heard { .. } | Event::Process(_) | Event::Timer => {}
         }
         self.on_master(now, out);
         self.decide(now, out);

@@ -309,7 +309,7 @@ impl Module for Joydev {
             }
             Event::State(state) => self.on_state(now, state, out),
             Event::Timer => self.on_timer(now, out),
-            Event::Port { .. } | Event::Message { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
     }
 

@@ -365,7 +365,7 @@ impl Module for Power {
             }
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.on_timer(now, out),
-            Event::Port { .. } | Event::Message { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

@@ -103,7 +103,7 @@ impl Module for Rs485a {
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.line.on_timer(now, out),
             Event::Message { message: Message::CmCmdState(command), .. } => self.on_state_command(command),
-            Event::Port { .. } | Event::Message { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

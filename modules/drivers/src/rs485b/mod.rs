@@ -214,7 +214,7 @@ impl Module for Rs485b {
             Event::Message { message: Message::LlDataActiveBeacons(command), .. } => self.on_active(command, out),
             Event::State(state) => self.line.set_state(state),
             Event::Timer => self.line.on_timer(now, out),
-            Event::Port { .. } | Event::Message { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

@@ -2,7 +2,7 @@
 
 use super::call::{before, since};
 use super::wire::{self, Take};
-use super::{Malformed, auxiliary, report, state, take_message, take_report, take_state};
+use super::{Malformed, auxiliary, report, state, store, take_message, take_report, take_state};
 use crate::{Action, Condition, Output, PortId, ProcessCommand};
 use base::Instant;
 use messages::Message;
@@ -30,6 +30,7 @@ const SEND_I2C_ANSWER: u8 = 19;
 const SEND_ONE_WIRE: u8 = 20;
 const SEND_ONE_WIRE_IS: u8 = 21;
 const SEND_GAMEPAD: u8 = 22;
+const SEND_STORE: u8 = 23;
 
 // When the shell wants to be woken: as before, never, or at a moment.
 const SAME: u8 = 0;
@@ -92,6 +93,10 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
         Action::Send(PortId(port), Output::Gamepad(event)) => {
             out.extend([SEND_GAMEPAD, *port]);
             super::gamepad(out, event.as_input());
+        }
+        Action::Send(PortId(port), Output::Store(request)) => {
+            out.extend([SEND_STORE, *port]);
+            store::request(out, request);
         }
         Action::Raise(about) => {
             out.push(RAISE);
@@ -187,6 +192,7 @@ fn take_action(take: &mut Take<'_>) -> Result<Action, Malformed> {
         SEND_I2C => Action::Send(PortId(take.u8()?), Output::I2c(auxiliary::take_transfer(take)?)),
         SEND_I2C_ANSWER => Action::Send(PortId(take.u8()?), Output::I2cAnswer(auxiliary::take_outcome(take)?)),
         SEND_ONE_WIRE => Action::Send(PortId(take.u8()?), Output::OneWire(auxiliary::take_request(take)?)),
+        SEND_STORE => Action::Send(PortId(take.u8()?), Output::Store(store::take_request(take)?)),
         SEND_ONE_WIRE_IS => Action::Send(PortId(take.u8()?), Output::OneWireIs(auxiliary::take_answer(take)?)),
         SEND_GAMEPAD => Action::Send(PortId(take.u8()?), Output::Gamepad(super::take_gamepad(take)?)),
         RAISE => Action::Raise(take_report(take)?),

@@ -1,7 +1,7 @@
 //! What a host hands to a shell, as bytes.
 
 use super::wire::{self, Take};
-use super::{Malformed, auxiliary, report, state, take_message, take_report, take_state};
+use super::{Malformed, auxiliary, report, state, store, take_message, take_report, take_state};
 use crate::{Actions, Event, ExitStatus, Input, PortId, ProcessEvent, Shell};
 use base::serial::Word;
 use base::{Instant, Report, can, gamepad};
@@ -38,6 +38,7 @@ impl fmt::Display for Call<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Event(Event::Message { message, .. }) => write!(f, "message {}", message.channel_name()),
+            Self::Event(Event::Heard { channel, data, .. }) => write!(f, "{} bytes on {channel}", data.len()),
             Self::Event(Event::Port { port: PortId(port), input }) => match input {
                 Input::Words(words) => write!(f, "port {port}: {} words", words.len()),
                 Input::Can(frame) => match frame.id() {
@@ -85,6 +86,8 @@ const I2C: u8 = 26;
 const I2C_ASKED: u8 = 27;
 const ONE_WIRE: u8 = 28;
 const GAMEPAD: u8 = 29;
+const HEARD: u8 = 30;
+const STORE: u8 = 31;
 
 /// Appends a call. Moments in it are told relative to `now`.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
@@ -94,6 +97,12 @@ pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
             out.push(MESSAGE);
             wire::signed(out, since(now, *at));
             super::message(out, message);
+        }
+        Call::Event(Event::Heard { at, channel, data }) => {
+            out.push(HEARD);
+            wire::signed(out, since(now, *at));
+            wire::text(out, channel);
+            wire::bytes(out, data);
         }
         Call::Event(Event::Timer) => out.push(TIMER),
         Call::Event(Event::State(to)) => {
@@ -157,6 +166,10 @@ fn put_input(out: &mut Vec<u8>, PortId(port): PortId, input: &Input<'_>) {
         Input::Gamepad(input) => {
             out.extend([GAMEPAD, port]);
             super::gamepad(out, *input);
+        }
+        Input::Store(answer) => {
+            out.extend([STORE, port]);
+            store::answer(out, answer);
         }
     }
 }
@@ -241,6 +254,14 @@ pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>
             let port = PortId(take.u8()?);
             let told: gamepad::Event = super::take_gamepad(take)?;
             return Ok(f(Call::Event(Event::Port { port, input: Input::Gamepad(told.as_input()) })));
+        }
+        STORE => {
+            let (port, answer) = (PortId(take.u8()?), store::take_answer(take)?);
+            return Ok(f(Call::Event(Event::Port { port, input: Input::Store(&answer) })));
+        }
+        HEARD => {
+            let at = before(now, take.signed()?);
+            Event::Heard { at, channel: take.text()?, data: take.bytes()? }
         }
         UP..=SENT => Event::Port { port: PortId(take.u8()?), input: take_input(tag, take)? },
         STARTED..=USAGE => Event::Process(take_process(tag, take, now)?),

@@ -2,10 +2,11 @@ use super::*;
 use crate::{
     Actions, Event, ExitStatus, Input, Module, Output, PortId, ProcessCommand, ProcessEvent, Shell, ShellConfig,
 };
-use base::{Duration, gamepad, i2c, w1};
+use base::{Duration, gamepad, i2c, store, w1};
 use messages::{common, lowlevel};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// Sends a set-point for each command, and zero when none came for `ttl`.
 struct Driver {
@@ -368,13 +369,23 @@ fn every_call_is_read_as_it_was_written() {
         process(ProcessEvent::Silent { pid, thread: "main", last: at(7) }),
         process(ProcessEvent::BadBeats { pid, why: "is cut short" }),
         process(ProcessEvent::Usage { pid, cpu: 0.01, rss: -1 }),
+        Call::Event(Event::Heard { at: at(7), channel: "OTHERS", data: &[1, 2, 3] }),
         Call::Terminate,
         Call::Raise(&report),
         Call::Clear(&report),
     ];
+    let run = store::Entry { name: "run".into(), bytes: 1 << 40 };
+    let stored = [
+        store::Answer::Done { free: 7 },
+        store::Answer::Listed { entries: vec![run], free: 0 },
+        store::Answer::Failed(store::Trouble::Full),
+        store::Answer::Failed(store::Trouble::ReadOnly),
+        store::Answer::Failed(store::Trouble::Other("gone".into())),
+    ];
     let outcomes = outcomes.iter().map(|outcome| input(Input::I2c(outcome)));
     let answers = answers.iter().map(|answer| input(Input::OneWire(answer)));
-    for call in calls.into_iter().chain(outcomes).chain(answers) {
+    let stored = stored.iter().map(|answer| input(Input::Store(answer)));
+    for call in calls.into_iter().chain(outcomes).chain(answers).chain(stored) {
         let mut bytes = Vec::new();
         call::put(&mut bytes, at(5000), &call);
         let mut rest = Take(&bytes);
@@ -404,6 +415,10 @@ fn every_action_is_read_as_it_was_written() {
         Action::Send(PortId(2), Output::OneWireIs(w1::Answer::Temperature(rom, Ok(85_000)))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Found(Box::new(pad())))),
         Action::Send(PortId(1), Output::Gamepad(gamepad::Event::Axis { code: gamepad::ABS_Y, value: -32_768 })),
+        Action::Send(PortId(0), Output::Store(store::Request::Create { name: "run/log_000.mcap".into() })),
+        Action::Send(PortId(0), Output::Store(store::Request::Append { bytes: Arc::new(vec![7; 300]), sync: true })),
+        Action::Send(PortId(0), Output::Store(store::Request::Remove { name: "run".into() })),
+        Action::Send(PortId(0), Output::Store(store::Request::List)),
         Action::Raise(report()),
         Action::Clear(report()),
         Action::Report(report()),

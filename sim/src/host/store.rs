@@ -1,0 +1,220 @@
+//! A disk with a folder of log files: requests one after the other, each as long as it takes; what was not synchronized
+//! is gone after a power cut.
+
+use super::Owner;
+use super::news::Traffic;
+use base::store::{Answer, Entry, Request, Trouble, is_name};
+use base::{Duration, Instant};
+use module::OUTSTANDING;
+use std::collections::{BTreeMap, VecDeque};
+
+/// A small SD card: bytes a second, what every request takes, and what it takes until all is on the medium.
+const RATE: u64 = 40_000_000;
+const ACCESS: Duration = Duration::from_micros(100);
+const SYNC: Duration = Duration::from_millis(5);
+
+/// A file: what is in it, and how much of that a power cut leaves.
+#[derive(Clone, Debug, Default)]
+pub struct Stored {
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+    /// So many of them are on the medium.
+    pub durable: usize,
+}
+
+/// What the disk is, for tests to look at and to spoil.
+#[derive(Clone, Debug)]
+pub struct Disk {
+    /// The files by their names.
+    pub files: BTreeMap<String, Stored>,
+    /// Bytes that it holds.
+    pub capacity: u64,
+    /// So many times slower than it is.
+    pub slow: u32,
+    /// Nothing may be written.
+    pub read_only: bool,
+}
+
+impl Default for Disk {
+    fn default() -> Self {
+        Self { files: BTreeMap::new(), capacity: 1 << 32, slow: 1, read_only: false }
+    }
+}
+
+impl Disk {
+    /// Bytes that are free.
+    #[must_use]
+    pub fn free(&self) -> u64 {
+        self.capacity.saturating_sub(self.files.values().map(|file| file.bytes.len() as u64).sum())
+    }
+
+    /// The power fails: each file has what was synchronized.
+    pub fn cut(&mut self) {
+        self.files.values_mut().for_each(|file| file.bytes.truncate(file.durable));
+    }
+
+    fn entries(&self) -> Vec<Entry> {
+        let mut entries: Vec<Entry> = Vec::new();
+        for (path, file) in &self.files {
+            let (name, bytes) = (path.split('/').next().unwrap_or(path), file.bytes.len() as u64);
+            match entries.last_mut() {
+                Some(last) if last.name == name => last.bytes += bytes,
+                _ => entries.push(Entry { name: name.into(), bytes }),
+            }
+        }
+        entries
+    }
+}
+
+/// A disk and who has it.
+#[derive(Debug, Default)]
+pub(super) struct StoreWire {
+    pub ports: Vec<Owner>,
+    pub disk: Disk,
+    /// The file that each port appends to.
+    open: BTreeMap<(u32, u8), String>,
+    queue: VecDeque<(Owner, Request)>,
+    until: Option<Instant>,
+    pub traffic: Traffic,
+}
+
+impl StoreWire {
+    pub fn send(&mut self, now: Instant, owner: Owner, request: Request) {
+        if self.queue.iter().filter(|(own, _)| *own == owner).count() >= OUTSTANDING {
+            self.traffic.dropped += 1;
+            return;
+        }
+        self.queue.push_back((owner, request));
+        self.go_on(now);
+    }
+
+    fn go_on(&mut self, now: Instant) {
+        if self.until.is_none()
+            && let Some((_, request)) = self.queue.front()
+        {
+            let takes = match request {
+                Request::Append { bytes, sync } => {
+                    let writing = Duration::from_nanos(bytes.len() as u64 * 1_000_000_000 / RATE);
+                    ACCESS + writing + if *sync { SYNC } else { Duration::ZERO }
+                }
+                Request::Create { .. } => ACCESS + SYNC,
+                Request::Remove { .. } | Request::List => ACCESS,
+            };
+            let takes = takes * self.disk.slow.max(1);
+            self.traffic.busy += takes;
+            self.until = Some(now + takes);
+        }
+    }
+
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.until
+    }
+
+    /// What came of a request that is over at `now`.
+    pub fn handle_timeout(&mut self, now: Instant) -> Option<(Owner, Answer)> {
+        self.until.take_if(|until| *until <= now)?;
+        let (owner, request) = self.queue.pop_front()?;
+        self.traffic.sent += 1;
+        let answer = self.perform(owner, request).unwrap_or_else(Answer::Failed);
+        self.go_on(now);
+        Some((owner, answer))
+    }
+
+    fn perform(&mut self, owner: Owner, request: Request) -> Result<Answer, Trouble> {
+        let key = (owner.pid, owner.port.0);
+        if self.disk.read_only && !matches!(request, Request::List) {
+            return Err(Trouble::ReadOnly);
+        }
+        match request {
+            Request::Create { name } | Request::Remove { name } if !is_name(&name) => {
+                return Err(Trouble::Other(format!("{name:?} is no name of a file here")));
+            }
+            Request::Create { name } => {
+                self.close(key);
+                if self.disk.files.contains_key(&name) {
+                    return Err(Trouble::Other(format!("{name} is there already")));
+                }
+                self.disk.files.insert(name.clone(), Stored::default());
+                self.open.insert(key, name);
+            }
+            Request::Append { bytes, sync } => {
+                let free = self.disk.free();
+                let file = self.open.get(&key).and_then(|name| self.disk.files.get_mut(name));
+                let file = file.ok_or_else(|| Trouble::Other("no file is open".into()))?;
+                if bytes.len() as u64 > free {
+                    return Err(Trouble::Full);
+                }
+                file.bytes.extend_from_slice(&bytes);
+                if sync {
+                    file.durable = file.bytes.len();
+                }
+            }
+            Request::Remove { name } => {
+                let inside = format!("{name}/");
+                self.disk.files.retain(|path, _| *path != name && !path.starts_with(&inside));
+            }
+            Request::List => return Ok(Answer::Listed { entries: self.disk.entries(), free: self.disk.free() }),
+        }
+        Ok(Answer::Done { free: self.disk.free() })
+    }
+
+    fn close(&mut self, key: (u32, u8)) {
+        if let Some(file) = self.open.remove(&key).and_then(|name| self.disk.files.get_mut(&name)) {
+            file.durable = file.bytes.len();
+        }
+    }
+
+    /// A process is gone; what it wrote stays, on the medium or not yet.
+    pub fn gone(&mut self, pid: u32) {
+        self.ports.retain(|owner| owner.pid != pid);
+        self.open.retain(|(owner, _), _| *owner != pid);
+        // What the kernel has taken it does.
+        self.queue.retain(|(owner, _)| owner.pid != pid);
+        if self.queue.is_empty() {
+            self.until = None;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use module::PortId;
+    use std::sync::Arc;
+
+    fn ask(wire: &mut StoreWire, request: Request) -> Answer {
+        let owner = Owner { pid: 1, port: PortId(0) };
+        wire.send(Instant::ZERO, owner, request);
+        let over = wire.poll_timeout().unwrap();
+        wire.handle_timeout(over).unwrap().1
+    }
+
+    fn append(count: usize, sync: bool) -> Request {
+        Request::Append { bytes: Arc::new(vec![7; count]), sync }
+    }
+
+    #[test]
+    fn what_was_not_synchronized_is_gone_after_a_power_cut() {
+        let mut wire = StoreWire::default();
+        ask(&mut wire, Request::Create { name: "run/a".into() });
+        ask(&mut wire, append(10, true));
+        ask(&mut wire, append(5, false));
+        assert_eq!(wire.disk.files["run/a"].bytes.len(), 15);
+        wire.disk.cut();
+        assert_eq!(wire.disk.files["run/a"].bytes.len(), 10);
+    }
+
+    #[test]
+    fn a_full_disk_takes_nothing_more_and_tells_what_is_there() {
+        let mut wire = StoreWire::default();
+        wire.disk.capacity = 100;
+        ask(&mut wire, Request::Create { name: "run/a".into() });
+        assert_eq!(ask(&mut wire, append(60, false)), Answer::Done { free: 40 });
+        assert_eq!(ask(&mut wire, append(60, false)), Answer::Failed(Trouble::Full));
+        let run = Entry { name: "run".into(), bytes: 60 };
+        assert_eq!(ask(&mut wire, Request::List), Answer::Listed { entries: vec![run], free: 40 });
+        assert_eq!(ask(&mut wire, Request::Remove { name: "run".into() }), Answer::Done { free: 100 });
+        wire.disk.read_only = true;
+        assert_eq!(ask(&mut wire, Request::Create { name: "b".into() }), Answer::Failed(Trouble::ReadOnly));
+    }
+}
