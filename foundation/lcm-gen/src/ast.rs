@@ -113,6 +113,14 @@ impl Member {
     pub fn is_variable(&self) -> bool {
         self.dims.iter().any(|dim| dim.size == Size::Variable)
     }
+
+    /// How many elements all dimensions make together; `None` when one is variable.
+    pub(crate) fn fixed_count(&self) -> Option<usize> {
+        self.dims.iter().try_fold(1_usize, |product, dim| match dim.size {
+            Size::Fixed(count) => Some(product.saturating_mul(count)),
+            Size::Variable => None,
+        })
+    }
 }
 
 /// The type of a member.

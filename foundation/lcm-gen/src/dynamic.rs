@@ -24,13 +24,13 @@
 //! Members appear as in generated code: a length member that is the outermost dimension of an array is the array's
 //! length and nothing else, so it is left out.
 
-mod check;
-mod cursor;
+pub(crate) mod check;
+pub(crate) mod cursor;
 mod encode;
 mod error;
 #[cfg(feature = "serde")]
 mod serde;
-mod table;
+pub(crate) mod table;
 mod value;
 
 use crate::Schema;

@@ -18,14 +18,17 @@
 //!
 //! - [`Schema`]: definitions, fingerprints, sizes; [`rust`]: code from them; [`build`]: the same for a build script.
 //! - [`dynamic`]: messages without generated code; with the feature `serde` into and out of any format of serde's.
+//! - [`ros2`]: the types as ROS 2 describes them; [`cdr`]: messages as ROS 2 encodes them.
 #![forbid(unsafe_code)]
 
 mod ast;
 pub mod build;
+pub mod cdr;
 pub mod dynamic;
 mod error;
 mod fingerprint;
 mod parse;
+pub mod ros2;
 pub mod rust;
 mod schema;
 mod token;

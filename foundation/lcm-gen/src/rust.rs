@@ -21,6 +21,7 @@ use body::Body;
 use doc::emit_doc_or;
 use large::{emit_default, emit_large, is_large};
 use module::{Module, has_view};
+pub(crate) use names::words;
 use names::{Scope, camel_case, field, safe, view_name};
 use values::{emit_constants, emit_enum};
 

@@ -102,30 +102,45 @@ impl<'a> Check<'a> {
             Element::Struct(place) if min == 0 => self.types.structs[place].empties.max(1),
             _ => 1,
         };
-        let max = self.bytes.len().checked_div(min).unwrap_or(self.empties / shown);
-        if count > max {
-            return Err(DecodeError::Count { count: i64::try_from(count).unwrap_or(i64::MAX), max });
-        }
-        if min == 0 {
-            self.empties -= count * shown;
-        }
-        Ok(())
+        claim(count, min, shown, self.bytes.len(), &mut self.empties)
     }
 
     fn string(&mut self) -> Result<(), DecodeError> {
-        let len = i32::from_be_bytes(cursor::chunk(self.take(4)?));
-        let bad_length = DecodeError::StringLength { len, left: self.bytes.len() };
-        let size = usize::try_from(len).ok().filter(|&size| 0 < size && size <= self.bytes.len());
-        let (&last, text) = self.take(size.ok_or(bad_length)?)?.split_last().ok_or(bad_length)?;
-        if last != 0 {
-            return Err(DecodeError::Unterminated);
-        }
-        if text.contains(&0) {
-            return Err(DecodeError::InnerNul);
-        }
-        match std::str::from_utf8(text) {
-            Ok(_) => Ok(()),
-            Err(error) => Err(DecodeError::NotUtf8 { valid_up_to: error.valid_up_to() }),
-        }
+        let len = self.take(4)?;
+        text(self.take(string_length(len, self.bytes.len())?)?)
+    }
+}
+
+/// `count` elements of at least `min` bytes each, of which each shows `shown` without bytes if it has none itself:
+/// refuses a count that the bytes left cannot hold, or that leaves no `empties`.
+pub fn claim(count: usize, min: usize, shown: usize, left: usize, empties: &mut usize) -> Result<(), DecodeError> {
+    let max = left.checked_div(min).unwrap_or(*empties / shown);
+    if count > max {
+        return Err(DecodeError::Count { count: i64::try_from(count).unwrap_or(i64::MAX), max });
+    }
+    if min == 0 {
+        *empties -= count * shown;
+    }
+    Ok(())
+}
+
+/// How many bytes a string takes behind its length, of those that are left.
+pub fn string_length(len: &[u8], left: usize) -> Result<usize, DecodeError> {
+    let len = i32::from_be_bytes(cursor::chunk(len));
+    let wrong = DecodeError::StringLength { len, left };
+    usize::try_from(len).ok().filter(|&size| 0 < size && size <= left).ok_or(wrong)
+}
+
+/// Whether the bytes are the text of a string and the NUL behind it.
+pub fn text(bytes: &[u8]) -> Result<(), DecodeError> {
+    let Some((&0, text)) = bytes.split_last() else {
+        return Err(DecodeError::Unterminated);
+    };
+    if text.contains(&0) {
+        return Err(DecodeError::InnerNul);
+    }
+    match std::str::from_utf8(text) {
+        Ok(_) => Ok(()),
+        Err(error) => Err(DecodeError::NotUtf8 { valid_up_to: error.valid_up_to() }),
     }
 }

@@ -40,7 +40,8 @@ pub fn view_name(short: &str) -> String {
     words(short) + "Ref"
 }
 
-fn words(short: &str) -> String {
+/// `data_state_t` becomes `DataState`, a keyword or not.
+pub fn words(short: &str) -> String {
     let stem = short.strip_suffix("_t").unwrap_or(short);
     let mut name = String::new();
     for word in stem.split('_') {

@@ -1,0 +1,195 @@
+//! The steps of a plan, done: bytes of LCM in, bytes of CDR out. What can be wrong with a message, and in which order it
+//! is found, is as in [`dynamic::check`](crate::dynamic).
+
+use super::plan::{Array, Body, Item, Step};
+use super::writer::Writer;
+use super::{ConvertError, LENGTHS_MAX, MESSAGE_MAX};
+use crate::dynamic::table::Len;
+use crate::dynamic::{DecodeError, MAX_EMPTY, check, cursor};
+
+/// Converts one message with its fingerprint.
+pub fn message(bodies: &[Body], body: &Body, bytes: &[u8], out: &mut Vec<u8>) -> Result<(), ConvertError> {
+    let truncated = DecodeError::Truncated { needed: 8, left: bytes.len() };
+    let (head, rest) = bytes.split_first_chunk().ok_or(truncated)?;
+    let (expected, found) = (body.fingerprint, u64::from_be_bytes(*head));
+    if expected != found {
+        return Err(DecodeError::Fingerprint { expected, found }.into());
+    }
+    // Most often so much and a little for the gaps.
+    out.reserve(bytes.len() + bytes.len() / 4);
+    let mut run = Run { bodies, bytes: rest, to: Writer::new(out), lengths: [0; LENGTHS_MAX], empties: MAX_EMPTY };
+    run.body(body, 0)?;
+    match run.bytes.len() {
+        0 => Ok(()),
+        extra => Err(DecodeError::LeftOver { extra }.into()),
+    }
+}
+
+struct Run<'a, 'o> {
+    bodies: &'a [Body],
+    bytes: &'a [u8],
+    to: Writer<'o>,
+    /// The lengths in force, those of the outermost struct first.
+    lengths: [usize; LENGTHS_MAX],
+    empties: usize,
+}
+
+impl<'a> Run<'a, '_> {
+    #[inline]
+    fn take(&mut self, needed: usize) -> Result<&'a [u8], DecodeError> {
+        let truncated = DecodeError::Truncated { needed, left: self.bytes.len() };
+        let (head, rest) = self.bytes.split_at_checked(needed).ok_or(truncated)?;
+        self.bytes = rest;
+        Ok(head)
+    }
+
+    /// Refuses to go on when so many bytes are not left.
+    fn need(&self, needed: usize) -> Result<(), DecodeError> {
+        let left = self.bytes.len();
+        if needed <= left { Ok(()) } else { Err(DecodeError::Truncated { needed, left }) }
+    }
+
+    /// A struct whose lengths have their places from `base` on.
+    fn body(&mut self, body: &'a Body, base: usize) -> Result<(), ConvertError> {
+        if body.empties > MAX_EMPTY {
+            let count = i64::try_from(body.empties).unwrap_or(i64::MAX);
+            return Err(DecodeError::Count { count, max: MAX_EMPTY }.into());
+        }
+        self.need(body.fixed.unwrap_or_default())?;
+        for step in &body.steps {
+            match step {
+                Step::Numbers { width, count } => {
+                    let bytes = self.take(width.saturating_mul(*count))?;
+                    self.numbers(*width, bytes);
+                }
+                Step::Booleans { count } => {
+                    let bytes = self.take(*count)?;
+                    self.booleans(bytes);
+                }
+                Step::Length { slot, ty } => {
+                    let bytes = self.take(ty.min_size())?;
+                    let count = cursor::integer(*ty, bytes);
+                    let wrong = DecodeError::Count { count, max: self.bytes.len() };
+                    self.lengths[base + slot] = usize::try_from(count).map_err(|_| wrong)?;
+                    self.numbers(ty.min_size(), bytes);
+                }
+                Step::Array(array) => {
+                    if array.is_sequence() {
+                        let count = self.product(&array.dims, 1, base);
+                        self.to.count(count);
+                    }
+                    self.array(array, &array.dims, base, base + body.slots)?;
+                }
+                Step::Nothing => self.to.u8(0),
+            }
+        }
+        if self.to.len() > MESSAGE_MAX { Err(ConvertError::TooLong) } else { Ok(()) }
+    }
+
+    fn length(&self, len: Len, base: usize) -> usize {
+        match len {
+            Len::Fixed(count) => count,
+            Len::Slot(slot) => self.lengths[base + slot],
+        }
+    }
+
+    fn product(&self, dims: &[Len], element: usize, base: usize) -> usize {
+        dims.iter().fold(element, |product, len| product.saturating_mul(self.length(*len, base)))
+    }
+
+    /// The elements of an array, or of a row of it, one after the other; `inner` is where their own lengths go.
+    fn array(&mut self, array: &'a Array, dims: &[Len], base: usize, inner: usize) -> Result<(), ConvertError> {
+        let is_fixed = |dims: &[Len]| dims.iter().all(|len| matches!(len, Len::Fixed(_)));
+        match (array.fixed, dims) {
+            (Some(_), dims) if is_fixed(dims) => {
+                let count = self.product(dims, 1, base);
+                self.elements(array, count, inner)
+            }
+            (Some(size), [len, row @ ..]) if is_fixed(row) => {
+                let (count, row) = (self.length(*len, base), self.product(row, 1, base));
+                self.claim(array, count, size.saturating_mul(row))?;
+                self.elements(array, count.saturating_mul(row), inner)
+            }
+            (_, [len, row @ ..]) => {
+                let (count, min) = (self.length(*len, base), self.product(row, array.min, base));
+                if matches!(len, Len::Slot(_)) {
+                    self.claim(array, count, min)?;
+                }
+                (0..count).try_for_each(|_| self.array(array, row, base, inner))
+            }
+            (_, []) => match array.element {
+                Item::Struct(place) => self.body(&self.bodies[place], inner),
+                // All else has a fixed size.
+                _ => self.string(),
+            },
+        }
+    }
+
+    /// So many elements of a fixed size.
+    fn elements(&mut self, array: &'a Array, count: usize, inner: usize) -> Result<(), ConvertError> {
+        let size = array.min.saturating_mul(count);
+        match array.element {
+            Item::Number { width } => {
+                let bytes = self.take(size)?;
+                self.numbers(width, bytes);
+                Ok(())
+            }
+            Item::Boolean => {
+                let bytes = self.take(size)?;
+                self.booleans(bytes);
+                Ok(())
+            }
+            Item::Struct(place) => {
+                self.need(size)?;
+                let body = &self.bodies[place];
+                (0..count).try_for_each(|_| self.body(body, inner))
+            }
+            Item::String => (0..count).try_for_each(|_| self.string()),
+        }
+    }
+
+    /// `count` elements of at least `min` bytes each: refuses a count that the rest of the message cannot hold.
+    fn claim(&mut self, array: &Array, count: usize, min: usize) -> Result<(), DecodeError> {
+        let shown = match array.element {
+            Item::Struct(place) if min == 0 => self.bodies[place].empties.max(1),
+            _ => 1,
+        };
+        check::claim(count, min, shown, self.bytes.len(), &mut self.empties)
+    }
+
+    fn string(&mut self) -> Result<(), ConvertError> {
+        let len = self.take(4)?;
+        let text = self.take(check::string_length(len, self.bytes.len())?)?;
+        check::text(text)?;
+        self.numbers(4, len);
+        self.to.out.extend_from_slice(text);
+        Ok(())
+    }
+
+    fn booleans(&mut self, bytes: &[u8]) {
+        self.to.out.extend(bytes.iter().map(|&byte| u8::from(byte != 0)));
+    }
+
+    /// Numbers of that width, turned around. Where there is none, nothing is aligned.
+    #[inline]
+    fn numbers(&mut self, width: usize, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.to.align(width);
+        }
+        match width {
+            2 => self.turned::<2>(bytes),
+            4 => self.turned::<4>(bytes),
+            8 => self.turned::<8>(bytes),
+            _ => self.to.out.extend_from_slice(bytes),
+        }
+    }
+
+    #[inline]
+    fn turned<const N: usize>(&mut self, bytes: &[u8]) {
+        let at = self.to.out.len();
+        self.to.out.extend_from_slice(bytes);
+        for number in self.to.out[at..].as_chunks_mut::<N>().0 {
+            number.reverse();
+        }
+    }
+}
