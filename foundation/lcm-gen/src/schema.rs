@@ -96,8 +96,8 @@ impl Schema {
         known && members.all(|member| !member.is_variable() && member.ty != MemberType::Primitive(Primitive::String))
     }
 
-    /// The type of that name, if there is one, and all that its members lead to.
-    pub(crate) fn parts(&self, name: &str) -> impl Iterator<Item = &Definition> {
+    /// The type of that name, if there is one, and all that its members lead to: what has to be known to read it.
+    pub fn parts(&self, name: &str) -> impl Iterator<Item = &Definition> {
         let parts = self
             .index
             .get(name)

@@ -2,3 +2,5 @@
 //!
 //! Works on any reader and writer; opens nothing, knows no clock.
 #![forbid(unsafe_code)]
+
+pub mod ros;

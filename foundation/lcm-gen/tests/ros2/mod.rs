@@ -30,7 +30,8 @@ impl<'a> Text<'a> {
                 assert!(value.parse::<f64>().is_ok() && is_name(&constant.to_lowercase()), "{line}");
                 continue;
             }
-            assert!(is_name(rest), "{line}");
+            let (rest, default) = rest.split_once(' ').unwrap_or((rest, "0"));
+            assert!(is_name(rest) && default.parse::<f64>().is_ok(), "{line}");
             let (ty, count) = match ty.strip_suffix(']').and_then(|ty| ty.split_once('[')) {
                 Some((ty, count)) => (ty, Some((!count.is_empty()).then(|| count.parse().unwrap()))),
                 None => (ty, None),
@@ -70,9 +71,10 @@ impl<'a> Text<'a> {
                 assert!(byte < 2);
                 Value::Bool(byte == 1)
             }
-            "uint8" => Value::Int(u8::from_le_bytes(reader.take()).into()),
+            "uint8" | "byte" => Value::Int(u8::from_le_bytes(reader.take()).into()),
             "int8" => Value::Int(i8::from_le_bytes(reader.take()).into()),
             "int16" => Value::Int(i16::from_le_bytes(reader.take()).into()),
+            "uint32" => Value::Int(u32::from_le_bytes(reader.take()).into()),
             "int32" => Value::Int(i32::from_le_bytes(reader.take()).into()),
             "int64" => Value::Int(i64::from_le_bytes(reader.take())),
             "float32" => Value::Single(f32::from_le_bytes(reader.take())),

@@ -1,0 +1,145 @@
+//! `/scene`: markers of what there is besides sensors and paths.
+
+use messages::middlelevel::{DataEstimate, DataObstacles};
+
+use super::standard::Standard;
+use super::write::{Color, Fields, Pose, To};
+use super::{Beacon, RobotScene};
+
+/// What does not move is shown again after so long, for those who begin to look in the middle: µs.
+const AGAIN: u64 = 1_000_000;
+
+const CUBE_LIST: i32 = 6;
+const CYLINDER: i32 = 3;
+const LINE_STRIP: i32 = 4;
+const TEXT: i32 = 9;
+
+const ADD: i32 = 0;
+const DELETE: i32 = 2;
+
+const OUTLINE: Color = [0.2, 0.6, 1.0, 1.0];
+const BEACON: Color = [1.0, 0.7, 0.0, 1.0];
+const ELLIPSE: Color = [0.9, 0.1, 0.9, 0.3];
+const OBSTACLE: Color = [0.8, 0.1, 0.1, 0.6];
+
+/// The robot as it is shown, and when it last was.
+#[derive(Debug)]
+pub struct Scene {
+    pub robot: RobotScene,
+    shown: Option<i64>,
+}
+
+/// A marker; what its kind has no use for stays empty.
+#[derive(Clone, Copy)]
+struct Marker<'a> {
+    frame: &'a str,
+    ns: &'a str,
+    id: i32,
+    ty: i32,
+    action: i32,
+    pose: Pose,
+    scale: [f64; 3],
+    color: Color,
+    points: &'a [[f64; 2]],
+    text: &'a str,
+}
+
+impl Scene {
+    pub fn new(robot: RobotScene) -> Self {
+        Self { robot, shown: None }
+    }
+
+    /// The ellipse in which the robot is with two deviations; now and then outline and beacons too.
+    pub fn estimate(&mut self, message: &DataEstimate, to: &mut To<'_, '_>) {
+        let again = self.shown.is_none_or(|shown| shown.abs_diff(message.timestamp) >= AGAIN);
+        if again {
+            self.shown = Some(message.timestamp);
+        }
+        let robot = &self.robot;
+        let (beacons, outline): (&[Beacon], _) =
+            if again { (&robot.beacons, !robot.outline.is_empty()) } else { (&[], false) };
+        to.send("/scene", Standard::Markers, |fields| {
+            fields.to.count(1 + usize::from(outline) + 2 * beacons.len());
+            ellipse(message, fields);
+            if outline {
+                let mut points = robot.outline.clone();
+                points.extend(robot.outline.first());
+                let line = Marker { ns: "outline", ty: LINE_STRIP, scale: [0.02, 0.0, 0.0], ..Marker::new(OUTLINE) };
+                Marker { frame: "base_link", points: &points, ..line }.write(message.timestamp, fields);
+            }
+            for beacon in beacons {
+                let pose = Pose { x: beacon.x, y: beacon.y, theta: 0.0 };
+                let number = beacon.id.to_string();
+                let place = Marker { ns: "beacons", id: beacon.id, pose, ..Marker::new(BEACON) };
+                let label = Marker { ns: "beacon_numbers", ty: TEXT, text: &number, scale: [0.0, 0.0, 0.3], ..place };
+                Marker { ty: CYLINDER, scale: [0.15, 0.15, 0.02], ..place }.write(message.timestamp, fields);
+                label.write(message.timestamp, fields);
+            }
+        });
+    }
+}
+
+/// The cells that the planner keeps away from.
+pub fn obstacles(message: &DataObstacles, to: &mut To<'_, '_>) {
+    let points: Vec<[f64; 2]> = message.x.iter().zip(&message.y).map(|(&x, &y)| [x, y]).collect();
+    let action = if points.is_empty() { DELETE } else { ADD };
+    let marker = Marker { ns: "obstacles", ty: CUBE_LIST, action, ..Marker::new(OBSTACLE) };
+    to.send("/scene", Standard::Markers, |fields| {
+        fields.to.count(1);
+        let marker = Marker { scale: [message.size, message.size, 0.05], points: &points, ..marker };
+        marker.write(message.timestamp, fields);
+    });
+}
+
+/// A disc with the ellipse's axes as diameters; none where the covariance is none.
+fn ellipse(message: &DataEstimate, fields: &mut Fields<'_>) {
+    let [[xx, xy, _], [_, yy, _], _] = message.covariance;
+    let (middle, half) = ((xx + yy) / 2.0, (xx - yy) / 2.0);
+    let root = (half * half + xy * xy).sqrt();
+    let [long, short] = [middle + root, (middle - root).max(0.0)].map(|variance| 4.0 * variance.sqrt());
+    let pose = Pose { x: message.x, y: message.y, theta: 0.5 * libm::atan2(xy, half) };
+    let marker = Marker { ns: "estimate", ty: CYLINDER, ..Marker::new(ELLIPSE) };
+    let marker = if pose.is_finite() && long.is_finite() && short.is_finite() {
+        // A disc without width is refused by viewers.
+        Marker { pose, scale: [long.max(1e-3), short.max(1e-3), 0.01], ..marker }
+    } else {
+        Marker { action: DELETE, ..marker }
+    };
+    marker.write(message.timestamp, fields);
+}
+
+impl Marker<'_> {
+    /// In the map, at its origin.
+    fn new(color: Color) -> Self {
+        let (pose, scale) = (Pose::default(), [0.0; 3]);
+        Self { frame: "map", ns: "", id: 0, ty: 0, action: ADD, pose, scale, color, points: &[], text: "" }
+    }
+
+    /// `visualization_msgs/Marker`.
+    fn write(&self, timestamp: i64, fields: &mut Fields<'_>) {
+        fields.header(timestamp, self.frame);
+        fields.to.string(self.ns);
+        [self.id, self.ty, self.action].into_iter().for_each(|number| fields.to.i32(number));
+        fields.pose(self.pose);
+        let [x, y, z] = self.scale;
+        fields.vector(x, y, z);
+        fields.color(self.color);
+        fields.time(0); // lifetime: for good
+        fields.to.bool(true); // with its frame, wherever that goes
+        fields.to.count(self.points.len());
+        for &[x, y] in self.points {
+            fields.vector(x, y, 0.0);
+        }
+        fields.to.count(0); // colors
+        fields.to.string(""); // texture_resource
+        fields.header(0, ""); // texture: header, format, data
+        fields.to.string("");
+        fields.to.count(0);
+        fields.to.count(0); // uv_coordinates
+        fields.to.string(self.text);
+        fields.to.string(""); // mesh_resource
+        fields.to.string(""); // mesh_file: filename, data
+        fields.to.count(0);
+        fields.to.bool(false); // mesh_use_embedded_materials
+    }
+}

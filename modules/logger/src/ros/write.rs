@@ -1,0 +1,120 @@
+//! Pieces that standard messages are made of.
+
+use lcm_gen::cdr::Writer;
+
+use super::Sink;
+use super::standard::Standard;
+use super::topics::Topics;
+
+/// A colour: red, green, blue, opacity, 0..1.
+pub type Color = [f32; 4];
+
+/// A place and a heading in the plane: m, rad.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose {
+    pub x: f64,
+    pub y: f64,
+    pub theta: f64,
+}
+
+impl Pose {
+    /// Whether it is made of numbers: viewers lose their way with others.
+    pub fn is_finite(self) -> bool {
+        self.x.is_finite() && self.y.is_finite() && self.theta.is_finite()
+    }
+}
+
+/// Where standard messages go.
+pub struct To<'a, 's> {
+    pub topics: &'a mut Topics,
+    pub buffer: &'a mut Vec<u8>,
+    pub sink: &'a mut Sink<'s>,
+}
+
+impl To<'_, '_> {
+    /// Sends one message, whose fields `write` writes, unless there are too many topics.
+    pub fn send(&mut self, topic: &str, ty: Standard, write: impl FnOnce(&mut Fields<'_>)) {
+        let Some(id) = self.topics.standard(topic, ty) else { return };
+        self.buffer.clear();
+        write(&mut Fields { to: Writer::new(self.buffer) });
+        (self.sink)(self.topics.get(id), self.buffer);
+    }
+}
+
+/// Fields of a message, in the order in which its type has them.
+pub struct Fields<'a> {
+    pub to: Writer<'a>,
+}
+
+impl Fields<'_> {
+    /// `builtin_interfaces/Time`, from µs since the epoch; what it cannot say is the nearest that it can.
+    pub fn time(&mut self, timestamp: i64) {
+        let seconds = timestamp.div_euclid(1_000_000);
+        let micros = u32::try_from(timestamp.rem_euclid(1_000_000)).unwrap_or_default();
+        let (seconds, nanos) = match i32::try_from(seconds) {
+            Ok(seconds) => (seconds, micros * 1000),
+            Err(_) if seconds < 0 => (i32::MIN, 0),
+            Err(_) => (i32::MAX, 999_999_999),
+        };
+        self.to.i32(seconds);
+        self.to.u32(nanos);
+    }
+
+    /// `std_msgs/Header`.
+    pub fn header(&mut self, timestamp: i64, frame: &str) {
+        self.time(timestamp);
+        self.to.string(frame);
+    }
+
+    /// `geometry_msgs/Point` or `Vector3`.
+    pub fn vector(&mut self, x: f64, y: f64, z: f64) {
+        [x, y, z].into_iter().for_each(|number| self.to.f64(number));
+    }
+
+    /// `geometry_msgs/Quaternion` of a turn about the vertical.
+    pub fn turn(&mut self, theta: f64) {
+        let (sin, cos) = libm::sincos(theta / 2.0);
+        [0.0, 0.0, sin, cos].into_iter().for_each(|number| self.to.f64(number));
+    }
+
+    /// `geometry_msgs/Pose`; also `Transform`, which has the same fields under other names.
+    pub fn pose(&mut self, pose: Pose) {
+        self.vector(pose.x, pose.y, 0.0);
+        self.turn(pose.theta);
+    }
+
+    /// The covariance of x, y, theta among those of x, y, z and the turns about them.
+    pub fn covariance(&mut self, covariance: &[[f64; 3]; 3]) {
+        const PLACES: [Option<usize>; 6] = [Some(0), Some(1), None, None, None, Some(2)];
+        for row in PLACES {
+            for column in PLACES {
+                self.to.f64(row.zip(column).map_or(0.0, |(row, column)| covariance[row][column]));
+            }
+        }
+    }
+
+    /// `geometry_msgs/TransformStamped`: where `child` is in `parent`.
+    pub fn transform(&mut self, timestamp: i64, parent: &str, child: &str, pose: Pose) {
+        self.header(timestamp, parent);
+        self.to.string(child);
+        self.pose(pose);
+    }
+
+    /// `std_msgs/ColorRGBA`.
+    pub fn color(&mut self, color: Color) {
+        color.into_iter().for_each(|part| self.to.f32(part));
+    }
+
+    /// `diagnostic_msgs/DiagnosticStatus`.
+    pub fn status(&mut self, level: u8, name: &str, message: &str, hardware: &str, values: &[(&str, String)]) {
+        self.to.u8(level);
+        self.to.string(name);
+        self.to.string(message);
+        self.to.string(hardware);
+        self.to.count(values.len());
+        for (key, value) in values {
+            self.to.string(key);
+            self.to.string(value);
+        }
+    }
+}

@@ -1,0 +1,405 @@
+//! Translation to ROS 2, judged by a reader of our own; those of others judge in `ros_peers.rs`.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "../../../foundation/lcm-gen/tests/dynamic/mod.rs"]
+mod dynamic;
+#[path = "../../../foundation/lcm-gen/tests/ros2/mod.rs"]
+mod reader;
+mod support;
+mod translated;
+
+use lcm_gen::Schema;
+use lcm_gen::cdr::ConvertError;
+use lcm_gen::dynamic::{DecodeError, Types};
+use logger::ros::{RobotScene, TOPICS_MAX, Translator, Untranslated};
+use messages::common::{CmdLog, DataProcesses, DataState, Error, Process};
+use messages::lowlevel::{self, DataIrs, DataOdo, DataPower, DataSrfs, DataTemperature, Temperature};
+use messages::middlelevel::{DataEstimate, DataObstacles, DataPlan};
+use messages::{Channel, Message};
+use serde_json::{Value as Json, json};
+use support::Random;
+use translated::{lcm_json, pairs, read, samples, scene, schema, told, translate, translator};
+
+/// 2011-11-21 11:20:00.123456 UTC.
+const NOW: i64 = 1_321_874_400_123_456;
+
+fn stamp() -> Json {
+    json!({ "sec": 1_321_874_400, "nanosec": 123_456_000 })
+}
+
+fn header(frame: &str) -> Json {
+    json!({ "stamp": stamp(), "frame_id": frame })
+}
+
+/// Numbers of a JSON array, or members of an object in the order of the names.
+fn numbers(value: &Json, names: &[&str]) -> Vec<f64> {
+    names.iter().map(|name| value[name].as_f64().unwrap()).collect()
+}
+
+#[track_caller]
+fn near(found: &[f64], expected: &[f64]) {
+    let same = found.len() == expected.len() && found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9);
+    assert!(same, "{found:?} and {expected:?}");
+}
+
+#[test]
+fn every_message_of_the_robots_says_the_same_as_lcm_and_as_ros() {
+    let (schema, types, mut translator) = (schema(), Types::new(&schema()), translator());
+    for (channel, data) in samples(1, 30) {
+        let kind = translator.kind(&channel, &data).unwrap().clone();
+        let all = translate(&mut translator, &channel, &data).unwrap();
+        let (topic, cdr) = &all[0];
+        assert_eq!(*topic.name, format!("/{channel}"));
+        let listed = Channel::from_name(&channel).unwrap();
+        assert_eq!(*kind.name, *listed.type_name());
+        let (package, _) = kind.name.split_once('.').unwrap();
+        assert!(topic.schema_name.starts_with(&format!("{package}/msg/")), "{}", topic.schema_name);
+        let value = read(topic, cdr);
+        assert_eq!(pairs(&value), lcm_json(&schema, &types, &data), "{channel}");
+        let timestamp = value.get("timestamp").cloned();
+        assert_eq!(timestamp, kind.timestamp(&data).map(lcm_gen::dynamic::Value::Int), "{channel}");
+        all.iter().for_each(|(topic, cdr)| drop(read(topic, cdr)));
+    }
+    for (id, topic) in translator.topics().iter().enumerate() {
+        assert_eq!(usize::from(topic.id), id);
+    }
+    let names =
+        |name: &str| translator.topics().iter().find(|topic| &*topic.name == name).unwrap().schema_name.to_string();
+    assert_eq!(names("/LL_DATA_ODO"), "lowlevel/msg/DataOdo");
+    assert_eq!(names("/CM_EVENT_ERROR"), "common/msg/Error");
+    assert_eq!(names("/LL_DATA_RAW_MAIN"), "lowlevel/msg/DataRaw");
+}
+
+#[test]
+fn a_kind_carries_the_files_that_define_it() {
+    let translator = translator();
+    let mut bytes = Vec::new();
+    Message::from(DataSrfs::default()).encode(&mut bytes).unwrap();
+    let kind = translator.kind("LL_DATA_SRFS", &bytes).unwrap();
+    assert_eq!(&*kind.name, "lowlevel.data_srfs_t");
+    assert!(kind.lcm.contains("struct data_srfs_t") && kind.lcm.contains("struct range_t"));
+    let alone = Schema::new(&[("srfs", &*kind.lcm)]).unwrap();
+    assert_eq!(alone.fingerprint(&kind.name), schema().fingerprint(&kind.name));
+    assert_eq!(translator.kind("LL_DATA_SRFS", &bytes[..7]).map(|kind| kind.name.clone()), None);
+}
+
+#[test]
+fn module_states_errors_and_processes_are_diagnostics() {
+    let mut translator = translator();
+    let state = DataState { timestamp: NOW, module: "estimator".into(), state: DataState::PAUSE };
+    let status = |value: &Json| value["/diagnostics"]["status"].as_array().unwrap().clone();
+    let all = told(&mut translator, state);
+    assert_eq!(all["/diagnostics"]["header"], header(""));
+    assert_eq!(
+        status(&json!(all)),
+        [json!({ "level": 1, "name": "estimator/state", "message": "PAUSE", "hardware_id": "advee",
+                 "values": [{ "key": "state", "value": "6" }] })]
+    );
+    let error = Error {
+        timestamp: NOW,
+        module: "driver_canbus".into(),
+        number: 0x0201,
+        message: "epos: heartbeat missing".into(),
+        severity: Error::ERROR,
+        r#type: Error::DEVICE,
+        file: "axis.rs".into(),
+        line: 7,
+        ..Error::default()
+    };
+    let all = status(&json!(told(&mut translator, error.clone())));
+    let (level, name) = (&all[0]["level"], &all[0]["name"]);
+    assert_eq!((level, name), (&json!(2), &json!("driver_canbus/DriveLost")));
+    assert_eq!(all[0]["message"], "epos: heartbeat missing");
+    assert_eq!(all[0]["values"][3], json!({ "key": "source", "value": "axis.rs:7" }));
+    let cleared = Error { severity: Error::NOTICE, number: 0xBEEF, ..error };
+    let all = status(&json!(told(&mut translator, cleared)));
+    assert_eq!((&all[0]["level"], &all[0]["name"]), (&json!(0), &json!("driver_canbus/0xBEEF")));
+
+    let process = |phase, wanted| Process { module: "planner".into(), phase, wanted, pid: 77, ..Process::default() };
+    let processes = vec![
+        process(Process::RUNNING, DataState::RUN),
+        process(Process::TERMINATED, DataState::RUN),
+        process(Process::TERMINATED, DataState::TERMINATE),
+        process(Process::TERMINATING, DataState::RUN),
+        process(9, 9),
+    ];
+    let all = status(&json!(told(&mut translator, DataProcesses { timestamp: NOW, processes })));
+    assert_eq!(all.iter().map(|status| status["level"].as_u64().unwrap()).collect::<Vec<_>>(), [0, 2, 0, 1, 3]);
+    assert!(all.iter().all(|status| status["name"] == "planner/process"));
+    assert_eq!(all[0]["values"][0], json!({ "key": "pid", "value": "77" }));
+}
+
+#[test]
+fn odometry_is_followed_and_survives_a_new_life_of_the_driver() {
+    let mut translator = translator();
+    let mut at = NOW;
+    let mut tell = |path: f64, heading: f64| {
+        at += 50_000;
+        let odo = DataOdo { timestamp: at, path, heading, translation: 0.5, rotation: 0.1, ..DataOdo::default() };
+        told(&mut translator, odo).remove("/odometry").unwrap()
+    };
+    let place = |odometry: &Json| {
+        let pose = &odometry["pose"]["pose"];
+        let [z, w] = numbers(&pose["orientation"], &["z", "w"])[..] else { panic!("two") };
+        [numbers(&pose["position"], &["x", "y"]), vec![2.0 * libm::atan2(z, w)]].concat()
+    };
+    let first = tell(100.0, 3.0);
+    assert_eq!((&first["header"]["frame_id"], &first["child_frame_id"]), (&json!("odom"), &json!("base_link")));
+    assert_eq!(first["twist"]["twist"]["linear"], json!({ "x": 0.5, "y": 0.0, "z": 0.0 }));
+    assert_eq!(first["twist"]["twist"]["angular"]["z"], 0.1);
+    near(&place(&first), &[0.0, 0.0, 0.0]);
+    near(&place(&tell(101.0, 3.0)), &[1.0, 0.0, 0.0]);
+    // A quarter turn in many steps: a circle of radius 1 from (1, 0), left.
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let last =
+        (1..=1000).map(|i| f64::from(i) / 1000.0 * quarter).map(|way| tell(101.0 + way, 3.0 + way)).last().unwrap();
+    let [x, y, theta] = place(&last)[..] else { panic!("three") };
+    assert!((x - 2.0).abs() < 1e-5 && (y - 1.0).abs() < 1e-5 && (theta - quarter).abs() < 1e-9, "{x} {y} {theta}");
+    // The driver begins anew with zeros: no step, then on from here.
+    near(&place(&tell(0.0, 0.0))[2..], &[quarter]);
+    let [_, on, _] = place(&tell(1.0, 0.0))[..] else { panic!("three") };
+    assert!((on - y - 1.0).abs() < 1e-9, "{on}");
+    near(&place(&tell(f64::NAN, 0.0))[1..], &[on, quarter]);
+}
+
+#[test]
+fn an_estimate_is_a_pose_a_transform_and_an_ellipse() {
+    let mut translator = translator();
+    let mut estimate =
+        DataEstimate { timestamp: NOW, x: 3.0, y: 6.0, theta: std::f64::consts::PI, ..DataEstimate::default() };
+    estimate.covariance = [[0.04, 0.0, 0.001], [0.0, 0.01, 0.002], [0.001, 0.002, 0.09]];
+    let all = told(&mut translator, estimate.clone());
+    let pose = &all["/pose"];
+    assert_eq!(pose["header"], header("map"));
+    assert_eq!(pose["pose"]["pose"]["position"], json!({ "x": 3.0, "y": 6.0, "z": 0.0 }));
+    near(&numbers(&pose["pose"]["pose"]["orientation"], &["x", "y", "z", "w"]), &[0.0, 0.0, 1.0, 0.0]);
+    let covariance = &pose["pose"]["covariance"];
+    let mut expected = [0.0; 36];
+    for (place, value) in [(0, 0.04), (5, 0.001), (7, 0.01), (11, 0.002), (30, 0.001), (31, 0.002), (35, 0.09)] {
+        expected[place] = value;
+    }
+    assert_eq!(*covariance, json!(expected.to_vec()));
+    let transform = &all["/tf"]["transforms"][0];
+    assert_eq!((&transform["header"], &transform["child_frame_id"]), (&header("map"), &json!("base_link")));
+    assert_eq!(transform["transform"]["translation"], json!({ "x": 3.0, "y": 6.0, "z": 0.0 }));
+
+    let markers = all["/scene"]["markers"].as_array().unwrap();
+    let names: Vec<&str> = markers.iter().map(|marker| marker["ns"].as_str().unwrap()).collect();
+    assert_eq!(names, ["estimate", "outline", "beacons", "beacon_numbers"]);
+    near(&numbers(&markers[0]["scale"], &["x", "y"]), &[0.8, 0.4]);
+    assert_eq!(markers[1]["header"]["frame_id"], "base_link");
+    assert_eq!(markers[1]["points"].as_array().unwrap().len(), 5);
+    assert_eq!((&markers[2]["id"], &markers[3]["text"]), (&json!(4), &json!("4")));
+    // The ellipse comes each time, the rest once a second.
+    estimate.timestamp += 999_999;
+    estimate.covariance = [[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0; 3]];
+    let all = told(&mut translator, estimate.clone());
+    assert_eq!(all["/scene"]["markers"].as_array().unwrap().len(), 1);
+    let [z, w] = numbers(&all["/scene"]["markers"][0]["pose"]["orientation"], &["z", "w"])[..] else { panic!("two") };
+    near(&[2.0 * libm::atan2(z, w)], &[std::f64::consts::FRAC_PI_4]);
+    estimate.timestamp += 1;
+    estimate.x = f64::NAN;
+    let all = told(&mut translator, estimate);
+    assert!(!all.contains_key("/tf") && all.contains_key("/pose"));
+    assert_eq!(all["/scene"]["markers"].as_array().unwrap().len(), 4);
+    assert_eq!(all["/scene"]["markers"][0]["action"], 2);
+}
+
+#[test]
+fn range_finders_have_topics_frames_and_transforms() {
+    let mut translator = translator();
+    let range = |id, x, distance, valid| lowlevel::Range { id, x, y: 0.1, theta: 0.0, distance, valid };
+    let srfs = vec![range(2, 0.75, 1.5, true), range(12, -0.15, f64::NAN, false)];
+    let mut srfs = DataSrfs { timestamp: NOW, srfs };
+    let all = told(&mut translator, srfs.clone());
+    assert_eq!(all["/range/2"]["header"], header("sonar_2"));
+    let f = |number: f64| f64::from(number as f32);
+    assert_eq!(
+        numbers(&all["/range/2"], &["radiation_type", "field_of_view", "min_range", "max_range", "range"]),
+        [0.0, f(0.96), f(0.03), 6.0, 1.5]
+    );
+    assert_eq!(all["/range/12"]["range"], "inf");
+    let transforms = all["/tf"]["transforms"].as_array().unwrap();
+    assert_eq!(transforms.len(), 2);
+    assert_eq!(
+        (&transforms[1]["header"], &transforms[1]["child_frame_id"]),
+        (&header("base_link"), &json!("sonar_12"))
+    );
+    assert_eq!(transforms[1]["transform"]["translation"]["x"], -0.15);
+    srfs.timestamp += 250_000;
+    assert!(!told(&mut translator, srfs.clone()).contains_key("/tf"));
+    srfs.timestamp += 750_000;
+    assert!(told(&mut translator, srfs).contains_key("/tf"));
+    let irs = told(&mut translator, DataIrs { timestamp: NOW, irs: vec![range(2, 0.7, 0.12, true)] });
+    assert_eq!((&irs["/range/ir_2"]["header"], &irs["/range/ir_2"]["radiation_type"]), (&header("ir_2"), &json!(1)));
+    assert_eq!(irs["/tf"]["transforms"][0]["child_frame_id"], "ir_2");
+
+    // Somebody makes sensors up: the first 64 have topics, of the others as many messages are left out as there were.
+    let many = |from: i32| (from..from + 100).map(|id| range(id, 0.0, 1.0, true)).collect();
+    let all = told(&mut translator, DataSrfs { timestamp: NOW, srfs: many(1000) });
+    assert_eq!(all.keys().filter(|topic| topic.starts_with("/range/")).count(), 62);
+    assert_eq!(translator.left_out(), 38);
+}
+
+#[test]
+fn plan_obstacles_battery_temperatures_and_marks() {
+    let mut translator = translator();
+    let plan = DataPlan { timestamp: NOW, x: vec![0.0, 1.0, 1.0], y: vec![0.0, 0.0, 2.0] };
+    let all = told(&mut translator, plan);
+    let poses = all["/plan"]["poses"].as_array().unwrap();
+    assert_eq!((poses.len(), &poses[2]["header"]), (3, &header("map")));
+    let theta = |pose: &Json| {
+        let [z, w] = numbers(&pose["pose"]["orientation"], &["z", "w"])[..] else { panic!("two") };
+        2.0 * libm::atan2(z, w)
+    };
+    let quarter = std::f64::consts::FRAC_PI_2;
+    near(&poses.iter().map(theta).collect::<Vec<_>>(), &[0.0, quarter, quarter]);
+    assert_eq!(poses[2]["pose"]["position"], json!({ "x": 1.0, "y": 2.0, "z": 0.0 }));
+
+    let mut obstacles = DataObstacles { timestamp: NOW, size: 0.1, x: vec![1.0, 2.0], y: vec![3.0, 4.0] };
+    let marker = told(&mut translator, obstacles.clone())["/scene"]["markers"][0].clone();
+    assert_eq!((&marker["type"], &marker["action"], &marker["scale"]["x"]), (&json!(6), &json!(0), &json!(0.1)));
+    assert_eq!(marker["points"][1], json!({ "x": 2.0, "y": 4.0, "z": 0.0 }));
+    (obstacles.x, obstacles.y) = (vec![], vec![]);
+    assert_eq!(told(&mut translator, obstacles)["/scene"]["markers"][0]["action"], 2);
+
+    let channel = |current| lowlevel::Channel { current, ..lowlevel::Channel::default() };
+    let power = DataPower {
+        timestamp: NOW,
+        voltage: 25.5,
+        charge: 0.75,
+        channels: vec![channel(1.5), channel(2.0)],
+        ..DataPower::default()
+    };
+    let battery = &told(&mut translator, power)["/battery"];
+    assert_eq!(numbers(battery, &["voltage", "current", "percentage"]), [25.5, -3.5, 0.75]);
+    assert_eq!((&battery["capacity"], &battery["present"]), (&json!("nan"), &json!(true)));
+
+    let thermometer = |name: &str, value| Temperature { name: name.into(), value, over: false };
+    let long = "x".repeat(65);
+    let temperatures = vec![thermometer("motor left", 41.5), thermometer("cpu", f64::NAN), thermometer(&long, 1.0)];
+    let all = told(&mut translator, DataTemperature { timestamp: NOW, temperatures, fans: vec![] });
+    assert_eq!(
+        (&all["/temperature/motor_left"]["temperature"], &all["/temperature/cpu"]["temperature"]),
+        (&json!(41.5), &json!("nan"))
+    );
+    assert_eq!((all.len(), translator.left_out()), (3, 1));
+
+    let command = CmdLog { timestamp: NOW, action: CmdLog::MARK, text: "it hit the table".into() };
+    let all = told(&mut translator, command.clone());
+    let expected = json!({ "stamp": stamp(), "level": 20, "name": "advee", "msg": "it hit the table", "file": "", "function": "", "line": 0 });
+    assert_eq!(all["/marks"], expected);
+    assert_eq!(told(&mut translator, CmdLog { action: CmdLog::START, ..command }).len(), 1);
+    let mut marks = Vec::new();
+    translator.mark(i64::MAX, "late", &mut |topic, cdr| marks.push(translated::named(&read(topic, cdr))));
+    translator.mark(-1, "early", &mut |topic, cdr| marks.push(translated::named(&read(topic, cdr))));
+    assert_eq!(marks[0]["stamp"], json!({ "sec": i32::MAX, "nanosec": 999_999_999 }));
+    assert_eq!(marks[1]["stamp"], json!({ "sec": -1, "nanosec": 999_999_000 }));
+}
+
+const FOREIGN: &[(&str, &str)] = &[
+    ("a.lcm", "package other; struct data_odo_t { double way; }"),
+    ("b.lcm", "package other; struct tree_t { int8_t n; tree_t below[n]; }"),
+    // The same members as lowlevel.cmd_homing_t.
+    ("c.lcm", "package other; struct wheel_t { int64_t timestamp; string axis; }"),
+    (
+        "d.lcm",
+        "package other; struct late_t { wheel_t a; int8_t b[3]; int64_t timestamp; } struct soon_t { byte b[2][2]; data_odo_t o; int64_t timestamp; }",
+    ),
+];
+
+/// A message of a foreign type, with zeros in it.
+fn foreign(name: &str) -> Vec<u8> {
+    let types = Types::new(&Schema::new(FOREIGN).unwrap());
+    let mut out = Vec::new();
+    let empty = lcm_gen::dynamic::Value::Struct(vec![]);
+    types.get(name).unwrap().encode(&empty, lcm_gen::dynamic::Missing::Zero, &mut out).unwrap();
+    out
+}
+
+#[test]
+fn a_topic_keeps_its_type_whatever_is_heard_on_the_channel() {
+    let mut translator = Translator::with_types(scene(), FOREIGN).unwrap();
+    let mut topics = |channel: &str, data: &[u8]| {
+        let all = translate(&mut translator, channel, data)?;
+        Ok::<_, Untranslated>(
+            all.iter().map(|(topic, _)| format!("{} {}", topic.name, topic.schema_name)).collect::<Vec<_>>(),
+        )
+    };
+    let (odo, wheel) = (foreign("other.data_odo_t"), foreign("other.wheel_t"));
+    // On a channel of the table's another type stands aside, even when it comes first.
+    assert_eq!(topics("LL_DATA_ODO", &odo).unwrap(), ["/LL_DATA_ODO/other/DataOdo other/msg/DataOdo"]);
+    assert_eq!(topics("LL_CMD_HOMING", &wheel).unwrap(), ["/LL_CMD_HOMING lowlevel/msg/CmdHoming"]);
+    // Elsewhere the first has it; of two types that fit the foreign one, since the robot's have their channels.
+    assert_eq!(topics("WHEELS", &wheel).unwrap(), ["/WHEELS other/msg/Wheel"]);
+    assert_eq!(topics("WHEELS", &odo).unwrap(), ["/WHEELS/other/DataOdo other/msg/DataOdo"]);
+    assert_eq!(topics("WHEELS", &wheel).unwrap(), ["/WHEELS other/msg/Wheel"]);
+    assert_eq!(topics("WHEELS/other/DataOdo", &wheel).unwrap(), ["/WHEELS/other/DataOdo/other/Wheel other/msg/Wheel"]);
+    // Standard topics are nobody's name.
+    assert_eq!(topics("pose", &wheel).unwrap(), ["/lcm/pose other/msg/Wheel"]);
+    assert_eq!(topics("range/1", &wheel).unwrap(), ["/lcm/range/1 other/msg/Wheel"]);
+    assert_eq!(topics("lcm/pose", &odo).unwrap(), ["/lcm/pose/other/DataOdo other/msg/DataOdo"]);
+    let tree = topics("TREE", &foreign("other.tree_t")).unwrap_err();
+    assert_eq!(tree.to_string(), "ROS 2 has no types like other.tree_t");
+    assert_eq!(topics("ANY", &[1; 8]), Err(Untranslated::Unknown));
+    assert_eq!(topics("ANY", &[1; 7]), Err(Untranslated::Unknown));
+    let left_over = Untranslated::Malformed(ConvertError::Message(DecodeError::LeftOver { extra: 1 }));
+    assert_eq!(topics("NEW", &[&odo[..], &[0]].concat()), Err(left_over));
+    assert!(translator.topics().iter().all(|topic| !topic.name.contains("NEW")), "nothing was said on it");
+    assert!(Translator::with_types(scene(), &[("x.lcm", "struct x { y z; }")]).is_err());
+}
+
+#[test]
+fn a_timestamp_is_found_where_its_place_is_known() {
+    let translator = Translator::with_types(RobotScene::default(), FOREIGN).unwrap();
+    let timestamp = |name: &str| {
+        let mut data = foreign(name);
+        let end = data.len();
+        data[end - 1] = 7;
+        translator.kind("ANY", &data).unwrap().timestamp(&data)
+    };
+    assert_eq!((timestamp("other.late_t"), timestamp("other.soon_t")), (None, Some(7)));
+    let cut = &foreign("other.soon_t")[..20];
+    assert_eq!(translator.kind("ANY", cut).unwrap().timestamp(cut), None);
+}
+
+#[test]
+fn channels_without_end_take_no_memory_without_end() {
+    let mut translator = Translator::with_types(scene(), FOREIGN).unwrap();
+    let wheel = foreign("other.wheel_t");
+    let mut refused = 0;
+    for i in 0..20_000 {
+        match translate(&mut translator, &format!("C{i}"), &wheel) {
+            Ok(all) => assert_eq!(all.len(), 1),
+            Err(error) => {
+                assert_eq!(error, Untranslated::TooManyTopics);
+                refused += 1;
+            }
+        }
+    }
+    assert_eq!((translator.topics().len(), refused), (TOPICS_MAX, 20_000 - TOPICS_MAX));
+    // Who is known goes on; what is new, of a standard type, is counted.
+    assert!(translate(&mut translator, "C7", &wheel).is_ok());
+    translator.mark(0, "no place", &mut |_, _| panic!("there is none"));
+    assert_eq!(translator.left_out(), 1);
+}
+
+#[test]
+fn no_bytes_on_any_channel_make_it_panic() {
+    let (types, mut translator) = (Types::new(&schema()), translator());
+    let mut random = Random::new(9);
+    let mut refused = 0;
+    for (channel, mut data) in samples(2, 200) {
+        for _ in 0..random.below(4) {
+            let at = random.below(data.len());
+            data[at] = [0, 1, 0x7F, 0x80, 0xFF, random.next() as u8][random.below(6)];
+        }
+        data.truncate(data.len() - random.below(data.len()) * usize::from(random.below(4) == 0));
+        let known = types.decode(&data).is_ok();
+        let done = translate(&mut translator, &channel, &data);
+        assert_eq!(done.is_ok(), known, "{channel}: {data:02x?}");
+        refused += usize::from(!known);
+        done.iter().flatten().for_each(|(topic, cdr)| drop(read(topic, cdr)));
+    }
+    assert!(refused > 1000, "{refused}");
+}
