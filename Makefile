@@ -33,6 +33,7 @@ bench:
 	cargo bench -p advee --locked --bench faults
 	cargo bench -p estimator --locked --bench estimator
 	cargo bench -p lcm-gen --locked --bench codec --bench cdr
+	cargo bench -p logger --locked --bench ros
 	cargo bench -p rs485 --locked --bench rs485
 	cargo bench -p i2c --locked --bench i2c
 	cargo bench -p advee --locked --bench canopen
