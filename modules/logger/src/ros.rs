@@ -106,6 +106,12 @@ impl fmt::Display for Untranslated {
 
 impl std::error::Error for Untranslated {}
 
+/// The longest message that is given in standard types as well, bytes: some take seven times as much there.
+pub const STANDARD_MAX: usize = 1 << 20;
+
+/// How much memory is kept from one message to the next, bytes.
+const BUFFER_KEPT: usize = 1 << 20;
+
 /// Who takes what comes out: the topic, and the message as CDR.
 pub type Sink<'a> = dyn FnMut(&Topic, &[u8]) + 'a;
 
@@ -160,7 +166,8 @@ impl Translator {
         self.topics.all()
     }
 
-    /// How many messages of standard types were left out because there were too many topics, sensors or thermometers.
+    /// How many messages of standard types were left out: too many topics, sensors or thermometers, or made of a message
+    /// beyond [`STANDARD_MAX`].
     #[must_use]
     pub fn left_out(&self) -> u64 {
         self.topics.left_out()
@@ -191,13 +198,25 @@ impl Translator {
             }
         };
         sink(self.topics.get(id), &self.buffer);
-        if let Some(listed) = listed.filter(|_| own)
-            && let Ok(message) = Message::decode(listed, data)
-        {
+        if let Some(listed) = listed.filter(|_| own) {
+            self.standard(listed, data, sink);
+        }
+        if self.buffer.capacity() > BUFFER_KEPT {
+            self.buffer = Vec::new();
+        }
+        Ok(())
+    }
+
+    fn standard(&mut self, channel: Channel, data: &[u8], sink: &mut Sink<'_>) {
+        if !state::has_standard(channel) {
+            return;
+        }
+        if data.len() > STANDARD_MAX {
+            self.topics.leave_out();
+        } else if let Ok(message) = Message::decode(channel, data) {
             let mut to = write::To { topics: &mut self.topics, buffer: &mut self.buffer, sink };
             self.state.translate(&mut self.scene, &message, &mut to);
         }
-        Ok(())
     }
 
     /// Gives a mark that somebody set into the run at `timestamp`, µs since the epoch. [`translate`](Self::translate) does

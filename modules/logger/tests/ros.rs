@@ -11,7 +11,7 @@ mod translated;
 use lcm_gen::Schema;
 use lcm_gen::cdr::ConvertError;
 use lcm_gen::dynamic::{DecodeError, Types};
-use logger::ros::{RobotScene, TOPICS_MAX, Translator, Untranslated};
+use logger::ros::{RobotScene, STANDARD_MAX, TOPICS_MAX, Translator, Untranslated};
 use messages::common::{CmdLog, DataProcesses, DataState, Error, Process};
 use messages::lowlevel::{self, DataIrs, DataOdo, DataPower, DataSrfs, DataTemperature, Temperature};
 use messages::middlelevel::{DataEstimate, DataObstacles, DataPlan};
@@ -382,6 +382,27 @@ fn channels_without_end_take_no_memory_without_end() {
     assert!(translate(&mut translator, "C7", &wheel).is_ok());
     translator.mark(0, "no place", &mut |_, _| panic!("there is none"));
     assert_eq!(translator.left_out(), 1);
+}
+
+#[test]
+fn a_long_message_is_told_once() {
+    let mut translator = translator();
+    let mut topics = |count| {
+        let (plan, mut data) = (DataPlan { timestamp: NOW, x: vec![1.0; count], y: vec![2.0; count] }, Vec::new());
+        Message::from(plan).encode(&mut data).unwrap();
+        let all = translate(&mut translator, "ML_DATA_PLAN", &data).unwrap();
+        all.iter().map(|(topic, _)| topic.name.to_string()).collect::<Vec<_>>()
+    };
+    assert_eq!(topics(STANDARD_MAX / 16 - 10), ["/ML_DATA_PLAN", "/plan"]);
+    assert_eq!(topics(STANDARD_MAX / 16), ["/ML_DATA_PLAN"]);
+    assert_eq!(translator.left_out(), 1);
+    // 100 MB, of which there is only one form.
+    let raw = lowlevel::DataRaw { data: vec![9; 100_000_000], ..lowlevel::DataRaw::default() };
+    let mut data = Vec::new();
+    Message::from(messages::Raw { bus: "A".into(), frame: raw }).encode(&mut data).unwrap();
+    let mut size = 0;
+    translator.translate("LL_DATA_RAW_A", &data, &mut |_, cdr| size += cdr.len()).unwrap();
+    assert_eq!((size, translator.left_out()), (4 + 8 + 1 + 3 + 4 + 4 + 4 + 4 + 100_000_000, 1));
 }
 
 #[test]

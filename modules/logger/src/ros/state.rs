@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use base::Fault;
-use messages::Message;
 use messages::common::{CmdLog, DataProcesses, DataState, Error, Process};
 use messages::lowlevel::{DataOdo, DataPower, DataTemperature, Range};
 use messages::middlelevel::{DataEstimate, DataPlan};
+use messages::{Channel, Message};
 
 use super::scene::{self, Scene};
 use super::standard::Standard;
@@ -51,6 +51,25 @@ struct Sensors {
     /// Topic and frame by the sensor's number.
     known: BTreeMap<i32, [String; 2]>,
     shown: Option<i64>,
+}
+
+/// Whether messages on the channel have a standard form.
+pub fn has_standard(channel: Channel) -> bool {
+    matches!(
+        channel,
+        Channel::CmDataState
+            | Channel::CmEventError
+            | Channel::CmDataProcesses
+            | Channel::CmCmdLog
+            | Channel::LlDataOdo
+            | Channel::LlDataSrfs
+            | Channel::LlDataIrs
+            | Channel::LlDataPower
+            | Channel::LlDataTemperature
+            | Channel::MlDataEstimate
+            | Channel::MlDataPlan
+            | Channel::MlDataObstacles
+    )
 }
 
 impl State {
