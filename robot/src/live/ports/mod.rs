@@ -8,6 +8,7 @@ mod i2c;
 mod queue;
 mod restart;
 mod serial;
+mod store;
 mod w1;
 mod worker;
 
@@ -99,6 +100,11 @@ pub enum PortConfig {
     /// The simulator's side of such.
     W1Folder {
         /// Made anew, removed at the end.
+        folder: PathBuf,
+    },
+    /// A folder for log files.
+    Store {
+        /// Made with the first file.
         folder: PathBuf,
     },
 }
@@ -218,6 +224,7 @@ impl Port {
             PortConfig::I2cServer { path } => Box::new(i2c::Server::new(path)),
             PortConfig::W1 { folder } => Box::new(w1::W1::new(folder)),
             PortConfig::W1Folder { folder } => Box::new(w1::Folder::new(folder)),
+            PortConfig::Store { folder } => Box::new(store::Store::new(folder)),
         };
         let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
         Self { name, device, state, more: false, overrun: false, polls_write: false, why: Lost::new() }
