@@ -54,7 +54,16 @@ pub struct Raw<'a> {
 impl Bus {
     /// Joins the bus and listens to channels: names, or regular expressions that must match a whole name.
     pub fn open(url: &str, channels: &[&str]) -> Result<Self, String> {
-        let (place, _) = Url::parse(url).map_err(|error| error.to_string())?;
+        Self::open_roomy(url, channels, 0)
+    }
+
+    /// The same; where datagrams come faster than they are taken, so many bytes of them may wait, or what the URL says if
+    /// that is more. The kernel grants what it is let (`net.core.rmem_max`).
+    pub fn open_roomy(url: &str, channels: &[&str], room: usize) -> Result<Self, String> {
+        let (mut place, _) = Url::parse(url).map_err(|error| error.to_string())?;
+        if let Url::Udpm(udpm) = &mut place {
+            udpm.recv_buf_size = udpm.recv_buf_size.max(room);
+        }
         let mut lcm = Lcm::new(&place).map_err(|error| format!("LCM bus {url}: {error}"))?;
         for channel in channels {
             lcm.subscribe(channel).map_err(|error| error.to_string())?;
@@ -73,6 +82,13 @@ impl Bus {
     /// How many datagrams the kernel had no room for so far.
     pub fn kernel_dropped(&self) -> u64 {
         self.lcm.stats().kernel_dropped
+    }
+
+    /// How many messages of all that was said did not come here so far, wherever they were lost. Only who listens to
+    /// everything can tell.
+    pub fn missed(&self) -> u64 {
+        let stats = self.lcm.stats();
+        stats.lost.max(stats.kernel_dropped) + stats.queue_dropped
     }
 
     /// Tells of datagrams that were refused since the last call, not being LCM's: cause, one line, how many. They reach

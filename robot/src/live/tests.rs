@@ -1,5 +1,7 @@
 //! The host with toy modules, on a bus of its own; the ports in pairs.
 
+mod scribe;
+
 use super::ports::{Device, Port, PortConfig, PortState, Received, TerminalConfig};
 use super::{HostConfig, bus, clock, run};
 use base::serial::Word;
@@ -119,7 +121,11 @@ impl Module for Toy {
 }
 
 fn host(toy: Toy, lcm_url: &str, ports: Vec<PortConfig>) -> u8 {
-    let shell = Shell::new(ShellConfig::new("toy"), Box::new(toy));
+    host_of(toy, lcm_url, ports)
+}
+
+fn host_of(module: impl Module + 'static, lcm_url: &str, ports: Vec<PortConfig>) -> u8 {
+    let shell = Shell::new(ShellConfig::new("toy"), Box::new(module));
     run(shell, HostConfig { lcm_url: lcm_url.into(), ports, raw: Vec::new(), launch: None, beats: None, inputs: None })
         .unwrap()
 }
