@@ -119,6 +119,25 @@ impl History {
         self.step_at(self.entries.len())
     }
 
+    /// The places of bearings that changed the state, the newest first; not the last entry's.
+    pub fn bearings(&self) -> impl Iterator<Item = usize> {
+        let end = self.entries.len() - 1;
+        (1..end).rev().filter(|place| matches!(self.entries[*place].kind, Kind::Bearing { used: true, .. }))
+    }
+
+    /// The entries from a place on.
+    pub fn from(&self, place: usize) -> impl Iterator<Item = &Entry> {
+        self.entries.range(place..)
+    }
+
+    /// The bearing at this place is only looked at from now on: what follows is to be worked out anew.
+    pub fn take_back(&mut self, place: usize) {
+        if let Kind::Bearing { used, .. } = &mut self.entries[place].kind {
+            *used = false;
+            self.dirty = self.dirty.min(place);
+        }
+    }
+
     /// The next entry that is to be worked out, and the state before it.
     pub fn next(&mut self) -> Option<(State, &mut Entry)> {
         let place = self.dirty;

@@ -139,12 +139,20 @@ const MISFITS: f64 = 0.3;
 const LATELY: Duration = Duration::from_secs(3);
 /// So many good bearings in a row end a doubt.
 const GOOD_AGAIN: u32 = 6;
+/// A bearing of which so many times its own variance was expected had much to say, and is taken back if all since is
+/// likelier without it by this (natural logarithm).
+const LEVERAGE: f64 = 4.0;
+const TAKEN_BACK: f64 = 1.0;
 /// A doubted pose that nothing confirms is given up after this.
 const GIVEN_UP: Duration = Duration::from_secs(10);
 /// Nobody searches more often than this.
 const SEARCH_EVERY: Duration = Duration::from_millis(250);
-/// A pose that is this unsure, m, is searched for, too.
-const VAGUE_M: f64 = 0.7;
+/// A pose that is this unsure, m and rad, is searched for, too.
+const VAGUE: (f64, f64) = (0.7, 0.2);
+/// Sightings of a beacon within this are of one sweep or the next ones.
+const SWEEPS: Duration = Duration::from_secs(3);
+/// Two bearings of a beacon that are wrong by the same, to this, rad, are not wild.
+const AGREE: f64 = 0.1;
 /// Beacons were seen if one was in this time.
 const SEEN_WITHIN: Duration = Duration::from_secs(3);
 /// What cannot be known to be anywhere: the deviations of the position, m, and heading, rad, of no pose.
@@ -166,6 +174,31 @@ struct Applied {
     last: Option<Instant>,
     /// In this standstill.
     standing: u8,
+    misfit: Option<Misfit>,
+}
+
+/// Bearings of a beacon that did not fit, and agreed with each other.
+#[derive(Clone, Copy, Debug)]
+struct Misfit {
+    /// The stamp of the first.
+    since: Instant,
+    last: Instant,
+    innovation: f64,
+    again: bool,
+}
+
+impl Applied {
+    /// How a bearing of `at` fitted.
+    fn judge(&mut self, sight: &Sight, at: Instant, fits: bool, innovation: f64) {
+        let before = self.misfit.filter(|misfit| at.since(misfit.last) <= SWEEPS);
+        self.misfit = match before {
+            _ if fits => None,
+            Some(before) if wrap(innovation - before.innovation).abs() < AGREE => {
+                Some(Misfit { last: at, innovation, again: true, ..before })
+            }
+            _ => Some(Misfit { since: sight.stamp(at), last: at, innovation, again: false }),
+        };
+    }
 }
 
 /// The estimator's core: fed with ways and bearings, asked for the pose.
@@ -187,7 +220,8 @@ pub struct Filter {
     misfits: f64,
     doubt: Option<Instant>,
     good: u32,
-    last_good: Instant,
+    /// The stamp of the last bearing after which nothing spoke against the pose.
+    clean: Instant,
     last_seen: Option<Instant>,
     searched: Instant,
     to_search: bool,
@@ -221,7 +255,7 @@ impl Filter {
             misfits: 0.0,
             doubt: None,
             good: 0,
-            last_good: Instant::ZERO,
+            clean: Instant::ZERO,
             last_seen: None,
             searched: Instant::ZERO,
             to_search: false,
@@ -387,7 +421,7 @@ impl Filter {
         let later = if stamp >= at { stamp.since(at).as_secs_f64() } else { -at.since(stamp).as_secs_f64() };
         let place_of = self.config.beacons[beacon].at;
         let (mount, rates) = (self.config.mount, step.rates());
-        let sight = Sight { beacon: place_of, bearing, variance, mount, rates, later };
+        let sight = Sight { number: beacon, beacon: place_of, bearing, variance, mount, rates, later };
         let kind = Kind::Bearing { sight, fresh: true, used };
         self.history.insert(place, &Entry { at, kind, ..before });
         let seen = Seen { stamp, beacon, place: place_of, bearing };
@@ -403,7 +437,23 @@ impl Filter {
 
     /// Works out what is new, and searches where that is needed.
     fn settle(&mut self) {
-        let (mut against, mut good, mut last_good) = (self.against, self.good, self.last_good);
+        let before = self.misfits;
+        let worst = self.work_out();
+        if self.has_pose && self.misfits > before {
+            self.reconsider();
+        }
+        if self.has_pose {
+            self.judge(worst);
+        }
+        if self.to_search && (!self.has_pose || self.doubt.is_some() || self.is_vague() || self.misfits > MISFITS) {
+            self.search();
+        }
+        self.to_search = false;
+    }
+
+    /// Works out what is new: by how much at most it spoke against the pose.
+    fn work_out(&mut self) -> f64 {
+        let (mut against, mut good, mut clean) = (self.against, self.good, self.clean);
         let mut worst = against;
         let (wild, mut evidence) = (self.config.wild, self.evidence);
         while let Some((mut state, entry)) = self.history.next() {
@@ -424,7 +474,11 @@ impl Filter {
                             against = (against - likely).max(0.0);
                             worst = worst.max(against);
                             let fits = inside && right > 0.5;
-                            (good, last_good) = if fits { (good + 1, entry.at) } else { (0, last_good) };
+                            good = if fits { good + 1 } else { 0 };
+                            if against <= 0.0 {
+                                clean = sight.stamp(entry.at);
+                            }
+                            self.applied[sight.number].judge(sight, entry.at, fits, fit.innovation);
                             self.counts.gated += u64::from(!fits);
                             self.misfits += (f64::from(u8::from(!fits)) - self.misfits) / LOOKED_AT;
                         }
@@ -434,36 +488,87 @@ impl Filter {
             }
             entry.state = state;
         }
-        (self.against, self.good, self.last_good) = (against, good, last_good);
+        (self.against, self.good, self.clean) = (against, good, clean);
         self.evidence = evidence;
-        if self.has_pose {
-            self.judge(worst);
+        worst
+    }
+
+    /// Whether what was taken for right was wild: a bearing that had much to say, after which others do not fit. It is
+    /// taken back if all since is likelier without it.
+    fn reconsider(&mut self) {
+        let mut best = (TAKEN_BACK, None);
+        for place in self.history.bearings() {
+            let before = self.history.before(place).state;
+            let mut entries = self.history.from(place);
+            let Some(Entry { kind: Kind::Bearing { sight, .. }, .. }) = entries.next() else { continue };
+            if before.fit(sight).is_none_or(|fit| fit.variance <= LEVERAGE * sight.variance) {
+                continue;
+            }
+            let with = self.likely(before, self.history.from(place));
+            let without = libm::log(self.config.wild) + self.likely(before, entries);
+            if without - with > best.0 {
+                best = (without - with, Some(place));
+            }
         }
-        if self.to_search && (!self.has_pose || self.doubt.is_some() || self.is_vague() || self.misfits > MISFITS) {
-            self.search();
+        if let (gain, Some(place)) = best {
+            self.history.take_back(place);
+            self.counts.gated += 1;
+            self.against = (self.against - gain).max(0.0);
+            self.work_out();
         }
-        self.to_search = false;
+    }
+
+    /// How likely bearings are from a state on, as [`Self::evidence`] has it.
+    fn likely<'a>(&self, mut state: State, entries: impl Iterator<Item = &'a Entry>) -> f64 {
+        let mut sum = 0.0;
+        for entry in entries {
+            match &entry.kind {
+                Kind::Begin => {}
+                Kind::Way(step) => state.predict(step, &self.walk),
+                Kind::Bearing { sight, used, .. } => {
+                    let Some(fit) = state.fit(sight) else { continue };
+                    let (own, other) = ((1.0 - self.config.wild) * fit.density(), self.config.wild / TAU);
+                    sum += libm::log((own + other) * TAU);
+                    if *used && fit.distance() <= self.config.gate {
+                        state.update(&fit, own / (own + other));
+                    }
+                }
+            }
+        }
+        sum
     }
 
     fn judge(&mut self, worst: f64) {
         let now = self.at();
+        let displaced = self.displaced();
         match self.doubt {
-            None if worst >= DOUBT => {
+            None if worst >= DOUBT || displaced.is_some() => {
                 self.counts.doubted += 1;
                 self.doubt = Some(now);
                 self.against = 0.0;
                 // What was seen before it went wrong would speak for where it was.
-                let last_good = self.last_good;
-                self.seen.retain(|seen| seen.stamp > last_good);
+                let clean = displaced.map_or(self.clean, |since| since.min(self.clean));
+                self.seen.retain(|seen| seen.stamp > clean);
                 self.good = 0;
                 if self.distinct() < 3 {
                     self.widen();
                 }
             }
-            Some(_) if self.good >= GOOD_AGAIN && self.against < 1.0 => self.doubt = None,
+            Some(_) if self.good >= GOOD_AGAIN && self.against < 1.0 && !self.is_vague() => self.doubt = None,
             Some(since) if now.since(since) >= GIVEN_UP || worst >= DOUBT => self.give_up(),
             _ => {}
         }
+    }
+
+    /// Two beacons that again and again are seen in a wrong direction, the same one: since when. Wild bearings are of any
+    /// direction, and those that happen to fit do not speak against this.
+    fn displaced(&self) -> Option<Instant> {
+        let now = self.at();
+        let again = |misfit: &Misfit| misfit.again && now.since(misfit.last) <= SWEEPS;
+        let again = || self.applied.iter().filter_map(|applied| applied.misfit).filter(again);
+        let since = again().map(|misfit| misfit.since).min()?;
+        // What is stamped then is of the new place.
+        (again().count() >= 2).then_some(since - Duration::from_millis(1))
     }
 
     /// Different beacons of which bearings are at hand.
@@ -478,6 +583,7 @@ impl Filter {
         state.cov[Y][Y] += 0.25;
         state.cov[THETA][THETA] += 0.06;
         self.history.restart(&state);
+        self.applied.fill(Applied::default());
     }
 
     fn give_up(&mut self) {
@@ -487,7 +593,8 @@ impl Filter {
     }
 
     fn is_vague(&self) -> bool {
-        self.history.last().state.deviations().0 > VAGUE_M
+        let (position, heading) = self.history.last().state.deviations();
+        position > VAGUE.0 || heading > VAGUE.1
     }
 
     fn search(&mut self) {
@@ -501,7 +608,7 @@ impl Filter {
         let certain = self.has_pose && self.doubt.is_none() && !self.is_vague();
         let seen = self.seen.make_contiguous();
         // Where nothing else speaks against the pose, those of before may be of somewhere else.
-        let (since, share) = if certain { (last.at - LATELY, 0.8) } else { (Instant::ZERO, 0.6) };
+        let (since, share) = if certain { (self.clean.max(last.at - LATELY), 0.7) } else { (Instant::ZERO, 0.6) };
         let seen = &seen[seen.partition_point(|seen| seen.stamp < since)..];
         let own = self.has_pose.then(|| last.state.pose());
         let Some(found) = search::search(&self.config, seen, &self.trail, turn, delay, own, share) else { return };
@@ -513,31 +620,27 @@ impl Filter {
             return;
         }
         self.counts.doubted += u64::from(certain);
-        self.begin(found.pose, &found.covariance, Some(found.delay));
+        self.begin(found.pose, &found.covariance, Some((found.delay, found.by_delay)));
         self.counts.found += 1;
     }
 
     /// Takes a pose as that of the last way. One that was seen was so by a sensor that is turned and late, of which
     /// `delay` says how late, and the deviation of that.
-    fn begin(&mut self, pose: Pose, covariance: &[[f64; 3]; 3], delay: Option<(f64, f64)>) {
+    fn begin(&mut self, pose: Pose, covariance: &[[f64; 3]; 3], delay: Option<((f64, f64), [f64; 3])>) {
         let mut old = self.history.last().state;
-        let rates = self.history.last_step().rates();
         let mut state = State { mean: old.mean, cov: [[0.0; N]; N] };
         (state.mean[X], state.mean[Y], state.mean[THETA]) = (pose.x, pose.y, pose.theta.radians());
         // The pose by turn and delay: what the sensor is turned by the robot is not, and it is further by the delay.
         let mut by = [[0.0; N]; 3];
-        if let Some((mean, deviation)) = delay {
+        if let Some(((mean, deviation), by_delay)) = delay {
             state.mean[DELAY] = mean;
             let less = deviation / libm::sqrt(old.cov[DELAY][DELAY]).max(1e-9);
             (0..N).for_each(|place| {
                 old.cov[DELAY][place] *= less.min(1.0);
                 old.cov[place][DELAY] *= less.min(1.0);
             });
-            let (sin, cos) = pose.theta.sin_cos();
             by[THETA][TURN] = -1.0;
-            by[X][DELAY] = rates.translation * cos;
-            by[Y][DELAY] = rates.translation * sin;
-            by[THETA][DELAY] = rates.rotation;
+            (by[X][DELAY], by[Y][DELAY], by[THETA][DELAY]) = (by_delay[0], by_delay[1], by_delay[2]);
         }
         for row in 3..N {
             state.cov[row][3..].copy_from_slice(&old.cov[row][3..]);
@@ -561,7 +664,7 @@ impl Filter {
         self.has_pose = true;
         self.doubt = None;
         (self.against, self.misfits, self.good) = (0.0, 0.0, 0);
-        self.last_good = self.at();
+        self.clean = self.at();
     }
 
     /// The robot is there, with this covariance of x, y, theta: somebody says so.

@@ -3,6 +3,7 @@
 //! Read first: docs/facts/robot.md 3.1. Beside the pose the state has what no robot knows of itself exactly; all of it is
 //! constant over a run and observable while the robot drives with two beacons in sight.
 
+use base::{Duration, Instant};
 use navitools::{Motion, Point, Pose, wrap};
 
 /// Numbers in the state.
@@ -63,6 +64,8 @@ impl Step {
 /// A bearing as it is applied to the state of some moment.
 #[derive(Clone, Copy, Debug)]
 pub struct Sight {
+    /// The beacon's place in the map.
+    pub number: usize,
     /// The beacon, m.
     pub beacon: Point,
     /// Measured, rad.
@@ -75,6 +78,14 @@ pub struct Sight {
     pub rates: Motion,
     /// From the state's moment to the bearing's stamp, s.
     pub later: f64,
+}
+
+impl Sight {
+    /// When it was stamped, of a state of `at`.
+    pub fn stamp(&self, at: Instant) -> Instant {
+        let later = Duration::from_secs_f64(self.later.abs());
+        if self.later >= 0.0 { at + later } else { at - later }
+    }
 }
 
 /// How a bearing fits.
@@ -251,6 +262,7 @@ mod tests {
 
     fn sight() -> Sight {
         Sight {
+            number: 0,
             beacon: Point { x: 9.0, y: 7.0 },
             bearing: 0.3,
             variance: 1e-4,
