@@ -7,6 +7,8 @@ use estimator::Filter;
 use estimator::filter::{Beacon, Config, Noise, Quality};
 use navitools::{Point, Pose, wrap};
 
+/// Three sweeps, s.
+pub const SWEEPS: f64 = 3.0;
 /// s that are not judged at the start.
 const SETTLES: f64 = 60.0;
 
@@ -107,8 +109,18 @@ pub fn known(row: &Row, seed: u64) -> Outcome {
 /// How a search for the pose went.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sought {
-    /// s from the kidnapping until it was noticed; none: not kidnapped, or never.
+    /// s from the first instant at which a sighting of the new place could be stamped until the pose was no longer FINE.
+    pub uneasy: Option<f64>,
+    /// The same until the kidnapping was noticed: the pose was not to be relied on, or was another one; none: not
+    /// kidnapped, or never.
     pub noticed: Option<f64>,
+    /// Bearings, right and wild, that were stamped in the three sweeps after, and could be told by then.
+    pub told: usize,
+    /// s from the third beacon's sighting until right bearings were enough for anybody who is told which are right: two
+    /// of each of three beacons, or five of four, within six seconds.
+    pub enough: Option<f64>,
+    /// The first pose ever called COARSE or FINE was wrong.
+    pub first_wrong: bool,
     /// s from the third beacon's sighting (since the start, or the kidnapping) until there was a right pose.
     pub found: Option<f64>,
     /// s with a pose more than a metre or 20 degrees off, called COARSE or FINE, other than before it was noticed.
@@ -125,7 +137,11 @@ pub fn unknown(row: &Row, seed: u64) -> Sought {
     let from = row.kidnapped.unwrap_or(0.0);
     let mut doubted = 0;
     let third = third(&run, from);
-    let (mut sought, mut dishonest) = (Sought::default(), 0.0);
+    let enough = enough(&run, from, row.beacons).map(|at| at - third);
+    let (from_stamps, mut claimed) = (from + row.late, false);
+    let stamps = run.measured.iter().filter(|(_, measured)| matches!(measured, Measured::Bearing { .. }));
+    let told_in_sweeps = stamps.filter(|(stamp, _)| (from_stamps..from_stamps + SWEEPS + STEP).contains(stamp)).count();
+    let (mut sought, mut dishonest) = (Sought { told: told_in_sweeps, enough, ..Sought::default() }, 0.0);
     for (now, truth, _) in &run.truth {
         while let Some((stamp, measured)) = told.next_if(|(stamp, _)| *stamp <= now + 1e-6) {
             feed(&mut filter, *stamp, measured);
@@ -143,7 +159,14 @@ pub fn unknown(row: &Row, seed: u64) -> Sought {
             doubted = filter.counts().doubted;
         }
         if *now > from && unnoticed && (!claims || filter.counts().doubted > doubted) {
-            sought.noticed = Some(now - from);
+            sought.noticed = Some(now - from_stamps);
+        }
+        if unnoticed && sought.uneasy.is_none() && estimate.quality < Quality::Fine {
+            sought.uneasy = Some(now - from_stamps);
+        }
+        sought.uneasy = sought.uneasy.or(sought.noticed);
+        if claims && !claimed {
+            (claimed, sought.first_wrong) = (true, !right);
         }
         if claims && !right && !unnoticed {
             sought.wrong += STEP;
@@ -157,10 +180,25 @@ pub fn unknown(row: &Row, seed: u64) -> Sought {
     sought
 }
 
+/// When right bearings since `from`, those of the last six seconds, were first enough, s; as of [`Sought::enough`].
+fn enough(run: &Run, from: f64, beacons: usize) -> Option<f64> {
+    let sighted: Vec<(f64, usize)> =
+        run.sighted.iter().copied().filter(|(stamp, _)| *stamp > from + run.late).collect();
+    let is_enough = |place: usize| {
+        let mut each = vec![0; beacons];
+        let last = sighted[place].0;
+        sighted[..=place].iter().filter(|(stamp, _)| last - stamp <= 6.0).for_each(|(_, beacon)| each[*beacon] += 1);
+        let (once, twice) = (|n: &&i32| **n > 0, |n: &&i32| **n > 1);
+        let distinct = each.iter().filter(once).count();
+        each.iter().filter(twice).count() >= 3 || (distinct >= 4 && each.iter().sum::<i32>() >= 5)
+    };
+    (0..sighted.len()).find(|place| is_enough(*place)).map(|place| sighted[place].0)
+}
+
 /// When the third beacon since `from` was sighted, s.
 fn third(run: &Run, from: f64) -> f64 {
     let mut seen = Vec::new();
-    for (stamp, beacon) in run.sighted.iter().filter(|(stamp, _)| *stamp > from) {
+    for (stamp, beacon) in run.sighted.iter().filter(|(stamp, _)| *stamp > from + run.late) {
         if !seen.contains(beacon) {
             seen.push(*beacon);
         }

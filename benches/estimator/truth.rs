@@ -56,6 +56,8 @@ pub struct Row {
     pub turn: f64,
     /// The robot is put elsewhere then, s.
     pub kidnapped: Option<f64>,
+    /// It stands from then on, s.
+    pub stands: f64,
     /// s.
     pub length: f64,
 }
@@ -72,6 +74,7 @@ impl Row {
         scale: 0.0,
         turn: 0.0,
         kidnapped: None,
+        stands: f64::INFINITY,
         length: 300.0,
     };
 }
@@ -100,6 +103,8 @@ pub struct Run {
     /// When each right bearing was stamped, and its beacon.
     pub sighted: Vec<(f64, usize)>,
     pub start: Pose,
+    /// As of the row, s.
+    pub late: f64,
 }
 
 /// A sighting that is due.
@@ -131,7 +136,10 @@ pub fn run(row: &Row, seed: u64) -> Run {
             goal = somewhere(&mut random);
         }
         let off = Angle::new(libm::atan2(goal.y - pose.y, goal.x - pose.x)) - pose.theta;
-        let rates = Motion { translation: SPEED, rotation: (off.radians() * 0.8).clamp(-0.5, 0.5) };
+        let rates = match begin >= row.stands {
+            true => Motion::default(),
+            false => Motion { translation: SPEED, rotation: (off.radians() * 0.8).clamp(-0.5, 0.5) },
+        };
         // What the odometry says is off by its scale, and the robot does not do quite that.
         let said = Motion { translation: rates.translation / (1.0 + row.scale), rotation: rates.rotation };
         let mut at = begin;
@@ -139,7 +147,8 @@ pub fn run(row: &Row, seed: u64) -> Run {
             let next = due.iter_mut().filter(|due| due.at < end).min_by(|a, b| a.at.total_cmp(&b.at));
             let to = next.as_ref().map_or(end, |due| due.at);
             let dt = to - at;
-            let noise = libm::sqrt(dt * STEP);
+            // Wheels that do not turn do not scatter either.
+            let noise = if begin >= row.stands { 0.0 } else { libm::sqrt(dt * STEP) };
             let way = Motion {
                 translation: rates.translation * dt + ODOMETRY.0 * noise * random.normal(),
                 rotation: rates.rotation * dt + ODOMETRY.1 * noise * random.normal(),
@@ -177,7 +186,7 @@ pub fn run(row: &Row, seed: u64) -> Run {
         Measured::Bearing { .. } => libm::ceil(*at / STEP - 1e-9) * STEP + 1e-9,
     };
     measured.sort_by(|a, b| told(a).total_cmp(&told(b)));
-    Run { measured, truth, sighted, start }
+    Run { measured, truth, sighted, start, late: row.late }
 }
 
 fn somewhere(random: &mut Random) -> Point {

@@ -48,3 +48,15 @@ fn a_robot_that_is_carried_away_notices_and_finds_itself_again() {
         assert!(sought.found.is_some_and(|after| after < 5.0) && sought.wrong == 0.0, "seed {seed}: {sought:?}");
     }
 }
+
+#[test]
+fn a_robot_that_is_carried_away_while_it_stands_notices_too() {
+    for row in [Row::EASY, Row { beacons: 6, ..Row::EASY }] {
+        for seed in 0..20 {
+            let row = Row { length: 60.0, kidnapped: Some(40.0), stands: 30.0, ..row };
+            let sought = unknown(&row, 200 + seed);
+            assert!(sought.noticed.is_some_and(|after| after <= 3.25), "seed {seed}: {sought:?}");
+            assert!(sought.found.is_some_and(|after| after < 5.0) && sought.wrong == 0.0, "seed {seed}: {sought:?}");
+        }
+    }
+}
