@@ -3,4 +3,6 @@
 //! Works on any reader and writer; opens nothing, knows no clock.
 #![forbid(unsafe_code)]
 
+pub mod read;
+pub mod recover;
 pub mod ros;

@@ -1,0 +1,131 @@
+//! What stands in a chunk.
+
+use super::fields::{self, Fields};
+use super::{HEAD, Message, RECORD_MAX, op};
+use std::io::{self, Read};
+
+/// Bytes of a chunk's content before its records, without the name of the compression.
+const FIXED: u64 = 8 + 8 + 8 + 4 + 4 + 8;
+/// Longest name of a compression.
+const COMPRESSION_MAX: u64 = 16;
+/// As much of a chunk's content as its head can take.
+pub const HEAD_MAX: usize = (FIXED + COMPRESSION_MAX) as usize;
+
+/// The head of a chunk.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// First and last log time of its messages, ns since the epoch.
+    pub start: u64,
+    pub end: u64,
+    /// Bytes of its records, and their CRC-32; 0: not known.
+    pub size: u64,
+    pub crc: u32,
+    pub compression: String,
+    pub compressed: u64,
+    /// Bytes of the head.
+    pub len: usize,
+}
+
+impl Head {
+    /// Of a chunk whose content is `length` bytes long and begins with `content`; `None` unless all lengths fit together.
+    pub fn of(content: &[u8], length: u64) -> Option<Self> {
+        let mut fields = Fields(content);
+        let (start, end, size, crc) = (fields.u64()?, fields.u64()?, fields.u64()?, fields.u32()?);
+        let name = fields.u32().filter(|len| u64::from(*len) <= COMPRESSION_MAX)?;
+        let compression = str::from_utf8(fields.bytes(name as usize)?).ok()?;
+        let compressed = fields.u64()?;
+        let fits = FIXED + u64::from(name) + compressed.min(RECORD_MAX) == length
+            && size <= RECORD_MAX
+            && (!compression.is_empty() || size == compressed)
+            && (start <= end || size == 0)
+            && compression.bytes().all(|byte| byte.is_ascii_graphic());
+        let len = content.len() - fields.0.len();
+        fits.then(|| Self { start, end, size, crc, compression: compression.to_owned(), compressed, len })
+    }
+
+    /// Whether this program can read what is in it.
+    pub fn is_known(&self) -> bool {
+        matches!(self.compression.as_str(), "" | "zstd" | "lz4")
+    }
+}
+
+/// Takes the records out of a chunk's content, `space` is for those that were compressed; `None` when it is damaged.
+pub fn unpack<'a>(head: &Head, content: &'a [u8], space: &'a mut Vec<u8>) -> Option<&'a [u8]> {
+    let packed = content.get(head.len..)?;
+    let size = usize::try_from(head.size).ok()?;
+    let records = match head.compression.as_str() {
+        "" => packed,
+        "zstd" => {
+            space.clear();
+            let mut rest = packed;
+            while !rest.is_empty() {
+                expand(ruzstd::decoding::StreamingDecoder::new(&mut rest).ok()?, size, space)?;
+            }
+            space
+        }
+        "lz4" => {
+            space.clear();
+            expand(lz4_flex::frame::FrameDecoder::new(packed), size, space)?;
+            space
+        }
+        _ => return None,
+    };
+    let holds = records.len() == size && (head.crc == 0 || crc32fast::hash(records) == head.crc);
+    holds.then_some(records)
+}
+
+/// Never more than `size` bytes in all, whatever the compressed ones announce; memory grows with what really comes.
+fn expand(decoder: impl Read, size: usize, space: &mut Vec<u8>) -> Option<()> {
+    let room = (size + 1).checked_sub(space.len())?;
+    let expanded: io::Result<usize> = decoder.take(room as u64).read_to_end(space);
+    (expanded.is_ok() && space.len() <= size).then_some(())
+}
+
+/// A record in a chunk.
+pub struct Record<'a> {
+    pub opcode: u8,
+    /// Where it begins in the chunk's records.
+    pub offset: usize,
+    pub content: &'a [u8],
+}
+
+/// The records in a chunk; the last item is `None` when they end in the middle of one.
+pub struct Records<'a> {
+    all: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Records<'a> {
+    pub fn new(all: &'a [u8]) -> Self {
+        Self { all, at: 0 }
+    }
+}
+
+impl<'a> Iterator for Records<'a> {
+    type Item = Option<Record<'a>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let rest = &self.all[self.at..];
+        if rest.is_empty() {
+            return None;
+        }
+        let offset = self.at;
+        self.at = self.all.len();
+        let whole = || {
+            let (head, rest) = rest.split_at_checked(HEAD as usize)?;
+            let len = usize::try_from(Fields(&head[1..]).u64()?).ok()?;
+            Some((head[0], rest.get(..len)?))
+        };
+        let Some((opcode, content)) = whole() else { return Some(None) };
+        self.at = offset + HEAD as usize + content.len();
+        Some(Some(Record { opcode, offset, content }))
+    }
+}
+
+/// The message whose record begins at `offset` of records that were gone through.
+pub fn message_at(records: &[u8], offset: usize) -> Option<Message<'_>> {
+    match Records::new(records.get(offset..)?).next()?? {
+        Record { opcode: op::MESSAGE, content, .. } => fields::message(content),
+        _ => None,
+    }
+}

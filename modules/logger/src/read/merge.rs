@@ -1,0 +1,268 @@
+//! Messages of several files in one order.
+
+use super::chunk::{self, Head, Records};
+use super::{Channel, HEAD, Index, Message, Piece, Schema, fields, op};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::sync::Arc;
+
+/// Chunks that overlap in time are held up to so many bytes; then order gives way.
+const HELD_MAX: u64 = 512 << 20;
+/// So many buffers are kept for the next chunks.
+const SPARE_MAX: usize = 4;
+
+/// Which messages are wanted.
+pub struct Filter<'a> {
+    /// From this log time on, ns since the epoch.
+    pub from: u64,
+    /// Up to this one, itself too.
+    pub to: u64,
+    /// Of these channels.
+    pub wants: &'a dyn Fn(&Channel, Option<&Schema>) -> bool,
+}
+
+/// What was asked for and not given. Everything only grows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Skipped {
+    /// Chunks whose check fails, or that are not where the index says.
+    pub damaged: u64,
+    /// Chunks with a compression that is not known here.
+    pub sealed: u64,
+    /// Messages on a channel that nobody defines.
+    pub nameless: u64,
+    /// Messages given after later ones, because too much overlaps or an index is wrong.
+    pub unordered: u64,
+}
+
+/// A message with what is known of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry<'a> {
+    /// The file's place in the list.
+    pub file: usize,
+    /// Its channel.
+    pub channel: &'a Channel,
+    /// Its type.
+    pub schema: Option<&'a Schema>,
+    /// The message.
+    pub message: Message<'a>,
+}
+
+/// The messages of files by log time, of equal times by number, of equal numbers as they stand.
+pub struct Messages<R> {
+    files: Vec<File<R>>,
+    /// Pieces that are not open yet, the next one last: start, file, piece.
+    pending: Vec<(u64, usize, usize)>,
+    open: Vec<Open>,
+    /// The next message of each open piece: log time, number, age of the piece, its place.
+    heap: BinaryHeap<Reverse<(u64, u32, u64, usize)>>,
+    free: Vec<usize>,
+    spare: Vec<Vec<u8>>,
+    from: u64,
+    to: u64,
+    held: u64,
+    opened: u64,
+    read: u64,
+    last: u64,
+    skipped: Skipped,
+}
+
+struct File<R> {
+    inner: R,
+    index: Arc<Index>,
+    /// By number of the channel.
+    wanted: Vec<bool>,
+}
+
+/// A piece whose messages are being given.
+#[derive(Default)]
+struct Open {
+    file: usize,
+    age: u64,
+    bytes: Vec<u8>,
+    /// Where the records begin in `bytes`.
+    records: usize,
+    /// Log time, number, place in the records; the next one last.
+    entries: Vec<(u64, u32, u32)>,
+}
+
+impl<R: Read + Seek> Messages<R> {
+    /// Of these files, each with its index.
+    pub fn new(files: Vec<(R, Arc<Index>)>, filter: &Filter<'_>) -> Self {
+        let with_wanted = |(inner, index): (R, Arc<Index>)| {
+            let mut wanted = vec![false; index.channels.keys().next_back().map_or(0, |id| usize::from(*id) + 1)];
+            for (id, channel) in &index.channels {
+                wanted[usize::from(*id)] = (filter.wants)(channel, index.schemas.get(&channel.schema_id));
+            }
+            File { inner, index, wanted }
+        };
+        let files: Vec<File<R>> = files.into_iter().map(with_wanted).collect();
+        let mut pending = Vec::new();
+        for (f, file) in files.iter().enumerate() {
+            for (p, piece) in file.index.pieces.iter().enumerate() {
+                let wanted = |id: &u16| file.wanted.get(usize::from(*id)).copied().unwrap_or(true);
+                if piece.start <= filter.to
+                    && piece.end >= filter.from
+                    && piece.channels.as_ref().is_none_or(|channels| channels.iter().any(wanted))
+                {
+                    pending.push((piece.start, f, p));
+                }
+            }
+        }
+        pending.sort_unstable_by_key(|key| Reverse(*key));
+        Self {
+            files,
+            pending,
+            open: Vec::new(),
+            heap: BinaryHeap::new(),
+            free: Vec::new(),
+            spare: Vec::new(),
+            from: filter.from,
+            to: filter.to,
+            held: 0,
+            opened: 0,
+            read: 0,
+            last: 0,
+            skipped: Skipped::default(),
+        }
+    }
+
+    /// The next message; `None` at the end.
+    ///
+    /// # Errors
+    /// Reading failed; can be tried again, without the chunk at hand.
+    pub fn next_entry(&mut self) -> io::Result<Option<Entry<'_>>> {
+        while let Some(&(start, f, p)) = self.pending.last() {
+            let due = self.heap.peek().is_none_or(|Reverse((time, ..))| start <= *time);
+            if !due || self.held > HELD_MAX && !self.heap.is_empty() {
+                break;
+            }
+            self.pending.pop();
+            self.load(f, p)?;
+        }
+        let Some(mut first) = self.heap.peek_mut() else { return Ok(None) };
+        let place = first.0.3;
+        let open = &mut self.open[place];
+        let Some((time, _, at)) = open.entries.pop() else { return Ok(None) };
+        match open.entries.last() {
+            Some(&(time, sequence, _)) => *first = Reverse((time, sequence, open.age, place)),
+            None => {
+                std::collections::binary_heap::PeekMut::pop(first);
+                self.held -= open.bytes.len() as u64;
+                self.free.push(place);
+            }
+        }
+        self.skipped.unordered += u64::from(time < self.last);
+        self.last = time;
+        let open = &self.open[place];
+        let file = &self.files[open.file];
+        // Both were looked at when the piece was opened.
+        let message = chunk::message_at(&open.bytes[open.records..], at as usize);
+        let found = message.and_then(|message| Some((message, file.index.channels.get(&message.channel)?)));
+        Ok(found.map(|(message, channel)| Entry {
+            file: open.file,
+            channel,
+            schema: file.index.schemas.get(&channel.schema_id),
+            message,
+        }))
+    }
+
+    /// What was left out so far.
+    #[must_use]
+    pub fn skipped(&self) -> Skipped {
+        self.skipped
+    }
+
+    /// Bytes of the files read so far, and all that are to be read.
+    #[must_use]
+    pub fn progress(&self) -> (u64, u64) {
+        let left: u64 = self.pending.iter().map(|(_, f, p)| self.files[*f].index.pieces[*p].length).sum();
+        (self.read, self.read + left)
+    }
+
+    fn load(&mut self, f: usize, p: usize) -> io::Result<()> {
+        let file = &mut self.files[f];
+        let index = file.index.clone();
+        let piece = &index.pieces[p];
+        let mut bytes = self.spare.pop().unwrap_or_default();
+        bytes.clear();
+        self.read += piece.length;
+        if piece.length > super::RECORD_MAX + HEAD {
+            self.skipped.damaged += 1;
+            return Ok(());
+        }
+        file.inner.seek(SeekFrom::Start(piece.offset))?;
+        bytes.reserve(piece.length as usize);
+        Read::by_ref(&mut file.inner).take(piece.length).read_to_end(&mut bytes)?;
+        let Some((bytes, records)) = unpack(piece, bytes, &mut self.skipped) else { return Ok(()) };
+        let place = self.free.pop().unwrap_or_else(|| {
+            self.open.push(Open::default());
+            self.open.len() - 1
+        });
+        let open = &mut self.open[place];
+        let old = std::mem::replace(&mut open.bytes, bytes);
+        if self.spare.len() < SPARE_MAX {
+            self.spare.push(old);
+        }
+        (open.file, open.age, open.records) = (f, self.opened, records);
+        self.opened += 1;
+        open.entries.clear();
+        let mut sorted = true;
+        for record in Records::new(&open.bytes[records..]) {
+            let Some(record) = record else {
+                self.skipped.damaged += 1;
+                break;
+            };
+            let Some(message) = fields::message(record.content).filter(|_| record.opcode == op::MESSAGE) else {
+                continue;
+            };
+            match file.wanted.get(usize::from(message.channel)) {
+                Some(true) if (self.from..=self.to).contains(&message.log_time) => {
+                    let entry = (message.log_time, message.sequence, record.offset as u32);
+                    sorted &= open.entries.last().is_none_or(|last| *last <= entry);
+                    open.entries.push(entry);
+                }
+                Some(_) if index.channels.contains_key(&message.channel) => {}
+                _ => self.skipped.nameless += 1,
+            }
+        }
+        if !sorted {
+            open.entries.sort_unstable();
+        }
+        open.entries.reverse();
+        match open.entries.last() {
+            Some(&(time, sequence, _)) => {
+                self.held += open.bytes.len() as u64;
+                self.heap.push(Reverse((time, sequence, open.age, place)));
+            }
+            None => self.free.push(place),
+        }
+        Ok(())
+    }
+}
+
+/// The bytes with the records of a piece, and where in them these begin.
+fn unpack(piece: &Piece, bytes: Vec<u8>, skipped: &mut Skipped) -> Option<(Vec<u8>, usize)> {
+    if piece.bare {
+        return Some((bytes, 0));
+    }
+    let content = bytes.get(HEAD as usize..).filter(|content| bytes[0] == op::CHUNK && !content.is_empty());
+    let head = content.and_then(|content| Head::of(content, content.len() as u64));
+    let Some((content, head)) = content.zip(head) else {
+        skipped.damaged += 1;
+        return None;
+    };
+    if !head.is_known() {
+        skipped.sealed += 1;
+        return None;
+    }
+    let mut space = Vec::new();
+    match chunk::unpack(&head, content, &mut space) {
+        None => {
+            skipped.damaged += 1;
+            None
+        }
+        Some(_) if head.compression.is_empty() => Some((bytes, HEAD as usize + head.len)),
+        Some(_) => Some((space, 0)),
+    }
+}
