@@ -21,9 +21,13 @@ static FILES: LazyLock<Vec<Types>> = LazyLock::new(|| {
     vec![types(messages::LCM_FILES), types(FOREIGN)]
 });
 
-libfuzzer_sys::fuzz_target!(|input: Vec<(u8, u8, Vec<u8>)>| {
+static BEGIN: LazyLock<Translator> = LazyLock::new(|| {
     let scene = RobotScene { outline: vec![[1.0, 0.0]; 3], ..RobotScene::default() };
-    let mut translator = Translator::with_types(scene, FOREIGN).expect("they are built in");
+    Translator::with_types(scene, FOREIGN).expect("they are built in")
+});
+
+libfuzzer_sys::fuzz_target!(|input: Vec<(u8, u8, Vec<u8>)>| {
+    let mut translator = BEGIN.clone();
     for (channel, ty, body) in input {
         let channels = Channel::ALL.iter().map(|channel| channel.name()).chain(["pose", "range/1", "X", "LL_DATA_RAW_A"]);
         let channel = channels.cycle().nth(channel.into()).expect("there is always another");

@@ -168,6 +168,17 @@ fn types_that_ros_does_not_have_are_none() {
 }
 
 #[test]
+fn lengths_of_structs_in_each_other_are_kept_apart() {
+    let text = "struct t { int8_t n; u before[n]; int16_t m; u rows[m][n]; string after[n]; double last[m]; }
+        struct u { int8_t n; v inner[n]; byte behind[n]; } struct v { int64_t n; float x[n]; int8_t m; string s[m][n]; }";
+    let both = Both::new(&[("t.lcm", text)]);
+    let mut random = Random::new(7);
+    for _ in 0..200 {
+        both.check("t", &dynamic::message(&both.schema, "t", &mut random)).unwrap();
+    }
+}
+
+#[test]
 fn small_messages_cannot_become_large_without_end() {
     // Lengths that many arrays share, elements without bytes, elements of which each shows many.
     let arrays: String = (0..1000).map(|i| format!("double a{i}[n];")).collect();

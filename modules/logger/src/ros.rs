@@ -116,7 +116,7 @@ const BUFFER_KEPT: usize = 1 << 20;
 pub type Sink<'a> = dyn FnMut(&Topic, &[u8]) + 'a;
 
 /// Translates messages; knows which topics there are.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Translator {
     scene: Scene,
     kinds: Kinds,

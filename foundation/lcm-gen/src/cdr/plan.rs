@@ -7,8 +7,6 @@ use crate::{Primitive, Schema};
 #[derive(Clone, Debug)]
 pub struct Body {
     pub fingerprint: u64,
-    /// The size of every value, where all have the same.
-    pub fixed: Option<usize>,
     /// How many of its members are lengths.
     pub slots: usize,
     /// How many elements without bytes each value shows, at least.
@@ -75,7 +73,7 @@ fn body(ty: &Struct) -> Body {
     } else if ty.fields.is_empty() {
         steps.push(Step::Nothing);
     }
-    Body { fingerprint: ty.fingerprint, fixed: ty.fixed, slots: ty.slots, empties: ty.empties, lengths: None, steps }
+    Body { fingerprint: ty.fingerprint, slots: ty.slots, empties: ty.empties, lengths: None, steps }
 }
 
 fn step(field: &Field) -> Step {

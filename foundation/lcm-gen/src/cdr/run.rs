@@ -43,19 +43,12 @@ impl<'a> Run<'a, '_> {
         Ok(head)
     }
 
-    /// Refuses to go on when so many bytes are not left.
-    fn need(&self, needed: usize) -> Result<(), DecodeError> {
-        let left = self.bytes.len();
-        if needed <= left { Ok(()) } else { Err(DecodeError::Truncated { needed, left }) }
-    }
-
     /// A struct whose lengths have their places from `base` on.
     fn body(&mut self, body: &'a Body, base: usize) -> Result<(), ConvertError> {
         if body.empties > MAX_EMPTY {
             let count = i64::try_from(body.empties).unwrap_or(i64::MAX);
             return Err(DecodeError::Count { count, max: MAX_EMPTY }.into());
         }
-        self.need(body.fixed.unwrap_or_default())?;
         for step in &body.steps {
             match step {
                 Step::Numbers { width, count } => {
@@ -140,7 +133,6 @@ impl<'a> Run<'a, '_> {
                 Ok(())
             }
             Item::Struct(place) => {
-                self.need(size)?;
                 let body = &self.bodies[place];
                 (0..count).try_for_each(|_| self.body(body, inner))
             }

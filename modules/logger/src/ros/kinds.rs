@@ -43,7 +43,7 @@ impl Kind {
 }
 
 /// All types that are known: the robot's first.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Kinds {
     kinds: Vec<Kind>,
     /// Plans of the robot's types and of foreign ones: both may have one of the same name.

@@ -23,7 +23,7 @@ const ELLIPSE: Color = [0.9, 0.1, 0.9, 0.3];
 const OBSTACLE: Color = [0.8, 0.1, 0.1, 0.6];
 
 /// The robot as it is shown, and when it last was.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Scene {
     pub robot: RobotScene,
     shown: Option<i64>,

@@ -31,7 +31,7 @@ const ERROR: u8 = 2;
 const STALE: u8 = 3;
 
 /// What is remembered between messages.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct State {
     odometry: Odometry,
     sonars: Sensors,
@@ -40,13 +40,13 @@ pub struct State {
 }
 
 /// Where odometry alone says that the robot is, in the frame `odom`: there it began.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Odometry {
     last: Option<DataOdo>,
     pose: Pose,
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Sensors {
     /// Topic and frame by the sensor's number.
     known: BTreeMap<i32, [String; 2]>,

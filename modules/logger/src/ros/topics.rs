@@ -27,7 +27,7 @@ pub struct Topic {
     pub schema_text: Arc<str>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Topics {
     all: Vec<Topic>,
     index: BTreeMap<Arc<str>, u16>,
