@@ -121,6 +121,55 @@ fn a_pose_by_hand_is_put_right_by_what_is_seen_even_while_it_stands() {
     assert!(estimate.pose.point().distance(pose(0).point()) < 0.05, "{estimate:?}");
 }
 
+/// A robot that stands; from 10 s on these beacons are seen 0.3 rad off. Says when it was doubted first, s.
+fn stand(wrong: &[usize]) -> Option<u64> {
+    let mut filter = filter();
+    filter.odometry(ms(1000), Motion::default()).unwrap();
+    filter.set(pose(0), SURE).unwrap();
+    for second in 2..40u64 {
+        filter.odometry(ms(second * 1000 + 999), Motion::default()).unwrap();
+        for (beacon, (id, ..)) in BEACONS.iter().enumerate() {
+            let off = if second >= 10 && wrong.contains(&beacon) { 0.3 } else { 0.0 };
+            filter.bearing(ms(second * 1000 + 200 * beacon as u64), *id, bearing(pose(0), beacon) + off).unwrap();
+        }
+        filter.estimate(ms(second * 1000 + 999));
+        if filter.counts().doubted > 0 {
+            return Some(second);
+        }
+    }
+    None
+}
+
+#[test]
+fn two_beacons_that_stay_wrong_are_a_doubt_even_if_others_fit_and_one_is_not() {
+    assert_eq!(stand(&[1]), None, "somebody moved it, or it is seen in a mirror");
+    for wrong in [[0, 2], [1, 3], [0, 1]] {
+        assert_eq!(stand(&wrong), Some(11), "{wrong:?}");
+    }
+}
+
+#[test]
+fn a_wild_bearing_that_was_believed_is_taken_back() {
+    let (mut with, mut without) = (filter(), filter());
+    for (filter, wild) in [(&mut with, true), (&mut without, false)] {
+        filter.odometry(ms(0), ON).unwrap();
+        // So little is known of the heading that a bearing 0.3 rad off fits.
+        filter.set(pose(0), [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.09]]).unwrap();
+        for now in (50..900).step_by(50) {
+            filter.odometry(ms(now), ON).unwrap();
+            let off = if wild && now == 200 { 0.3 } else { 0.0 };
+            if now % 200 == 0 {
+                let beacon = now as usize / 200 % 4;
+                filter.bearing(ms(now - 10), BEACONS[beacon].0, bearing(pose(now - 10), beacon) + off).unwrap();
+            }
+        }
+    }
+    let (one, other) = (with.estimate(ms(850)), without.estimate(ms(850)));
+    assert!(one.pose.point().distance(other.pose.point()) < 0.1, "{one:?} {other:?}");
+    assert!((one.pose.theta - other.pose.theta).radians().abs() < 0.02, "{one:?} {other:?}");
+    assert!(with.counts().gated >= 1 && without.counts().gated == 0);
+}
+
 #[test]
 fn without_beacons_it_grows_unsure_and_says_so() {
     let mut filter = filter();
