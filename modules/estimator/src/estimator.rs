@@ -55,6 +55,8 @@ pub struct Estimator {
     /// Whether a pose was ever known, and whether that is told to be lost.
     known: bool,
     lost: bool,
+    /// Doubts that are told.
+    doubted: u64,
     bad: bool,
     unknown: Vec<i32>,
 }
@@ -76,6 +78,7 @@ impl Estimator {
             silent: false,
             known: false,
             lost: false,
+            doubted: 0,
             bad: false,
             unknown: Vec::new(),
         })
@@ -172,7 +175,13 @@ impl Estimator {
         if self.source == Source::Nobody && self.ways.has_begun() {
             self.filter.blind(now);
         }
-        let estimate = self.filter.estimate(now);
+        let mut estimate = self.filter.estimate(now);
+        // A pose that was given up for another at once is told to be lost once: nobody drives on from there by itself.
+        let doubted = self.filter.counts().doubted;
+        if std::mem::replace(&mut self.doubted, doubted) < doubted && estimate.quality >= Quality::Coarse {
+            estimate.quality = Quality::Searching;
+            (0..3).for_each(|place| estimate.covariance[place][place] += [25.0, 25.0, 3.0][place]);
+        }
         let most = if self.source == Source::Wheels { Quality::Fine } else { Quality::Coarse };
         let quality = estimate.quality.min(most);
         let Pose { x, y, theta } = estimate.pose;
