@@ -2,7 +2,7 @@
 
 use super::{Robot, command};
 use base::{Duration, Fault, Instant};
-use messages::middlelevel::{CmdEstimate, DataEstimate};
+use messages::middlelevel::{CmdEstimate, CmdGoal, DataEstimate, Waypoint};
 use messages::simulation::{CmdFault, DataTruth};
 use messages::{Message, common};
 use sim::host::News;
@@ -15,6 +15,10 @@ struct Told {
     /// When, the estimate, how far it is off (m), and how far its heading is (rad).
     estimates: Vec<(Instant, DataEstimate, f64, f64)>,
     errors: Vec<common::Error>,
+    /// When a beacon was told to be sighted, the sighting's stamp, and which.
+    sightings: Vec<(Instant, i64, i32)>,
+    /// m/s.
+    speeds: Vec<(Instant, f64)>,
 }
 
 /// A robot that is observed from its start on.
@@ -26,7 +30,13 @@ fn observed(seed: u64) -> (Robot, Rc<RefCell<Told>>) {
         let News::Message { message, .. } = news else { return };
         let mut told = keep.borrow_mut();
         match message {
-            Message::SimDataTruth(truth) => told.truth = truth.clone(),
+            Message::SimDataTruth(truth) => {
+                told.speeds.push((now, truth.speed));
+                told.truth = truth.clone();
+            }
+            Message::LlDataBeacons(data) => {
+                told.sightings.extend(data.beacons.iter().map(|beacon| (now, beacon.timestamp, beacon.id)));
+            }
             Message::CmEventError(error) => told.errors.push(error.clone()),
             Message::MlDataEstimate(estimate) => {
                 let off = length(estimate.x - told.truth.x, estimate.y - told.truth.y);
@@ -131,4 +141,65 @@ fn standing_it_stays_where_it_is() {
     };
     assert!(late.iter().map(moved).fold(0.0, f64::max) < 1e-3);
     assert!(late.iter().all(|(_, estimate, off, _)| *off < 0.4 && estimate.quality >= DataEstimate::COARSE));
+}
+
+/// Carries it off while it moves as it does, and holds what follows against what is asked for: three sweeps, a second
+/// each, until it no longer says FINE; five seconds after the third beacon until it knows where it is.
+fn carry_off(robot: &mut Robot, told: &RefCell<Told>, number: f64) -> Instant {
+    let then = robot.machine.now();
+    let before = told.borrow().truth.clone();
+    assert_eq!(told.borrow().estimates.last().map(|(_, last, ..)| last.quality), Some(DataEstimate::FINE));
+    fault(robot, "robot", "kidnap", number);
+    robot.pass(0.1);
+    let there = told.borrow().truth.clone();
+    assert!(length(there.x - before.x, there.y - before.y) > 1.0, "{there:?}");
+    robot.pass(14.9);
+    let told = told.borrow();
+    let mut after = told.estimates.iter().filter(|(at, ..)| *at > then);
+    let (uneasy, ..) = after.find(|(_, estimate, ..)| estimate.quality < DataEstimate::FINE).expect("it is noticed");
+    assert!(uneasy.since(then) <= Duration::from_secs(3), "noticed after {:?}", uneasy.since(then));
+    let mut seen = Vec::new();
+    let third = told.sightings.iter().filter(|(_, stamp, _)| *stamp > there.timestamp).find(|(.., id)| {
+        if !seen.contains(id) {
+            seen.push(*id);
+        }
+        seen.len() == 3
+    });
+    let (third, ..) = third.expect("three beacons are in sight from there");
+    let right = |(_, estimate, off, turned): &&(Instant, DataEstimate, f64, f64)| {
+        estimate.quality >= DataEstimate::COARSE && *off < 0.5 && *turned < 0.2
+    };
+    let (found, ..) = after.find(right).expect("it finds itself");
+    assert!(found.since(*third) <= Duration::from_secs(5), "found after {:?}", found.since(*third));
+    then
+}
+
+#[test]
+fn carried_off_while_it_stands_it_notices_and_finds_itself_again() {
+    for (seed, number) in [(5, 1.0), (6, 3.0), (7, 4.0)] {
+        let (mut robot, told) = observed(seed);
+        round(&mut robot, 20.0);
+        robot.pass(10.0);
+        assert!(robot.speed().abs() < 1e-3, "it stands");
+        carry_off(&mut robot, &told, number);
+    }
+}
+
+#[test]
+fn carried_off_while_it_drives_to_a_goal_it_stops_and_finds_itself_again() {
+    for (seed, number) in [(8, 1.0), (9, 2.0)] {
+        let (mut robot, told) = observed(seed);
+        let waypoints = vec![Waypoint { x: 12.5, y: 6.0, ..Default::default() }];
+        let now = robot.machine.now();
+        robot.machine.inject(now, CmdGoal { id: 1, waypoints, ..Default::default() });
+        robot.pass(10.0);
+        assert!(robot.speed().abs() > 0.2, "the planner drives: {}", robot.speed());
+        let then = carry_off(&mut robot, &told, number);
+        let told = told.borrow();
+        let stopped = told.speeds.iter().find(|(at, speed)| *at > then && speed.abs() < 0.01);
+        let (stopped, _) = stopped.expect("it stops");
+        assert!(stopped.since(then) <= Duration::from_secs(5), "stopped after {:?}", stopped.since(then));
+        let late = told.speeds.iter().filter(|(at, _)| at > stopped);
+        assert!(late.map(|(_, speed)| speed.abs()).fold(0.0, f64::max) < 0.01, "it drove on by itself");
+    }
 }
