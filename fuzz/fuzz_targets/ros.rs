@@ -13,7 +13,7 @@ mod reader;
 const FOREIGN: &[(&str, &str)] = &[("f.lcm", "package f;
     enum e { RED, GREEN = 7 } struct nothing { } struct leaf { byte b; string s; double d; boolean t[3]; }
     struct wide { int8_t n; int16_t m; int64_t k; float grid[n][m]; leaf rows[m][2]; string words[2][n]; nothing none[k]; e e; }
-    struct many { nothing x[60000]; } struct more { int32_t n; many x[n]; int64_t timestamp; }
+    struct many { nothing x[3000]; } struct more { int32_t n; many x[n]; int64_t timestamp; }
     struct tree { int8_t n; tree below[n]; string name; }")];
 
 static FILES: LazyLock<Vec<Types>> = LazyLock::new(|| {
