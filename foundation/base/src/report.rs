@@ -142,6 +142,12 @@ faults! {
 
     /// What a module is told is not all written down for replay: the disk is slow, full or broken.
     InputsLost = 0x0601, Resource;
+    /// Messages are not written to the log: the disk takes them too slowly, or not at all.
+    LogLost = 0x0602, Resource;
+    /// The disk takes no log: it is full, read-only or broken; it is tried again.
+    LogRefused = 0x0603, Resource;
+    /// More channels are heard than a log holds: messages of further ones are left out.
+    LogCrowded = 0x0604, Resource;
 
     /// A chip on an I2C bus does not answer, or another one does.
     ChipLost = 0x0701, Device;

@@ -1,8 +1,19 @@
 //! Logs of a run: MCAP files in which each message of the bus stands as it was and as ROS 2 has it (`docs/logs.md`).
 //!
-//! Works on any reader and writer; opens nothing, knows no clock.
+//! [`Logger`] is the module that writes them. Works on any reader and writer; opens nothing, knows no clock.
 #![forbid(unsafe_code)]
 
+mod config;
+mod disk;
+mod file;
+mod logger;
+mod names;
 pub mod read;
 pub mod recover;
+mod ring;
 pub mod ros;
+#[cfg(test)]
+mod tests;
+
+pub use config::{Attachment, Compression, Config};
+pub use logger::{Logger, NAME};

@@ -1,0 +1,295 @@
+//! One MCAP file, made in memory and taken out piece by piece: each piece ends with a whole chunk.
+
+use crate::config::{Compression, Config};
+use crate::ros::{Kind, TOPICS_MAX, Topic};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{McapError, McapResult, WriteOptions, Writer};
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::io;
+use std::rc::Rc;
+
+/// A chunk is closed when it has this many bytes.
+pub const CHUNK_BYTES: u64 = 256 << 10;
+/// Channels of the bus in a file; messages of others are dropped.
+pub const CHANNELS_MAX: usize = 4096;
+/// Channels that a file has in all forms and types.
+const IDS_MAX: usize = TOPICS_MAX + 2 * CHANNELS_MAX;
+/// Places of channels in chunks that the index of a file may have; in memory each takes some 25 bytes.
+const INDEX_MAX: u64 = 250_000;
+/// Notes and marks in a file: its index has them all.
+const NOTES_MAX: u32 = 10_000;
+/// The writer keeps room for the largest chunk that it had: after one as large as this a file ends.
+const LARGE: u64 = 16 << 20;
+/// A record of a message has this many bytes beside the message.
+const RECORD: u64 = 31;
+
+/// What stands at the beginning of a file.
+#[derive(Clone, Copy, Debug)]
+pub struct Beginning<'a> {
+    /// Whose it is, and what it carries.
+    pub config: &'a Config,
+    /// The run.
+    pub run: &'a str,
+    /// Now, on the scale of log times: nanoseconds since the UNIX epoch.
+    pub time: u64,
+    /// The same on the monotonic scale, nanoseconds.
+    pub monotonic: u64,
+}
+
+/// When a message came and was made, and which of a run it is.
+#[derive(Clone, Copy, Debug)]
+pub struct Stamp {
+    /// Nanoseconds since the UNIX epoch.
+    pub log_time: u64,
+    /// Nanoseconds since the UNIX epoch.
+    pub publish_time: u64,
+    /// Counts the messages of a run as they were on the bus.
+    pub sequence: u32,
+}
+
+/// What is being written.
+pub struct File {
+    writer: Writer<NoSeek<Sink>>,
+    sink: Sink,
+    channels: BTreeMap<Box<str>, Slot>,
+    /// By the number of a topic.
+    topics: Vec<Option<u16>>,
+    ids: usize,
+    notes: u32,
+    /// Bytes that were taken out.
+    taken: u64,
+    /// Bytes of the chunk that is open, before compression, and of the largest so far.
+    chunk: u64,
+    largest: u64,
+    /// Of each channel the last chunk that it is in.
+    seen: Vec<u64>,
+    chunks: u64,
+    index: u64,
+}
+
+/// A channel of the bus: the fingerprint that it had last, and its ids by type; none is the one without a type.
+#[derive(Debug)]
+struct Slot {
+    last: (u64, u16),
+    ids: Vec<(Option<u64>, u16)>,
+}
+
+impl File {
+    /// A file with all that stands before its messages.
+    ///
+    /// # Errors
+    /// When the format has no room for that.
+    pub fn new(beginning: &Beginning<'_>) -> McapResult<Self> {
+        let Beginning { config, run, time, monotonic } = *beginning;
+        let sink = Sink::default();
+        let options = options(config).profile("ros2").library(format!("advee {}", config.version));
+        let mut writer = options.create(NoSeek::new(sink.clone()))?;
+        let of_the_run = [
+            ("robot", config.robot.clone()),
+            ("version", config.version.clone()),
+            ("run", run.to_owned()),
+            ("clock_offset_ns", (i128::from(time) - i128::from(monotonic)).to_string()),
+            ("monotonic_epoch_ns", monotonic.to_string()),
+        ];
+        writer.write_metadata(&metadata("advee", of_the_run))?;
+        let own = config.attachments.iter().map(|own| (&*own.name, &*own.media_type, &*own.data));
+        let types = messages::LCM_FILES.iter().map(|(name, text)| (*name, "text/plain", text.as_bytes()));
+        for (name, media_type, data) in own.chain(types) {
+            writer.attach(&mcap::Attachment {
+                log_time: time,
+                create_time: time,
+                name: name.into(),
+                media_type: media_type.into(),
+                data: Cow::Borrowed(data),
+            })?;
+        }
+        Ok(Self {
+            writer,
+            sink,
+            channels: BTreeMap::new(),
+            topics: Vec::new(),
+            ids: 0,
+            notes: 0,
+            taken: 0,
+            chunk: 0,
+            largest: 0,
+            seen: Vec::new(),
+            chunks: 0,
+            index: 0,
+        })
+    }
+
+    /// Writes a message of the bus as it is, of this type if anybody knows that.
+    ///
+    /// # Errors
+    /// When the file has no room for its channel.
+    pub fn raw(&mut self, channel: &str, kind: Option<&Kind>, data: &[u8], stamp: Stamp) -> McapResult<()> {
+        let fingerprint = data.first_chunk().map_or(0, |bytes| u64::from_be_bytes(*bytes));
+        let id = match self.channels.get(channel) {
+            Some(slot) if slot.last.0 == fingerprint => slot.last.1,
+            _ => self.channel(channel, kind, fingerprint)?,
+        };
+        self.message(id, data, stamp)
+    }
+
+    /// The id of a channel on which something of another type is said than before.
+    fn channel(&mut self, channel: &str, kind: Option<&Kind>, fingerprint: u64) -> McapResult<u16> {
+        let key = kind.map(|_| fingerprint);
+        let known = self.channels.get_mut(channel).and_then(|slot| {
+            let (_, id) = slot.ids.iter().find(|(of, _)| *of == key)?;
+            slot.last = (fingerprint, *id);
+            Some(*id)
+        });
+        if let Some(id) = known {
+            return Ok(id);
+        }
+        if !self.channels.contains_key(channel) && self.channels.len() >= CHANNELS_MAX {
+            return Err(McapError::TooManyChannels);
+        }
+        self.room()?;
+        let schema = match kind {
+            Some(kind) => self.writer.add_schema(&kind.name, "lcm", kind.lcm.as_bytes())?,
+            None => 0,
+        };
+        let id = self.writer.add_channel(schema, channel, "lcm", &BTreeMap::new())?;
+        let fresh = || Slot { last: (fingerprint, id), ids: Vec::new() };
+        let slot = self.channels.entry(channel.into()).or_insert_with(fresh);
+        slot.last = (fingerprint, id);
+        slot.ids.push((key, id));
+        self.ids += 1;
+        Ok(id)
+    }
+
+    fn room(&self) -> McapResult<()> {
+        if self.ids < IDS_MAX { Ok(()) } else { Err(McapError::TooManyChannels) }
+    }
+
+    /// Writes a message as ROS 2 has it.
+    ///
+    /// # Errors
+    /// When the file has no room for its topic.
+    pub fn ros(&mut self, topic: &Topic, data: &[u8], stamp: Stamp) -> McapResult<()> {
+        let place = usize::from(topic.id);
+        if self.topics.len() <= place {
+            self.topics.resize(place + 1, None);
+        }
+        let id = match self.topics[place] {
+            Some(id) => id,
+            None => {
+                self.room()?;
+                let schema = self.writer.add_schema(&topic.schema_name, "ros2msg", topic.schema_text.as_bytes())?;
+                let id = self.writer.add_channel(schema, &topic.name, "cdr", &BTreeMap::new())?;
+                self.ids += 1;
+                self.topics[place] = Some(id);
+                id
+            }
+        };
+        self.message(id, data, stamp)
+    }
+
+    fn message(&mut self, channel_id: u16, data: &[u8], stamp: Stamp) -> McapResult<()> {
+        let Stamp { log_time, publish_time, sequence } = stamp;
+        self.writer.write_to_known_channel(&MessageHeader { channel_id, sequence, log_time, publish_time }, data)?;
+        self.chunk += data.len() as u64 + RECORD;
+        let place = usize::from(channel_id);
+        if self.seen.len() <= place {
+            self.seen.resize(place + 1, 0);
+        }
+        if self.seen[place] != self.chunks + 1 {
+            self.seen[place] = self.chunks + 1;
+            self.index += 1;
+        }
+        Ok(())
+    }
+
+    /// Puts a note into the metadata; what would be one too many is left out.
+    ///
+    /// # Errors
+    /// None in practice: the file is in memory.
+    pub fn note<const N: usize>(&mut self, name: &str, entries: [(&str, String); N]) -> McapResult<()> {
+        if self.notes < NOTES_MAX {
+            self.notes += 1;
+            // The writer ends the chunk for it.
+            self.end_chunk();
+            self.writer.write_metadata(&metadata(name, entries))?;
+        }
+        Ok(())
+    }
+
+    /// Whether the chunk that is open is long enough.
+    pub fn chunk_is_full(&self) -> bool {
+        self.chunk >= CHUNK_BYTES
+    }
+
+    /// Whether this file is long enough.
+    pub fn is_full(&self, max_bytes: u64) -> bool {
+        self.taken >= max_bytes || self.index >= INDEX_MAX || self.largest >= LARGE
+    }
+
+    fn end_chunk(&mut self) {
+        self.chunks += 1;
+        self.largest = self.largest.max(self.chunk);
+        self.chunk = 0;
+    }
+
+    /// Ends the chunk, and takes what was not taken yet.
+    ///
+    /// # Errors
+    /// None in practice: the file is in memory.
+    pub fn take(&mut self) -> McapResult<Vec<u8>> {
+        self.end_chunk();
+        self.writer.flush()?;
+        let bytes = self.sink.take();
+        self.taken += bytes.len() as u64;
+        Ok(bytes)
+    }
+
+    /// Ends the file with its summary, and takes the rest.
+    ///
+    /// # Errors
+    /// None in practice: the file is in memory.
+    pub fn finish(mut self) -> McapResult<Vec<u8>> {
+        self.writer.finish()?;
+        Ok(self.sink.take())
+    }
+}
+
+fn options(config: &Config) -> WriteOptions {
+    let compression = match config.compression {
+        Compression::None => None,
+        Compression::Lz4 => Some(mcap::Compression::Lz4),
+        Compression::Zstd => Some(mcap::Compression::Zstd),
+    };
+    // Threads are the host's alone.
+    let options = WriteOptions::new().compression(compression).compression_threads(0).compression_level(1);
+    options.chunk_size(Some(2 * CHUNK_BYTES)).disable_seeking(true)
+}
+
+fn metadata<const N: usize>(name: &str, entries: [(&str, String); N]) -> Metadata {
+    let metadata = entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    Metadata { name: name.into(), metadata }
+}
+
+/// What the writer has written and nobody has taken yet.
+#[derive(Clone, Debug, Default)]
+struct Sink(Rc<RefCell<Vec<u8>>>);
+
+impl Sink {
+    fn take(&self) -> Vec<u8> {
+        std::mem::take(&mut *self.0.borrow_mut())
+    }
+}
+
+impl io::Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
