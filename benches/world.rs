@@ -150,7 +150,7 @@ fn machine(world: &str, draws: bool, checked: bool) -> (Virtual, Rc<Seen>) {
     if draws {
         let known = robot::config::Config::load(&place.config, true, &[]).expect("the shipped configuration");
         let world = robot::config::world(&place.config, place.world.as_deref(), &[]).expect("a shipped world");
-        seen.picture.replace(Some(Picture::new(world, known.robot.geometry)));
+        seen.picture.replace(Some(Picture::new(world, Some(known.robot.geometry))));
     }
     let keep = seen.clone();
     machine.observe(move |_, news| keep.take(news));
@@ -170,7 +170,7 @@ impl Seen {
     fn take(&self, news: &News<'_>) {
         self.news.set(self.news.get() + 1);
         if let (News::Message { message, .. }, Some(picture)) = (news, self.picture.borrow_mut().as_mut()) {
-            picture.take(message);
+            picture.take(message.timestamp(), message);
         }
         match news {
             News::Message { message: Message::SimDataTruth(truth), .. } => {

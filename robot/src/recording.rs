@@ -22,7 +22,8 @@ pub const VARIABLE: &str = "ADVEE_LOG";
 const ROBOT: &str = "robot.toml";
 const SIM: &str = "sim.toml";
 const MODULES: &str = "modules.toml";
-const WORLD: &str = "world.toml";
+/// Name of the text that is the simulated world.
+pub const WORLD: &str = "world.toml";
 /// Name of the texts that are overrides.
 pub const SET: &str = "--set";
 /// What the host decided: [`Made`].
@@ -140,7 +141,7 @@ pub fn make_run(folder: &Path, wall_ns: u64) -> io::Result<PathBuf> {
 }
 
 /// The name of a second since the UNIX epoch.
-fn run_name(second: u64) -> String {
+pub(crate) fn run_name(second: u64) -> String {
     let (mut days, time) = (second / 86_400, second % 86_400);
     let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
     let mut year = 1970;

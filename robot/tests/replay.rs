@@ -125,22 +125,60 @@ fn a_run_in_virtual_time_is_played_again_to_the_last_bit() {
     assert_eq!((code, lines.len()), (0, 2), "both its lives");
 }
 
+/// How often `what` stands in the group of this name.
+fn within(svg: &str, group: &str, what: &str) -> usize {
+    let (_, from) = svg.split_once(&format!("<g class=\"{group}\">")).unwrap_or_else(|| panic!("no {group}"));
+    from.split("</g>").next().map_or(0, |group| group.matches(what).count())
+}
+
 #[test]
 fn a_run_is_drawn_from_what_its_modules_said() {
     let run = recorded("plot");
     let plot = |extra: &[&str]| {
-        let advee = Command::new(env!("CARGO_BIN_EXE_advee")).arg("plot").arg(&run.0).args(extra).output();
-        advee.expect("the executable is built")
+        let advee = Command::new(env!("CARGO_BIN_EXE_advee")).arg("plot").arg(&run.0).args(extra).output().unwrap();
+        (advee.status.code(), String::from_utf8(advee.stderr).unwrap())
     };
-    assert_eq!(plot(&[]).status.code(), Some(0));
-    let svg = fs::read_to_string(run.0.join("plot.svg")).unwrap();
+    let svg = run.0.join("plot.svg");
+    assert_eq!(plot(&["--out", svg.to_str().unwrap()]), (Some(0), String::new()));
+    let drawn = fs::read_to_string(&svg).unwrap();
     // It drove 0.8 m in the hall of thirteen walls, six columns and six beacons.
-    assert!(svg.starts_with("<svg ") && svg.contains("<polyline") && svg.contains("<polygon"));
-    assert_eq!((svg.matches("<line ").count(), svg.matches("<circle ").count()), (13, 12));
-    let late = plot(&["--from", "1e6"]);
-    assert_eq!(late.status.code(), Some(1));
-    let said = String::from_utf8(late.stderr).unwrap();
-    assert!(said.trim_end().ends_with("no truth and no estimate in that time"), "{said}");
+    assert_eq!((within(&drawn, "world", "<polyline"), within(&drawn, "world", "<circle")), (13, 6));
+    assert_eq!((within(&drawn, "beacons", "<circle"), within(&drawn, "truth", "<polyline")), (6, 1));
+    assert_eq!((within(&drawn, "robot", "<polygon"), within(&drawn, "speed", "polyline") > 4), (1, true));
+    // Ten modules, each with a name; one died, which the watchdog reported.
+    assert_eq!(MODULES.map(|module| within(&drawn, "states", &format!(">{module}<"))), [1; 10]);
+    assert!(drawn.contains("ERROR  watchdog ModuleDied: driver_rs485a ended by signal 9"));
+    assert!(drawn.contains("the steering is being homed"));
+
+    assert_eq!(plot(&[]), (Some(0), String::new()));
+    let png = fs::read(run.0.join("plot.png")).unwrap();
+    let mut decoder = png::Decoder::new(std::io::Cursor::new(&png));
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert!(info.width == 2000 && info.height > 2000 && png.len() < 300_000, "{info:?}, {} bytes", png.len());
+    assert!(pixels.chunks(3).filter(|pixel| pixel.iter().all(|part| *part < 128)).count() > 20_000);
+
+    let (code, said) = plot(&["--from", "1e6"]);
+    assert!(code == Some(1) && said.trim_end().ends_with("nothing was said of a robot in that time"), "{said}");
+    let (code, said) = plot(&["--out", "picture.pdf"]);
+    assert!(code == Some(2) && said.contains("expected a file .png or .svg") && said.lines().count() == 1, "{said}");
+
+    // What is damaged is drawn up to there; of what is none of ours one line says so.
+    let file = run.file("simulator");
+    let mut bytes = fs::read(&file).unwrap();
+    let half = bytes.len() / 2;
+    bytes[half] ^= 0x40;
+    fs::write(&file, bytes).unwrap();
+    assert_eq!(plot(&["--out", svg.to_str().unwrap()]), (Some(0), String::new()));
+    let drawn = fs::read_to_string(&svg).unwrap();
+    assert!(within(&drawn, "remarks", "simulator: ") == 1 && within(&drawn, "truth", "<polyline") <= 1);
+    for name in MODULES.into_iter().chain(["driver_rs485a.2"]) {
+        fs::write(run.file(name), "something else").unwrap();
+    }
+    let (code, said) = plot(&[]);
+    assert!(code == Some(1) && said.contains("none of its 11 files is a recording of inputs"), "{said}");
 }
 
 #[test]

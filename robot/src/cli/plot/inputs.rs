@@ -1,0 +1,92 @@
+//! A run as its modules' recorded inputs have it: what each said, at its own moment.
+
+use super::Part;
+use crate::cli::Failed;
+use crate::cli::replay::{self, FILE_MAX};
+use crate::plot::{Picture, Title};
+use crate::recording;
+use base::Epoch;
+use module::Action;
+use module::record::{Header, Item, Reader};
+use navitools::Point;
+use sim::world::Beacon;
+use std::fs;
+use std::path::Path;
+
+/// The part of a run that is asked for. A file that is damaged is read up to there, and the picture says so.
+pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
+    let files = replay::files(run, None)?;
+    let mut begin: Option<(Epoch, i64)> = None;
+    let mut known: Option<Header> = None;
+    let mut remarks = Vec::new();
+    // First when it all began, then what was said: no file is held longer than it is read.
+    for path in &files {
+        let bytes = whole(path)?;
+        let Ok(mut reader) = Reader::open(&bytes) else { continue };
+        // The simulator's has the world.
+        if known.as_ref().is_none_or(|known| known.text(recording::WORLD).is_none()) {
+            known = Some(reader.header().clone());
+        }
+        if let Ok(Some(Item::Record(record))) = reader.read() {
+            let (epoch, first) = begin.unwrap_or((record.epoch, i64::MAX));
+            begin = Some((epoch, first.min(epoch.timestamp(record.at))));
+        }
+    }
+    let refused = || format!("{}: none of its {} files is a recording of inputs", run.display(), files.len());
+    let header = known.ok_or_else(refused)?;
+    let (epoch, begin_us) = begin.ok_or_else(|| format!("{}: nothing is recorded yet", run.display()))?;
+    let (mut picture, title) = open(run, &header)?;
+    for path in &files {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if let Err(why) = take(&whole(path)?, epoch, |at_us| part.has(begin_us, at_us), &mut picture) {
+            remarks.push(format!("{name}: {why}"));
+        }
+    }
+    picture.entitle(Title { remarks, ..title });
+    Ok(picture)
+}
+
+/// An empty picture of the run with this header.
+fn open(run: &Path, header: &Header) -> Result<(Picture, Title), Failed> {
+    let robot = recording::config(header, &header.texts(recording::SET))?.robot;
+    let mut world = recording::world(header)?.unwrap_or_default();
+    if world.beacons.is_empty() {
+        let beacon = |known: &crate::config::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
+        world.beacons = robot.beacons.iter().map(beacon).collect();
+    }
+    // `.` has a name, too.
+    let run = run.canonicalize().unwrap_or_else(|_| run.into());
+    let run = run.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let title = Title { run, robot: robot.name, program: header.program.clone(), remarks: Vec::new() };
+    Ok((Picture::new(world, Some(robot.geometry)), title))
+}
+
+/// What a module published and printed. All modules have one clock, which does not step: `epoch` tells its moments.
+fn take(
+    bytes: &[u8],
+    epoch: Epoch,
+    wanted: impl Fn(i64) -> bool,
+    picture: &mut Picture,
+) -> Result<(), module::record::Refusal> {
+    let mut reader = Reader::open(bytes)?;
+    while let Some(item) = reader.read()? {
+        let Item::Record(record) = item else { continue };
+        let at_us = epoch.timestamp(record.at);
+        for action in record.answer()?.actions.into_iter().filter(|_| wanted(at_us)) {
+            match action {
+                Action::Publish(message) => picture.take(at_us, &message),
+                Action::Note(line) => picture.note(&line),
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
+
+fn whole(path: &Path) -> Result<Vec<u8>, Failed> {
+    let named = |error| format!("{}: {error}", path.display());
+    if fs::metadata(path).map_err(named)?.len() > FILE_MAX {
+        return Err(format!("{}: longer than {} GiB", path.display(), FILE_MAX >> 30).into());
+    }
+    Ok(fs::read(path).map_err(named)?)
+}

@@ -1,0 +1,371 @@
+//! What is kept of a run, each in bounded memory whatever comes: where there is no more room, resolution is given up.
+
+use navitools::Point;
+
+/// Points of a track, of which one is this far from the one before, m; one that is farther than `JUMP` begins anew.
+const STEP: f64 = 0.02;
+const JUMP: f64 = 1.0;
+
+/// A value over time.
+#[derive(Debug, Default)]
+pub struct Series {
+    buckets: Vec<Bucket>,
+    /// A bucket takes what comes within this after its first value, s.
+    width: f64,
+}
+
+/// Values that share a place on the time line; a gap when they are not numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bucket {
+    /// When the first and the last came, s.
+    pub from: f64,
+    /// See `from`.
+    pub to: f64,
+    /// The first.
+    pub first: f64,
+    /// The last.
+    pub last: f64,
+    /// The least.
+    pub least: f64,
+    /// The greatest.
+    pub most: f64,
+}
+
+impl Bucket {
+    fn join(&mut self, next: &Self) {
+        let (from, to) = (self.from, next.to);
+        if self.first.is_nan() {
+            *self = *next;
+        } else if !next.first.is_nan() {
+            self.least = self.least.min(next.least);
+            self.most = self.most.max(next.most);
+            self.last = next.last;
+        }
+        (self.from, self.to) = (from, to);
+    }
+}
+
+impl Series {
+    /// More buckets are not kept: as many as a picture has pixels, about.
+    pub const ROOM: usize = 2048;
+
+    /// Takes a value; what is from before the last one is left out.
+    pub fn push(&mut self, at: f64, value: f64) {
+        if !at.is_finite() || self.buckets.last().is_some_and(|last| at < last.to) {
+            return;
+        }
+        let value = if value.is_finite() { value } else { f64::NAN };
+        self.add(Bucket { from: at, to: at, first: value, last: value, least: value, most: value });
+        if self.buckets.len() > Self::ROOM {
+            let span = at - self.buckets[0].from;
+            self.width = (2.0 * self.width).max(2.0 * span / Self::ROOM as f64);
+            for bucket in std::mem::take(&mut self.buckets) {
+                self.add(bucket);
+            }
+        }
+    }
+
+    fn add(&mut self, next: Bucket) {
+        match self.buckets.last_mut() {
+            Some(last) if next.to - last.from <= self.width => last.join(&next),
+            _ => self.buckets.push(next),
+        }
+    }
+
+    /// The first and the last value.
+    #[must_use]
+    pub fn ends(&self) -> Option<(f64, f64)> {
+        let mut numbers = self.buckets.iter().filter(|bucket| !bucket.first.is_nan());
+        let first = numbers.next()?;
+        Some((first.first, numbers.next_back().unwrap_or(first).last))
+    }
+
+    /// The least and the greatest value.
+    #[must_use]
+    pub fn range(&self) -> Option<(f64, f64)> {
+        let numbers = self.buckets.iter().filter(|bucket| !bucket.first.is_nan());
+        numbers.map(|bucket| (bucket.least, bucket.most)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+
+    /// Lines of (time, value) to draw: interrupted by what is no number, and where nothing came for `hold` seconds.
+    #[must_use]
+    pub fn lines(&self, hold: f64) -> Vec<Vec<Point>> {
+        let mut lines = Vec::new();
+        let mut line: Vec<Point> = Vec::new();
+        for bucket in &self.buckets {
+            let late = line.last().is_some_and(|last| bucket.from - last.x > hold + self.width);
+            if late || bucket.first.is_nan() {
+                lines.push(std::mem::take(&mut line));
+            }
+            if bucket.first.is_nan() {
+                continue;
+            }
+            line.push(Point { x: bucket.from, y: bucket.first });
+            if bucket.to > bucket.from {
+                let middle = f64::midpoint(bucket.from, bucket.to);
+                let corners = [(middle, bucket.least), (middle, bucket.most), (bucket.to, bucket.last)];
+                line.extend(corners.map(|(x, y)| Point { x, y }));
+            }
+        }
+        lines.push(line);
+        lines.retain(|line| !line.is_empty());
+        lines
+    }
+}
+
+/// A way over the floor.
+#[derive(Debug)]
+pub struct Track {
+    points: Vec<Spot>,
+    step: f64,
+    before: Option<Point>,
+    /// Way travelled, m, jumps apart.
+    way: f64,
+}
+
+/// A point of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spot {
+    /// When, s.
+    pub at: f64,
+    /// Where, m.
+    pub point: Point,
+    /// Whether a new line begins here.
+    pub begins: bool,
+}
+
+impl Default for Track {
+    fn default() -> Self {
+        Self { points: Vec::new(), step: STEP, before: None, way: 0.0 }
+    }
+}
+
+impl Track {
+    /// More points are not kept.
+    pub const ROOM: usize = 20_000;
+
+    /// Takes a point; what is no place on earth is left out.
+    pub fn push(&mut self, at: f64, point: Point) {
+        if !(point.x.abs() < 1e6 && point.y.abs() < 1e6) {
+            return;
+        }
+        let moved = self.before.map(|before| before.distance(point));
+        let begins = moved.is_none_or(|moved| moved > JUMP);
+        self.before = Some(point);
+        let near = self.points.last().is_some_and(|last| last.point.distance(point) < self.step);
+        if !begins && near {
+            return;
+        }
+        if let Some(last) = self.points.last().filter(|_| !begins) {
+            self.way += last.point.distance(point);
+        }
+        self.points.push(Spot { at, point, begins });
+        if self.points.len() > Self::ROOM {
+            self.thin();
+        }
+    }
+
+    /// Leaves out every other point; where one began a line, the next one does.
+    fn thin(&mut self) {
+        self.step *= 2.0;
+        let pairs = self.points.chunks(2).map(|pair| {
+            let last = pair[pair.len() - 1];
+            Spot { begins: pair.iter().any(|spot| spot.begins), ..last }
+        });
+        self.points = pairs.collect();
+    }
+
+    /// All points.
+    #[must_use]
+    pub fn spots(&self) -> &[Spot] {
+        &self.points
+    }
+
+    /// Way travelled, m.
+    #[must_use]
+    pub fn way(&self) -> f64 {
+        self.way
+    }
+
+    /// The lines, each of two points or more.
+    pub fn lines(&self) -> impl Iterator<Item = Vec<Point>> + '_ {
+        let pieces = self.points.chunk_by(|_, next| !next.begins).filter(|piece| piece.len() > 1);
+        pieces.map(|piece| piece.iter().map(|spot| spot.point).collect())
+    }
+}
+
+/// What was so from when to when.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Span<T> {
+    /// s.
+    pub from: f64,
+    /// s.
+    pub to: f64,
+    /// What.
+    pub what: T,
+}
+
+/// What is said again and again, and changes now and then.
+#[derive(Clone, Debug)]
+pub struct Lane<T> {
+    spans: Vec<Span<T>>,
+    /// What was said after there was no more room for a change.
+    pub lost: u64,
+}
+
+impl<T> Default for Lane<T> {
+    fn default() -> Self {
+        Self { spans: Vec::new(), lost: 0 }
+    }
+}
+
+impl<T: PartialEq> Lane<T> {
+    /// More changes are not kept.
+    pub const ROOM: usize = 5000;
+
+    /// Takes what is so at a moment; it is so until the next word, if that comes within `hold` seconds.
+    pub fn push(&mut self, at: f64, what: T, hold: f64) {
+        if self.lost > 0 {
+            self.lost += 1;
+            return;
+        }
+        if let Some(last) = self.spans.last_mut() {
+            if at < last.to {
+                return;
+            }
+            if at - last.to <= hold {
+                last.to = at;
+                if last.what == what {
+                    return;
+                }
+            }
+        }
+        match self.spans.len() < Self::ROOM {
+            true => self.spans.push(Span { from: at, to: at, what }),
+            false => self.lost += 1,
+        }
+    }
+
+    /// All of them, in order.
+    #[must_use]
+    pub fn spans(&self) -> &[Span<T>] {
+        &self.spans
+    }
+}
+
+/// Moments at which something happened.
+#[derive(Clone, Debug, Default)]
+pub struct Ticks {
+    moments: Vec<f64>,
+    /// Two that are nearer to each other are one, s.
+    width: f64,
+    /// How many there were.
+    pub count: u64,
+}
+
+impl Ticks {
+    /// More moments are not kept.
+    pub const ROOM: usize = 2000;
+
+    /// Takes a moment.
+    pub fn push(&mut self, at: f64) {
+        self.count += 1;
+        self.moments.push(at);
+        if self.moments.len() > 2 * Self::ROOM {
+            self.moments.sort_by(f64::total_cmp);
+            let span = at.max(self.moments[self.moments.len() - 1]) - self.moments[0];
+            self.width = (2.0 * self.width).max(span / Self::ROOM as f64);
+            let width = self.width;
+            let mut last = f64::NEG_INFINITY;
+            self.moments.retain(|moment| {
+                let keeps = moment - last > width;
+                last = if keeps { *moment } else { last };
+                keeps
+            });
+        }
+    }
+
+    /// The moments, s; as many as have room.
+    #[must_use]
+    pub fn moments(&self) -> &[f64] {
+        &self.moments
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_million_values_keep_their_extremes_in_bounded_room() {
+        let mut series = Series::default();
+        for n in 0..1_000_000 {
+            let value = match n {
+                500_001 => 7.0,
+                700_001 => f64::INFINITY,
+                _ => f64::from(n % 2),
+            };
+            series.push(f64::from(n) * 1e-3, value);
+        }
+        assert!(series.buckets.len() <= Series::ROOM && series.buckets.len() > Series::ROOM / 4);
+        assert_eq!((series.range(), series.ends()), (Some((0.0, 7.0)), Some((0.0, 1.0))));
+        let lines = series.lines(1.0);
+        assert_eq!((lines.len(), lines[0].last().unwrap().x.round()), (1, 1000.0));
+    }
+
+    #[test]
+    fn a_line_is_interrupted_by_what_is_no_number_and_by_silence_and_time_does_not_go_back() {
+        let mut series = Series::default();
+        for (at, value) in
+            [(0.0, 1.0), (1.0, 2.0), (0.5, 9.0), (2.0, f64::NAN), (3.0, 3.0), (30.0, 4.0), (f64::NAN, 5.0)]
+        {
+            series.push(at, value);
+        }
+        let lines: Vec<Vec<f64>> =
+            series.lines(2.0).iter().map(|line| line.iter().map(|point| point.y).collect()).collect();
+        assert_eq!(lines, [vec![1.0, 2.0], vec![3.0], vec![4.0]]);
+    }
+
+    #[test]
+    fn a_track_of_a_million_points_is_thinned_and_keeps_its_jumps() {
+        let mut track = Track::default();
+        for n in 0..1_000_000 {
+            let x = f64::from(n) * 0.03 + if n >= 400_000 { 100.0 } else { 0.0 };
+            track.push(f64::from(n), Point { x, y: if n == 7 { f64::NAN } else { 0.0 } });
+        }
+        assert!(track.spots().len() <= Track::ROOM);
+        assert_eq!(track.lines().count(), 2);
+        assert!((track.way() - 30_000.0).abs() < 5.0, "{}", track.way());
+    }
+
+    #[test]
+    fn who_jumps_at_each_point_leaves_no_line_and_takes_no_more_room() {
+        let mut track = Track::default();
+        for n in 0..100_000 {
+            track.push(f64::from(n), Point { x: f64::from(n % 2) * 50.0, y: 0.0 });
+        }
+        assert!(track.spots().len() <= Track::ROOM && track.lines().next().is_none());
+    }
+
+    #[test]
+    fn a_lane_ends_where_nothing_is_said_any_more() {
+        let mut lane = Lane::default();
+        for (at, what) in [(0.0, 1), (1.0, 1), (1.5, 3), (2.5, 3), (2.0, 9), (9.0, 3)] {
+            lane.push(at, what, 2.0);
+        }
+        let spans: Vec<_> = lane.spans().iter().map(|span| (span.from, span.to, span.what)).collect();
+        assert_eq!(spans, [(0.0, 1.5, 1), (1.5, 2.5, 3), (9.0, 9.0, 3)]);
+        (0..100_000).for_each(|n| lane.push(10.0 + f64::from(n), n % 2, 2.0));
+        assert!(lane.spans().len() == Lane::<i32>::ROOM && lane.lost > 90_000);
+    }
+
+    #[test]
+    fn many_moments_are_counted_and_thinned() {
+        let mut ticks = Ticks::default();
+        (0..1_000_000).for_each(|n| ticks.push(f64::from(n)));
+        assert_eq!(ticks.count, 1_000_000);
+        assert!((1000..=2 * Ticks::ROOM).contains(&ticks.moments().len()), "{}", ticks.moments().len());
+        let last = ticks.moments().iter().copied().fold(0.0, f64::max);
+        assert_eq!(last, 999_999.0);
+    }
+}
