@@ -11,6 +11,7 @@ mod holder;
 mod home;
 mod i2c;
 mod lcm;
+mod log;
 mod plan;
 mod plot;
 mod port;
@@ -95,6 +96,9 @@ enum Command {
     Soak(soak::Soak),
     /// Check machine and configuration: what is wrong, why it matters, what helps
     Doctor(doctor::Doctor),
+    /// Logs of runs: show, play, convert, recover, compare
+    #[command(subcommand)]
+    Log(log::Log),
     /// See the LCM bus
     #[command(subcommand)]
     Lcm(lcm::Lcm),
@@ -139,6 +143,7 @@ pub fn main() -> ExitCode {
         Command::Plot(command) => plot::plot(&command),
         Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
+        Command::Log(command) => log::log(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),
         Command::Can(command) => can::can(&common, &command),
         Command::Rs485(command) => rs485::rs485(&common, &command),

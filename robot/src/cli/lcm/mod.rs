@@ -7,8 +7,8 @@ mod hub;
 mod publish;
 mod show;
 mod stats;
-mod table;
-mod types;
+pub(super) mod table;
+pub(super) mod types;
 
 use super::{Common, Outcome};
 use table::View;

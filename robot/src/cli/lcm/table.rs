@@ -202,7 +202,7 @@ pub fn shown(name: &str) -> String {
 }
 
 /// Columns as wide as their widest cell; the first `left` of them begin together, the others end together.
-fn aligned(cells: &[Vec<String>], left: usize) -> Vec<String> {
+pub fn aligned(cells: &[Vec<String>], left: usize) -> Vec<String> {
     let columns = cells.first().map_or(0, Vec::len);
     let width = |column: usize| cells.iter().map(|row| row[column].chars().count()).max().unwrap_or_default();
     let widths: Vec<usize> = (0..columns).map(width).collect();

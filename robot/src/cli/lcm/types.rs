@@ -42,21 +42,28 @@ pub enum Found<'a> {
     Short,
 }
 
-impl Dictionary {
-    pub fn load(arg: &TypesArg) -> Result<Self, Failed> {
-        let own = messages::LCM_FILES;
+impl TypesArg {
+    /// Names and texts of all those files.
+    pub fn read(&self) -> Result<Vec<(String, String)>, Failed> {
         let mut files = Vec::new();
-        for path in &arg.types {
+        for path in &self.types {
             find(path, true, &mut files)?;
         }
         files.sort();
         files.dedup();
-        if files.is_empty() && !arg.types.is_empty() {
-            return Err(format!("{}: no .lcm file there", arg.types[0].display()).into());
+        if files.is_empty() && !self.types.is_empty() {
+            return Err(format!("{}: no .lcm file there", self.types[0].display()).into());
         }
+        files.iter().map(|path| read(path)).collect()
+    }
+}
+
+impl Dictionary {
+    pub fn load(arg: &TypesArg) -> Result<Self, Failed> {
+        let own = messages::LCM_FILES;
         let types = |files: &[(String, String)]| Schema::new(files).map(|schema| Types::new(&schema));
         let own: Vec<(String, String)> = own.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
-        let mut all = files.iter().map(|path| read(path)).collect::<Result<Vec<_>, Failed>>()?;
+        let mut all = arg.read()?;
         let others = if all.is_empty() {
             None
         } else {

@@ -1,0 +1,43 @@
+//! Messages of a log by the types that stand in the log itself, else by those known here.
+
+use super::source::Item;
+use crate::cli::Failed;
+use crate::cli::lcm::types::{Dictionary, Found, TypesArg};
+use lcm_gen::Schema;
+use lcm_gen::dynamic::{Message, Types};
+use std::collections::BTreeMap;
+
+pub struct Decoder {
+    known: Dictionary,
+    /// Of each schema of the log that is LCM's and can be read.
+    own: BTreeMap<(usize, u16), Option<Types>>,
+}
+
+impl Decoder {
+    pub fn new(types: &TypesArg) -> Result<Self, Failed> {
+        Ok(Self { known: Dictionary::load(types)?, own: BTreeMap::new() })
+    }
+
+    /// What a message says, or why that is not known.
+    pub fn decode<'a>(&'a mut self, item: &Item<'a>) -> Result<Message<'a>, String> {
+        if item.encoding != "lcm" {
+            let encoding = if item.encoding.is_empty() { "unknown encoding" } else { item.encoding };
+            return Err(format!("{} bytes of {encoding}, which is not decoded", item.data.len()));
+        }
+        if let Some(schema) = item.schema {
+            let own = self.own.entry(item.key).or_insert_with(|| {
+                let text = str::from_utf8(&schema.data).ok().filter(|_| schema.encoding == "lcm")?;
+                Schema::new(&[(schema.name.as_str(), text)]).ok().map(|schema| Types::new(&schema))
+            });
+            if let Some(ty) = own.as_ref().and_then(|types| types.get(&schema.name))
+                && let Ok(message) = ty.decode(item.data)
+            {
+                return Ok(message);
+            }
+        }
+        match self.known.find(item.channel, item.data) {
+            Found::Message(message) | Found::Misplaced(message, _) => Ok(message),
+            other => Err(format!("{} bytes, {other}", item.data.len())),
+        }
+    }
+}
