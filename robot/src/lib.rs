@@ -11,3 +11,4 @@ pub mod plot;
 pub mod recording;
 pub mod run_folder;
 pub mod topology;
+pub mod web;

@@ -33,7 +33,9 @@ const DELAY_MAX: &str = "restart_delay_max_ns";
 
 /// What the host of a module is to record, where the configuration and the run want that.
 pub fn inputs(place: &Place, config: &Config, name: &str, wanted: State) -> Result<Option<Inputs>, ConfigError> {
-    let Some(run) = std::env::var_os(VARIABLE).filter(|_| config.robot.log.inputs) else {
+    // What the web server is asked is nothing that could be asked again.
+    let wanted_here = config.robot.log.inputs && name != crate::web::NAME;
+    let Some(run) = std::env::var_os(VARIABLE).filter(|_| wanted_here) else {
         return Ok(None);
     };
     let header = header(place, name, wanted, Made::LIVE)?;

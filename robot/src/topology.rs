@@ -10,10 +10,12 @@ use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
 use crate::map_file;
 use crate::recording;
+use crate::web::{self, Web};
 use base::Duration;
 use canopen::eds::Eds;
 use drivers::{auxiliary, canbus, joydev, power, rs485a, rs485b};
 use i2c::max6615::{self, fields::Frequency};
+use logger::ros::{self, RobotScene, Sensor};
 use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
@@ -75,10 +77,12 @@ pub fn virtual_machine_recorded(
     mut config: host::Config,
     mut sink: impl FnMut(&str) -> Option<Sink> + 'static,
 ) -> Result<Virtual, ConfigError> {
+    // Nobody can look into virtual time; what is recorded there says so, too.
+    let mut place = place.clone();
+    place.sets.push("web.enabled=false".into());
     let read = Config::load(&place.config, place.sim, &place.sets)?;
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let made = Made { wire_time: false, seed: Some(config.seed), restart_delay_max: Some(config.restart_delay_max) };
-    let place = place.clone();
     let mut make = move |name: &str, wanted| {
         let mut shell = shell(&place, &read, name, wanted, made)?;
         if let Some(sink) = sink(name) {
@@ -135,6 +139,7 @@ pub(crate) fn shell_in(
         auxiliary::NAME => Box::new(auxiliary(&config.robot)?),
         joydev::NAME => Box::new(joydev(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
+        web::NAME => Box::new(Web::new(web_settings(place, robot))),
         SIMULATOR if place.sim => {
             let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
             Box::new(sim::Simulator::new(sim::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
@@ -155,7 +160,7 @@ pub(crate) fn shell_in(
 }
 
 /// Those that know where what is: their map is of the world, where that is simulated.
-const MAPPED: [&str; 4] = [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME];
+const MAPPED: [&str; 5] = [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME, web::NAME];
 
 /// The robot with the beacons of a world, if that has any.
 fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
@@ -169,7 +174,7 @@ fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 10] = [
+const MODULES: [&str; 11] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -180,6 +185,7 @@ const MODULES: [&str; 10] = [
     auxiliary::NAME,
     estimator::NAME,
     planner::NAME,
+    web::NAME,
 ];
 /// The gamepad's port.
 const JOYSTICK: &str = "joystick";
@@ -452,6 +458,32 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
         beacons: robot.beacons.iter().map(|beacon| beacon.id).collect(),
     };
     rs485b::Rs485b::new(config).map_err(|error| ConfigError(vec![format!("driver_rs485b: {error}")]))
+}
+
+/// `web`: where it is reached, and what it shows besides what is said.
+fn web_settings(place: &Place, robot: &Robot) -> web::Settings {
+    web::Settings {
+        robot: robot.name.clone(),
+        lcm_url: place.lcm_url.clone(),
+        web: robot.web.clone(),
+        config: place.config.clone(),
+        scene: scene(robot),
+    }
+}
+
+/// What is shown of the robot and no message says.
+fn scene(robot: &Robot) -> RobotScene {
+    let geometry = &robot.geometry;
+    let (rear, front) = (-geometry.rear_overhang_m, geometry.length_m - geometry.rear_overhang_m);
+    let half = geometry.width_m / 2.0;
+    let beacon = |beacon: &config::Beacon| ros::Beacon { id: beacon.id.into(), x: beacon.x, y: beacon.y };
+    RobotScene {
+        name: robot.name.clone(),
+        outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
+        beacons: robot.beacons.iter().map(beacon).collect(),
+        sonar: Sensor::SRF08,
+        infrared: Sensor::GP2Y0A41,
+    }
 }
 
 /// `estimator`: the map of beacons, and as many of them at once as the scanner takes.

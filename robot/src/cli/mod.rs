@@ -22,6 +22,7 @@ mod run;
 pub mod soak;
 mod state;
 mod up;
+mod web;
 
 use crate::config::{Config, ConfigError, Robot, Rs485Bus};
 use crate::topology::Place;
@@ -102,6 +103,8 @@ enum Command {
     /// See the LCM bus
     #[command(subcommand)]
     Lcm(lcm::Lcm),
+    /// Serve the robot's web page, and Foxglove
+    Web(web::Web),
     /// Commission CANopen nodes
     #[command(subcommand)]
     Can(can::Can),
@@ -144,6 +147,7 @@ pub fn main() -> ExitCode {
         Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
         Command::Log(command) => log::log(&common, &command),
+        Command::Web(command) => web::web(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),
         Command::Can(command) => can::can(&common, &command),
         Command::Rs485(command) => rs485::rs485(&common, &command),

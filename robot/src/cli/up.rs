@@ -3,7 +3,7 @@
 mod guards;
 mod parent;
 
-use super::{Common, Failed, Outcome};
+use super::{Common, Failed, Outcome, web};
 use crate::config::{self, Config};
 use crate::live::log::Log;
 use crate::live::{beats, clock, processes};
@@ -12,6 +12,7 @@ use crate::run_folder::RunFolder;
 use guards::Guards;
 use parent::Parent;
 use std::ffi::OsString;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -25,27 +26,25 @@ pub struct Up {
     /// The way to drive when all is ready, of the simulated world's [default: patrol, where it has that], or none
     #[arg(long, value_name = "NAME")]
     goal: Option<String>,
-    /// The web diagnostic center; this version has none
-    #[arg(long, value_name = "ADDR")]
-    http: Option<String>,
-    /// No web diagnostic center
+    /// Where the web server listens [default: web.listen of robot.toml, 127.0.0.1:8080]
+    #[arg(long, value_name = "ADDR", conflicts_with = "headless")]
+    http: Option<SocketAddr>,
+    /// No web server
     #[arg(long)]
     headless: bool,
 }
 
 pub fn up(common: &Common, command: &Up) -> Outcome {
     let log = Log::new("up");
-    match &command.http {
-        Some(address) if !command.headless => {
-            return Err(format!("--http {address}: this version has no web server; use --headless").into());
-        }
-        _ if !command.headless => {
-            log.line("there is no web diagnostic center in this version (--headless hides this line)");
-        }
-        _ => {}
-    }
+    let mut common = common.clone();
+    common.sets.extend(command.http.map(web::listen));
+    common.sets.extend(command.headless.then(|| "web.enabled=false".into()));
+    let common = &common;
     // Whatever is wrong is said here, once, and nothing starts.
     let config = common.load(command.sim)?;
+    if let Some(at) = command.http.filter(|_| config.modules.iter().all(|module| module.name != crate::web::NAME)) {
+        return Err(format!("--http {at}: modules.toml has no module {}", crate::web::NAME).into());
+    }
     let route = route(common, command, &config)?;
     let watchdog = watchdog(common, command)?;
     let goal = route.map(|route| goal(&watchdog, command, &route));

@@ -16,6 +16,7 @@ mod scenario;
 #[cfg(test)]
 mod tests;
 mod tree;
+mod web;
 mod world;
 
 pub use auxiliary::{I2cBus, I2cChip, I2cFan, I2cPlace, I2cTemperature, W1, W1Sensor};
@@ -30,6 +31,7 @@ pub use robot::{
 };
 pub use scenario::{Regression, regressions, scenario};
 pub use tree::{Node, Origin, Value};
+pub use web::Web;
 pub use world::{parsed as parsed_world, place as world_place, world};
 
 use std::fmt;
@@ -96,10 +98,20 @@ impl Config {
         let modules = Table::new(modules, "", &problems).map(|root| modules::read(root, sim));
         match (robot, modules, problems.lines()) {
             (Some(robot), Some((modules, hardware_watchdog)), lines) if lines.is_empty() => {
-                Ok(Self { robot, modules, hardware_watchdog })
+                let mut config = Self { robot, modules, hardware_watchdog };
+                if !config.robot.web.enabled {
+                    config.leave_out(crate::web::NAME);
+                }
+                Ok(config)
             }
             (_, _, lines) => Err(ConfigError(lines)),
         }
+    }
+
+    /// Takes a module off the list; nobody waits for it then.
+    fn leave_out(&mut self, name: &str) {
+        self.modules.retain(|module| module.name != name);
+        self.modules.iter_mut().for_each(|module| module.depends.retain(|other| other != name));
     }
 }
 

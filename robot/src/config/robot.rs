@@ -8,6 +8,7 @@ use super::joystick::Joystick;
 use super::log::Log;
 use super::planner::Planner;
 use super::reader::Table;
+use super::web::Web;
 use base::Severity;
 use std::net::Ipv4Addr;
 use std::path::PathBuf;
@@ -47,6 +48,8 @@ pub struct Robot {
     pub planner: Planner,
     /// What a run writes down.
     pub log: Log,
+    /// The web server.
+    pub web: Web,
 }
 
 /// `[geometry]`.
@@ -336,6 +339,7 @@ impl Robot {
         let joystick = root.table_if_any("joystick").map(Joystick::read);
         let planner = root.table_if_any("planner").map_or_else(Planner::default, Planner::read);
         let log = root.table_if_any("log").map_or_else(Log::default, Log::read);
+        let web = root.table_if_any("web").map_or_else(Web::default, Web::read);
         root.end();
         let (name, report_from) = robot?;
         let (geometry, limits) = (geometry?, limits?);
@@ -356,6 +360,7 @@ impl Robot {
             joystick,
             planner,
             log,
+            web,
         })
     }
 

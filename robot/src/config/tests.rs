@@ -496,6 +496,39 @@ fn what_a_run_writes_down_is_configured() {
 }
 
 #[test]
+fn the_web_server_stays_on_this_machine_unless_it_asks_for_credentials() {
+    let web = |set: &str| Config::load(&shipped(), true, &[set.into()]).map(|config| config.robot.web);
+    assert_eq!(web("robot.name=x").unwrap(), super::Web::default(), "what is shipped is the default");
+    assert_eq!(web("web.listen=[::1]:80").unwrap().listen.port(), 80);
+    for set in [
+        "web.listen=0.0.0.0:8080",
+        "web.listen=192.168.1.2:8080",
+        "web.listen=localhost:8080",
+        "web.hosts=[\"Advee.local\"]",
+        "web.hosts=[\"advee.local:80\"]",
+        "web.origins=[\"*\"]",
+        "web.origins=[\"null\"]",
+        "web.origins=[\"https://app.foxglove.dev/\"]",
+        "web.viewers=0",
+        "web.password=x",
+    ] {
+        let ConfigError(lines) = web(set).unwrap_err();
+        assert_eq!(lines.len(), 1, "{set}: {lines:?}");
+    }
+    let sets = ["web.listen=0.0.0.0:8080".into(), "web.token_file=web.token".into()];
+    assert!(Config::load(&shipped(), true, &sets).unwrap().robot.web.token_file.is_some());
+}
+
+#[test]
+fn a_robot_without_a_web_server_has_no_such_module() {
+    let listed = |set: &str| {
+        let config = Config::load(&shipped(), true, &[set.into()]).unwrap();
+        config.modules.iter().filter(|module| module.name == crate::web::NAME).count()
+    };
+    assert_eq!((listed("web.enabled=true"), listed("web.enabled=false")), (1, 0));
+}
+
+#[test]
 fn a_folder_without_files_says_which_are_missing() {
     let ConfigError(lines) = Config::load(Path::new("/nonexistent"), true, &[]).unwrap_err();
     let expected = ["robot.toml", "sim.toml", "modules.toml"]

@@ -1,0 +1,112 @@
+//! The server's place on the bus: what was said is looked for some times a second, translated, and given to the hub.
+//!
+//! People do not see more pictures than that, and a server that is not woken for each message costs the robot next to
+//! nothing. The kernel's and the rings' times of reception stay with the messages.
+
+use super::router::App;
+use crate::live::bus::Bus;
+use crate::live::clock;
+use base::{Epoch, Instant};
+use logger::ros::{RobotScene, Translator};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::time::Duration;
+
+/// How often it listens while somebody looks, and while nobody does.
+const LOOKED_AT: Duration = Duration::from_millis(40);
+const ALONE: Duration = Duration::from_millis(200);
+/// Messages taken at a time: a flood waits, or is lost, while viewers are served.
+const BURST: usize = 2000;
+
+/// How the bus is heard, counted.
+#[derive(Debug, Default)]
+pub struct Counts {
+    turns: AtomicU32,
+    lost: AtomicU32,
+    broken: AtomicU32,
+    untranslated: AtomicU32,
+}
+
+impl Counts {
+    /// Turns of the loop.
+    pub fn turns(&self) -> u32 {
+        self.turns.load(Relaxed)
+    }
+
+    /// Messages that there was no room for.
+    pub fn lost(&self) -> u32 {
+        self.lost.load(Relaxed)
+    }
+
+    /// Times that the bus could not be read.
+    pub fn broken(&self) -> u32 {
+        self.broken.load(Relaxed)
+    }
+
+    /// Messages that have no ROS 2 form.
+    pub fn untranslated(&self) -> u32 {
+        self.untranslated.load(Relaxed)
+    }
+}
+
+/// What listens.
+pub struct Ear {
+    bus: Bus,
+    translator: Translator,
+    epoch: Epoch,
+}
+
+impl Ear {
+    /// Joins the bus.
+    ///
+    /// # Errors
+    /// One line: it cannot be joined.
+    pub fn open(url: &str, scene: RobotScene) -> Result<Self, String> {
+        Ok(Self { bus: Bus::open(url, &[".*"])?, translator: Translator::new(scene), epoch: clock::epoch() })
+    }
+
+    /// Hears what is said, for good.
+    pub async fn hear(mut self, app: App) {
+        loop {
+            app.bus.turns.fetch_add(1, Relaxed);
+            let more = self.take(&app);
+            let alone = app.hub().viewers() == 0;
+            match more {
+                true => tokio::task::yield_now().await,
+                false => tokio::time::sleep(if alone { ALONE } else { LOOKED_AT }).await,
+            }
+        }
+    }
+
+    /// Takes what has come; whether there may be more.
+    fn take(&mut self, app: &App) -> bool {
+        let mut hub = app.hub();
+        let mut taken = 0;
+        while taken < BURST {
+            let now = clock::now();
+            let raw = match self.bus.receive_raw() {
+                Ok(Some(raw)) => raw,
+                Ok(None) => break,
+                Err(_) => {
+                    app.bus.broken.fetch_add(1, Relaxed);
+                    break;
+                }
+            };
+            taken += 1;
+            let time = nanoseconds(self.epoch, clock::received(now, raw.received_ns));
+            let told = self.translator.translate(raw.channel, raw.data, &mut |topic, cdr| {
+                hub.publish(topic, raw.channel, time, cdr);
+            });
+            if told.is_err() {
+                app.bus.untranslated.fetch_add(1, Relaxed);
+            }
+        }
+        app.bus.lost.store(u32::try_from(self.bus.kernel_dropped()).unwrap_or(u32::MAX), Relaxed);
+        hub.stir();
+        taken == BURST
+    }
+}
+
+/// On the scale of message timestamps, which no step of the wall clock turns back; ns since the UNIX epoch.
+fn nanoseconds(epoch: Epoch, at: Instant) -> u64 {
+    u64::try_from(epoch.timestamp(at)).unwrap_or_default() * 1000
+}

@@ -1,0 +1,25 @@
+//! The robot's web server: what a browser, or Foxglove, is shown of the robot, from the robot itself.
+//!
+//! ```text
+//!   LCM bus ──► bus ──► foxglove::hub ──► foxglove::endpoint ──► /foxglove     a queue for each viewer
+//!                                         pages ───────────────► / /layout.json /health
+//!                       module ──starts──► server ──► guard ──► router
+//! ```
+//!
+//! It runs as a module, on the live host, like all others; the server has a thread of its own with a runtime for many
+//! sockets, and its own place on the bus. Nobody waits for it: it is not critical, and a viewer that is slow, or lies, costs
+//! nobody else anything. It only shows: what would publish on the bus does not exist.
+
+mod bus;
+pub mod foxglove;
+mod guard;
+mod module;
+mod pages;
+mod router;
+mod server;
+mod stats;
+
+pub use module::{Settings, Web, token};
+
+/// Its name on the bus.
+pub const NAME: &str = "web";
