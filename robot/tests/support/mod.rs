@@ -129,8 +129,11 @@ impl Robot {
         let url = format!("udpm://239.255.76.67:{port}?ttl={ttl}&shm=auto");
         let run_dir = std::env::temp_dir().join(format!("advee-test-{}-{port}", std::process::id()));
         let bus = listen(&url);
+        // With a web server only where the test has an address for it.
+        let headless: &[&str] = if extra.contains(&"--http") { &[] } else { &["--headless"] };
         let up = advee(&url, &run_dir)
-            .args(["up", "--sim", "--headless", "--goal", "none"])
+            .args(["up", "--sim", "--goal", "none"])
+            .args(headless)
             .args(["--set", &format!("log.folder={:?}", logs(&run_dir)), "--set", "world.people=0"])
             .args(extra)
             .stdin(Stdio::null())
