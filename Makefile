@@ -27,7 +27,7 @@ lint:
 bench:
 	@tools/require cc python3-venv glib ip
 	@tools/venv
-	cargo bench -p advee --locked --bench start --bench wheel
+	cargo bench -p advee --locked --bench start --bench wheel --bench web
 	cargo bench -p advee --locked --bench world
 	cargo bench -p advee --locked --bench patrol
 	cargo bench -p advee --locked --bench faults
