@@ -19,11 +19,10 @@ use std::path::{Path, PathBuf};
 /// Where a process finds the folder of its run.
 pub const VARIABLE: &str = "ADVEE_LOG";
 /// Names of texts in a header.
-const ROBOT: &str = "robot.toml";
-const SIM: &str = "sim.toml";
-const MODULES: &str = "modules.toml";
-/// Name of the text that is the simulated world.
-pub const WORLD: &str = "world.toml";
+pub(crate) const ROBOT: &str = "robot.toml";
+pub(crate) const SIM: &str = "sim.toml";
+pub(crate) const MODULES: &str = "modules.toml";
+pub(crate) const WORLD: &str = "world.toml";
 /// Name of the texts that are overrides.
 pub const SET: &str = "--set";
 /// What the host decided: [`Made`].

@@ -125,13 +125,16 @@ impl Picture {
                     last = x;
                 }
             }
-            let mut right = f64::NEG_INFINITY;
-            for (number, told) in listed.iter().enumerate().filter(|(_, told)| told.severity == severity) {
-                let (x, text) = (sheet.x(told.first) + 6.0, (number + 1).to_string());
-                if x > right && x < rect.right() - 12.0 {
-                    canvas.text(Point { x, y: y + ROW / 2.0 + 3.5 }, &text, &Font::new(SMALL, INK));
-                    right = x + sheet.letters.width(&text, SMALL, false) + 4.0;
-                }
+            let numbered = listed.iter().enumerate().filter(|(_, told)| told.severity == severity);
+            let numbered: Vec<(usize, f64)> = numbered.map(|(n, told)| (n + 1, sheet.x(told.first))).collect();
+            // Those whose signs touch have their numbers behind the last of them.
+            for near in numbered.chunk_by(|a, b| b.1 - a.1 < 20.0) {
+                let text = near.iter().map(|(number, _)| number.to_string()).collect::<Vec<_>>().join(", ");
+                let x = near[near.len() - 1].1 + 6.0;
+                let fits = x + sheet.letters.width(&text, SMALL, false) < rect.right();
+                let (x, anchor) = if fits { (x, Anchor::Start) } else { (near[0].1 - 6.0, Anchor::End) };
+                let font = Font::new(SMALL, INK).at(anchor);
+                canvas.text(Point { x, y: y + ROW / 2.0 + 3.5 }, &text, &font);
             }
         }
         frame(canvas, &rect);

@@ -11,16 +11,38 @@ use module::record::{Header, Item, Reader};
 use navitools::Point;
 use sim::world::Beacon;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The part of a run that is asked for. A file that is damaged is read up to there, and the picture says so.
 pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
     let files = replay::files(run, None)?;
+    // First when it all began, then what was said: no file is held longer than it is read.
+    let (known, begin) = beginnings(&files)?;
+    let refused = || format!("{}: none of its {} files is a recording of inputs", run.display(), files.len());
+    let header = known.ok_or_else(refused)?;
+    let (epoch, begin_us) = begin.ok_or_else(|| format!("{}: nothing is recorded yet", run.display()))?;
+    let (mut picture, title) = open(run, &header)?;
+    let mut remarks = Vec::new();
+    for path in &files {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if let Err(why) = take(&whole(path)?, epoch, |at_us| part.has(begin_us, at_us), &mut picture) {
+            remarks.push(format!("{name}: {why}"));
+        }
+    }
+    picture.entitle(Title { remarks, ..title });
+    Ok(picture)
+}
+
+/// A header of the run's recorded inputs, where it has any.
+pub fn header(run: &Path) -> Option<Header> {
+    beginnings(&replay::files(run, None).ok()?).ok()?.0
+}
+
+/// The header that says most, and of the first record how its clock stood, and when it was, µs since the UNIX epoch.
+fn beginnings(files: &[PathBuf]) -> Result<(Option<Header>, Option<(Epoch, i64)>), Failed> {
     let mut begin: Option<(Epoch, i64)> = None;
     let mut known: Option<Header> = None;
-    let mut remarks = Vec::new();
-    // First when it all began, then what was said: no file is held longer than it is read.
-    for path in &files {
+    for path in files {
         let bytes = whole(path)?;
         let Ok(mut reader) = Reader::open(&bytes) else { continue };
         // The simulator's has the world.
@@ -32,32 +54,25 @@ pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
             begin = Some((epoch, first.min(epoch.timestamp(record.at))));
         }
     }
-    let refused = || format!("{}: none of its {} files is a recording of inputs", run.display(), files.len());
-    let header = known.ok_or_else(refused)?;
-    let (epoch, begin_us) = begin.ok_or_else(|| format!("{}: nothing is recorded yet", run.display()))?;
-    let (mut picture, title) = open(run, &header)?;
-    for path in &files {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if let Err(why) = take(&whole(path)?, epoch, |at_us| part.has(begin_us, at_us), &mut picture) {
-            remarks.push(format!("{name}: {why}"));
-        }
-    }
-    picture.entitle(Title { remarks, ..title });
-    Ok(picture)
+    Ok((known, begin))
+}
+
+/// The name of a run: of its folder.
+pub fn name(run: &Path) -> String {
+    // `.` has a name, too.
+    let run = run.canonicalize().unwrap_or_else(|_| run.into());
+    run.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// An empty picture of the run with this header.
-fn open(run: &Path, header: &Header) -> Result<(Picture, Title), Failed> {
+pub fn open(run: &Path, header: &Header) -> Result<(Picture, Title), Failed> {
     let robot = recording::config(header, &header.texts(recording::SET))?.robot;
     let mut world = recording::world(header)?.unwrap_or_default();
     if world.beacons.is_empty() {
         let beacon = |known: &crate::config::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
         world.beacons = robot.beacons.iter().map(beacon).collect();
     }
-    // `.` has a name, too.
-    let run = run.canonicalize().unwrap_or_else(|_| run.into());
-    let run = run.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let title = Title { run, robot: robot.name, program: header.program.clone(), remarks: Vec::new() };
+    let title = Title { run: name(run), robot: robot.name, program: header.program.clone(), remarks: Vec::new() };
     Ok((Picture::new(world, Some(robot.geometry)), title))
 }
 

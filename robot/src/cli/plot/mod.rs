@@ -1,6 +1,7 @@
-//! `advee plot RUN`: a picture of a recorded run that one can mail, from what its modules said.
+//! `advee plot RUN`: a picture of a recorded run that one can mail, from its log, or from what its modules said.
 
 mod inputs;
+mod log;
 
 use super::{Outcome, print};
 use crate::plot::Picture;
@@ -10,9 +11,9 @@ use std::process::ExitCode;
 
 #[derive(clap::Args)]
 pub struct Plot {
-    /// The folder of a run that was recorded with log.inputs = true
+    /// The folder of a run, with its log or with recorded inputs (log.inputs = true); or one MCAP file
     run: PathBuf,
-    /// Where the picture goes: .png or .svg [default: plot.png in the run's folder]
+    /// Where the picture goes: .png or .svg [default: plot.png in the run's folder, or beside the file]
     #[arg(long, value_name = "FILE", value_parser = picture)]
     out: Option<PathBuf>,
     /// Not before so many seconds after the start
@@ -39,11 +40,16 @@ impl Part {
 
 pub fn plot(command: &Plot) -> Outcome {
     let part = Part { from: command.from, to: command.to };
-    let picture = inputs::read(&command.run, part)?;
+    let files = log::files(&command.run);
+    let picture = match files.is_empty() {
+        true => inputs::read(&command.run, part)?,
+        false => log::read(&command.run, &files, part)?,
+    };
     if picture.is_empty() {
         return Err(format!("{}: nothing was said of a robot in that time", command.run.display()).into());
     }
-    let out = command.out.clone().unwrap_or_else(|| command.run.join("plot.png"));
+    let beside = || if command.run.is_dir() { command.run.join("plot.png") } else { command.run.with_extension("png") };
+    let out = command.out.clone().unwrap_or_else(beside);
     write(&picture, &out)?;
     print(out.display())?;
     Ok(ExitCode::SUCCESS)
