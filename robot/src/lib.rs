@@ -6,6 +6,7 @@ pub mod checks;
 pub mod cli;
 pub mod config;
 pub mod live;
+pub mod log_repair;
 pub mod map_file;
 pub mod plot;
 pub mod recording;

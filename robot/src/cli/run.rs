@@ -2,6 +2,9 @@
 
 use super::{Common, Outcome};
 use crate::live;
+use crate::live::log::Log;
+use crate::live::ports::PortConfig;
+use crate::log_repair;
 use crate::topology::{self, Place};
 use module::State;
 use std::path::PathBuf;
@@ -36,5 +39,10 @@ impl Run {
 
 pub fn run(common: &Common, command: &Run) -> Outcome {
     let (shell, host) = topology::module(&command.place(common), &command.module, command.state)?;
+    for port in &host.ports {
+        if let PortConfig::Store { folder } = port {
+            log_repair::start(folder.clone(), Log::new(&command.module));
+        }
+    }
     Ok(ExitCode::from(live::run(shell, host)?))
 }
