@@ -41,6 +41,12 @@ const TOUCH: f64 = 0.002;
 /// Whoever does not look notices what is so near, m, after so many steps.
 const FEET: f64 = 0.6;
 const ALERT: u8 = 3;
+/// Who looks where he goes gives way to a robot that he would be at within this time, s, and is not farther than this,
+/// m: people do so by the time that is left, not by distance (Karamouzas, Skinner, Guy 2014, who find up to 3 s).
+const FORESEES: f64 = 1.0;
+/// Whoever is slower stands and watches, m/s.
+const WALKS: f64 = 0.2;
+const FORESEES_WITHIN: f64 = 4.0;
 /// He who has noticed the robot does not go nearer, m.
 const MANNERS: f64 = 0.15;
 /// How probably a leg goes to the robot, from so near, m, to so far before it.
@@ -495,13 +501,16 @@ impl People {
             let gap = distance - thickness - person.radius;
             add(&mut push, repel(gap, 0.3, 6.0, (dx / distance, dy / distance), (0.0, 0.0)));
         }
-        if (person.looks || person.alert >= ALERT) && robot.is_within(person.at, 1.5) {
+        if (person.looks || person.alert >= ALERT) && robot.is_within(person.at, FORESEES_WITHIN) {
             let found = robot.gap(person.at);
             let gap = found.gap - person.radius;
             let (x, y) = found.normal;
             let moved = found.towards.max(0.0);
-            // Who stands and watches steps back only from a robot that comes; who wants to see it goes near.
-            let reach = if person.stands || person.goal == Goal::Robot { 0.3 + 1.2 * moved } else { 1.2 };
+            // Who stands and watches steps back only from a robot that comes; who wants to see it goes near. Who walks
+            // sees what he would be at in a moment.
+            let closing = (found.towards - dot(old, found.normal)).max(0.0);
+            let walks = dot(old, old) > WALKS * WALKS && person.goal != Goal::Robot;
+            let reach = if walks { 1.2 + FORESEES * closing } else { 0.3 + 1.2 * moved };
             let approach = (old.0 - moved * x, old.1 - moved * y);
             add(&mut push, repel(gap, reach, 5.0, found.normal, approach));
         }

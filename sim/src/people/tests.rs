@@ -162,21 +162,23 @@ fn a_contact_says_who_moved() {
     assert!(contacts[0].mover == Mover::Robot && (contacts[0].robot_mps - 0.35).abs() < 1e-9, "{contacts:?}");
 }
 
-#[test]
-fn those_who_look_step_aside_for_a_robot_that_comes_slowly() {
+/// The contacts of a robot that drives up and down a line through the hall for ten minutes and stops for nobody, among
+/// twenty who look where they go.
+fn run_down(speed: f64) -> Vec<Contact> {
     let mut world = hall(20);
     world.people.attentive = 1.0;
     let mut contacts = Vec::new();
-    // Up and down a line through the hall at 0.3 m/s, front first, for ten minutes.
+    // Front first.
     let pose = |time: f64| {
-        let (lap, part) = (libm::floor(time / 20.0) as u64, time % 20.0);
+        let leg = 6.0 / speed;
+        let (lap, part) = (libm::floor(time / leg) as u64, speed * (time % leg));
         if lap.is_multiple_of(2) {
-            Pose::new(9.0 + 0.3 * part, 7.0, 0.0)
+            Pose::new(9.0 + part, 7.0, 0.0)
         } else {
-            Pose::new(15.0 - 0.3 * part, 7.0, core::f64::consts::PI)
+            Pose::new(15.0 - part, 7.0, core::f64::consts::PI)
         }
     };
-    let hull = |time| Hull::new(pose(time), OUTLINE, (0.3, 0.0));
+    let hull = |time| Hull::new(pose(time), OUTLINE, (speed, 0.0));
     let mut people = People::new(&world, 6, &hull(0.0));
     for step in 1..=120_000u64 {
         let time = step as f64 * 0.005;
@@ -185,5 +187,17 @@ fn those_who_look_step_aside_for_a_robot_that_comes_slowly() {
         }
         people.meet(step * 5_000_000, &hull(time), &mut contacts);
     }
+    contacts
+}
+
+#[test]
+fn those_who_look_step_aside_for_a_robot_that_comes_slowly() {
+    let contacts = run_down(0.3);
     assert!(contacts.len() <= 1, "it stops for nobody: {contacts:?}");
+}
+
+#[test]
+fn those_who_look_see_a_robot_that_comes_fast_in_time() {
+    let contacts = run_down(0.8);
+    assert!(contacts.len() <= 3, "eight, if they saw it by distance alone: {contacts:?}");
 }
