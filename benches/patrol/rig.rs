@@ -18,8 +18,6 @@ use std::rc::Rc;
 /// The attendant looks after the robot this often, and acts when it has waited so long for an operator.
 const LOOK: Duration = Duration::from_millis(500);
 const WAITS: Duration = Duration::from_secs(2);
-/// Slower the robot stands, m/s.
-const STANDING: f64 = 0.02;
 
 /// What an observer sees.
 #[derive(Clone, Debug, Default)]
@@ -176,7 +174,7 @@ impl Seen {
                 self.truth = truth.clone();
             }
             News::Note { module, line } if *module == config::SIMULATOR && line.starts_with("contact: ") => {
-                let own = line.starts_with("contact: by robot") && self.truth.speed.abs() > STANDING;
+                let own = line.starts_with("contact: by robot");
                 self.contacts.push((seconds, own, (*line).into()));
             }
             News::Message { message: Message::MlDataGoal(goal), .. } => self.on_goal(now, goal),
