@@ -3,6 +3,7 @@
 
 use crate::config::{Body, Config, Limits, Manners};
 use crate::obstacles::{Echoed, Hit, Obstacles};
+use crate::people::Person;
 use crate::track::Sample;
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
@@ -21,19 +22,36 @@ const SHY: f64 = 0.45;
 const SHY_SPEED: f64 = 0.30;
 const SHY_GAIN: f64 = 1.1;
 /// A single echo ahead nearer than this is braked for, confirmed or not, m.
-const SUDDEN: f64 = 1.2;
+const SUDDEN: f64 = 0.8;
+/// It is not slowed down for below this, m/s, before it is heard again.
+const DOUBTFUL: f64 = 0.4;
 /// Kept at least to what the map has, m.
 const MAPPED: f64 = 0.04;
-/// Who is this far behind the robot's front corner, m, is not before it.
-const ABREAST: f64 = 0.3;
-/// Sonars hear legs; people are so much wider, m.
-const STOUT: f64 = 0.2;
-/// People come nearer as fast, m/s, and are met as slowly where they are before the robot, or nearer beside it than
-const STROLLING: f64 = 0.4;
-const CAUTIOUS: f64 = 0.20;
-/// this, m; and passed as slowly where they are farther.
-const NARROW: f64 = 0.30;
-const PASSING: f64 = 0.45;
+/// Kept to the middle of somebody, m; and more for each deviation of his place, and of his velocity each second.
+const KEEP: f64 = 0.35;
+const DOUBT: f64 = 0.2;
+/// Somebody strays from where he goes by so much a second, m, which counts for a robot that is faster than
+const STRAYS: f64 = 0.05;
+const CREEPS: f64 = 0.21;
+/// this. Where nobody can be told from farther than
+const STROLLING: f64 = 0.5;
+/// Somebody whose middle is as near as this, m, is not approached at all.
+const TOUCHES: f64 = 0.32;
+/// With somebody as near as this, m, the robot goes no faster than this, m/s.
+const BESIDE: f64 = 0.40;
+const SQUEEZES: f64 = 0.2;
+/// Who may be before the robot, no further beside its axis, m, may come at this speed, m/s: one echo is braked for.
+const CORRIDOR: f64 = 0.6;
+const COMES: f64 = 1.2;
+/// Speeds are tried in such steps, m/s, and times, s.
+const SLOWER: f64 = 0.05;
+const TICK: f64 = 0.2;
+/// The path is taken in such steps, m, and so many: further than the robot rolls before it stands.
+const WAY_STEP: f64 = 0.08;
+const WAY_STEPS: usize = 12;
+/// At the greatest speed it rolls less far, m, and for less time, s.
+const STOP: f64 = 0.9;
+const STOP_TIME: f64 = 1.6;
 /// Slower is standing still, m/s.
 const LEAST: f64 = 0.05;
 
@@ -125,29 +143,94 @@ pub fn sudden(now: Instant, forward: bool, obstacles: &Obstacles, config: &Confi
     let near = obstacles.echoes(now, forward).filter(|echo| echo.distance < SUDDEN);
     let speed = |echo: Echoed| {
         let keep = if echo.mapped { MAPPED } else { manners.stop_distance / 2.0 };
-        stopping_speed(echo.distance - keep, echo.closing, limits, manners)
+        let speed = stopping_speed(echo.distance - keep, echo.closing, limits, manners);
+        // A first echo may be of nothing: it is braked for until the next round, but not to a stop.
+        if echo.again || echo.mapped { speed } else { speed.max(DOUBTFUL) }
     };
     let speed = near.map(speed).fold(limits.speed, f64::min);
     if speed < LEAST { 0.0 } else { speed }
 }
 
-/// The speed at which the robot may meet those who were heard ahead of it of late, wherever they go next.
+/// The speed from which the robot stands before anybody around can be touched by it, going on along `ahead` as everybody
+/// goes on as he goes, and a little otherwise. Whoever comes to a robot that stands is not its affair.
 #[must_use]
-pub fn caution(now: Instant, robot: Pose, forward: bool, obstacles: &Obstacles, config: &Config) -> f64 {
-    let (body, limits, manners) = (&config.body, &config.limits, &config.manners);
-    let inverse = robot.inverse();
-    let speed = |place: Point| {
-        let at = inverse * place;
-        let before = if forward { at.x - body.front } else { -body.rear - at.x };
-        if before < -ABREAST {
-            return limits.speed;
+pub fn meeting(now: Instant, ahead: &[Sample], obstacles: &Obstacles, config: &Config) -> f64 {
+    let (body, limits) = (&config.body, &config.limits);
+    let Some(way) = Way::of(ahead) else { return limits.speed };
+    let here = way.0[0].inverse();
+    let mut speed = limits.speed;
+    for person in obstacles.people(now) {
+        let gap = gap(body, here * person.at);
+        let goes = libm::hypot(person.velocity.0, person.velocity.1);
+        if !person.sure {
+            let at = here * person.at;
+            let before = if ahead[0].forward { at.x - body.front } else { -body.rear - at.x };
+            if at.y.abs() < CORRIDOR && before > SUDDEN {
+                speed = speed.min(stopping_speed(before - KEEP, COMES, limits, &config.manners));
+            }
+            continue;
         }
-        // He is not before the robot yet: what he must walk for that is as good as distance.
-        let beside = (at.y.abs() - body.width / 2.0 - STOUT).max(0.0);
-        let least = if beside < NARROW { CAUTIOUS } else { PASSING };
-        stopping_speed(before - STOUT + beside, STROLLING, limits, manners).max(least)
-    };
-    obstacles.present(now).map(speed).fold(limits.speed, f64::min)
+        // Within the longest stop nobody comes from farther.
+        let reach = STOP + KEEP + (goes + STROLLING + person.restless) * STOP_TIME;
+        if gap > reach {
+            continue;
+        }
+        if gap < BESIDE {
+            speed = speed.min(SQUEEZES);
+        }
+        while speed > 0.0 && !way.is_free(speed, &person, gap, config) {
+            speed = if speed > SLOWER { speed - SLOWER } else { 0.0 };
+        }
+    }
+    if speed < LEAST { 0.0 } else { speed }
+}
+
+/// Where the robot will be on the path: poses every [`WAY_STEP`].
+struct Way([Pose; WAY_STEPS]);
+
+impl Way {
+    fn of(ahead: &[Sample]) -> Option<Self> {
+        let first = ahead.first()?;
+        let mut poses = [first.pose; WAY_STEPS];
+        let mut rest = ahead.iter().take_while(|sample| sample.forward == first.forward).peekable();
+        for step in 1..WAY_STEPS {
+            poses[step] = poses[step - 1];
+            while let Some(sample) = rest.next_if(|sample| sample.way <= first.way + WAY_STEP * step as f64) {
+                poses[step] = sample.pose;
+            }
+        }
+        Some(Self(poses))
+    }
+
+    /// Whether a robot that goes at `speed`, and brakes after its reaction, stands before it is too near to somebody who is
+    /// `gap` away.
+    fn is_free(&self, speed: f64, person: &Person, gap_now: f64, config: &Config) -> bool {
+        let (body, a, reaction) = (&config.body, config.limits.deceleration, config.manners.reaction);
+        // Who is that near is left behind, and the nearer he is the less is he approached.
+        let closer = CLOSER * ((gap_now - TOUCHES) / 0.2).clamp(0.0, 1.0) + 1e-3;
+        let keep = (KEEP + DOUBT * person.sigma).min(gap_now - closer);
+        let strays = if speed <= CREEPS { 0.0 } else { STRAYS + DOUBT * person.restless };
+        let stands = reaction + speed / a;
+        // Of a velocity only what is known of it counts.
+        let goes = libm::hypot(person.velocity.0, person.velocity.1);
+        let known = (1.0 - person.restless / goes.max(1e-3)).max(0.0);
+        let (vx, vy) = (person.velocity.0 * known, person.velocity.1 * known);
+        let mut time = TICK;
+        loop {
+            let time_now = time.min(stands);
+            let braking = (time_now - reaction).max(0.0);
+            let went = speed * time_now - a * braking * braking / 2.0;
+            let pose = self.0[((went / WAY_STEP) as usize).min(WAY_STEPS - 1)];
+            let at = Point { x: person.at.x + vx * time_now, y: person.at.y + vy * time_now };
+            if gap(body, pose.inverse() * at) < keep + strays * time_now {
+                return false;
+            }
+            if time >= stands {
+                return true;
+            }
+            time += TICK;
+        }
+    }
 }
 
 /// From how fast the robot stands within `free` m while something comes nearer at `closing` m/s: both by the brakes

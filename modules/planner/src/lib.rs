@@ -8,6 +8,7 @@ pub mod map;
 pub mod mission;
 pub mod obstacles;
 pub mod path;
+pub mod people;
 mod planner;
 pub mod route;
 pub mod search;

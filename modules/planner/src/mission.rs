@@ -18,11 +18,18 @@ use std::mem;
 /// The next leg is looked for when less than this is left of the one that is driven, m.
 const AHEAD: f64 = 3.0;
 /// What was in the way must be gone for so long.
-const GONE: Duration = Duration::from_millis(300);
+const GONE: Duration = Duration::from_millis(100);
+/// It sets out when it may drive faster than this, m/s.
+const WORTH: f64 = 0.08;
+/// Backing out ends when something is in the way for so long.
+const HINDERED: Duration = Duration::from_millis(900);
 /// The robot stands, m/s.
 const STANDING: f64 = 0.03;
 /// Further off the path it looks for a new one, m and rad.
 const OFF: (f64, f64) = (0.30, 0.6);
+/// So far off it, m, it looks whether it comes to something, m ahead of where it can stand.
+const ASTRAY: f64 = 0.06;
+const STEP_AHEAD: f64 = 0.05;
 /// It was told to drive for so long and stood.
 const STUCK: Duration = Duration::from_secs(4);
 /// Where the robot has driven is remembered for backing out: this far, m, in steps of
@@ -94,6 +101,8 @@ pub struct Mission {
     nearest: f64,
     /// Told to drive, and stands, since.
     stuck: Option<Instant>,
+    /// It touched somebody with the end that it drives with: it goes back before it goes on.
+    bumped: bool,
     id: i32,
     waypoint: usize,
     status: Status,
@@ -115,6 +124,7 @@ impl Default for Mission {
             attempts: 0,
             nearest: f64::INFINITY,
             stuck: None,
+            bumped: false,
             id: 0,
             waypoint: 0,
             status: Status::Idle,
@@ -128,8 +138,8 @@ impl Mission {
     /// A goal in the place of the one before.
     pub fn begin(&mut self, goal: Goal) {
         let kept = if goal.waypoints.len() <= KEPT { vec![None; goal.waypoints.len()] } else { Vec::new() };
-        let trace = mem::take(&mut self.trace);
-        *self = Self { id: goal.id, kept, trace, goal: Some(goal), replanned: true, ..Self::default() };
+        let (trace, bumped) = (mem::take(&mut self.trace), self.bumped);
+        *self = Self { id: goal.id, kept, trace, bumped, goal: Some(goal), replanned: true, ..Self::default() };
         self.say(Status::Driving, "looks for a way".into());
     }
 
@@ -149,9 +159,15 @@ impl Mission {
         self.track = Track::default();
     }
 
+    /// A bumper in front, or behind, was pressed.
+    pub fn bump(&mut self, front: bool) {
+        self.bumped = self.trace.back().is_some_and(|(_, forward)| *forward == front);
+    }
+
     /// The robot was put elsewhere: it has not come from where it came from.
     pub fn forget_trace(&mut self) {
         self.trace.clear();
+        self.bumped = false;
     }
 
     /// Whether there is a goal to drive to.
@@ -219,6 +235,9 @@ impl Mission {
         }
         match mem::replace(&mut self.doing, Doing::Nothing) {
             Doing::Nothing => {
+                if mem::take(&mut self.bumped) && self.back_out(sight, ways) {
+                    return stand;
+                }
                 self.think(sight, ways, false);
                 stand
             }
@@ -333,7 +352,7 @@ impl Mission {
         }
         let (aside, turned) = self.track.error();
         let stands = sight.motion.speed.abs() < STANDING;
-        if aside.abs() > OFF.0 || turned.abs() > OFF.1 {
+        if aside.abs() > OFF.0 || turned.abs() > OFF.1 || self.leaves_the_floor(sight, ways) {
             self.doing = Doing::Nothing;
             return Motion { speed: 0.0, ..command };
         }
@@ -358,12 +377,27 @@ impl Mission {
         command
     }
 
+    /// Off its path the robot would come to something that the map has before it can stand.
+    fn leaves_the_floor(&self, sight: &Sight<'_>, ways: &Ways) -> bool {
+        let Config { body, limits, manners, .. } = sight.config;
+        let (aside, _) = self.track.error();
+        if aside.abs() < ASTRAY || self.track.is_done() {
+            return false;
+        }
+        let speed = sight.motion.speed.abs();
+        let way = speed * manners.reaction + speed * speed / (2.0 * limits.deceleration) + STEP_AHEAD;
+        let way = if self.track.forward().unwrap_or(true) { way } else { -way };
+        let rotation = way * libm::tan(sight.motion.steering) / body.wheelbase;
+        let there = sight.robot.along(navitools::Motion { translation: way, rotation });
+        ways.is_free(sight.robot) && !ways.is_free(there)
+    }
+
     /// What the sonars allow in the direction of travel.
     fn allowed(&self, sight: &Sight<'_>) -> f64 {
         let forward = self.track.forward().unwrap_or(true);
         let sudden = guard::sudden(sight.now, forward, sight.obstacles, sight.config);
-        let caution = guard::caution(sight.now, sight.robot, forward, sight.obstacles, sight.config);
-        self.ahead.speed(self.track.way(), sight.config).min(sudden).min(caution)
+        let meeting = guard::meeting(sight.now, self.track.ahead(), sight.obstacles, sight.config);
+        self.ahead.speed(self.track.way(), sight.config).min(sudden).min(meeting)
     }
 
     fn is_stuck(&mut self, sight: &Sight<'_>, command: Motion) -> bool {
@@ -457,7 +491,7 @@ impl Mission {
 
     fn wait(&mut self, sight: &Sight<'_>, ways: &mut Ways, since: Instant, gone: Option<Instant>) {
         let waited = sight.now.since(since).as_secs_f64();
-        let drives = !self.track.is_done() && self.allowed(sight) > 0.1;
+        let drives = !self.track.is_done() && self.allowed(sight) > WORTH;
         let gone = drives.then(|| gone.unwrap_or(sight.now));
         if gone.is_some_and(|gone| sight.now.since(gone) >= GONE) {
             self.doing = Doing::Driving { next: None };
@@ -496,7 +530,7 @@ impl Mission {
         let Config { body, limits, manners, .. } = sight.config;
         self.track = Track::new(poses, None, body, limits, manners);
         self.look(sight.now, sight.obstacles, sight.config);
-        if self.track.remaining() < BACK_LEAST || self.allowed(sight) <= 0.1 {
+        if self.track.remaining() < BACK_LEAST || self.allowed(sight) <= WORTH {
             self.track = Track::default();
             return false;
         }
@@ -512,7 +546,7 @@ impl Mission {
         let command = self.track.follow(sight.robot, sight.motion, allowed, body, limits);
         let stands = sight.motion.speed.abs() < STANDING;
         let blocked = (allowed <= 0.0).then(|| blocked.unwrap_or(sight.now));
-        let gives_up = blocked.is_some_and(|since| sight.now.since(since) >= 3 * GONE);
+        let gives_up = blocked.is_some_and(|since| sight.now.since(since) >= HINDERED);
         if (self.track.is_done() || gives_up || self.is_stuck(sight, command)) && stands {
             self.trace.clear();
             self.think(sight, ways, true);

@@ -6,10 +6,11 @@
 //! counts when it was suspected twice within about a second: one crosstalk is no obstacle. What is not heard again is
 //! forgotten. Clothes swallow sound: beyond a metre that a cone did not hear somebody says little.
 
+use crate::people::{Heard, People, Person};
 use base::{Duration, Instant};
 use messages::lowlevel::Range;
 use navitools::{Point, Pose};
-use std::collections::VecDeque;
+use std::mem;
 
 /// Edge of a cell, m.
 pub const CELL: f64 = 0.05;
@@ -49,12 +50,8 @@ const SONARS_MAX: usize = 32;
 const HITS_MAX: usize = 2000;
 /// Nobody walks faster, m/s (ISO 13855).
 const WALKING: f64 = 1.6;
-/// Two echoes within this time and this far apart, m, are of somebody, who may walk; he is there for so long.
-const SAME_TIME: Duration = Duration::from_millis(1000);
-const SAME_PLACE: f64 = 0.8;
-const PRESENT: Duration = Duration::from_millis(1000);
-/// Echoes that are remembered for this.
-const RECENT_MAX: usize = 64;
+/// Echoes of a sonar that differ by less, m, are of one thing.
+const SAME: f64 = 0.7;
 /// Slower than this nobody comes nearer: the jitter of a reading's age, m/s.
 const CLOSING_LEAST: f64 = 0.3;
 
@@ -86,6 +83,10 @@ struct Echo {
     theta: f64,
     /// The map says what was heard.
     mapped: bool,
+    /// The reading before was about the same.
+    again: bool,
+    /// Where the reading before found something of the map, that this one did not find, m.
+    held: Option<f64>,
 }
 
 /// An echo in a direction.
@@ -97,9 +98,12 @@ pub struct Echoed {
     pub closing: f64,
     /// It stands where the map has something.
     pub mapped: bool,
+    /// The reading before was of it too: it is no crosstalk.
+    pub again: bool,
 }
 
 /// A cone at the moment of its reading.
+#[derive(Debug)]
 struct Cone {
     /// Its number in the message.
     sonar: usize,
@@ -136,9 +140,10 @@ pub struct Obstacles {
     /// By place modulo [`PATCHES`]: which patch, and when it was last seen free.
     seen: Vec<((i32, i32), Instant)>,
     echoes: Vec<Echo>,
-    /// Echoes of late that the map does not explain, on their cones' axes; and those of somebody.
-    recent: VecDeque<(Instant, Point)>,
-    present: VecDeque<(Instant, Point)>,
+    people: People,
+    /// Of the round that is taken: kept for its memory.
+    cones: Vec<Cone>,
+    round: Vec<Heard>,
 }
 
 impl Default for Obstacles {
@@ -148,8 +153,9 @@ impl Default for Obstacles {
             index: vec![0; (SIDE * SIDE) as usize],
             seen: vec![((i32::MAX, i32::MAX), Instant::ZERO); (PATCHES * PATCHES) as usize],
             echoes: Vec::new(),
-            recent: VecDeque::with_capacity(RECENT_MAX),
-            present: VecDeque::with_capacity(RECENT_MAX),
+            people: People::default(),
+            cones: Vec::with_capacity(SONARS_MAX),
+            round: Vec::with_capacity(SONARS_MAX),
         }
     }
 }
@@ -178,7 +184,8 @@ impl Obstacles {
         footprint: impl Fn(Point) -> bool,
         mapped: impl Fn(Point) -> bool,
     ) {
-        let cones = self.listen(now, robot, speed, srfs);
+        self.listen(now, robot, speed, srfs);
+        let cones = mem::take(&mut self.cones);
         let inverse = robot.inverse();
         let near = CELL * f64::from(SIDE) / 2.0 - CELL;
         self.keep(|cell| {
@@ -193,12 +200,21 @@ impl Obstacles {
             self.look(now, cone);
             self.suspect(now, number, &cones, |point| footprint(inverse * point), &mapped);
         }
+        self.round.clear();
+        self.round.extend(cones.iter().map(|cone| Heard {
+            from: cone.from,
+            axis: (cone.cos, cone.sin),
+            echo: cone.echo,
+            mapped: self.echoes[cone.sonar].mapped,
+        }));
+        self.people.update(now, &self.round, |point| footprint(inverse * point));
+        self.cones = cones;
     }
 
-    fn listen(&mut self, now: Instant, robot: Pose, speed: f64, srfs: &[Range]) -> Vec<Cone> {
+    fn listen(&mut self, now: Instant, robot: Pose, speed: f64, srfs: &[Range]) {
         let srfs = &srfs[..srfs.len().min(SONARS_MAX)];
         self.echoes.resize(srfs.len(), Echo::default());
-        let mut cones = Vec::with_capacity(srfs.len());
+        self.cones.clear();
         for (sonar, (range, last)) in srfs.iter().zip(&mut self.echoes).enumerate() {
             let mount = [range.x, range.y, range.theta];
             if mount.iter().any(|value| !value.is_finite() || value.abs() > 10.0) {
@@ -216,13 +232,17 @@ impl Obstacles {
                 }
                 _ => 0.0,
             };
-            *last = Echo { at: now, distance, closing, theta: range.theta, mapped: false };
+            let same = |(before, after): (f64, f64)| (before - after).abs() < SAME;
+            let again = dt < 0.6 && last.distance.zip(distance).is_some_and(same);
+            // Walls do not go away: one that a single reading misses is still there, and the robot nearer to it.
+            let nearer = |before: f64| before - speed * libm::cos(range.theta) * dt;
+            let held = last.distance.filter(|_| last.mapped && dt < 0.6).map(nearer);
+            *last = Echo { at: now, distance, closing, theta: range.theta, mapped: false, again, held };
             let pose = robot * Pose::new(range.x, range.y, range.theta);
             let (sin, cos) = pose.theta.sin_cos();
             let free = distance.map_or(SILENT_REACH, |distance| (distance - BLUR).min(REACH));
-            cones.push(Cone { sonar, from: pose.point(), cos, sin, echo: distance, free, closing });
+            self.cones.push(Cone { sonar, from: pose.point(), cos, sin, echo: distance, free, closing });
         }
-        cones
     }
 
     /// The space that a cone found free was seen.
@@ -265,7 +285,6 @@ impl Obstacles {
             self.echoes[cone.sonar].mapped = true;
             return;
         }
-        self.notice(now, point(0));
         let mut last = None;
         for step in -count..=count {
             let at = point(step);
@@ -279,20 +298,9 @@ impl Obstacles {
         }
     }
 
-    /// Who walks is never heard twice in one cell, but twice in about one place.
-    fn notice(&mut self, now: Instant, at: Point) {
-        let before =
-            |(heard, place): &(Instant, Point)| now.since(*heard) <= SAME_TIME && place.distance(at) <= SAME_PLACE;
-        if self.recent.iter().any(before) {
-            push(&mut self.present, (now, at));
-        }
-        push(&mut self.recent, (now, at));
-    }
-
-    /// Where somebody was heard of late: about there, on the axis of the sonar that heard him.
-    pub fn present(&self, now: Instant) -> impl Iterator<Item = Point> + '_ {
-        let fresh = self.present.iter().rev().take_while(move |(at, _)| now.since(*at) <= PRESENT);
-        fresh.map(|(_, place)| *place)
+    /// Who is around at `now`.
+    pub fn people(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
+        self.people.around(now)
     }
 
     fn add(&mut self, now: Instant, place: (i32, i32), closing: f64) {
@@ -347,18 +355,14 @@ impl Obstacles {
     pub fn echoes(&self, now: Instant, forward: bool) -> impl Iterator<Item = Echoed> + '_ {
         let looks = move |theta: f64| if forward { theta.abs() < 0.6 } else { theta.abs() > 2.5 };
         let fresh = move |echo: &&Echo| looks(echo.theta) && now.since(echo.at) < Duration::from_secs(1);
-        let told = move |Echo { distance, closing, mapped, .. }: &Echo| {
-            distance.map(|distance| Echoed { distance, closing: *closing, mapped: *mapped })
+        let told = |echo: &Echo| {
+            let Echo { distance, closing, mapped, again, held, .. } = *echo;
+            let heard = distance.map(|distance| Echoed { distance, closing, mapped, again });
+            let held = held.map(|distance| Echoed { distance, closing: 0.0, mapped: true, again: true });
+            [heard, held]
         };
-        self.echoes.iter().filter(fresh).filter_map(told)
+        self.echoes.iter().filter(fresh).flat_map(told).flatten()
     }
-}
-
-fn push(list: &mut VecDeque<(Instant, Point)>, item: (Instant, Point)) {
-    if list.len() == RECENT_MAX {
-        list.pop_front();
-    }
-    list.push_back(item);
 }
 
 fn place(point: Point, size: f64) -> (i32, i32) {
@@ -503,19 +507,6 @@ mod tests {
         let echo = bench.0.echoes(bench.1, true).next().unwrap();
         assert!((echo.distance - 1.75).abs() < 1e-9 && (echo.closing - 1.0).abs() < 1e-9, "{echo:?}");
         assert_eq!(bench.0.echoes(bench.1, false).next(), None);
-    }
-
-    #[test]
-    fn who_walks_by_is_noticed_at_his_second_echo() {
-        let mut bench = bench();
-        bench.hear([f64::NAN, 2.0, f64::NAN]);
-        assert_eq!(bench.0.present(bench.1).count(), 0);
-        bench.hear([1.7, f64::NAN, f64::NAN]);
-        assert_eq!(bench.0.present(bench.1).count(), 0, "too far from the first");
-        bench.hear([f64::NAN, 1.6, f64::NAN]);
-        assert_eq!(bench.0.present(bench.1).count(), 1);
-        assert_eq!(bench.count(), 0, "no cell was suspected twice");
-        assert_eq!(bench.0.present(bench.1 + Duration::from_secs(2)).count(), 0);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::route::Ways;
 use crate::senses::{Senses, Taken};
 use crate::track::Motion;
 use base::{Duration, Fault, Instant, Severity, Ticker};
-use messages::lowlevel::{CmdMotion, DataSrfs};
+use messages::lowlevel::{CmdMotion, DataSrfs, EventStop};
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
 use messages::{Channel, Message};
 use module::{Actions, Event, Module, State};
@@ -75,7 +75,12 @@ impl Planner {
         match message {
             Message::MlDataEstimate(estimate) => self.on_estimate(at, estimate, out),
             Message::LlDataMotion(motion) => self.senses.on_motion(at, motion),
-            Message::LlEventStop(stop) => self.senses.on_stop(stop),
+            Message::LlEventStop(stop) => {
+                self.senses.on_stop(stop);
+                if let Some(front) = bumper(stop) {
+                    self.mission.bump(front);
+                }
+            }
             Message::LlDataSrfs(srfs) => self.on_sonars(now, at, srfs),
             Message::MlCmdGoal(goal) => self.on_goal(goal, out),
             _ => {}
@@ -216,6 +221,12 @@ impl Planner {
             out.publish(DataObstacles { timestamp: out.timestamp(now), size: crate::obstacles::CELL, x, y });
         }
     }
+}
+
+/// Whether a bumper in front is pressed, 1 to 4, or one behind.
+fn bumper(stop: &EventStop) -> Option<bool> {
+    let number: u32 = stop.source.strip_prefix("bumper").filter(|_| stop.engaged)?.parse().ok()?;
+    Some(number <= 4)
 }
 
 impl Module for Planner {

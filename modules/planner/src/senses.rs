@@ -16,7 +16,7 @@ const SONARS_OLD: Duration = Duration::from_secs(1);
 /// Poses are kept so long: a sonar's reading is at most 0.3 s old.
 const HISTORY: Duration = Duration::from_millis(600);
 /// How old a reading is on average when it arrives: half of a poll, the slot, and the bus.
-const READING_AGE: Duration = Duration::from_millis(170);
+pub(crate) const READING_AGE: Duration = Duration::from_millis(170);
 /// An estimator whose time went back for this long was started anew.
 const STARTED_ANEW: Duration = Duration::from_secs(1);
 /// The estimate has jumped: the robot was put elsewhere, or found itself; m and rad.

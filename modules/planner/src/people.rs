@@ -1,0 +1,420 @@
+//! Who is around: somebody is where echoes agree that the map does not explain.
+//!
+//! A Kalman filter for each: place and velocity on the floor. An echo tells the distance well and the direction as badly as
+//! the beam is wide; what has a sonar's beam on it and is not heard is less likely there, the more so the nearer it is, as
+//! clothes swallow sound beyond a metre (docs/facts/robot.md 2.1). One echo is nobody yet: crosstalk and noise make some
+//! in every round. Whoever is not heard any more is forgotten within seconds, and where he may have gone grows.
+
+use crate::senses::READING_AGE;
+use base::{Duration, Instant};
+use navitools::Point;
+
+/// As many are followed.
+const MOST: usize = 24;
+/// A leg is heard to here, m.
+const REACH: f64 = 2.5;
+/// Half of a beam, rad, and the tangent of it.
+const TAN_BEAM: f64 = 0.52;
+/// From the leg that is heard to the middle of whoever stands on it, m.
+const INSIDE: f64 = 0.12;
+/// Deviation of a distance: noise, which leg it was, and a reading's age while he walks, m.
+const ALONG: f64 = 0.13;
+/// Deviation of the place across the beam, for each metre of distance, and at least, m.
+const ACROSS: f64 = 0.22;
+const ACROSS_LEAST: f64 = 0.08;
+/// How people change their velocity: its variance grows by so much a second, m²/s³.
+const RESTLESS: f64 = 0.6;
+/// Deviation of the velocity of whom nothing is known, m/s.
+const WALKS: f64 = 0.65;
+/// An echo is of somebody when its squared deviations are less.
+const GATE: f64 = 9.0;
+/// Echoes of nobody, for each metre of distance and reading: short and random readings.
+const CLUTTER: f64 = 0.02;
+/// How likely somebody is at a single echo that the map does not explain.
+const NEW: f64 = 0.25;
+/// Whoever is less likely is forgotten, and whoever is more likely is somebody.
+const FORGOTTEN: f64 = 0.04;
+const SOMEBODY: f64 = 0.7;
+/// Who was somebody is so until he is less likely.
+const DOUBTED: f64 = 0.3;
+/// Whoever is likelier than this may be there: one echo.
+const MAYBE: f64 = 0.2;
+/// A sonar that is well and has somebody on its axis hears him so surely: within a metre, and beyond.
+const HEARD: (f64, f64) = (0.75, 0.38);
+/// Somebody who has not been heard for so long, s, is half as likely.
+const HALF_LIFE: f64 = 2.0;
+/// Two that are nearer to each other are one, m.
+const ONE: f64 = 0.30;
+/// Where somebody may be is known no better than this: forgotten, m.
+const ANYWHERE: f64 = 1.0;
+/// A round comes at least so often, or time is not followed, s.
+const LATE: f64 = 1.0;
+
+/// What one sonar heard in a round.
+#[derive(Clone, Copy, Debug)]
+pub struct Heard {
+    /// Where it was.
+    pub from: Point,
+    /// Where it looked: cosine and sine.
+    pub axis: (f64, f64),
+    /// m; none: nothing.
+    pub echo: Option<f64>,
+    /// The map says what was heard.
+    pub mapped: bool,
+}
+
+/// Somebody at a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Person {
+    /// His middle, m.
+    pub at: Point,
+    /// m/s.
+    pub velocity: (f64, f64),
+    /// Deviation of the place, m.
+    pub sigma: f64,
+    /// Deviation of the velocity, m/s.
+    pub restless: f64,
+    /// He has been heard well enough; else it may be nobody.
+    pub sure: bool,
+}
+
+/// Place and velocity, x y vx vy, with their covariance.
+#[derive(Clone, Copy, Debug)]
+struct Track {
+    mean: [f64; 4],
+    covariance: [[f64; 4]; 4],
+    likely: f64,
+    /// He was likelier than [`SOMEBODY`], and has not become less likely than [`DOUBTED`] since.
+    sure: bool,
+}
+
+/// Everybody around.
+#[derive(Debug)]
+pub struct People {
+    tracks: Vec<Track>,
+    /// When the sonars were heard last.
+    at: Instant,
+}
+
+impl Default for People {
+    fn default() -> Self {
+        Self { tracks: Vec::with_capacity(MOST), at: Instant::ZERO }
+    }
+}
+
+impl People {
+    /// A round of the sonars, received at `now`; `covered` tells where the robot itself stands.
+    pub fn update(&mut self, now: Instant, round: &[Heard], covered: impl Fn(Point) -> bool) {
+        let dt = now.since(self.at).as_secs_f64();
+        self.at = now;
+        if dt > LATE {
+            self.tracks.clear();
+        }
+        let fade = libm::exp2(-dt / HALF_LIFE);
+        for track in &mut self.tracks {
+            track.go_on(dt);
+            track.likely *= fade;
+        }
+        for heard in round {
+            self.hear(heard);
+        }
+        self.tracks.retain(|track| track.likely >= FORGOTTEN && track.sigma() <= ANYWHERE && !covered(track.at()));
+        self.unite();
+        for track in &mut self.tracks {
+            track.sure = track.likely >= if track.sure { DOUBTED } else { SOMEBODY };
+        }
+    }
+
+    /// What one sonar says of everybody; and of one who was not known.
+    fn hear(&mut self, heard: &Heard) {
+        let echo = heard.echo.filter(|distance| !heard.mapped && *distance <= REACH);
+        let nearest = |(number, track): (usize, &Track)| {
+            let echo = echo.map(|distance| Echo::of(heard, distance, track))?;
+            (echo.off < GATE).then_some((number, echo))
+        };
+        let found = self.tracks.iter().enumerate().filter_map(nearest).min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()));
+        for (number, track) in self.tracks.iter_mut().enumerate() {
+            match found {
+                Some((of, echo)) if of == number => track.is_heard(heard, &echo),
+                _ => track.is_not_heard(heard),
+            }
+        }
+        if let (None, Some(distance)) = (found, echo) {
+            self.add(Track::new(heard, distance));
+        }
+    }
+
+    fn add(&mut self, track: Track) {
+        if self.tracks.len() < MOST {
+            return self.tracks.push(track);
+        }
+        let least = self.tracks.iter_mut().min_by(|a, b| a.likely.total_cmp(&b.likely));
+        if let Some(least) = least.filter(|least| least.likely < track.likely) {
+            *least = track;
+        }
+    }
+
+    /// Of two in one place the likelier stays.
+    fn unite(&mut self) {
+        let mut number = 0;
+        while number < self.tracks.len() {
+            let one = self.tracks[number];
+            let same = |other: &Track| other.at().distance(one.at()) < ONE;
+            let likelier = |(n, other): (usize, &Track)| {
+                n != number && same(other) && (other.likely > one.likely || (other.likely == one.likely && n < number))
+            };
+            if self.tracks.iter().enumerate().any(likelier) {
+                self.tracks.swap_remove(number);
+            } else {
+                number += 1;
+            }
+        }
+    }
+
+    /// Everybody who is there, or may be, as he is at `now`.
+    pub fn around(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
+        let late = (now.since(self.at) + READING_AGE).as_secs_f64();
+        let fresh = now.since(self.at) <= Duration::from_secs(1);
+        let likely = move |track: &&Track| fresh && track.likely >= MAYBE;
+        self.tracks.iter().filter(likely).map(move |track| {
+            let mut track = *track;
+            track.go_on(late);
+            let [.., vx, vy] = track.mean;
+            let restless = libm::sqrt((track.covariance[2][2] + track.covariance[3][3]) / 2.0);
+            Person { at: track.at(), velocity: (vx, vy), sigma: track.sigma(), restless, sure: track.sure }
+        })
+    }
+}
+
+/// An echo as it would be of somebody: how far off him it is, along the beam and across it, m.
+#[derive(Clone, Copy, Debug)]
+struct Echo {
+    distance: f64,
+    along: f64,
+    across: f64,
+    /// Variances of both.
+    spread: (f64, f64),
+    /// The squared deviations.
+    off: f64,
+}
+
+impl Echo {
+    fn of(heard: &Heard, distance: f64, track: &Track) -> Self {
+        let (cos, sin) = heard.axis;
+        let middle = distance + INSIDE;
+        let dx = heard.from.x + middle * cos - track.mean[0];
+        let dy = heard.from.y + middle * sin - track.mean[1];
+        let (along, across) = (dx * cos + dy * sin, dy * cos - dx * sin);
+        let (near, wide) = noise(distance);
+        let spread = (track.variance(cos, sin) + near, track.variance(-sin, cos) + wide);
+        Self { distance, along, across, spread, off: along * along / spread.0 + across * across / spread.1 }
+    }
+
+    fn cost(&self) -> f64 {
+        self.off + libm::log(self.spread.0 * self.spread.1)
+    }
+}
+
+/// Variances of a place that was heard, along the beam and across it, m².
+fn noise(distance: f64) -> (f64, f64) {
+    let across = ACROSS_LEAST + ACROSS * distance;
+    (ALONG * ALONG, across * across)
+}
+
+impl Track {
+    fn new(heard: &Heard, distance: f64) -> Self {
+        let (cos, sin) = heard.axis;
+        let middle = distance + INSIDE;
+        let mean = [heard.from.x + middle * cos, heard.from.y + middle * sin, 0.0, 0.0];
+        let (near, wide) = noise(distance);
+        let mut covariance = [[0.0; 4]; 4];
+        covariance[0][0] = near * cos * cos + wide * sin * sin;
+        covariance[1][1] = near * sin * sin + wide * cos * cos;
+        covariance[0][1] = (near - wide) * sin * cos;
+        covariance[1][0] = covariance[0][1];
+        covariance[2][2] = WALKS * WALKS;
+        covariance[3][3] = WALKS * WALKS;
+        Self { mean, covariance, likely: NEW, sure: false }
+    }
+
+    fn at(&self) -> Point {
+        Point { x: self.mean[0], y: self.mean[1] }
+    }
+
+    fn sigma(&self) -> f64 {
+        libm::sqrt((self.covariance[0][0] + self.covariance[1][1]) / 2.0)
+    }
+
+    /// Variance of the place in a direction.
+    fn variance(&self, x: f64, y: f64) -> f64 {
+        let p = &self.covariance;
+        p[0][0] * x * x + 2.0 * p[0][1] * x * y + p[1][1] * y * y
+    }
+
+    fn go_on(&mut self, dt: f64) {
+        let p = &mut self.covariance;
+        for axis in 0..2 {
+            self.mean[axis] += dt * self.mean[axis + 2];
+            let rates = p[axis + 2];
+            for (entry, rate) in p[axis].iter_mut().zip(rates) {
+                *entry += dt * rate;
+            }
+        }
+        for row in p.iter_mut() {
+            row[0] += dt * row[2];
+            row[1] += dt * row[3];
+        }
+        for axis in 0..2 {
+            p[axis][axis] += RESTLESS * dt * dt * dt / 3.0;
+            p[axis][axis + 2] += RESTLESS * dt * dt / 2.0;
+            p[axis + 2][axis] += RESTLESS * dt * dt / 2.0;
+            p[axis + 2][axis + 2] += RESTLESS * dt;
+        }
+    }
+
+    /// The place is off by `off` m in a direction, by a measurement of this variance.
+    fn correct(&mut self, (x, y): (f64, f64), off: f64, variance: f64) {
+        let p = self.covariance;
+        let gain = p.map(|row| row[0] * x + row[1] * y);
+        let spread = self.variance(x, y) + variance;
+        for (row, k) in gain.iter().enumerate() {
+            self.mean[row] += k / spread * off;
+            for (column, other) in gain.iter().enumerate() {
+                self.covariance[row][column] -= k * other / spread;
+            }
+        }
+    }
+
+    fn is_heard(&mut self, heard: &Heard, echo: &Echo) {
+        let (cos, sin) = heard.axis;
+        let (near, wide) = noise(echo.distance);
+        self.correct((cos, sin), echo.along, near);
+        self.correct((-sin, cos), echo.across, wide);
+        // How much likelier such an echo is of him than of nobody.
+        let density = libm::exp(-echo.along * echo.along / (2.0 * echo.spread.0))
+            / libm::sqrt(core::f64::consts::TAU * echo.spread.0);
+        let sure = sure(echo.distance) * density / CLUTTER;
+        self.likely = self.likely * sure / (self.likely * sure + 1.0 - self.likely);
+    }
+
+    /// A sonar that would have heard him is a word against him.
+    fn is_not_heard(&mut self, heard: &Heard) {
+        let (cos, sin) = heard.axis;
+        let (dx, dy) = (self.mean[0] - heard.from.x, self.mean[1] - heard.from.y);
+        let (along, across) = (dx * cos + dy * sin, dy * cos - dx * sin);
+        let hidden = heard.echo.is_some_and(|distance| distance + INSIDE < along);
+        if along <= 0.0 || along > REACH || hidden {
+            return;
+        }
+        let off = across / (TAN_BEAM * along);
+        if off.abs() >= 1.0 {
+            return;
+        }
+        // Less so where it is not known whether he is in the beam.
+        let wide = (TAN_BEAM * along) * (TAN_BEAM * along);
+        let within = wide / (wide + self.variance(-sin, cos));
+        let miss = 1.0 - within * (1.0 - 0.5 * off * off) * sure(along - INSIDE);
+        self.likely = self.likely * miss / (self.likely * miss + 1.0 - self.likely);
+    }
+}
+
+/// How surely somebody on the axis is heard at this distance.
+fn sure(distance: f64) -> f64 {
+    if distance <= 1.0 { HEARD.0 } else { HEARD.1 }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+    use super::*;
+
+    /// Three sonars that look ahead, side by side, and what they hear of somebody at a place.
+    fn round(at: Option<Point>) -> Vec<Heard> {
+        let sonar = |angle: f64| {
+            let (sin, cos) = libm::sincos(angle);
+            let within = at.filter(|at| (libm::atan2(at.y, at.x) - angle).abs() < 0.48);
+            let echo = within.map(|at| libm::hypot(at.x, at.y) - INSIDE);
+            Heard { from: Point::default(), axis: (cos, sin), echo, mapped: false }
+        };
+        [-0.44, 0.0, 0.44].map(sonar).to_vec()
+    }
+
+    /// Rounds four times a second of somebody who starts at `at`.
+    fn follow(people: &mut People, at: Point, (vx, vy): (f64, f64), rounds: u64) -> Instant {
+        let mut now = Instant::from_millis(10_000);
+        for n in 0..rounds {
+            now = Instant::from_millis(10_000) + Duration::from_millis(250 * n);
+            let time = 0.25 * n as f64;
+            people.update(now, &round(Some(Point { x: at.x + vx * time, y: at.y + vy * time })), |_| false);
+        }
+        now
+    }
+
+    #[test]
+    fn one_echo_may_be_of_nobody_and_two_are_of_somebody() {
+        let mut people = People::default();
+        let heard = |echo| Heard { from: Point::default(), axis: (1.0, 0.0), echo, mapped: false };
+        let now = Instant::from_millis(10_000);
+        people.update(now, &[heard(Some(1.5))], |_| false);
+        assert!(!people.around(now).next().unwrap().sure);
+        people.update(now + Duration::from_millis(250), &[heard(Some(1.4))], |_| false);
+        let person = people.around(now + Duration::from_millis(250)).next().unwrap();
+        assert!(person.sure && (person.at.x - 1.5).abs() < 0.25, "{person:?}");
+    }
+
+    #[test]
+    fn what_the_map_has_is_nobody() {
+        let mut people = People::default();
+        let wall = Heard { from: Point::default(), axis: (1.0, 0.0), echo: Some(1.0), mapped: true };
+        let now = Instant::from_millis(10_000);
+        people.update(now, &[wall; 4], |_| false);
+        assert_eq!(people.around(now).count(), 0);
+    }
+
+    #[test]
+    fn who_walks_has_a_velocity_and_who_stands_has_none() {
+        let mut people = People::default();
+        let now = follow(&mut people, Point { x: 2.4, y: 0.0 }, (-1.0, 0.0), 6);
+        let person = people.around(now).find(|person| person.sure).unwrap();
+        assert!((person.velocity.0 + 1.0).abs() < 0.3 && person.velocity.1.abs() < 0.3, "{person:?}");
+        let now = follow(&mut people, Point { x: 1.2, y: 0.2 }, (0.0, 0.0), 12);
+        let person = people.around(now).find(|person| person.sure).unwrap();
+        assert!(libm::hypot(person.velocity.0, person.velocity.1) < 0.2 && person.sigma < 0.2, "{person:?}");
+        assert!(person.at.distance(Point { x: 1.2, y: 0.2 }) < 0.2, "{person:?}");
+    }
+
+    #[test]
+    fn who_is_not_heard_near_is_soon_forgotten_and_far_later() {
+        let left = |x: f64| {
+            let mut people = People::default();
+            let mut now = follow(&mut people, Point { x, y: 0.0 }, (0.0, 0.0), 8);
+            let mut rounds = 0;
+            while people.around(now).any(|person| person.sure) {
+                now += Duration::from_millis(250);
+                people.update(now, &round(None), |_| false);
+                rounds += 1;
+            }
+            rounds
+        };
+        let (near, far) = (left(0.7), left(2.0));
+        assert!(near < far && far <= 20, "{near} {far}");
+    }
+
+    #[test]
+    fn nonsense_and_crowds_are_bounded() {
+        let mut people = People::default();
+        let mut now = Instant::from_millis(10_000);
+        for n in 0..200 {
+            now += Duration::from_millis(250);
+            let heard = |k: usize| {
+                let (sin, cos) = libm::sincos((n * 7 + k * 31) as f64);
+                let from = Point { x: (k % 5) as f64 - 2.0, y: (k % 3) as f64 - 1.0 };
+                Heard { from, axis: (cos, sin), echo: Some(0.1 + (k % 24) as f64 / 10.0), mapped: false }
+            };
+            let round: Vec<Heard> = (0..32).map(heard).collect();
+            people.update(now, &round, |_| false);
+            assert!(people.tracks.len() <= MOST);
+            assert!(people.around(now).all(|person| person.at.x.is_finite() && person.sigma.is_finite()));
+        }
+    }
+}
