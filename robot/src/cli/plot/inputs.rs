@@ -38,9 +38,12 @@ pub fn header(run: &Path) -> Option<Header> {
     beginnings(&replay::files(run, None).ok()?).ok()?.0
 }
 
-/// The header that says most, and of the first record how its clock stood, and when it was, µs since the UNIX epoch.
-fn beginnings(files: &[PathBuf]) -> Result<(Option<Header>, Option<(Epoch, i64)>), Failed> {
-    let mut begin: Option<(Epoch, i64)> = None;
+/// How the clock of the first record stood, and when the first was, µs since the UNIX epoch.
+type Begin = (Epoch, i64);
+
+/// The header that says most, and when it all began.
+fn beginnings(files: &[PathBuf]) -> Result<(Option<Header>, Option<Begin>), Failed> {
+    let mut begin: Option<Begin> = None;
     let mut known: Option<Header> = None;
     for path in files {
         let bytes = whole(path)?;
