@@ -144,6 +144,7 @@ fn the_shipped_robot_loads_live_and_simulated() {
         "driver_joydev",
         "driver_aux",
         "planner",
+        crate::web::NAME,
     ];
     assert_eq!(names(&live), drivers);
     assert_eq!(names(&sim)[..], [&["simulator"], &drivers[..]].concat());
@@ -178,7 +179,7 @@ fn an_unknown_table_is_refused() {
         "[powder]\nport = \"x\"\n[limits]",
         &[
             "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, i2c, w1, srfs, irs, \
-           beacons, estimator, power, joystick, planner, log",
+           beacons, estimator, power, joystick, planner, log, web",
         ],
     );
 }
