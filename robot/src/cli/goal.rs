@@ -57,11 +57,16 @@ fn place(text: &str) -> Result<Place, String> {
     if text == "cancel" {
         return Ok(Place::Cancel);
     }
+    waypoint(text).map(Place::At).map_err(|expected| format!("{expected}, or cancel"))
+}
+
+/// A place as people write it: `X,Y` or `X,Y,THETA`.
+pub fn waypoint(text: &str) -> Result<Waypoint, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| super::finite(part.trim())).collect();
     match numbers.as_deref() {
-        Ok([x, y]) => Ok(Place::At(Waypoint { x: *x, y: *y, theta: 0.0, tolerance: 0.0, heading: false })),
-        Ok([x, y, theta]) => Ok(Place::At(Waypoint { x: *x, y: *y, theta: *theta, tolerance: 0.0, heading: true })),
-        _ => Err("expected X,Y or X,Y,THETA, or cancel".into()),
+        Ok([x, y]) => Ok(Waypoint { x: *x, y: *y, theta: 0.0, tolerance: 0.0, heading: false }),
+        Ok([x, y, theta]) => Ok(Waypoint { x: *x, y: *y, theta: *theta, tolerance: 0.0, heading: true }),
+        _ => Err("expected X,Y or X,Y,THETA".into()),
     }
 }
 

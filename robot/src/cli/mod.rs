@@ -2,6 +2,7 @@
 
 mod bus;
 mod can;
+mod diag;
 mod doctor;
 mod drive;
 mod estimate;
@@ -73,6 +74,8 @@ enum Command {
     Up(up::Up),
     /// Run one module in the foreground
     Run(run::Run),
+    /// The diagnostic center in a terminal: see everything, drive, command
+    Diag(diag::Diag),
     /// Show the modules' states, or command one
     State(state::State),
     /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
@@ -134,6 +137,7 @@ pub fn main() -> ExitCode {
     let result = match command {
         Command::Up(command) => up::up(&common, &command),
         Command::Run(command) => run::run(&common, &command),
+        Command::Diag(command) => diag::diag(&common, &command),
         Command::State(command) => state::state(&common, &command),
         Command::Drive(command) => drive::drive(&common, &command),
         Command::Goal(command) => goal::goal(&common, &command),

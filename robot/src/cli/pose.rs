@@ -22,6 +22,14 @@ pub struct Pose {
 /// The estimator answers within a period of 50 ms.
 const ANSWER: Duration = Duration::from_secs(1);
 
+/// How sure somebody is who does not say: the default of `--covariance`.
+pub const DEVIATIONS: [f64; 3] = [0.2, 0.2, 0.1];
+
+/// The covariance of deviations.
+pub fn covariance([dx, dy, turn]: [f64; 3]) -> [[f64; 3]; 3] {
+    [[dx * dx, 0.0, 0.0], [0.0, dy * dy, 0.0], [0.0, 0.0, turn * turn]]
+}
+
 /// Three numbers with commas between.
 pub fn pose(text: &str) -> Result<[f64; 3], String> {
     let numbers = text.split(',').map(|number| finite(number.trim())).collect::<Result<Vec<f64>, _>>();
@@ -47,7 +55,7 @@ pub fn tell(common: &Common, command: &Pose) -> Outcome {
             }
             Heard::Message(Message::MlDataEstimate(_)) => {
                 let [x, y, theta] = command.pose;
-                let covariance = [[dx * dx, 0.0, 0.0], [0.0, dy * dy, 0.0], [0.0, 0.0, turn * turn]];
+                let covariance = covariance(command.covariance);
                 tool.publish(CmdEstimate { timestamp: tool.timestamp(), x, y, theta, covariance })?;
                 told = true;
             }
