@@ -10,6 +10,9 @@ const STANDING: f64 = 0.005;
 /// Nothing heard for this long: the robot is not there.
 const SILENT: Duration = Duration::from_secs(1);
 
+/// What driver_canbus says when nothing else stands against motion; its drives may hold a quick stop meanwhile.
+const IDLE: &str = "nobody commands the motion";
+
 /// How the robot is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -89,7 +92,8 @@ pub(crate) fn of(model: &Model, now: Instant) -> Status {
             false => status(Word::Stopped, format!("it comes to a stop: {}", motion.reason)),
         };
     }
-    if !motion.enabled || motion.quick_stop || !motion.homed {
+    let idle = motion.homed && motion.reason == IDLE;
+    if !idle && (!motion.enabled || motion.quick_stop || !motion.homed) {
         let reason = if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason };
         let fault = modules.iter().find(|row| row.critical && row.state == "ERROR");
         return match fault.and_then(|row| model.errors.of(&row.module)) {
@@ -101,7 +105,7 @@ pub(crate) fn of(model: &Model, now: Instant) -> Status {
         Some(goal) if matches!(goal.status, DataGoal::DRIVING | DataGoal::BLOCKED) && !goal.message.is_empty() => {
             status(Word::Waiting, goal.message.clone())
         }
-        _ if motion.source.is_empty() => status(Word::Ready, "it stands; nobody commands it".into()),
+        _ if idle || motion.source.is_empty() => status(Word::Ready, "it stands; nobody commands it".into()),
         _ if !motion.reason.is_empty() => status(Word::Waiting, motion.reason.clone()),
         _ => status(Word::Ready, with_source("it stands")),
     }

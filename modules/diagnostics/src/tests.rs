@@ -71,7 +71,8 @@ fn the_status_says_first_what_people_must_know_first() {
     assert_eq!(word(&model, T0).0, Word::Silent);
     say(&mut model, T0, process(Process::RUNNING, DataState::RUN, 0));
     assert_eq!(word(&model, T0), (Word::Fault, "driver_canbus says nothing of the drives".into()));
-    say(&mut model, T0, motion(0.0, "nobody commands the motion", ""));
+    let idle = motion(0.0, "nobody commands the motion", "");
+    say(&mut model, T0, DataMotion { enabled: false, quick_stop: true, ..idle });
     assert_eq!(word(&model, T0), (Word::Ready, "it stands; nobody commands it".into()));
     say(&mut model, T0, motion(0.4, "", "planner"));
     assert_eq!(word(&model, T0), (Word::Driving, "0.40 m/s; planner commands".into()));

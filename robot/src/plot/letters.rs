@@ -1,37 +1,62 @@
-//! The letters of a picture: their outlines, and how wide words are. Noto Sans, cut down (`font/README.md`).
+//! The letters of a picture: their outlines, and how wide words are. DejaVu Sans, cut down by `build.rs`.
 
 use tiny_skia::{Path, PathBuilder};
-use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
-const REGULAR: &[u8] = include_bytes!("font/NotoSans-Regular.ttf");
-const BOLD: &[u8] = include_bytes!("font/NotoSans-Bold.ttf");
+include!(concat!(env!("OUT_DIR"), "/letters.rs"));
+
+/// A font.
+#[derive(Debug)]
+struct Face {
+    /// Of the size of the letters.
+    units: u16,
+    /// In order of the letters; the first is drawn for those that are missing.
+    glyphs: &'static [Glyph],
+    /// What to do (0 move, 1 line, 2 curve, 3 close), and its points.
+    outlines: &'static [i16],
+}
+
+#[derive(Debug)]
+struct Glyph {
+    letter: char,
+    advance: u16,
+    /// Where its outline begins and ends.
+    outline: (usize, usize),
+}
+
+impl Face {
+    fn glyph(&self, letter: char) -> &'static Glyph {
+        let letter = if letter.is_control() { ' ' } else { letter };
+        let place = self.glyphs.binary_search_by_key(&letter, |glyph| glyph.letter);
+        &self.glyphs[place.unwrap_or(0)]
+    }
+
+    /// Draws a letter at `x`.
+    fn draw(&self, glyph: &Glyph, x: f32, path: &mut PathBuilder) {
+        let mut numbers = self.outlines[glyph.outline.0..glyph.outline.1].iter().copied().map(f32::from);
+        let mut next = || numbers.next();
+        while let Some(what) = next() {
+            let mut point = || Some((x + next()?, next()?));
+            match what as u8 {
+                0 => point().into_iter().for_each(|(x, y)| path.move_to(x, y)),
+                1 => point().into_iter().for_each(|(x, y)| path.line_to(x, y)),
+                2 => point().zip(point()).into_iter().for_each(|((x1, y1), (x, y))| path.quad_to(x1, y1, x, y)),
+                _ => path.close(),
+            }
+        }
+    }
+}
 
 /// Both weights.
-pub struct Letters {
-    regular: Face<'static>,
-    bold: Face<'static>,
-}
-
-impl std::fmt::Debug for Letters {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Letters")
-    }
-}
-
-impl Default for Letters {
-    fn default() -> Self {
-        let face = |bytes| Face::parse(bytes, 0).expect("the font is part of the program, and a test reads it");
-        Self { regular: face(REGULAR), bold: face(BOLD) }
-    }
-}
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Letters;
 
 impl Letters {
     /// How wide words of this size are.
     #[must_use]
     pub fn width(&self, text: &str, size: f64, bold: bool) -> f64 {
-        let face = self.face(bold);
-        let units: f64 = text.chars().map(|c| f64::from(advance(face, glyph(face, c)))).sum();
-        units * size / f64::from(face.units_per_em())
+        let face = face(bold);
+        let units: f64 = text.chars().map(|letter| f64::from(face.glyph(letter).advance)).sum();
+        units * size / f64::from(face.units)
     }
 
     /// As much of the words as has room within `room`; what is left out shows as an ellipsis.
@@ -57,56 +82,19 @@ impl Letters {
     /// The outline of words in font units, y up, and how many units the size of the letters has.
     #[must_use]
     pub fn outline(&self, text: &str, bold: bool) -> (Option<Path>, f32) {
-        let face = self.face(bold);
-        let mut pen = Pen { path: PathBuilder::new(), x: 0.0 };
-        for c in text.chars() {
-            let glyph = glyph(face, c);
-            face.outline_glyph(glyph, &mut pen);
-            pen.x += f32::from(advance(face, glyph));
+        let face = face(bold);
+        let (mut path, mut x) = (PathBuilder::new(), 0.0);
+        for letter in text.chars() {
+            let glyph = face.glyph(letter);
+            face.draw(glyph, x, &mut path);
+            x += f32::from(glyph.advance);
         }
-        (pen.path.finish(), f32::from(face.units_per_em()))
-    }
-
-    fn face(&self, bold: bool) -> &Face<'static> {
-        if bold { &self.bold } else { &self.regular }
+        (path.finish(), f32::from(face.units))
     }
 }
 
-fn glyph(face: &Face<'_>, c: char) -> GlyphId {
-    let c = if c.is_control() { ' ' } else { c };
-    face.glyph_index(c).unwrap_or(GlyphId(0))
-}
-
-fn advance(face: &Face<'_>, glyph: GlyphId) -> u16 {
-    face.glyph_hor_advance(glyph).unwrap_or(0)
-}
-
-/// Draws glyphs one after another.
-struct Pen {
-    path: PathBuilder,
-    x: f32,
-}
-
-impl OutlineBuilder for Pen {
-    fn move_to(&mut self, x: f32, y: f32) {
-        self.path.move_to(self.x + x, y);
-    }
-
-    fn line_to(&mut self, x: f32, y: f32) {
-        self.path.line_to(self.x + x, y);
-    }
-
-    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
-        self.path.quad_to(self.x + x1, y1, self.x + x, y);
-    }
-
-    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
-        self.path.cubic_to(self.x + x1, y1, self.x + x2, y2, self.x + x, y);
-    }
-
-    fn close(&mut self) {
-        self.path.close();
-    }
+fn face(bold: bool) -> &'static Face {
+    if bold { &BOLD } else { &REGULAR }
 }
 
 #[cfg(test)]
@@ -115,19 +103,19 @@ mod tests {
 
     #[test]
     fn the_letters_that_pictures_use_are_there() {
-        let letters = Letters::default();
+        let letters = Letters;
         for c in ('!'..='~').chain("·°²±×µσ…–áčďéěíňóřšťúůýžÁŽäöüß".chars()) {
-            assert_ne!(glyph(&letters.regular, c), GlyphId(0), "{c}");
+            assert_eq!(REGULAR.glyph(c).letter, c);
             assert!(letters.outline(&c.to_string(), true).0.is_some(), "{c}");
         }
         // Others are boxes, and no more than that.
-        assert_eq!(glyph(&letters.regular, '火'), GlyphId(0));
+        assert_eq!(REGULAR.glyph('火').letter, '\0');
         assert!(letters.outline("火", false).0.is_some());
     }
 
     #[test]
     fn words_are_cut_to_their_room() {
-        let letters = Letters::default();
+        let letters = Letters;
         let whole = letters.width("the robot stands", 10.0, false);
         assert!((60.0..100.0).contains(&whole), "{whole}");
         assert_eq!(letters.fit("the robot stands", 10.0, false, whole), "the robot stands");

@@ -84,7 +84,7 @@ impl Picture {
             _ => "time, h:min",
         };
         let time_label = format!("time since {} UTC / {unit}", &date(from)[11..]);
-        Sheet { left: LEFT, width, from, seconds, moments, time_label, unit_in_words, letters: Letters::default() }
+        Sheet { left: LEFT, width, from, seconds, moments, time_label, unit_in_words, letters: Letters }
     }
 
     /// Draws everything; how high that is.

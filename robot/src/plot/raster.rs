@@ -26,7 +26,7 @@ impl Raster {
         let (width, height) = (pixels(width), pixels(height));
         let mut pixels = Pixmap::new(width, height).filter(|_| width <= 8192 && height <= 16_384)?;
         pixels.fill(tiny_skia::Color::WHITE);
-        Some(Self { pixels, letters: Letters::default() })
+        Some(Self { pixels, letters: Letters })
     }
 
     /// The page as a PNG file.

@@ -16,7 +16,7 @@ impl Svg {
     pub fn new(width: f64, height: f64) -> Self {
         let out = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 \
-             {width:.0} {height:.0}\" font-family=\"'Noto Sans','Open Sans','DejaVu Sans',Arial,sans-serif\" \
+             {width:.0} {height:.0}\" font-family=\"'DejaVu Sans','Noto Sans',Arial,sans-serif\" \
              fill=\"none\" stroke-linejoin=\"round\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
         );
         Self { out }
