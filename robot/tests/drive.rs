@@ -185,3 +185,19 @@ fn nonsense_on_the_bus_is_reported_once_and_survived() {
         assert_eq!(robot.view.errors.iter().filter(refused).count(), 1);
     }
 }
+
+#[test]
+fn a_power_channel_is_switched_and_shown() {
+    let robot = Robot::ready(&[]);
+    let said = |args: &[&str]| {
+        let output = robot.advee(args);
+        (output.status.success(), String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned())
+    };
+    assert_eq!(said(&["power", "monitor", "off"]), (true, "monitor is off\n".into()));
+    let shown = said(&["power", "monitor"]).1;
+    assert!(shown.starts_with("monitor    off "), "{shown}");
+    assert_eq!(said(&["power", "monitor", "reboot"]), (true, "monitor is on\n".into()));
+    let json: serde_json::Value = serde_json::from_str(&said(&["power", "--json"]).1).unwrap();
+    assert_eq!(json["channels"].as_array().map(Vec::len), Some(8));
+    assert!(!said(&["power", "toaster", "on"]).0);
+}

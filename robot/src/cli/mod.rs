@@ -17,6 +17,7 @@ mod plan;
 mod plot;
 mod port;
 mod pose;
+mod power;
 mod replay;
 mod rs485;
 mod run;
@@ -84,6 +85,8 @@ enum Command {
     Goal(goal::Goal),
     /// Tell the estimator where the robot is
     Pose(pose::Pose),
+    /// Show the power channels, or switch one
+    Power(power::Power),
     /// Home the steering
     Home(home::Home),
     /// Inject a fault into the simulation
@@ -143,6 +146,7 @@ pub fn main() -> ExitCode {
         Command::Goal(command) => goal::goal(&common, &command),
         Command::Pose(command) => pose::tell(&common, &command),
         Command::Estimate(command) => estimate::estimate(&common, &command),
+        Command::Power(command) => power::power(&common, &command),
         Command::Home(command) => home::home(&common, &command),
         Command::Fault(command) => fault::fault(&common, &command),
         Command::Plan(command) => plan::plan(&common, &command),
