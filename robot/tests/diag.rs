@@ -91,7 +91,7 @@ fn arrows_that_are_held_drive_and_let_go_stop_and_the_screen_says_so() {
     screen.until("stop is said", |text| text.contains("stop: zero sent"));
     screen.press("2");
     screen.until("the modules", |text| text.contains("driver_canbus !") && text.contains("running"));
-    screen.press("5/ODO\n");
+    screen.press("5/ODO\r");
     screen.until("a channel with its values", |text| text.contains("LL_DATA_ODO") && text.contains("ticks_left"));
     screen.press(":fly\n");
     screen.until("nonsense is told", |text| text.contains("fly is no command"));

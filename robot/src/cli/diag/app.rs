@@ -181,9 +181,17 @@ impl App {
             }
             return;
         }
-        if key.modifiers.contains(KeyModifiers::CONTROL) && matches!(key.code, KeyCode::Char('c' | 'd')) {
-            self.quit = true;
-            return;
+        let mut code = key.code;
+        if key.modifiers.contains(KeyModifiers::CONTROL) {
+            match code {
+                KeyCode::Char('c' | 'd') => self.quit = true,
+                // A line feed: what some terminals send for Enter.
+                KeyCode::Char('j') => code = KeyCode::Enter,
+                _ => {}
+            }
+            if code != KeyCode::Enter {
+                return;
+            }
         }
         match mem::replace(&mut self.mode, Mode::Normal) {
             Mode::Normal => match arrow {
@@ -192,14 +200,14 @@ impl App {
                 Some(Arrow::Back) => self.selected = self.selected.saturating_add(1),
                 Some(Arrow::Left) => self.turn_to(self.tab.next(Tab::ALL.len() - 1)),
                 Some(Arrow::Right) => self.turn_to(self.tab.next(1)),
-                None => self.on_letter(now, key.code),
+                None => self.on_letter(now, code),
             },
-            Mode::Command(line) => match typed(line, key.code) {
+            Mode::Command(line) => match typed(line, code) {
                 Typed::More(line) => self.mode = Mode::Command(line),
                 Typed::Done(line) => self.command(now, &line),
                 Typed::Left => {}
             },
-            Mode::Filter(line) => match typed(line, key.code) {
+            Mode::Filter(line) => match typed(line, code) {
                 Typed::More(line) => {
                     self.filter.clone_from(&line);
                     self.mode = Mode::Filter(line);
@@ -207,7 +215,7 @@ impl App {
                 Typed::Done(line) => self.filter = line,
                 Typed::Left => self.filter.clear(),
             },
-            Mode::Confirm(what) if key.code == KeyCode::Char('y') => self.confirmed(now, what),
+            Mode::Confirm(what) if code == KeyCode::Char('y') => self.confirmed(now, what),
             Mode::Confirm(_) => self.say(now, "not done"),
             Mode::Help => {}
         }
