@@ -8,7 +8,9 @@
 use crate::config::{self, Config, ConfigError, Node};
 use crate::live::recorder::Inputs;
 use crate::topology::{self, Made, Place};
+use crate::web;
 use base::Duration;
+use logger::Attachment;
 use module::record::Header;
 use module::{Shell, State};
 use sim::world::World;
@@ -29,11 +31,12 @@ pub const SET: &str = "--set";
 const WIRE_TIME: &str = "wire_time";
 const SEED: &str = "seed";
 const DELAY_MAX: &str = "restart_delay_max_ns";
+const LOGS: &str = "logs";
 
 /// What the host of a module is to record, where the configuration and the run want that.
 pub fn inputs(place: &Place, config: &Config, name: &str, wanted: State) -> Result<Option<Inputs>, ConfigError> {
-    // What the web server is asked is nothing that could be asked again.
-    let wanted_here = config.robot.log.inputs && name != crate::web::NAME;
+    // What the web server is asked is nothing that could be asked again, and what the logger is told is what it writes.
+    let wanted_here = config.robot.log.inputs && ![web::NAME, logger::NAME].contains(&name);
     let Some(run) = std::env::var_os(VARIABLE).filter(|_| wanted_here) else {
         return Ok(None);
     };
@@ -60,9 +63,27 @@ pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<He
     texts.extend(place.sets.iter().map(|set| (SET.to_string(), set.clone())));
     let delay_max = made.restart_delay_max.map(|delay| u64::try_from(delay.as_nanos()).unwrap_or(u64::MAX));
     texts.extend(made.wire_time.then(|| (WIRE_TIME.into(), String::new())));
+    texts.extend(made.logs.then(|| (LOGS.into(), String::new())));
     texts.extend(made.seed.map(|seed| (SEED.into(), seed.to_string())));
     texts.extend(delay_max.map(|delay| (DELAY_MAX.into(), delay.to_string())));
     Ok(Header { program: program(), module: name.into(), wanted, texts })
+}
+
+/// What a log carries: the configuration as it was read, its overrides, and the version. Of a module that is made again
+/// from a recording the configuration is there.
+#[must_use]
+pub fn attachments(place: &Place, made: Made) -> Vec<Attachment> {
+    let header = header(place, logger::NAME, State::Run, made);
+    let texts = header.map(|header| header.texts).unwrap_or_default();
+    let overrides: String = texts.iter().filter(|(name, _)| name == SET).map(|(_, set)| format!("{set}\n")).collect();
+    let files = texts.into_iter().filter(|(name, _)| name.ends_with(".toml"));
+    let others = [("overrides.txt".to_owned(), overrides), ("version.txt".to_owned(), program() + "\n")];
+    let attachment = |(name, text): (String, String)| Attachment {
+        media_type: if name.ends_with(".toml") { "application/toml" } else { "text/plain" }.into(),
+        data: text.into_bytes(),
+        name,
+    };
+    files.chain(others).map(attachment).collect()
 }
 
 /// This program, as it stands in a header.
@@ -121,6 +142,7 @@ fn made(header: &Header) -> Result<Made, ConfigError> {
     };
     Ok(Made {
         wire_time: header.text(WIRE_TIME).is_some(),
+        logs: header.text(LOGS).is_some(),
         seed: number(SEED)?,
         restart_delay_max: number(DELAY_MAX)?.map(Duration::from_nanos),
     })

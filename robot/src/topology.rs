@@ -1,5 +1,6 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
+use crate::cli;
 use crate::config::{
     self, CanBus, CanDriver, CanInterface, Config, ConfigError, I2cBus, I2cChip, I2cPlace, Joystick, JoystickDevice,
     ModuleEntry, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
@@ -15,7 +16,7 @@ use base::Duration;
 use canopen::eds::Eds;
 use drivers::{auxiliary, canbus, joydev, power, rs485a, rs485b};
 use i2c::max6615::{self, fields::Frequency};
-use logger::ros::{self, RobotScene, Sensor};
+use logger::ros::{self, RobotScene, Sensor, Translator};
 use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
@@ -74,7 +75,21 @@ pub fn virtual_machine(place: &Place, config: host::Config) -> Result<Virtual, C
 /// The same; what each process is told and answers is written to the sink that there is for its module, if any.
 pub fn virtual_machine_recorded(
     place: &Place,
+    config: host::Config,
+    sink: impl FnMut(&str) -> Option<Sink> + 'static,
+) -> Result<Virtual, ConfigError> {
+    virtual_machine_made(place, config, false, sink)
+}
+
+/// The same as [`virtual_machine`], with the logger, whose disk is that of the bus `log`.
+pub fn virtual_machine_logged(place: &Place, config: host::Config) -> Result<Virtual, ConfigError> {
+    virtual_machine_made(place, config, true, |_| None)
+}
+
+fn virtual_machine_made(
+    place: &Place,
     mut config: host::Config,
+    logs: bool,
     mut sink: impl FnMut(&str) -> Option<Sink> + 'static,
 ) -> Result<Virtual, ConfigError> {
     // Nobody can look into virtual time; what is recorded there says so, too.
@@ -82,7 +97,8 @@ pub fn virtual_machine_recorded(
     place.sets.push("web.enabled=false".into());
     let read = Config::load(&place.config, place.sim, &place.sets)?;
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
-    let made = Made { wire_time: false, seed: Some(config.seed), restart_delay_max: Some(config.restart_delay_max) };
+    let restart_delay_max = Some(config.restart_delay_max);
+    let made = Made { wire_time: false, seed: Some(config.seed), restart_delay_max, logs };
     let mut make = move |name: &str, wanted| {
         let mut shell = shell(&place, &read, name, wanted, made)?;
         if let Some(sink) = sink(name) {
@@ -103,11 +119,13 @@ pub struct Made {
     pub seed: Option<u64>,
     /// The watchdog's longest delay before a restart; none: the usual.
     pub restart_delay_max: Option<Duration>,
+    /// Whether there is a logger, where the configuration has one. In virtual time it would take more than all else.
+    pub logs: bool,
 }
 
 impl Made {
     /// A pseudo-terminal has no wire: the time on it must be played.
-    pub const LIVE: Self = Self { wire_time: true, seed: None, restart_delay_max: None };
+    pub const LIVE: Self = Self { wire_time: true, seed: None, restart_delay_max: None, logs: true };
 }
 
 fn shell(place: &Place, config: &Config, name: &str, wanted: State, made: Made) -> Result<Shell, ConfigError> {
@@ -123,6 +141,8 @@ pub(crate) fn shell_in(
     made: Made,
     world: impl FnOnce() -> Result<World, ConfigError>,
 ) -> Result<Shell, ConfigError> {
+    let without = (!made.logs).then(|| without_logger(config));
+    let config = without.as_ref().unwrap_or(config);
     let world = if place.sim && MAPPED.contains(&name) { Some(world()?) } else { None };
     let robot = &mapped(&config.robot, world.as_ref());
     let module: Box<dyn Module> = match name {
@@ -140,6 +160,7 @@ pub(crate) fn shell_in(
         joydev::NAME => Box::new(joydev(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
         web::NAME => Box::new(Web::new(web_settings(place, robot))),
+        logger::NAME => Box::new(logger(place, robot, made)),
         SIMULATOR if place.sim => {
             let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
             Box::new(sim::Simulator::new(sim::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
@@ -159,8 +180,14 @@ pub(crate) fn shell_in(
     Ok(Shell::new(shell, module))
 }
 
+fn without_logger(config: &Config) -> Config {
+    let mut config = config.clone();
+    config.modules.retain(|module| module.name != logger::NAME);
+    config
+}
+
 /// Those that know where what is: their map is of the world, where that is simulated.
-const MAPPED: [&str; 5] = [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME, web::NAME];
+const MAPPED: [&str; 6] = [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME, web::NAME, logger::NAME];
 
 /// The robot with the beacons of a world, if that has any.
 fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
@@ -174,7 +201,7 @@ fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
 
 /// Those without which the planner does not move the robot, and others may.
 const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
-const MODULES: [&str; 11] = [
+const MODULES: [&str; 12] = [
     watchdog::NAME,
     SIMULATOR,
     power::NAME,
@@ -186,7 +213,10 @@ const MODULES: [&str; 11] = [
     estimator::NAME,
     planner::NAME,
     web::NAME,
+    logger::NAME,
 ];
+/// The port of the folder of logs.
+const LOG_BUS: &str = "log";
 /// The gamepad's port.
 const JOYSTICK: &str = "joystick";
 /// What modules call the 1-Wire bus.
@@ -208,6 +238,9 @@ fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Re
     }
     if let Some(i2c) = bus.strip_prefix("i2c.").and_then(|name| robot.i2c.iter().find(|i2c| i2c.name == name)) {
         return i2c_port(place, i2c, simulated_side);
+    }
+    if bus == LOG_BUS {
+        return Ok(PortConfig::Store { folder: log_folder(place, robot) });
     }
     if let (W1_BUS, Some(w1)) = (bus, &robot.w1) {
         let folder = place.run_dir.join(&w1.folder);
@@ -396,6 +429,37 @@ impl Place {
 #[must_use]
 pub fn crc(crc: config::Crc) -> Crc8 {
     Crc8 { poly: crc.polynomial, init: crc.initial, reflected: crc.reflected, xorout: crc.final_xor }
+}
+
+/// Where runs have their folders.
+#[must_use]
+pub fn log_folder(place: &Place, robot: &Robot) -> PathBuf {
+    let folder = robot.log.folder.as_ref().map_or_else(cli::log_folder, |folder| place.config.join(folder));
+    std::path::absolute(&folder).unwrap_or(folder)
+}
+
+/// `logger`: all that is said. Its first run is written where the inputs of this run's modules are, if they are.
+fn logger(place: &Place, robot: &Robot, made: Made) -> logger::Logger {
+    let log = &robot.log;
+    let folder = log_folder(place, robot);
+    let run = std::env::var_os(recording::VARIABLE).map(PathBuf::from).filter(|_| made == Made::LIVE);
+    let run = run.filter(|run| run.parent() == Some(&*folder));
+    let config = logger::Config {
+        bus: LOG_BUS.into(),
+        robot: robot.name.clone(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        attachments: recording::attachments(place, made),
+        run: run.and_then(|run| Some(run.file_name()?.to_str()?.to_owned())),
+        start: log.start,
+        compression: log.compression,
+        file_max_bytes: log.file_max_bytes,
+        buffer_bytes: log.buffer_bytes,
+        pretrigger: Duration::from_secs_f64(log.pretrigger_s),
+        pretrigger_bytes: log.pretrigger_bytes,
+        keep_free_bytes: log.keep_free_bytes,
+        keep_runs_bytes: log.keep_runs_bytes,
+    };
+    logger::Logger::new(config, Translator::new(scene(robot)))
 }
 
 /// `driver_rs485a`: the bus `a`.

@@ -15,8 +15,9 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use support::Robot;
 
-const MODULES: [&str; 9] = [
+const MODULES: [&str; 10] = [
     "simulator",
+    "logger",
     "driver_power",
     "driver_rs485a",
     "driver_rs485b",

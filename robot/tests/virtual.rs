@@ -8,6 +8,8 @@ mod auxiliary;
 mod estimator;
 #[path = "virtual/gamepad.rs"]
 mod gamepad;
+#[path = "virtual/logs.rs"]
+mod logs;
 #[path = "virtual/loss.rs"]
 mod loss;
 #[path = "virtual/power.rs"]

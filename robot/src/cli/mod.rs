@@ -219,10 +219,6 @@ impl Common {
         self.run_dir.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.1 } else { INSTALLED.1 }).into())
     }
 
-    fn log_dir(&self) -> PathBuf {
-        Path::new(if in_checkout() { CHECKOUT.2 } else { INSTALLED.2 }).into()
-    }
-
     fn lcm_url(&self) -> String {
         let from_environment = || env::var("LCM_DEFAULT_URL").ok().filter(|url| !url.is_empty());
         self.lcm_url.clone().or_else(from_environment).unwrap_or_else(|| LCM_URL.into())
@@ -262,6 +258,12 @@ impl Common {
 /// What a URL says to no effect; that it is none at all, the command itself will find.
 fn lcm_warnings(url: &str) -> Vec<::lcm::url::Warning> {
     ::lcm::Url::parse(url).map(|(_, warnings)| warnings).unwrap_or_default()
+}
+
+/// Where runs have their folders, unless the configuration says otherwise.
+#[must_use]
+pub fn log_folder() -> PathBuf {
+    Path::new(if in_checkout() { CHECKOUT.2 } else { INSTALLED.2 }).into()
 }
 
 fn in_checkout() -> bool {

@@ -103,7 +103,7 @@ pub struct Robot {
     world: World,
     limits: Limits,
     seed: u64,
-    /// All modules: one of them is recorded in each episode, in turn, and played again.
+    /// All modules that run, which in virtual time the logger does not: one of them is recorded in each episode, in turn, and played again.
     modules: Vec<String>,
     /// What of the command line makes the same robot again.
     again: String,
@@ -121,7 +121,8 @@ impl Robot {
         // Once, so that what is wrong is told as such.
         drop(virtual_machine(&place, host::Config::default())?);
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
-        let mut modules: Vec<String> = config.modules.iter().map(|module| module.name.clone()).collect();
+        let run = config.modules.iter().filter(|module| module.name != logger::NAME);
+        let mut modules: Vec<String> = run.map(|module| module.name.clone()).collect();
         modules.push(watchdog::NAME.into());
         Ok(Self { place, scenario, world, limits, seed, modules, again: String::new() })
     }

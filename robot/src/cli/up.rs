@@ -106,7 +106,7 @@ fn run(common: &Common, config: &Config, log: &Log) -> Option<PathBuf> {
     }
     let folder = match &config.robot.log.folder {
         Some(folder) => common.config_dir().join(folder),
-        None => common.log_dir(),
+        None => super::log_folder(),
     };
     let made = std::path::absolute(&folder).and_then(|folder| recording::make_run(&folder, clock::wall()));
     let refused = |error| log.line(format_args!("inputs are not recorded: {}: {error}", folder.display()));

@@ -136,6 +136,7 @@ fn the_shipped_robot_loads_live_and_simulated() {
     assert_eq!(sim.robot.rs485[0].port, PathBuf::from("rs485-a"));
     let names = |config: &Config| config.modules.iter().map(|module| module.name.clone()).collect::<Vec<_>>();
     let drivers = [
+        "logger",
         "driver_power",
         "driver_rs485a",
         "driver_rs485b",
