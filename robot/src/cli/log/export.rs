@@ -189,7 +189,9 @@ fn part(log: &Log, selection: &Selection, path: &Path) -> Result<(u64, u64), Fai
             }
         }
     }
-    let mut ids: BTreeMap<String, Vec<((usize, u16), String, u16)>> = BTreeMap::new();
+    // Of each channel: its key and encoding in the log, and its number in what is written.
+    type Ids = Vec<((usize, u16), String, u16)>;
+    let mut ids: BTreeMap<String, Ids> = BTreeMap::new();
     let (mut messages, mut bytes) = (0_u64, 0_u64);
     while let Some(item) = items.next()? {
         let known =

@@ -99,8 +99,7 @@ fn check(log: &mut Log, rows: &mut Rows) -> Result<(), Failed> {
     let mut progress = Progress::new("counting");
     let mut items = log.items(&Selection::all())?;
     let mut count = 0_u64;
-    loop {
-        let Some(item) = items.next()? else { break };
+    while let Some(item) = items.next()? {
         let row = match rows.get_mut(&(item.channel.to_owned(), item.encoding.to_owned())) {
             Some(row) => row,
             None => rows.entry((item.channel.to_owned(), item.encoding.to_owned())).or_default(),
