@@ -159,7 +159,7 @@ fn a_full_disk_ends_recording_and_nothing_else_and_room_begins_it_again() {
 fn a_read_only_disk_is_told_and_waited_for() {
     on_a_small_disk(24, |rig| {
         assert!(mount(&["-o", "remount,ro", &rig.root.to_string_lossy()]));
-        let mut logger = rig.spawn(&[]);
+        let mut logger = rig.spawn(&["log.keep_free_bytes=1e6"]);
         rig.until("it says so", 20.0, |rig| {
             rig.errors.iter().any(|error| error.message.contains("may not be written"))
         });

@@ -60,6 +60,8 @@ impl Disk {
             Request::Append { bytes, sync } => self.append(&bytes, sync),
             Request::Remove { name } => self.remove(&name),
             Request::List => {
+                // Somebody makes room: what has no name any more holds its bytes as long as it is open.
+                self.open.take_if(|open| open.is_removed());
                 return self
                     .list()
                     .map_or_else(Answer::Failed, |entries| Answer::Listed { entries, free: self.free() });
@@ -164,9 +166,13 @@ impl Disk {
 }
 
 impl Open {
+    fn is_removed(&self) -> bool {
+        self.file.metadata().is_ok_and(|file| file.nlink() == 0)
+    }
+
     fn append(&mut self, bytes: &[u8], sync: bool) -> io::Result<()> {
         // What goes into a file without a name is for nobody.
-        if self.file.metadata()?.nlink() == 0 {
+        if self.is_removed() {
             return Err(io::Error::other("it was removed"));
         }
         let written = self.file.write_all_at(bytes, self.length);

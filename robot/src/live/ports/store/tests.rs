@@ -202,6 +202,10 @@ fn a_full_disk_takes_all_or_nothing_and_goes_on_when_there_is_room() {
         done(disk.perform(remove("old")));
         done(disk.perform(append(&[4; 300_000])));
         assert_eq!(made.read("run/log_000.mcap")[300_000..], [4; 300_000]);
+        // Bytes of a file that somebody else removes are free when it is looked what is there.
+        fs::remove_file(made.0.join("log/run/log_000.mcap")).unwrap();
+        assert_eq!(listed(&mut disk), [("run".into(), 0)]);
+        assert!(done(disk.perform(create("run/log_001.mcap"))) > 900_000);
         // No room for another name.
         let files = (0..100).find_map(|n| match disk.perform(create(&format!("run/log_{n:03}"))) {
             Answer::Failed(trouble) => Some(trouble),
