@@ -150,6 +150,7 @@ fn a_full_disk_ends_recording_and_nothing_else_and_room_begins_it_again() {
         rig.last = None;
         rig.until("it records again", 30.0, |rig| rig.last.as_ref().is_some_and(|log| log.recording));
         rig.publish("AFTERWARDS", b"here");
+        thread::sleep(Duration::from_millis(100));
         assert_eq!(logger.stop(), 0);
         assert!(rig.raw().iter().any(|message| message.topic == "AFTERWARDS"));
     });
