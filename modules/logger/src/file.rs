@@ -151,10 +151,10 @@ impl File {
         }
         self.room()?;
         let schema = match kind {
-            Some(kind) => self.writer.add_schema(&kind.name, "lcm", kind.lcm.as_bytes())?,
+            Some(kind) => self.writer.add_schema(&kind.name, "", &[])?,
             None => 0,
         };
-        let id = self.writer.add_channel(schema, channel, "lcm", &BTreeMap::new())?;
+        let id = self.writer.add_channel(schema, channel, "lcm", &types(kind))?;
         let fresh = || Slot { last: (fingerprint, id), ids: Vec::new() };
         let slot = self.channels.entry(channel.into()).or_insert_with(fresh);
         slot.last = (fingerprint, id);
@@ -293,3 +293,13 @@ impl io::Write for Sink {
         Ok(())
     }
 }
+
+/// The text of a raw channel's type, as its channel carries it. It is no schema: readers for ROS 2 alone, `rosbags` among them,
+/// refuse a file with a schema in a language that they do not know.
+#[must_use]
+pub fn types(kind: Option<&Kind>) -> BTreeMap<String, String> {
+    kind.map(|kind| (TYPES.into(), kind.lcm.to_string())).into_iter().collect()
+}
+
+/// Under this name.
+pub const TYPES: &str = "lcm";

@@ -16,4 +16,5 @@ pub mod ros;
 mod tests;
 
 pub use config::{Attachment, Compression, Config};
+pub use file::{TYPES, types};
 pub use logger::{Logger, NAME};

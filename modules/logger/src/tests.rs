@@ -35,7 +35,7 @@ fn what_is_heard_stands_in_the_file_with_all_that_explains_it() {
     let topics: Vec<&str> = messages.iter().map(|message| message.topic.as_str()).collect();
     assert_eq!(topics, ["LL_DATA_ODO", "SOMETHING_ELSE", "LL_DATA_ODO", "CM_CMD_LOG"]);
     assert_eq!(messages.iter().map(|message| message.sequence).collect::<Vec<_>>(), [0, 1, 2, 3]);
-    assert_eq!(messages[0].schema, Some(("lowlevel.data_odo_t".into(), "lcm".into())));
+    assert_eq!(messages[0].schema, Some(("lowlevel.data_odo_t".into(), String::new())));
     assert_eq!(messages[1].schema, None);
     assert_eq!(messages[1].data, b"not of LCM");
     assert_eq!(odo_ticks(&messages[2].data), 2);

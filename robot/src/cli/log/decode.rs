@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 pub struct Decoder {
     known: Dictionary,
-    /// Of each schema of the log that is LCM's and can be read.
+    /// Of each channel of the log whose type can be read.
     own: BTreeMap<(usize, u16), Option<Types>>,
 }
 
@@ -26,7 +26,9 @@ impl Decoder {
         }
         if let Some(schema) = item.schema {
             let own = self.own.entry(item.key).or_insert_with(|| {
-                let text = str::from_utf8(&schema.data).ok().filter(|_| schema.encoding == "lcm")?;
+                // Logs of others may have it as a schema.
+                let schema_text = || str::from_utf8(&schema.data).ok().filter(|_| schema.encoding == "lcm");
+                let text = item.metadata.get(logger::TYPES).map(String::as_str).or_else(schema_text)?;
                 Schema::new(&[(schema.name.as_str(), text)]).ok().map(|schema| Types::new(&schema))
             });
             if let Some(ty) = own.as_ref().and_then(|types| types.get(&schema.name))

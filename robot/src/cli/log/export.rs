@@ -203,7 +203,7 @@ fn part(log: &Log, selection: &Selection, path: &Path) -> Result<(u64, u64), Fai
                     Some(schema) => out.add_schema(&schema.name, &schema.encoding, &schema.data).map_err(failed)?,
                     None => 0,
                 };
-                let id = out.add_channel(schema, item.channel, item.encoding, &BTreeMap::new()).map_err(failed)?;
+                let id = out.add_channel(schema, item.channel, item.encoding, item.metadata).map_err(failed)?;
                 ids.entry(item.channel.into()).or_default().push((item.key, item.encoding.into(), id));
                 id
             }

@@ -36,6 +36,7 @@ struct About {
     channel: String,
     encoding: String,
     schema: Option<Schema>,
+    metadata: BTreeMap<String, String>,
     key: (usize, u16),
 }
 
@@ -53,6 +54,7 @@ impl Batch {
             channel: &head.about.channel,
             encoding: &head.about.encoding,
             schema: head.about.schema.as_ref(),
+            metadata: &head.about.metadata,
             key: head.about.key,
             data: &self.bytes[head.data.clone()],
         })
@@ -194,6 +196,7 @@ fn about(item: &Item<'_>, known: &mut BTreeMap<String, Vec<Arc<About>>>) -> Arc<
         channel: item.channel.into(),
         encoding: item.encoding.into(),
         schema: item.schema.cloned(),
+        metadata: item.metadata.clone(),
         key: item.key,
     });
     known.entry(item.channel.into()).or_default().push(about.clone());

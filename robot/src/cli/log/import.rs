@@ -144,9 +144,9 @@ impl Run<'_> {
         let channel_id = match out.raw.get(&key) {
             Some(id) => *id,
             None => {
-                let schema = kind.map(|kind| out.writer.add_schema(&kind.name, "lcm", kind.lcm.as_bytes()));
+                let schema = kind.map(|kind| out.writer.add_schema(&kind.name, "", &[]));
                 let schema = schema.transpose().map_err(|error| out.failed(&error))?.unwrap_or(0);
-                let added = out.writer.add_channel(schema, item.channel, "lcm", &BTreeMap::new());
+                let added = out.writer.add_channel(schema, item.channel, "lcm", &logger::types(kind));
                 let id = added.map_err(|error| out.failed(&error))?;
                 out.raw.insert(key, id);
                 id

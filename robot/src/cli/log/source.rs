@@ -40,6 +40,9 @@ pub struct Events {
     pub size: u64,
 }
 
+/// An event log says nothing of its channels.
+static NOTHING: BTreeMap<String, String> = BTreeMap::new();
+
 /// A message of a log.
 #[derive(Clone, Copy)]
 pub struct Item<'a> {
@@ -50,7 +53,9 @@ pub struct Item<'a> {
     pub channel: &'a str,
     pub encoding: &'a str,
     pub schema: Option<&'a Schema>,
-    /// Names the schema among all of the log.
+    /// What the channel says of itself.
+    pub metadata: &'a BTreeMap<String, String>,
+    /// Names the channel among all of the log.
     pub key: (usize, u16),
     pub data: &'a [u8],
 }
@@ -233,7 +238,8 @@ impl Items {
                     channel: &entry.channel.topic,
                     encoding: &entry.channel.encoding,
                     schema: entry.schema,
-                    key: (entry.file, entry.channel.schema_id),
+                    metadata: &entry.channel.metadata,
+                    key: (entry.file, entry.message.channel),
                     data: entry.message.data,
                 }))
             }
@@ -254,6 +260,7 @@ impl Items {
                     channel: event.channel,
                     encoding: "lcm",
                     schema: None,
+                    metadata: &NOTHING,
                     key: (0, 0),
                     data: event.payload,
                 }))
