@@ -110,7 +110,7 @@ fn each_module_that_is_stopped_is_ended_and_comes_back() {
     for module in MODULES {
         let old = robot.view.pid(module);
         support::signal(old, "STOP");
-        // The logger may be busy for longer: its beat_timeout is 2 s.
+        // The logger may be busy for longer: its beat_timeout is 1.5 s.
         let within = if module == "logger" { 4.0 } else { 2.0 };
         let seen = robot.until("it is ended", within, |view| view.processes[module].phase != common::Process::RUNNING);
         let back = robot.until("it is back", 5.0, |view| view.runs(module) && view.pid(module) != old);
