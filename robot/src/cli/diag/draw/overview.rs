@@ -61,7 +61,8 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
             format!("{:.1} V  {:.0} %  {}", p.voltage, 100.0 * p.charge, minutes(p.remaining))
         }),
         line("hottest", &model.temperatures, at, |t| {
-            let hottest = t.temperatures.iter().max_by(|a, b| a.value.total_cmp(&b.value));
+            let known = t.temperatures.iter().filter(|t| t.value.is_finite());
+            let hottest = known.max_by(|a, b| a.value.total_cmp(&b.value));
             hottest.map_or("-".into(), |t| format!("{} {:.1} C{}", t.name, t.value, if t.over { "  OVER" } else { "" }))
         }),
         line("gamepad", &model.gamepad, at, |g| match (g.connected, g.dead_man) {
