@@ -68,6 +68,7 @@ fn often(bug: Option<Bug>) -> &'static [&'static str] {
         Some(Bug::StopLeftByError) => &["state_stop", "drive_"],
         Some(Bug::WantedForgotten) => &["state_pause", "process_killed"],
         Some(Bug::PlannerNotLatched) => &["motion_planned"],
+        Some(Bug::EstimateIgnored) => &["motion_planned_blindly"],
         _ => &[],
     }
 }
