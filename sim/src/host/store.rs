@@ -168,10 +168,12 @@ impl StoreWire {
     pub fn gone(&mut self, pid: u32) {
         self.ports.retain(|owner| owner.pid != pid);
         self.open.retain(|(owner, _), _| *owner != pid);
-        // What the kernel has taken it does.
+        // What it had asked for and was not done is not done any more.
+        let first = self.queue.front().is_some_and(|(owner, _)| owner.pid == pid);
         self.queue.retain(|(owner, _)| owner.pid != pid);
-        if self.queue.is_empty() {
-            self.until = None;
+        if first && let Some(until) = self.until.take() {
+            // The next one begins when the disk is free.
+            self.go_on(until);
         }
     }
 }
