@@ -3,14 +3,21 @@
 
 ADVEE = target/release/advee
 
-.PHONY: run build test lint bench clean
+.PHONY: run build web test lint bench clean
 
 run: build
 	$(ADVEE) up --sim
 
-build:
+build: web
 	@tools/require cc
 	cargo build --release --locked
+
+# The page of the web diagnostic center: built once, taken into the program.
+web: web/dist/index.html
+
+web/dist/index.html: web/package-lock.json web/tsconfig.json web/build.mjs $(shell find web/src -type f)
+	@tools/require node
+	cd web && npm ci --silent && npm run --silent build
 
 test: lint
 	@tools/require cc c++ python3-venv glib
@@ -19,7 +26,7 @@ test: lint
 	cargo test --workspace --locked
 	cargo test -p advee --features sabotage --test sabotage --locked
 
-lint:
+lint: web
 	@tools/require cc
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
@@ -42,4 +49,4 @@ bench:
 
 clean:
 	cargo clean
-	rm -rf .venv .peers run
+	rm -rf .venv .peers run web/dist web/node_modules
