@@ -3,7 +3,7 @@
 
 ADVEE = target/release/advee
 
-.PHONY: run build web test lint bench clean
+.PHONY: run build web web-test test lint bench clean
 
 run: build
 	$(ADVEE) up --sim
@@ -15,11 +15,15 @@ build: web
 # The page of the web diagnostic center: built once, taken into the program.
 web: web/dist/index.html
 
-web/dist/index.html: web/package-lock.json web/tsconfig.json web/build.mjs $(shell find web/src -type f)
+web/dist/index.html: web/package-lock.json web/tsconfig.json web/build.mjs web/icons.mjs $(shell find web/src -type f)
 	@tools/require node
 	cd web && npm ci --silent && npm run --silent build
 
-test: lint
+# The page's types and units.
+web-test: web
+	cd web && npm run --silent test
+
+test: lint web-test
 	@tools/require cc c++ python3-venv glib
 	@tools/venv
 	@tools/lcm-1.3.1
@@ -49,4 +53,4 @@ bench:
 
 clean:
 	cargo clean
-	rm -rf .venv .peers run web/dist web/node_modules
+	rm -rf .venv .peers run web/dist web/dev web/node_modules

@@ -1,3 +1,15 @@
 import { render } from "preact";
+import { App } from "./app";
+import { start } from "./start";
+import "./design/tokens.css";
+import "./design/base.css";
+import "./ui/ui.css";
+import "./shell/shell.css";
 
-render(<h1>advee</h1>, document.body);
+declare global {
+  /** Set by the build: a page for development, with the fixture. */
+  const DEV: boolean;
+}
+
+await start();
+render(<App />, document.body);

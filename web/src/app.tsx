@@ -1,0 +1,38 @@
+// The frame of every view: status on top, navigation, Stop always in the same place.
+import { useEffect, useRef } from "preact/hooks";
+import { Banners } from "./shell/banners";
+import { watchKeys } from "./shell/keys";
+import { Nav } from "./shell/nav";
+import { StatusBar } from "./shell/status";
+import { Stop, StopExplained } from "./shell/stop";
+import { me } from "./state";
+import { Toasts } from "./ui";
+import { view } from "./views";
+
+export function App() {
+  const main = useRef<HTMLElement>(null);
+  const { id, label, view: View } = view.value;
+  useEffect(watchKeys, []);
+  useEffect(() => {
+    document.title = `${label} · ${me.value?.robot ?? "advee"}`;
+    main.current?.scrollTo(0, 0);
+  }, [id, me.value?.robot]);
+  return (
+    <>
+      <a class="skip" href={`#/${id}`} onClick={(event) => (event.preventDefault(), main.current?.focus())}>
+        Skip to the view
+      </a>
+      <div class="app">
+        <StatusBar />
+        <Nav />
+        <main ref={main} tabIndex={-1} class={`view view-${id}`} aria-label={label}>
+          <Banners />
+          <View />
+        </main>
+        <Stop />
+      </div>
+      <StopExplained />
+      <Toasts />
+    </>
+  );
+}

@@ -1,0 +1,60 @@
+// What must not be overlooked: a lost connection, control that went to somebody else, a recorded run, a new version.
+import { CircleAlert, Film, RefreshCw, WifiOff } from "lucide-preact";
+import type { ComponentChildren } from "preact";
+import { span } from "../format";
+import { lostControl } from "../operate";
+import { connection, demo } from "../state";
+import { Button } from "../ui";
+import { applyUpdate, updateReady } from "./update";
+
+export function Banners() {
+  const now = connection.value;
+  return (
+    <div class="banners">
+      {now.state === "lost" ? (
+        <Banner tone="bad" icon={<WifiOff size={20} aria-hidden />} urgent>
+          <strong>Connection lost.</strong> Nothing shown here is newer than {span(now.for)}. {now.why ? `(${now.why}) ` : ""}It
+          is tried again by itself; a drive is not resumed.
+        </Banner>
+      ) : null}
+      {lostControl.value ? (
+        <Banner
+          tone="warn"
+          icon={<CircleAlert size={20} aria-hidden />}
+          urgent
+          action={<Button onClick={() => (lostControl.value = null)}>Understood</Button>}
+        >
+          <strong>You have no control any more.</strong> {lostControl.value}
+        </Banner>
+      ) : null}
+      {demo.value ? (
+        <Banner
+          tone="info"
+          icon={<Film size={20} aria-hidden />}
+          action={
+            <a class="button" href={`${location.pathname}#/drive`} onClick={() => location.assign(location.pathname)}>
+              Leave
+            </a>
+          }
+        >
+          <strong>Recorded run</strong> {demo.value.run}, {span(demo.value.seconds)}. Nothing can be commanded.
+        </Banner>
+      ) : null}
+      {updateReady.value ? (
+        <Banner tone="info" icon={<RefreshCw size={20} aria-hidden />} action={<Button onClick={applyUpdate}>Reload</Button>}>
+          The robot has a new version of this page.
+        </Banner>
+      ) : null}
+    </div>
+  );
+}
+
+function Banner(props: { tone: string; icon: ComponentChildren; action?: ComponentChildren; urgent?: boolean; children: ComponentChildren }) {
+  return (
+    <div class={`banner tone-${props.tone}`} role={props.urgent ? "alert" : "note"}>
+      {props.icon}
+      <p>{props.children}</p>
+      {props.action}
+    </div>
+  );
+}

@@ -1,0 +1,63 @@
+// The navigation: at the side of a wide screen, at the bottom of a phone, where the rest is under "More".
+import { Ellipsis } from "lucide-preact";
+import { useEffect, useState } from "preact/hooks";
+import { me } from "../state";
+import { type View, view, views } from "../views";
+
+export function Nav() {
+  const [open, setOpen] = useState(false);
+  const all = views.value;
+  const more = all.filter((each) => !each.first);
+  const current = view.value;
+  const count = more.reduce((sum, each) => sum + (each.count?.() ?? 0), 0);
+  useEffect(() => setOpen(false), [current.id]);
+  return (
+    <nav class="nav" aria-label="Views">
+      <p class="nav-name">
+        {me.value?.robot ?? "advee"} <small>{me.value?.version}</small>
+      </p>
+      <ul>
+        {all.map((each) => (
+          <li key={each.id} class={each.first ? "first" : "later"}>
+            <Item view={each} current={each.id === current.id} />
+          </li>
+        ))}
+        <li class="more">
+          <button type="button" class={`nav-item ${current.first ? "" : "is-current"}`} aria-expanded={open} aria-controls="nav-more" onClick={() => setOpen(!open)}>
+            <Ellipsis size={22} aria-hidden />
+            <span>{current.first ? "More" : current.label}</span>
+            <Count of={count} />
+          </button>
+        </li>
+      </ul>
+      {open ? (
+        <ul id="nav-more" class="nav-more" onKeyDown={(event) => event.key === "Escape" && setOpen(false)}>
+          {more.map((each) => (
+            <li key={each.id} onClick={() => setOpen(false)}>
+              <Item view={each} current={each.id === current.id} />
+            </li>
+          ))}
+        </ul>
+      ) : null}
+    </nav>
+  );
+}
+
+function Item({ view: { id, label, icon: Icon, count }, current }: { view: View; current: boolean }) {
+  return (
+    <a class={`nav-item ${current ? "is-current" : ""}`} href={`#/${id}`} aria-current={current ? "page" : undefined}>
+      <Icon size={22} aria-hidden />
+      <span>{label}</span>
+      <Count of={count?.() ?? 0} />
+    </a>
+  );
+}
+
+function Count({ of }: { of: number }) {
+  return of > 0 ? (
+    <b class="nav-count">
+      {of}
+      <span class="visually-hidden"> to look at</span>
+    </b>
+  ) : null;
+}

@@ -1,0 +1,87 @@
+// What one must know first: the robot's state in a word and the reason in a sentence; how good the connection is; who
+// holds control.
+import {
+  CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, type LucideIcon, OctagonPause, TriangleAlert, WifiOff,
+} from "lucide-preact";
+import { num } from "../format";
+import type { StatusWord } from "../protocol";
+import { authority, commandLink, connection, demo, drive, holder, me, roundTrip } from "../state";
+import { stopped } from "../operate";
+import type { Tone } from "../ui/badge";
+
+const WORDS: Record<StatusWord, { word: string; icon: LucideIcon; tone: Tone }> = {
+  silent: { word: "No contact", icon: CircleHelp, tone: "bad" },
+  paused: { word: "Paused", icon: CirclePause, tone: "warn" },
+  fault: { word: "Fault", icon: TriangleAlert, tone: "bad" },
+  stopped: { word: "Stopped", icon: OctagonPause, tone: "warn" },
+  waiting: { word: "Waiting", icon: Hourglass, tone: "info" },
+  driving: { word: "Driving", icon: CirclePlay, tone: "good" },
+  ready: { word: "Ready", icon: CircleCheck, tone: "good" },
+};
+
+/** The status as it may be believed now: without a connection nothing is known. */
+export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: string } {
+  const now = connection.value;
+  if (now.state === "connecting") {
+    return { word: "Connecting", icon: Hourglass, tone: "off", reason: now.why || "waiting for the robot's first word" };
+  }
+  const said = drive.value?.status ?? { word: "silent" as const, reason: "" };
+  const { word, icon, tone } = WORDS[said.word] ?? WORDS.silent;
+  if (now.state === "lost") {
+    return { word: "Not known", icon: WifiOff, tone: "bad", reason: `no connection; ${word.toLowerCase()} when last heard` };
+  }
+  if (stopped.value) return { word: WORDS.stopped.word, icon: OctagonPause, tone: "warn", reason: "an operator stopped it; it stays until it is let go on" };
+  return { word, icon, tone, reason: said.reason };
+}
+
+export function StatusBar() {
+  const { word, icon: Icon, tone, reason } = status();
+  return (
+    <header class={`status tone-${tone}`}>
+      <div class="status-word" role="status" aria-live="polite" aria-atomic>
+        <Icon size={28} aria-hidden />
+        <div>
+          <strong>
+            <span class="visually-hidden">{me.value?.robot ?? "The robot"}: </span>
+            {word}
+          </strong>
+          <p title={reason}>{reason}</p>
+        </div>
+      </div>
+      <div class="status-side">
+        <Trip />
+        <Control />
+      </div>
+    </header>
+  );
+}
+
+/** The round trip: always there, amber over 200 ms, red over 500 ms. */
+function Trip() {
+  const now = connection.value;
+  const trip = roundTrip.value;
+  const tone = now.state === "lost" ? "bad" : now.state === "connecting" ? "off" : { good: "good", slow: "warn", bad: "bad" }[now.quality];
+  const word = now.state === "lost" ? "Lost" : demo.value ? "Recorded" : trip === null ? "No answer yet" : { good: "", slow: "Slow", bad: "Too slow" }[now.state === "live" ? now.quality : "good"];
+  const Icon = now.state === "lost" ? WifiOff : Gauge;
+  return (
+    <div class={`chip tone-${tone}`} title="Round trip of a command to the robot and back">
+      <Icon size={16} aria-hidden />
+      <span class="visually-hidden">Round trip </span>
+      {word ? <b>{word}</b> : null}
+      {trip !== null && commandLink.value.open ? <span class="figure">{num(trip, 0, "ms")}</span> : null}
+    </div>
+  );
+}
+
+/** Who holds control. */
+function Control() {
+  if (demo.value || connection.value.state === "connecting") return null;
+  const who = holder.value;
+  const text = authority.value.yours ? "You have control" : who ? `${who.name} ${who.driving ? "drives" : "has control"}` : "Nobody has control";
+  return (
+    <a class={`chip control ${authority.value.yours ? "tone-info" : who ? "tone-warn" : "tone-off"}`} href="#/drive" title={text}>
+      <Hand size={16} aria-hidden />
+      <span>{text}</span>
+    </a>
+  );
+}

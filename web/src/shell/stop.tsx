@@ -1,0 +1,74 @@
+// Stop: always there, always in the same place. When the robot is stopped, the same place says so and lets it go on.
+import { Hand, OctagonX } from "lucide-preact";
+import { resume, stop, stopExplained, stopFailed, stopped, stopping, take, unpaired } from "../operate";
+import { authority, connection, demo, holder } from "../state";
+import { Button, Dialog, Slide } from "../ui";
+
+export function Stop() {
+  if (demo.value) return null;
+  const failed = stopFailed.value;
+  return (
+    <section class="stop" aria-label="Stop">
+      {stopped.value && connection.value.state === "live" ? <Stopped /> : <StopButton />}
+      {failed === null ? null : (
+        <p class="stop-failed" role="alert">
+          Stop was not said: {failed}. Use the button on the robot.
+        </p>
+      )}
+    </section>
+  );
+}
+
+function StopButton() {
+  const viewer = unpaired.value;
+  return (
+    <button
+      type="button"
+      class={`stop-button ${viewer ? "is-viewer" : ""}`}
+      aria-label={viewer ? "Stop: explains how to pair, you are watching" : "Stop the robot. Keys: Space or Escape"}
+      onPointerDown={(event) => event.isPrimary && event.button === 0 && void stop()}
+      onClick={(event) => event.detail === 0 && void stop()}
+    >
+      <OctagonX size={30} strokeWidth={2.4} aria-hidden />
+      <span>{stopping.value ? "Stopping…" : "Stop"}</span>
+      <small>{viewer ? "after pairing" : "Space or Esc"}</small>
+    </button>
+  );
+}
+
+function Stopped() {
+  const whyNot = unpaired.value ? "An operator lets it go on" : null;
+  return (
+    <div class="stop-held">
+      <p>
+        <OctagonX size={22} aria-hidden /> <strong>Stopped</strong>
+      </p>
+      {authority.value.yours || whyNot ? (
+        <Slide label="Let it go on" tone="good" whyNot={whyNot} onConfirm={() => void resume()} />
+      ) : holder.value ? (
+        <p class="stop-note">{holder.value.name} has control and lets it go on.</p>
+      ) : (
+        <Button icon={Hand} onClick={() => void take()}>
+          Take control
+        </Button>
+      )}
+    </div>
+  );
+}
+
+export function StopExplained() {
+  const close = () => (stopExplained.value = false);
+  return (
+    <Dialog title="You are watching" open={stopExplained.value} onClose={close}>
+      <p>Only a paired device may stop the robot from here.</p>
+      <p>In danger use the red button on the robot, or its bumper: it stops at once.</p>
+      <p>To pair, enter the eight digits that the robot's console shows.</p>
+      <div class="row">
+        <a class="button primary" href="#/access" onClick={close}>
+          Pair this device
+        </a>
+        <Button onClick={close}>Not now</Button>
+      </div>
+    </Dialog>
+  );
+}

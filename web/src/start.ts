@@ -1,0 +1,36 @@
+// How the page begins: who we are, a code in the address, the sockets.
+import { closeCommand, openCommand } from "./connection/command";
+import { closeView, openView } from "./connection/view";
+import { codeOf, learn } from "./access/pairing";
+import { effect } from "@preact/signals";
+import { demo, me, tick } from "./state";
+
+/** ms until it is asked again who we are, while there is no answer. */
+const AGAIN = 1000;
+
+export async function start(): Promise<void> {
+  tick();
+  codeOf(location);
+  if (DEV && new URLSearchParams(location.search).has("fixture")) {
+    (await import("./fixture")).begin();
+    return;
+  }
+  // Who we are decides what there is to see: both sockets are opened when that is known, and anew when it changes.
+  let as = "";
+  effect(() => {
+    const { role, name } = me.value ?? { role: "nobody", name: "" };
+    const is = `${role} ${name}`;
+    if (is === as) return;
+    as = is;
+    queueMicrotask(() => {
+      if (role === "nobody") return closeView(), closeCommand();
+      openView();
+      if (!demo.value) openCommand();
+    });
+  });
+  void ask();
+}
+
+async function ask(): Promise<void> {
+  if (!(await learn())) setTimeout(ask, AGAIN);
+}

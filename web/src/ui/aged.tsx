@@ -1,0 +1,37 @@
+// A value with its age: grey, and said so, once it is older than twice its period.
+import { Clock } from "lucide-preact";
+import type { ComponentChildren } from "preact";
+import { span } from "../format";
+import type { Shown } from "../protocol";
+import { age, stale } from "../state";
+
+/** How old a value is, in words. */
+export function Age({ shown }: { shown: Shown<unknown> | null | undefined }) {
+  const old = shown ? age(shown) : null;
+  const grey = stale(shown);
+  return (
+    <span class={grey ? "age is-stale" : "age"} title={grey ? "older than it should be" : "age of the value"}>
+      <Clock size={12} aria-hidden />
+      <span class="visually-hidden">{grey ? "stale, age " : "age "}</span>
+      {old === null ? "never heard" : span(old)}
+    </span>
+  );
+}
+
+/** Shows `children` of the value, greyed by itself when it is stale, and `none` where there was never one. */
+export function Aged<T>(props: {
+  shown: Shown<T> | null | undefined;
+  children: (value: T) => ComponentChildren;
+  none?: ComponentChildren;
+  /** Without the age beside it: where a card shows it once for all its values. */
+  bare?: boolean;
+}) {
+  const { shown, children, none = "not heard yet", bare } = props;
+  if (!shown || shown.value === null) return <div class="aged is-stale none">{none}</div>;
+  return (
+    <div class={stale(shown) ? "aged is-stale" : "aged"}>
+      {children(shown.value)}
+      {bare ? null : <Age shown={shown} />}
+    </div>
+  );
+}

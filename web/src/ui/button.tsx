@@ -1,0 +1,43 @@
+// A button of at least 48 px. One that may not be pressed says why: `whyNot` is its description and its tooltip.
+import type { LucideIcon } from "lucide-preact";
+import type { ComponentChildren, JSX } from "preact";
+import { useId } from "preact/hooks";
+
+export interface ButtonProps {
+  onClick: () => void;
+  children?: ComponentChildren;
+  icon?: LucideIcon;
+  kind?: "normal" | "primary" | "danger" | "quiet";
+  /** Why it may not be pressed now; null: it may. */
+  whyNot?: string | null;
+  /** For one that only has an icon. */
+  label?: string;
+  pressed?: boolean;
+  class?: string;
+  type?: "button" | "submit";
+}
+
+export function Button(props: ButtonProps): JSX.Element {
+  const { onClick, children, icon: Icon, kind = "normal", whyNot = null, label, pressed, type = "button" } = props;
+  const id = useId();
+  return (
+    <button
+      type={type}
+      class={`button ${kind} ${props.class ?? ""}`}
+      aria-label={label}
+      title={whyNot ?? label}
+      aria-disabled={whyNot !== null}
+      aria-describedby={whyNot === null ? undefined : id}
+      aria-pressed={pressed}
+      onClick={() => whyNot === null && onClick()}
+    >
+      {Icon ? <Icon size={20} aria-hidden /> : null}
+      {children ? <span>{children}</span> : null}
+      {whyNot === null ? null : (
+        <span id={id} class="visually-hidden">
+          {whyNot}
+        </span>
+      )}
+    </button>
+  );
+}

@@ -1,0 +1,40 @@
+// The views, in the order of the navigation. A panel is a folder of panels/ whose index.tsx exports its view; it is one line here.
+import { computed, signal } from "@preact/signals";
+import { Gamepad2, type LucideIcon, UsersRound } from "lucide-preact";
+import type { ComponentType } from "preact";
+import { Access } from "./access";
+import { Drive } from "./drive";
+import { scene } from "./state";
+
+export interface View {
+  /** Its address: `#/id`. */
+  id: string;
+  label: string;
+  icon: LucideIcon;
+  view: ComponentType;
+  /** Whether it is there; without it, always. */
+  when?: () => boolean;
+  /** What the navigation shows beside it: how many errors stand, say. 0: nothing. */
+  count?: () => number;
+  /** On a phone it stands in the bar at the bottom; the others are under "More". */
+  first?: boolean;
+}
+
+export const VIEWS: View[] = [
+  { id: "drive", label: "Drive", icon: Gamepad2, view: Drive, first: true },
+  { id: "access", label: "This device", icon: UsersRound, view: Access },
+];
+
+/** Those that there are now. */
+export const views = computed(() => VIEWS.filter((view) => view.when?.() ?? true));
+/** It is simulated: for a view's `when`. */
+export const simulated = (): boolean => scene.value?.simulated ?? false;
+
+const hash = signal(location.hash);
+addEventListener("hashchange", () => (hash.value = location.hash));
+
+/** The one that is shown: the address's, else the first. */
+export const view = computed<View>(() => {
+  const id = hash.value.replace(/^#\/?/, "");
+  return views.value.find((each) => each.id === id) ?? (VIEWS[0] as View);
+});
