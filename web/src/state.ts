@@ -17,16 +17,19 @@ export const message = signal<MessagePart | null>(null);
 /** The page's clock, ms; five times a second. Read it where something ages by itself. */
 export const now = signal(clock());
 
-/** When the robot's part or value came, on the page's clock. */
-const arrivals = new WeakMap<object, number>();
+/** How often each part comes, s: no value in it is newer than that. */
+const EVERY: Record<Part["part"], number> = { scene: 0, drive: 0.1, sensors: 0.2, map: 5, system: 1, message: 0 };
+
+/** When the robot's part or value came, on the page's clock, and how often it comes, s. */
+const arrivals = new WeakMap<object, { at: number; every: number }>();
 
 /** Takes a part in: notes when it and each of its values came, and shows it. */
 export function receive(part: Part): void {
-  const at = clock();
-  arrivals.set(part, at);
+  const arrival = { at: clock(), every: EVERY[part.part] };
+  arrivals.set(part, arrival);
   for (const field of Object.values(part)) {
     for (const each of Array.isArray(field) ? field : [field]) {
-      if (each !== null && typeof each === "object" && "freshness" in each) arrivals.set(each, at);
+      if (each !== null && typeof each === "object" && "freshness" in each) arrivals.set(each, arrival);
     }
   }
   switch (part.part) {
@@ -53,8 +56,8 @@ export function receive(part: Part): void {
 
 /** s since `part`, or one of its values, came here. Grows by itself. */
 export function since(part: object): number {
-  const at = arrivals.get(part);
-  return at === undefined ? 0 : Math.max(0, now.value - at) / 1000;
+  const arrival = arrivals.get(part);
+  return arrival === undefined ? 0 : Math.max(0, now.value - arrival.at) / 1000;
 }
 
 /** s since a value was heard on the bus; null: never. Grows by itself. */
@@ -65,7 +68,10 @@ export function age(shown: Shown<unknown>): number | null {
 /** Never heard, or older than twice its period. Grows stale by itself. */
 export function stale(shown: Shown<unknown> | null | undefined): boolean {
   if (!shown || shown.value === null || shown.freshness === "never") return true;
-  return shown.period === null ? shown.freshness === "stale" : (age(shown) ?? Infinity) > 2 * shown.period;
+  if (shown.freshness === "stale") return true;
+  // What is said more often than it is sent here is as old as the last part, and well.
+  const period = Math.max(shown.period ?? Infinity, arrivals.get(shown)?.every ?? 0);
+  return (age(shown) ?? Infinity) > 2 * period;
 }
 
 /** A value that may be relied on now; null where it is stale. */
