@@ -1,0 +1,41 @@
+// How figures of machines are written; what all views share is in ../format.ts.
+import { NONE, num, time } from "../format";
+
+/** A share, 0..1. */
+export function percent(value: number | null | undefined, digits = 0): string {
+  return value === null || value === undefined ? NONE : num(100 * value, digits, "%");
+}
+
+/** s as milliseconds, without the unit. */
+export function milliseconds(seconds: number | null | undefined): string {
+  return seconds === null || seconds === undefined ? NONE : num(1e3 * seconds, 1);
+}
+
+/** 0x and at least so many digits; a negative number is the two's complement of so many. */
+export function hex(value: number, digits = 4): string {
+  const wrapped = value < 0 ? value + 16 ** digits : value;
+  return `0x${Math.trunc(wrapped).toString(16).toUpperCase().padStart(digits, "0")}`;
+}
+
+/** A whole number in groups of three. */
+export function count(value: number | null | undefined): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  return Math.round(value)
+    .toString()
+    .replace(/\B(?=(\d{3})+$)/g, "\u202F");
+}
+
+/** Microseconds since the UNIX epoch as the time of day, with the date before it where that is not today's. */
+export function moment(microseconds: number, now = new Date()): string {
+  const at = new Date(microseconds / 1000);
+  if (microseconds <= 0 || Number.isNaN(at.getTime())) return NONE;
+  if (at.toDateString() === now.toDateString()) return time(microseconds);
+  const two = (value: number) => String(value).padStart(2, "0");
+  return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${time(microseconds)}`;
+}
+
+/** s as whole minutes, as one counts what a battery lasts. */
+export function minutes(seconds: number | null | undefined): string {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds) || seconds < 0) return "not known";
+  return seconds < 60 ? "less than a minute" : count(Math.floor(seconds / 60)) + " min";
+}

@@ -1,0 +1,40 @@
+import { deepEqual, equal } from "node:assert/strict";
+import { test } from "node:test";
+import { at, fields, FIELDS_MAX, plotted } from "./tree";
+
+const MESSAGE = { timestamp: 1, srfs: [{ id: 0, valid: true }, { id: 1, valid: false }], name: "a", covariance: [[1, 2], [3, null]] };
+
+test("closed branches say how much is in them", () => {
+  const { lines, more } = fields(MESSAGE, () => false);
+  deepEqual(
+    lines.map(({ path, size, value }) => [path, size, value]),
+    [
+      ["timestamp", null, 1],
+      ["srfs", 2, null],
+      ["name", null, "a"],
+      ["covariance", 2, null],
+    ],
+  );
+  equal(more, false);
+});
+
+test("each line has the way to its value", () => {
+  const { lines } = fields(MESSAGE, () => true);
+  for (const { path, size, value } of lines) if (size === null) deepEqual(at(MESSAGE, path), value);
+  deepEqual(lines.find(({ path }) => path === "covariance[1][0]")?.value, 3);
+  deepEqual(lines.find(({ path }) => path === "srfs[1].valid")?.depth, 2);
+});
+
+test("a place that is not there is undefined, and no place of the language's own", () => {
+  for (const path of ["srfs[7].id", "nothing", "name.length", "srfs.length", "constructor", "__proto__.x"]) equal(at(MESSAGE, path), undefined, path);
+});
+
+test("a long message is cut, and said to be", () => {
+  const { lines, more } = fields({ list: Array.from({ length: 10_000 }, (_, n) => n) }, () => true);
+  equal(lines.length, FIELDS_MAX);
+  equal(more, true);
+});
+
+test("numbers and switches are plotted, all else is a gap", () => {
+  deepEqual([1.5, true, false, null, "1", undefined, NaN].map(plotted), [1.5, 1, 0, null, null, null, null]);
+});

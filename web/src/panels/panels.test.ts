@@ -1,0 +1,28 @@
+import { deepEqual, equal } from "node:assert/strict";
+import { test } from "node:test";
+import { count, hex, milliseconds, minutes, moment, percent } from "./format";
+import { demoLink, fileLink, started } from "./logs/names";
+
+test("figures are written as people read them", () => {
+  deepEqual([0.123, 1, null].map((share) => percent(share, 1)), ["12.3 %", "100.0 %", "–"]);
+  deepEqual([0.00123, null].map(milliseconds), ["1.2", "–"]);
+  deepEqual([0x20, 0x8611, 0x12345].map((value) => hex(value)), ["0x0020", "0x8611", "0x12345"]);
+  equal(hex(-1, 2), "0xFF");
+  deepEqual([0, 999, 1234567, NaN].map(count), ["0", "999", "1\u202F234\u202F567", "–"]);
+  deepEqual([7800, 59, 0, -1, null, NaN].map(minutes), ["130 min", "less than a minute", "less than a minute", "not known", "not known", "not known"]);
+});
+
+test("a moment of another day has its date", () => {
+  const noon = new Date(2026, 4, 17, 12, 0, 0);
+  equal(moment(noon.getTime() * 1000, noon).includes("2026"), false);
+  equal(moment((noon.getTime() - 86_400_000) * 1000, noon).startsWith("2026-05-16 "), true);
+  deepEqual([0, -5, NaN, 1e30].map((at) => moment(at)), ["–", "–", "–", "–"]);
+});
+
+test("a run is named by when it began, and addressed without its name doing harm", () => {
+  equal(started("2026_11_22_09_12_40"), "2026-11-22 09:12:40");
+  equal(started("2026_11_22_09_12_40_2"), "2026-11-22 09:12:40 (2)");
+  equal(started("else"), "else");
+  equal(fileLink("a b", "inputs/x?y.mcap"), "/api/logs/a%20b/inputs/x%3Fy.mcap");
+  equal(demoLink("a&b"), "/?demo=a%26b#/map");
+});

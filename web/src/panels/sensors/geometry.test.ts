@@ -1,0 +1,19 @@
+import { deepEqual, equal } from "node:assert/strict";
+import { test } from "node:test";
+import { beam, front, onPicture, polygon, side } from "./geometry";
+
+test("ahead is up, to the left is left", () => {
+  deepEqual(onPicture(1, 0).map((value) => value + 0), [0, -1]);
+  deepEqual(onPicture(0, 1).map((value) => value + 0), [-1, 0]);
+  equal(polygon([[1, 0.5]]), "-0.500,-1.000");
+});
+
+test("a beam is a wedge whose front goes counter-clockwise from right to left", () => {
+  equal(front({ x: 0, y: 0, theta: 0 }, 1, Math.PI), "M1.000 -0.000A1.000 1.000 0 0 0 -1.000 -0.000");
+  equal(beam({ x: 1, y: 2, theta: Math.PI / 2 }, 1, 0), "M-2.000 -1.000L-3.000 -1.000A1.000 1.000 0 0 0 -3.000 -1.000Z");
+});
+
+test("a direction is a side, whichever way it was turned", () => {
+  const sides = [0, 0.7854, 1.5708, 2.7053, 3.1415, -3.1415, -1.5708, -1.0472, 2 * Math.PI].map(side);
+  deepEqual(sides, ["front", "front left", "left", "rear left", "rear", "rear", "right", "front right", "front"]);
+});
