@@ -1,9 +1,29 @@
 // The views, in the order of the navigation. A panel is a folder of panels/ whose index.tsx exports its view; it is one line here.
 import { computed, signal } from "@preact/signals";
-import { Gamepad2, type LucideIcon, UsersRound } from "lucide-preact";
+import {
+  Boxes,
+  Bug,
+  Cable,
+  Gamepad2,
+  HardDriveDownload,
+  type LucideIcon,
+  MessagesSquare,
+  PlugZap,
+  Radar,
+  TriangleAlert,
+  UsersRound,
+} from "lucide-preact";
 import type { ComponentType } from "preact";
 import { Access } from "./access";
 import { Drive } from "./drive";
+import { Busses } from "./panels/busses";
+import { Errors, standing } from "./panels/errors";
+import { Logs } from "./panels/logs";
+import { Messages } from "./panels/messages";
+import { Modules } from "./panels/modules";
+import { Power } from "./panels/power";
+import { Sensors } from "./panels/sensors";
+import { Simulator } from "./panels/simulator";
 import { scene } from "./state";
 
 export interface View {
@@ -20,15 +40,24 @@ export interface View {
   first?: boolean;
 }
 
+/** It is simulated: for a view's `when`. */
+export const simulated = (): boolean => scene.value?.simulated ?? false;
+
 export const VIEWS: View[] = [
   { id: "drive", label: "Drive", icon: Gamepad2, view: Drive, first: true },
+  { id: "modules", label: "Modules", icon: Boxes, view: Modules },
+  { id: "errors", label: "Errors", icon: TriangleAlert, view: Errors, count: standing, first: true },
+  { id: "sensors", label: "Sensors", icon: Radar, view: Sensors },
+  { id: "power", label: "Power", icon: PlugZap, view: Power },
+  { id: "busses", label: "Busses", icon: Cable, view: Busses },
+  { id: "messages", label: "Messages", icon: MessagesSquare, view: Messages },
+  { id: "logs", label: "Logs", icon: HardDriveDownload, view: Logs },
+  { id: "simulator", label: "Simulator", icon: Bug, view: Simulator, when: simulated },
   { id: "access", label: "This device", icon: UsersRound, view: Access },
 ];
 
 /** Those that there are now. */
 export const views = computed(() => VIEWS.filter((view) => view.when?.() ?? true));
-/** It is simulated: for a view's `when`. */
-export const simulated = (): boolean => scene.value?.simulated ?? false;
 
 const hash = signal(location.hash);
 addEventListener("hashchange", () => (hash.value = location.hash));

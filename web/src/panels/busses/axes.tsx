@@ -1,0 +1,76 @@
+// The drives: CiA 402 in words, and homing.
+import { Home } from "lucide-preact";
+import { deg, num } from "../../format";
+import { scene, stale, system, whyNot, drive } from "../../state";
+import { Age, Badge, Button, Card, Empty, Facts, type Tone } from "../../ui";
+import { order } from "../../operate";
+import { hex } from "../format";
+import { driveError, nmtState, powerState, type Sort, statusBits } from "./cia402";
+
+const OPERATIONAL = 5;
+/** The axis that has a home. */
+const HOMED = "steering";
+const TONES: Readonly<Record<Sort, Tone>> = { moves: "good", stands: "warn", fault: "bad" };
+
+export function Axes() {
+  const shown = system.value?.axes;
+  const axes = shown?.value?.axes;
+  if (!axes?.length) {
+    return (
+      <Card title="Drives">
+        <Empty>No drive has been heard.</Empty>
+      </Card>
+    );
+  }
+  return (
+    <>
+      {axes.map((axis) => {
+        const state = powerState(axis.statusword);
+        const node = scene.value?.drives.find((each) => each.name === axis.name)?.node;
+        const angle = axis.name === HOMED;
+        return (
+          <Card key={axis.name} title={`Drive: ${axis.name}`} aside={<Age shown={shown} />}>
+            <div class={stale(shown) ? "is-stale" : ""}>
+              <Facts
+                facts={[
+                  { name: "CiA 402", value: <Badge tone={TONES[state.sort]}>{state.name}</Badge> },
+                  {
+                    name: node === undefined ? "NMT" : `NMT, node ${node}`,
+                    value: <Badge tone={axis.nmt_state === OPERATIONAL ? "good" : "bad"}>{nmtState(axis.nmt_state)}</Badge>,
+                  },
+                  { name: "Error", value: axis.error_code ? <Badge tone="bad">{`${hex(axis.error_code)} ${driveError(axis.error_code)}`}</Badge> : "none" },
+                  {
+                    name: "Statusword",
+                    value: (
+                      <>
+                        {hex(axis.statusword)}
+                        <small class="p-bits">{statusBits(axis.statusword).join(", ") || "no further bit"}</small>
+                      </>
+                    ),
+                  },
+                  { name: "Position", value: angle ? deg(axis.position, 2) : num(axis.position, 3, "m") },
+                  { name: "Velocity", value: angle ? `${deg(axis.velocity, 2)}/s` : num(axis.velocity, 3, "m/s") },
+                  { name: "Current", value: num(axis.current, 2, "A") },
+                ]}
+              />
+            </div>
+            {angle ? <Homing axis={axis.name} /> : null}
+          </Card>
+        );
+      })}
+    </>
+  );
+}
+
+function Homing({ axis }: { axis: string }) {
+  const homed = drive.value?.motion.value?.homed;
+  return (
+    <p class="row">
+      <Button icon={Home} whyNot={whyNot.value} onClick={() => order({ type: "home", axis }, `${axis} was told to find its home.`)}>
+        Home the {axis}
+      </Button>
+      {homed === undefined ? null : homed ? <Badge tone="good">homed</Badge> : <Badge tone="warn">not homed</Badge>}
+      {whyNot.value ? <span class="muted">{whyNot.value}</span> : null}
+    </p>
+  );
+}

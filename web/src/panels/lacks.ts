@@ -1,0 +1,10 @@
+// Why something cannot be asked of the robot from here.
+import { connection, demo, may } from "../state";
+
+/** Why we may not do what needs that role; null: we may. */
+export function lacks(needs: "operator" | "engineer"): string | null {
+  if (demo.value) return "This is a recorded run: nothing can be commanded.";
+  if (!may(needs)) return needs === "engineer" ? "Only engineers may do this." : "Pair this device as an operator to do this.";
+  if (connection.value.state !== "live") return "There is no connection to the robot.";
+  return null;
+}

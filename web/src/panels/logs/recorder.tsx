@@ -1,0 +1,78 @@
+// What the recorder does; start, stop, and a marker with a text.
+import { Bookmark, Circle, Square } from "lucide-preact";
+import { useState } from "preact/hooks";
+import { bytes } from "../../format";
+import { stale, system } from "../../state";
+import { Age, Badge, Button, Card, Empty, Facts } from "../../ui";
+import { order } from "../../operate";
+import { lacks } from "../lacks";
+import { count } from "../format";
+
+/** Characters of a marker, as the server takes them. */
+const MARK_MAX = 200;
+
+export function RecorderCard() {
+  const [text, setText] = useState("");
+  const shown = system.value?.log;
+  const value = shown?.value;
+  if (!shown || !value) {
+    return (
+      <Card title="Recorder">
+        <Empty>No recorder has been heard.</Empty>
+      </Card>
+    );
+  }
+  const whyNot = lacks("operator");
+  const mark = async () => {
+    if (await order({ type: "log", action: "mark", text: text.trim() }, "The marker was set.")) setText("");
+  };
+  const noText = text.trim() === "" ? "Write first what the marker is to say." : null;
+  return (
+    <Card title="Recorder" aside={<Age shown={shown} />}>
+      <div class={stale(shown) ? "is-stale" : ""}>
+        <Facts
+          facts={[
+            { name: "State", value: value.recording ? <Badge tone="good" icon={Circle}>recording</Badge> : <Badge tone="warn">not recording</Badge> },
+            { name: "Run", value: value.run || "–" },
+            { name: "Written", value: bytes(value.bytes) },
+            {
+              name: "Dropped",
+              value: value.dropped > 0 ? <Badge tone="bad">{`${count(value.dropped)} messages`}</Badge> : "none",
+            },
+            { name: "Free on the disk", value: bytes(value.free) },
+          ]}
+        />
+      </div>
+      <form
+        class="p-form"
+        onSubmit={(event) => {
+          event.preventDefault();
+          if ((whyNot ?? noText) === null) void mark();
+        }}
+      >
+        {value.recording ? (
+          <Button icon={Square} whyNot={whyNot} onClick={() => order({ type: "log", action: "stop", text: "" }, "The recorder was told to stop.")}>
+            Stop recording
+          </Button>
+        ) : (
+          <Button
+            icon={Circle}
+            kind="primary"
+            whyNot={whyNot}
+            onClick={() => order({ type: "log", action: "start", text: "" }, "The recorder was told to start.")}
+          >
+            Start recording
+          </Button>
+        )}
+        <label class="field p-grow">
+          Marker: what happens now
+          <input value={text} maxLength={MARK_MAX} autocomplete="off" onInput={(event) => setText(event.currentTarget.value)} />
+        </label>
+        <Button type="submit" icon={Bookmark} whyNot={whyNot ?? noText} onClick={() => {}}>
+          Set marker
+        </Button>
+        {whyNot ? <p class="muted p-full">{whyNot}</p> : null}
+      </form>
+    </Card>
+  );
+}

@@ -1,0 +1,112 @@
+// The runs on the robot's disk: their files to download, and each as a demo.
+import { signal } from "@preact/signals";
+import { BookOpenText, Download, MonitorPlay, RotateCw } from "lucide-preact";
+import { useEffect } from "preact/hooks";
+import { bytes } from "../../format";
+import type { LogRun, Refused } from "../../protocol";
+import { demo } from "../../state";
+import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
+import { demoLink, fileLink, started } from "./names";
+
+/** s between two looks at the disk. */
+const AGAIN = 10;
+
+const runs = signal<LogRun[] | null>(null);
+const trouble = signal<string | null>(null);
+
+async function load(): Promise<void> {
+  try {
+    const response = await fetch("/api/logs", { headers: { Accept: "application/json" } });
+    const body = (await response.json()) as LogRun[] | Refused;
+    if (response.ok && Array.isArray(body)) {
+      runs.value = body;
+      trouble.value = null;
+    } else {
+      trouble.value = "why" in body ? body.why : `the robot answered ${response.status}`;
+    }
+  } catch {
+    trouble.value = "the robot does not answer";
+  }
+}
+
+const COLUMNS: Column<LogRun>[] = [
+  {
+    head: "Run",
+    title: true,
+    by: (run) => run.run,
+    cell: (run) => (
+      <span class="p-name">
+        {started(run.run)}
+        {run.recording ? <Badge tone="good">recording</Badge> : null}
+        {demo.value?.run === run.run ? <Badge tone="info">playing</Badge> : null}
+      </span>
+    ),
+  },
+  { head: "Size", figure: true, by: (run) => run.bytes, cell: (run) => bytes(run.bytes) },
+  {
+    head: "Files",
+    cell: (run) => (
+      <details class="p-files" open={run.files.length <= 2}>
+        <summary>{run.files.length === 1 ? "1 file" : `${run.files.length} files`}</summary>
+        <ul>
+          {run.files.map((file) => (
+            <li key={file.name}>
+              <a class="p-download" href={fileLink(run.run, file.name)} download={`${run.run}_${file.name.replaceAll("/", "_")}`}>
+                <Download size={16} aria-hidden />
+                {file.name}
+                <span class="muted">{bytes(file.bytes)}</span>
+              </a>
+            </li>
+          ))}
+        </ul>
+      </details>
+    ),
+  },
+  {
+    head: "Look at",
+    cell: (run) => (
+      <a class="button quiet" href={demoLink(run.run)} aria-label={`Play the run ${started(run.run)} on this page`}>
+        <MonitorPlay size={20} aria-hidden />
+        <span>Play</span>
+      </a>
+    ),
+  },
+];
+
+export function Runs() {
+  useEffect(() => {
+    void load();
+    const timer = setInterval(() => !document.hidden && void load(), 1000 * AGAIN);
+    return () => clearInterval(timer);
+  }, []);
+  const total = runs.value?.reduce((sum, run) => sum + run.bytes, 0) ?? 0;
+  return (
+    <Card
+      title="Runs"
+      flush
+      aside={
+        <span class="p-aside">
+          <span class="muted">{runs.value ? `${runs.value.length}, ${bytes(total)}` : ""}</span>
+          <Button kind="quiet" icon={RotateCw} label="Look again" onClick={() => void load()} />
+        </span>
+      }
+    >
+      {trouble.value ? (
+        <p class="p-pad">
+          <Badge tone="bad">The runs cannot be listed: {trouble.value}.</Badge>
+        </p>
+      ) : null}
+      {runs.value ? (
+        <Table caption="Recorded runs, the newest first" columns={COLUMNS} rows={runs.value} id={(run) => run.run} empty="Nothing has been recorded." />
+      ) : trouble.value ? null : (
+        <Empty>Asking the robot.</Empty>
+      )}
+      <p class="muted p-pad">
+        Playing shows a run on this page as if it happened now; nothing can be commanded then.{" "}
+        <a href="/foxglove-help">
+          <BookOpenText size={16} aria-hidden /> How to open a run, or this robot live, in Foxglove
+        </a>
+      </p>
+    </Card>
+  );
+}

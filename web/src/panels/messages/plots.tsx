@@ -1,0 +1,64 @@
+// The course of the chosen fields.
+import { signal } from "@preact/signals";
+import { Pause, Play, Trash2, X } from "lucide-preact";
+import { Button, Card } from "../../ui";
+import { Plot } from "../plot/plot";
+import { end, LONGEST, plots, toggle } from "./store";
+
+const WINDOWS = [
+  { seconds: 10, label: "10 s" },
+  { seconds: 60, label: "60 s" },
+  { seconds: LONGEST, label: "5 min" },
+] as const;
+
+const window = signal<number>(10);
+/** The right edge while it stands still; null: it moves. */
+const frozen = signal<number | null>(null);
+
+export function Plots() {
+  if (plots.value.length === 0) return null;
+  return (
+    <Card
+      title="Plot"
+      aside={
+        <span class="p-aside" role="group" aria-label="Window and pause">
+          {WINDOWS.map(({ seconds, label }) => (
+            <Button key={seconds} kind="quiet" pressed={window.value === seconds} onClick={() => (window.value = seconds)}>
+              {label}
+            </Button>
+          ))}
+          <Button
+            kind="quiet"
+            icon={frozen.value === null ? Pause : Play}
+            pressed={frozen.value !== null}
+            onClick={() => (frozen.value = frozen.value === null ? end() : null)}
+          >
+            {frozen.value === null ? "Pause" : "Go on"}
+          </Button>
+          <Button kind="quiet" icon={Trash2} label="End all plots" onClick={() => (plots.value = [])} />
+        </span>
+      }
+    >
+      <Plot
+        label={`Course of ${plots.value.map((each) => `${each.channel} ${each.path}`).join(", ")}`}
+        series={plots.value.map(({ channel, path, ring, style }) => ({ label: `${channel} ${path}`, ring, style }))}
+        window={window.value}
+        end={() => frozen.value ?? end()}
+        height={280}
+      />
+      <ul class="p-list">
+        {plots.value.map(({ channel, path, style }) => (
+          <li key={`${channel} ${path}`}>
+            <svg class={`p-key p-series-${style}`} width={32} height={8} aria-hidden>
+              <line x1={0} y1={4} x2={32} y2={4} />
+            </svg>
+            <span>
+              <b>{path}</b> <span class="muted">{channel}</span>
+            </span>
+            <Button kind="quiet" icon={X} label={`End the plot of ${channel} ${path}`} onClick={() => toggle(channel, path)} />
+          </li>
+        ))}
+      </ul>
+    </Card>
+  );
+}

@@ -1,0 +1,90 @@
+// The modules and their processes: what each is, what it should be, and commands to change that.
+import { SlidersHorizontal } from "lucide-preact";
+import { useState } from "preact/hooks";
+import { bytes, num, span } from "../../format";
+import type { ModuleRow } from "../../protocol";
+import { system } from "../../state";
+import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
+import { percent } from "../format";
+import { ModuleDialog } from "./dialog";
+import { announced, isStale, phase, State } from "./row";
+import "../panels.css";
+
+const COLUMNS: Column<ModuleRow>[] = [
+  {
+    head: "Module",
+    title: true,
+    by: (row) => row.module,
+    cell: (row) => (
+      <span class="p-name">
+        {row.module}
+        {row.critical ? <span class="p-tag" title="The robot does not move without it.">critical</span> : null}
+      </span>
+    ),
+  },
+  { head: "State", by: (row) => `${row.well ? 1 : 0}${row.state}`, cell: (row) => <State row={row} /> },
+  { head: "Process", by: (row) => row.phase, cell: (row) => phase(row) },
+  { head: "PID", figure: true, by: (row) => row.pid, cell: (row) => (row.pid ? row.pid : "–") },
+  { head: "Up", figure: true, by: (row) => row.uptime, cell: (row) => (row.pid ? span(row.uptime) : "–") },
+  { head: "Restarts", figure: true, by: (row) => row.restarts, cell: (row) => row.restarts },
+  { head: "Last end", by: (row) => row.last_exit, cell: (row) => row.last_exit || "never ended" },
+  { head: "CPU", figure: true, by: (row) => row.cpu, cell: (row) => (row.pid ? percent(row.cpu, 1) : "–") },
+  { head: "Memory", figure: true, by: (row) => row.rss, cell: (row) => (row.pid ? bytes(row.rss) : "–") },
+  { head: "Heard", figure: true, by: (row) => row.age ?? Infinity, cell: (row) => <Heard row={row} /> },
+];
+
+/** How long ago it announced itself; said in words where that is too long. */
+function Heard({ row }: { row: ModuleRow }) {
+  const age = announced(row);
+  if (age === null) return <>never</>;
+  return <>{isStale(row) ? `silent ${span(age)}` : span(age)}</>;
+}
+
+export function Modules() {
+  const [chosen, choose] = useState<string | null>(null);
+  const rows = system.value?.modules;
+  if (!rows) return <Empty>Not heard yet.</Empty>;
+  const ill = rows.filter((row) => !row.well || isStale(row));
+  const cpu = rows.reduce((sum, row) => sum + row.cpu, 0);
+  const rss = rows.reduce((sum, row) => sum + row.rss, 0);
+  const columns: Column<ModuleRow>[] = [
+    ...COLUMNS,
+    {
+      head: "Command",
+      cell: (row) => (
+        <Button kind="quiet" icon={SlidersHorizontal} label={`Details and commands of ${row.module}`} onClick={() => choose(row.module)} />
+      ),
+    },
+  ];
+  const row = rows.find((each) => each.module === chosen);
+  return (
+    <Card
+      title="Modules"
+      flush
+      aside={
+        <span class="p-aside">
+          {ill.length ? (
+            <Badge tone="bad">
+              {ill.length} of {rows.length} not as wanted
+            </Badge>
+          ) : (
+            <Badge tone="good">all {rows.length} as wanted</Badge>
+          )}
+          <span class="muted">
+            {num(100 * cpu, 1, "%")} CPU, {bytes(rss)}
+          </span>
+        </span>
+      }
+    >
+      <Table
+        caption="Modules with their states and processes"
+        columns={columns}
+        rows={rows}
+        id={(each) => each.module}
+        stale={isStale}
+        empty="No module has been heard."
+      />
+      {row ? <ModuleDialog row={row} onClose={() => choose(null)} /> : null}
+    </Card>
+  );
+}

@@ -1,0 +1,36 @@
+// What the table and the dialog say of a module in the same words.
+import type { ModuleRow } from "../../protocol";
+import { since, system } from "../../state";
+import { Badge, type Tone } from "../../ui";
+
+/** It announces itself each second; older than twice that it is stale. */
+const ANNOUNCED = 2;
+
+/** s since a module announced itself, grown by the time since it was sent; null: never. */
+export function announced(row: ModuleRow): number | null {
+  return row.age === null || !system.value ? row.age : row.age + since(system.value);
+}
+
+export const isStale = (row: ModuleRow): boolean => (announced(row) ?? Infinity) > ANNOUNCED;
+
+function tone(row: ModuleRow): Tone {
+  if (!row.well) return "bad";
+  if (row.state === "RUN") return "good";
+  return row.state === "PAUSE" || row.state === "STOP" ? "warn" : "off";
+}
+
+/** What it is, and what it should be where that is something else. */
+export function State({ row }: { row: ModuleRow }) {
+  const differs = row.wanted !== "" && row.wanted !== row.state;
+  return (
+    <span class="p-state">
+      <Badge tone={tone(row)}>{row.state}</Badge>
+      {differs ? <span class="p-wanted">wanted {row.wanted}</span> : null}
+    </span>
+  );
+}
+
+/** What a process does, in words. */
+export function phase(row: ModuleRow): string {
+  return row.phase === "stranger" ? "not guarded" : row.phase;
+}

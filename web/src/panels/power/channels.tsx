@@ -1,0 +1,79 @@
+// The power channels: what is fed, with what current; on, off, and off and on again.
+import { Plug, Power as PowerIcon } from "lucide-preact";
+import { useState } from "preact/hooks";
+import { num } from "../../format";
+import { stale, system } from "../../state";
+import { Age, Badge, Button, Card, type Column, Dialog, Empty, Slide, Table } from "../../ui";
+import { order } from "../../operate";
+import { lacks } from "../lacks";
+
+type Channel = { name: string; on: boolean; current: number | null };
+
+/** What hangs on a channel, where switching it off does more than its name says. */
+const WARNINGS: Readonly<Record<string, string>> = {
+  host: "The robot's own computer: its modules are ended and it is halted. Then nobody is there who could switch it on again.",
+  motors: "Without it the robot does not move.",
+  sensors: "Without it sonars, odometry and beacons are silent.",
+  switch: "The network switch: this connection may end with it.",
+};
+
+export function Channels() {
+  const [chosen, choose] = useState<string | null>(null);
+  const shown = system.value?.power;
+  const rows = shown?.value?.channels;
+  const columns: Column<Channel>[] = [
+    { head: "Channel", title: true, by: (row) => row.name, cell: (row) => row.name },
+    { head: "Is", by: (row) => (row.on ? 0 : 1), cell: (row) => (row.on ? <Badge tone="good">on</Badge> : <Badge tone="off">off</Badge>) },
+    { head: "Current", figure: true, by: (row) => row.current ?? -Infinity, cell: (row) => num(row.current, 2, "A") },
+    {
+      head: "Switch",
+      cell: (row) => <Button kind="quiet" icon={PowerIcon} label={`Switch ${row.name}`} onClick={() => choose(row.name)} />,
+    },
+  ];
+  const channel = rows?.find((row) => row.name === chosen);
+  return (
+    <Card title="Power channels" icon={Plug} flush aside={<Age shown={shown} />}>
+      {rows ? (
+        <Table caption="Power channels" columns={columns} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
+      ) : (
+        <Empty>Not heard yet.</Empty>
+      )}
+      {channel ? <Switch channel={channel} onClose={() => choose(null)} /> : null}
+    </Card>
+  );
+}
+
+function Switch({ channel, onClose }: { channel: Channel; onClose: () => void }) {
+  const { name, on } = channel;
+  const whyNot = lacks("engineer");
+  const command = async (action: "on" | "off" | "reboot", done: string) => {
+    if (await order({ type: "power", channel: name, action }, done)) onClose();
+  };
+  return (
+    <Dialog title={`Channel ${name}`} open onClose={onClose}>
+      <p>
+        It is {on ? <Badge tone="good">on</Badge> : <Badge tone="off">off</Badge>} and draws {num(channel.current, 2, "A")}.
+      </p>
+      {WARNINGS[name] ? <p class="p-note">{WARNINGS[name]}</p> : null}
+      <ul class="p-commands">
+        <li>
+          <Button icon={PowerIcon} whyNot={whyNot ?? (on ? "It is on." : null)} onClick={() => command("on", `${name} was told: on.`)}>
+            Switch on
+          </Button>
+        </li>
+        <li>
+          <Slide label={`Switch ${name} off`} tone="danger" whyNot={whyNot} onConfirm={() => command("off", `${name} was told: off.`)} />
+        </li>
+        <li>
+          <Slide
+            label={`Reboot ${name}`}
+            tone="danger"
+            whyNot={whyNot}
+            onConfirm={() => command("reboot", `${name} was told: off and on again.`)}
+          />
+        </li>
+      </ul>
+      {whyNot ? <p class="p-note">{whyNot}</p> : null}
+    </Dialog>
+  );
+}

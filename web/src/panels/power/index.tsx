@@ -1,0 +1,16 @@
+// Battery, power channels, temperatures and fans.
+import { BatteryCard } from "./battery";
+import { Channels } from "./channels";
+import { Fans, Thermometers } from "./temperatures";
+import "../panels.css";
+
+export function Power() {
+  return (
+    <div class="cards">
+      <BatteryCard />
+      <Channels />
+      <Thermometers />
+      <Fans />
+    </div>
+  );
+}

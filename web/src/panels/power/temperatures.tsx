@@ -1,0 +1,62 @@
+// Temperatures against their limits, and fans.
+import { Fan, Thermometer } from "lucide-preact";
+import { num } from "../../format";
+import type { Temperatures } from "../../protocol";
+import { stale, system } from "../../state";
+import { Age, Badge, Card, type Column, Empty, Table } from "../../ui";
+import { percent } from "../format";
+
+type Temperature = Temperatures["temperatures"][number];
+type FanRow = Temperatures["fans"][number];
+
+const TEMPERATURES: Column<Temperature>[] = [
+  { head: "Where", title: true, by: (row) => row.name, cell: (row) => row.name },
+  { head: "Temperature", figure: true, by: (row) => row.value ?? -Infinity, cell: (row) => num(row.value, 1, "°C") },
+  {
+    head: "Limit",
+    by: (row) => (row.over ? 0 : 1),
+    cell: (row) => {
+      if (row.value === null) return <Badge tone="warn">not measured</Badge>;
+      return row.over ? <Badge tone="bad">over</Badge> : <Badge tone="good">below</Badge>;
+    },
+  },
+];
+
+const FANS: Column<FanRow>[] = [
+  { head: "Fan", title: true, by: (row) => row.name, cell: (row) => row.name },
+  { head: "Driven", figure: true, by: (row) => row.duty ?? -Infinity, cell: (row) => percent(row.duty) },
+  { head: "Turns", figure: true, by: (row) => row.rpm ?? -Infinity, cell: (row) => num(row.rpm, 0, "rpm") },
+  {
+    head: "Is",
+    by: (row) => (row.failed ? 0 : 1),
+    cell: (row) => (row.failed ? <Badge tone="bad">failed</Badge> : <Badge tone="good">well</Badge>),
+  },
+];
+
+export function Thermometers() {
+  const shown = system.value?.temperatures;
+  const rows = shown?.value?.temperatures;
+  return (
+    <Card title="Temperatures" icon={Thermometer} flush aside={<Age shown={shown} />}>
+      {rows ? (
+        <Table caption="Temperatures" columns={TEMPERATURES} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
+      ) : (
+        <Empty>Not heard yet.</Empty>
+      )}
+    </Card>
+  );
+}
+
+export function Fans() {
+  const shown = system.value?.temperatures;
+  const rows = shown?.value?.fans;
+  return (
+    <Card title="Fans" icon={Fan} flush aside={<Age shown={shown} />}>
+      {rows ? (
+        <Table caption="Fans" columns={FANS} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
+      ) : (
+        <Empty>Not heard yet.</Empty>
+      )}
+    </Card>
+  );
+}

@@ -1,0 +1,101 @@
+// Beacons, odometry and the gamepad.
+import { deg, num, span } from "../../format";
+import type { Beacons } from "../../protocol";
+import { drive, sensors, since, stale } from "../../state";
+import { Age, Badge, Card, type Column, Empty, Facts, Table } from "../../ui";
+import { count } from "../format";
+import { side } from "./geometry";
+
+interface Sighting {
+  id: number;
+  bearing: number | null;
+  strength: number | null;
+  /** s */
+  age: number;
+}
+
+/** Each beacon has an instant of its own: what it is old is that before the message, and what the message is old by now. */
+function sightings(value: Beacons, age: number): Sighting[] {
+  return value.beacons.map(({ id, bearing, strength, timestamp }) => {
+    const before = Math.max(0, (value.timestamp - timestamp) / 1e6);
+    return { id, bearing, strength, age: age + before };
+  });
+}
+
+const BEACONS: Column<Sighting>[] = [
+  { head: "Beacon", title: true, by: (row) => row.id, cell: (row) => `Beacon ${row.id}` },
+  { head: "Bearing", figure: true, by: (row) => row.bearing ?? Infinity, cell: (row) => deg(row.bearing, 1) },
+  { head: "Seen", cell: (row) => (row.bearing === null ? "–" : side(row.bearing)) },
+  { head: "Strength", figure: true, by: (row) => row.strength ?? -Infinity, cell: (row) => num(row.strength, 2) },
+  { head: "Age", figure: true, by: (row) => row.age, cell: (row) => span(row.age) },
+];
+
+export function BeaconCard() {
+  const shown = sensors.value?.beacons;
+  if (!shown) return null;
+  const rows = shown.value ? sightings(shown.value, (shown.age ?? 0) + since(shown)) : null;
+  return (
+    <Card title="Beacons seen" flush aside={<Age shown={shown} />}>
+      {rows ? (
+        <Table
+          caption="Beacons seen in the last sweep"
+          columns={BEACONS}
+          rows={rows}
+          id={(row) => row.id}
+          stale={() => stale(shown)}
+          empty="None was seen in the last sweep."
+        />
+      ) : (
+        <Empty>Not heard yet.</Empty>
+      )}
+    </Card>
+  );
+}
+
+export function OdometryCard() {
+  const shown = drive.value?.odometry;
+  const value = shown?.value;
+  return (
+    <Card title="Odometry" aside={<Age shown={shown} />}>
+      {value ? (
+        <div class={stale(shown) ? "is-stale" : ""}>
+          <Facts
+            facts={[
+              { name: "Speed", value: num(value.translation, 3, "m/s") },
+              { name: "Turning", value: `${deg(value.rotation, 1)}/s` },
+              { name: "Way", value: num(value.path, 2, "m") },
+              { name: "Heading", value: deg(value.heading, 1) },
+              { name: "Ticks left", value: count(value.ticks_left) },
+              { name: "Ticks right", value: count(value.ticks_right) },
+            ]}
+          />
+        </div>
+      ) : (
+        <Empty>Not heard yet.</Empty>
+      )}
+    </Card>
+  );
+}
+
+export function GamepadCard() {
+  const shown = drive.value?.gamepad;
+  const value = shown?.value;
+  return (
+    <Card title="Gamepad of the robot" aside={<Age shown={shown} />}>
+      {value?.connected ? (
+        <div class={stale(shown) ? "is-stale" : ""}>
+          <Facts
+            facts={[
+              { name: "Name", value: value.name },
+              { name: "Dead man", value: value.dead_man ? <Badge tone="warn">held: it drives</Badge> : <Badge tone="off">let go</Badge> },
+              { name: "Speed", value: num(value.speed, 2, "m/s") },
+              { name: "Steering", value: deg(value.steering, 1) },
+            ]}
+          />
+        </div>
+      ) : (
+        <Empty>{value ? "None is plugged in." : "Not heard yet."}</Empty>
+      )}
+    </Card>
+  );
+}
