@@ -20,6 +20,9 @@ export const now = signal(clock());
 /** How often each part comes, s: no value in it is newer than that. */
 const EVERY: Record<Part["part"], number> = { scene: 0, drive: 0.1, sensors: 0.2, map: 5, system: 1, message: 0 };
 
+/** What the way through the network may add, s, before a value counts as old. */
+const NETWORK = 0.2;
+
 /** When the robot's part or value came, on the page's clock, and how often it comes, s. */
 const arrivals = new WeakMap<object, { at: number; every: number }>();
 
@@ -71,7 +74,7 @@ export function stale(shown: Shown<unknown> | null | undefined): boolean {
   if (shown.freshness === "stale") return true;
   // What is said more often than it is sent here is as old as the last part, and well.
   const period = Math.max(shown.period ?? Infinity, arrivals.get(shown)?.every ?? 0);
-  return (age(shown) ?? Infinity) > 2 * period;
+  return (age(shown) ?? Infinity) > 2 * period + NETWORK;
 }
 
 /** A value that may be relied on now; null where it is stale. */

@@ -7,6 +7,7 @@ import {
   Gamepad2,
   HardDriveDownload,
   type LucideIcon,
+  MapIcon,
   MessagesSquare,
   PlugZap,
   Radar,
@@ -16,6 +17,7 @@ import {
 import type { ComponentType } from "preact";
 import { Access } from "./access";
 import { Drive } from "./drive";
+import { MapView } from "./map";
 import { Busses } from "./panels/busses";
 import { Errors, standing } from "./panels/errors";
 import { Logs } from "./panels/logs";
@@ -45,6 +47,7 @@ export const simulated = (): boolean => scene.value?.simulated ?? false;
 
 export const VIEWS: View[] = [
   { id: "drive", label: "Drive", icon: Gamepad2, view: Drive, first: true },
+  { id: "map", label: "Map", icon: MapIcon, view: MapView, first: true },
   { id: "modules", label: "Modules", icon: Boxes, view: Modules },
   { id: "errors", label: "Errors", icon: TriangleAlert, view: Errors, count: standing, first: true },
   { id: "sensors", label: "Sensors", icon: Radar, view: Sensors },

@@ -1,34 +1,66 @@
-// Driving by hand: who has control, what the robot does, and the pad.
-import { Hand } from "lucide-preact";
-import { deg, num } from "../format";
-import { release, take } from "../operate";
-import { authority, drive, holder, may, demo } from "../state";
-import { Aged, Button, Card, Facts, Slide } from "../ui";
+// Driving by hand: who has control, the pad, what the robot does, and why it does not.
+import { Gamepad2, Hand, House, Keyboard, ListChecks, Move } from "lucide-preact";
+import { useEffect } from "preact/hooks";
+import { deg, num, span } from "../format";
+import { MapPanel } from "../map";
+import { order, release, resume, stopped, take } from "../operate";
+import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
+import { Age, Badge, Button, Card, Slide } from "../ui";
+import { advice } from "./advice";
+import { Gauge } from "./gauge";
+import { Pad } from "./pad";
+import { begin, commanded, endedWhy, gamepadName, PACES, pace } from "./session";
+import "./drive.css";
 
 export function Drive() {
+  useEffect(begin, []);
   return (
-    <div class="cards">
-      <Control />
-      <Readings />
+    <div class="drive">
+      <div class="drive-map">
+        <MapPanel />
+      </div>
+      <div class="drive-side">
+        <Control />
+        <Why />
+        <Motion />
+        {demo.value ? null : <Hands />}
+        <Homing />
+      </div>
     </div>
   );
 }
 
 /** Takes control, or over from who has it, by a gesture that names them. */
-export function Control() {
+function Control() {
   if (demo.value) return null;
   const who = holder.value;
-  const whyNot = may("operator") ? null : "Pair this device to take control";
+  const yours = authority.value.yours;
+  const pairing = may("operator") ? null : "Pair this device to take control";
+  if (!may("operator")) {
+    return (
+      <Card title="You are watching" icon={Hand}>
+        <p>To drive, enter the code from the robot's console.</p>
+        <a class="button primary" href="#/access">
+          Pair this device
+        </a>
+      </Card>
+    );
+  }
   return (
-    <Card title="Control" icon={Hand}>
-      {authority.value.yours ? (
+    <Card
+      title={yours ? "You have control" : who ? `${who.name} has control` : "Nobody has control"}
+      icon={Hand}
+      aside={who ? <Badge tone={who.driving ? "good" : "off"}>{who.driving ? "drives" : `since ${span(who.since)}`}</Badge> : null}
+      class={yours ? "control is-yours" : "control"}
+    >
+      {yours ? (
         <Button icon={Hand} onClick={() => void release()}>
           Give control back
         </Button>
       ) : who ? (
-        <Slide label={`Take over from ${who.name}`} tone="danger" whyNot={whyNot} onConfirm={() => void take()} />
+        <Slide label={`Take over from ${who.name}`} tone="danger" whyNot={pairing} onConfirm={() => void take()} />
       ) : (
-        <Button icon={Hand} kind="primary" whyNot={whyNot} onClick={() => void take()}>
+        <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? pairing : "There is no connection"} onClick={() => void take()}>
           Take control
         </Button>
       )}
@@ -36,22 +68,113 @@ export function Control() {
   );
 }
 
-/** Commanded and actual. */
-export function Readings() {
+/** Why it does not move, and what to do. */
+function Why() {
+  const part = drive.value;
+  const said = part && connection.value.state === "live" ? advice(part, stopped.value) : null;
+  if (!said) return null;
   return (
-    <Card title="Motion">
-      <Aged shown={drive.value?.motion}>
-        {(motion) => (
-          <Facts
-            facts={[
-              { name: "Speed", value: num(motion.speed, 2, "m/s") },
-              { name: "commanded", value: num(motion.speed_target, 2, "m/s") },
-              { name: "Steering", value: deg(motion.steering) },
-              { name: "commanded", value: deg(motion.steering_target) },
-            ]}
-          />
-        )}
-      </Aged>
+    <Card title={said.title} icon={ListChecks} class="why tone-warn">
+      <ol class="steps">
+        {said.steps.map((step) => (
+          <li key={step}>{step}</li>
+        ))}
+      </ol>
+      {said.offer === "resume" && may("operator") ? (
+        <Slide label="Let it go on" tone="good" whyNot={whyNot.value} onConfirm={() => void resume()} />
+      ) : null}
+      {said.offer === "modules" ? (
+        <div class="row">
+          <a class="button" href="#/modules">
+            Modules
+          </a>
+          <a class="button" href="#/errors">
+            Errors
+          </a>
+        </div>
+      ) : null}
+    </Card>
+  );
+}
+
+/** What is, and what is commanded. */
+function Motion() {
+  const shown = drive.value?.motion;
+  const motion = shown?.value ?? null;
+  const grey = stale(shown);
+  const { speed, steering } = scene.value?.limits ?? { speed: 1, steering: 1 };
+  const of = (value: number | null | undefined, most: number): number | null => (typeof value === "number" ? value / most : null);
+  return (
+    <Card title="Motion" icon={Move} aside={<Age shown={shown} />}>
+      <Gauge
+        name="Speed"
+        actual={num(motion?.speed, 2, "m/s")}
+        commanded={num(motion?.speed_target, 2, "m/s")}
+        is={of(motion?.speed, speed)}
+        wanted={of(motion?.speed_target, speed)}
+        stale={grey}
+      />
+      <Gauge
+        name="Steering"
+        actual={side(motion?.steering)}
+        commanded={side(motion?.steering_target)}
+        is={of(motion?.steering, steering)}
+        wanted={of(motion?.steering_target, steering)}
+        stale={grey}
+        mirrored
+      />
+      <p class="why-not">{motion?.source ? `${motion.source} commands.` : "Nobody commands the motion."}</p>
+    </Card>
+  );
+}
+
+/** An angle of the steering, in words which side. */
+function side(value: number | null | undefined): string {
+  const text = deg(typeof value === "number" ? Math.abs(value) : value);
+  return typeof value !== "number" || text === "0°" ? text : `${text} ${value > 0 ? "left" : "right"}`;
+}
+
+function Hands() {
+  const limits = scene.value?.limits;
+  const now = commanded.value;
+  return (
+    <Card title="Hold to drive" icon={Gamepad2} class="hands">
+      <div class="choice" role="group" aria-label="How fast at most">
+        {(Object.keys(PACES) as (keyof typeof PACES)[]).map((each) => (
+          <Button key={each} pressed={pace.value === each} onClick={() => (pace.value = each)}>
+            {each === "slow" ? "Slow" : "Normal"} {limits ? num(limits.speed * PACES[each], 1, "m/s") : ""}
+          </Button>
+        ))}
+      </div>
+      <Pad />
+      <p class="hands-said figure" role="status">
+        {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value || "Let go, and it stops."}
+      </p>
+      <p class="why-not hands-keys">
+        <Keyboard size={16} aria-hidden /> arrow keys or WASD
+        <Gamepad2 size={16} aria-hidden /> {gamepadName.value ? `${gamepadName.value}: hold a shoulder button` : "gamepad: press one of its buttons"}
+      </p>
+    </Card>
+  );
+}
+
+function Homing() {
+  const motion = fresh(drive.value?.motion);
+  const needed = motion !== null && !motion.homed;
+  return (
+    <Card
+      title="Steering"
+      icon={House}
+      aside={motion === null ? <Badge tone="off">not known</Badge> : <Badge tone={motion.homed ? "good" : "warn"}>{motion.homed ? "homed" : "not homed"}</Badge>}
+    >
+      <Button
+        icon={House}
+        kind={needed ? "primary" : "normal"}
+        whyNot={whyNot.value}
+        onClick={() => void order({ type: "home", axis: "steering" }, "The steering looks for its switch.")}
+      >
+        Home the steering
+      </Button>
     </Card>
   );
 }

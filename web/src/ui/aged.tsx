@@ -13,7 +13,7 @@ export function Age({ shown }: { shown: Shown<unknown> | null | undefined }) {
     <span class={grey ? "age is-stale" : "age"} title={grey ? "older than it should be" : "age of the value"}>
       <Clock size={12} aria-hidden />
       <span class="visually-hidden">{grey ? "stale, age " : "age "}</span>
-      {old === null ? "never heard" : span(old)}
+      {old === null ? "never heard" : old < 1 && !grey ? "< 1 s" : span(old)}
     </span>
   );
 }

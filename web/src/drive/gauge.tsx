@@ -1,0 +1,30 @@
+// A value between two ends with zero in the middle: what is (the bar) and what is commanded (the mark).
+export function Gauge(props: {
+  name: string;
+  /** Both as shown in words, and as shares of the greatest, -1 to 1; null: not known. */
+  actual: string;
+  commanded: string;
+  is: number | null;
+  wanted: number | null;
+  stale: boolean;
+  /** Greater values are to the left. */
+  mirrored?: boolean;
+}) {
+  const { name, actual, commanded, stale, mirrored } = props;
+  const place = (share: number | null): number => 50 + (mirrored ? -50 : 50) * Math.max(-1, Math.min(1, share ?? 0));
+  const [from, to] = [Math.min(50, place(props.is)), Math.max(50, place(props.is))];
+  return (
+    <div class={stale ? "gauge is-stale" : "gauge"}>
+      <div class="gauge-words">
+        <span>{name}</span>
+        <strong class="figure">{actual}</strong>
+        <small class="figure">of {commanded} commanded</small>
+      </div>
+      <div class="gauge-bar" aria-hidden>
+        <i class="gauge-middle" />
+        {props.is === null ? null : <i class="gauge-is" style={{ left: `${from}%`, width: `${to - from}%` }} />}
+        {props.wanted === null ? null : <i class="gauge-wanted" style={{ left: `${place(props.wanted)}%` }} />}
+      </div>
+    </div>
+  );
+}

@@ -1,0 +1,130 @@
+// Hold to run. The robot is driven only while a hand is on the pad, the keys or a gamepad's dead-man button; a press that
+// ended, for whatever reason, is over for good. Pure: events and the page's clock in, commands out.
+import type { Command } from "../protocol";
+
+export type Source = "pad" | "keys" | "gamepad";
+
+/** Where the hand is, as a share of what is allowed, -1 to 1: forward, and to the left. */
+export interface Wish {
+  speed: number;
+  steering: number;
+}
+
+export type DriveCommand = Extract<Command, { type: "drive" | "zero" }>;
+
+/** ms between two commands: 20 Hz. */
+export const PERIOD = 50;
+/** The robot ends a hold that says nothing for so long, and so does the page when it was not running. ms. */
+export const STALL = 200;
+
+interface Current {
+  source: Source;
+  hold: number;
+  wish: Wish;
+  /** When it spoke last. */
+  spoke: number;
+  /** When it shall speak next. */
+  next: number;
+}
+
+export class Hold {
+  private current: Current | null = null;
+  private hold = 0;
+  private seq = 0;
+  private max = { speed: 0, steering: 0 };
+  private whyNot: string | null = "Nothing is known of the robot yet.";
+  /** Why the last one ended, in words; empty: the hand let go. */
+  ended = "";
+
+  constructor(private readonly say: (command: DriveCommand) => void) {}
+
+  /** Who drives; null: nobody. */
+  get holding(): Source | null {
+    return this.current?.source ?? null;
+  }
+
+  /** What is commanded now, m/s and rad. */
+  get commanded(): { speed: number; steering: number } | null {
+    return this.current && this.scaled(this.current.wish);
+  }
+
+  /** m/s and rad at the ends of the pad. */
+  limit(speed: number, steering: number): void {
+    this.max = { speed, steering };
+  }
+
+  /** Whether driving is allowed; when it ceases to be, a hold ends. */
+  allow(whyNot: string | null): void {
+    this.whyNot = whyNot;
+    if (whyNot !== null) this.end(whyNot);
+  }
+
+  /** A hand takes hold. While another one does, that ends, and this does not begin: two hands are one too many. */
+  press(source: Source, wish: Wish, at: number): boolean {
+    if (this.current) {
+      this.end("Two hands at once.");
+      return false;
+    }
+    if (this.whyNot !== null || !finite(wish)) return false;
+    this.hold += 1;
+    this.ended = "";
+    this.current = { source, hold: this.hold, wish, spoke: at, next: at };
+    this.tick(at);
+    return true;
+  }
+
+  /** The hand moves. It is said with the next command. */
+  move(source: Source, wish: Wish): void {
+    if (this.current?.source !== source) return;
+    if (finite(wish)) this.current.wish = wish;
+    else this.end("The hand's place was not a number.");
+  }
+
+  /** The hand is off, or may be: zero at once. */
+  release(source: Source, why = ""): void {
+    if (this.current?.source === source) this.end(why);
+  }
+
+  /** Whoever it is: the page is hidden, left, or Stop was pressed. */
+  letGo(why: string): void {
+    this.end(why);
+  }
+
+  /** The robot ended it. Nothing is said: it has stopped already. */
+  endedByRobot(hold: number, why: string): void {
+    if (this.current?.hold !== hold) return;
+    this.current = null;
+    this.ended = why;
+  }
+
+  /** To be called often while somebody drives. Says what is due. */
+  tick(at: number): void {
+    const current = this.current;
+    if (!current || at < current.next) return;
+    if (at - current.spoke > STALL) {
+      this.end("The page was not running for a moment.");
+      return;
+    }
+    current.spoke = at;
+    // From the last due time, so that the rate holds; what was missed is dropped.
+    current.next = Math.max(current.next + PERIOD, at + PERIOD / 2);
+    this.seq += 1;
+    this.say({ type: "drive", hold: current.hold, seq: this.seq, t: at, ...this.scaled(current.wish) });
+  }
+
+  private end(why: string): void {
+    const current = this.current;
+    if (!current) return;
+    this.current = null;
+    this.ended = why;
+    this.seq += 1;
+    this.say({ type: "zero", hold: current.hold, seq: this.seq });
+  }
+
+  private scaled(wish: Wish): { speed: number; steering: number } {
+    return { speed: share(wish.speed) * this.max.speed, steering: share(wish.steering) * this.max.steering };
+  }
+}
+
+const share = (value: number): number => Math.max(-1, Math.min(1, value));
+const finite = (wish: Wish): boolean => Number.isFinite(wish.speed) && Number.isFinite(wish.steering);

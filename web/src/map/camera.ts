@@ -1,0 +1,56 @@
+// Where the map is looked at: a place in its middle, and pixels a metre. Pure. The map's y grows upwards, the screen's down.
+export interface Camera {
+  x: number;
+  y: number;
+  scale: number;
+}
+export interface Size {
+  width: number;
+  height: number;
+}
+export type Point = [number, number];
+
+/** Pixels a metre. */
+const LEAST = 4;
+const MOST = 400;
+
+export function toScreen(camera: Camera, size: Size, [x, y]: Point): Point {
+  return [size.width / 2 + (x - camera.x) * camera.scale, size.height / 2 - (y - camera.y) * camera.scale];
+}
+
+export function toMap(camera: Camera, size: Size, [x, y]: Point): Point {
+  return [camera.x + (x - size.width / 2) / camera.scale, camera.y - (y - size.height / 2) / camera.scale];
+}
+
+/** Nearer by `factor`; what is under `at` on the screen stays there. */
+export function zoomed(camera: Camera, size: Size, factor: number, at: Point): Camera {
+  const scale = Math.min(MOST, Math.max(LEAST, camera.scale * factor));
+  const [x, y] = toMap(camera, size, at);
+  const [nextX, nextY] = toMap({ ...camera, scale }, size, at);
+  return { x: camera.x + x - nextX, y: camera.y + y - nextY, scale };
+}
+
+/** Moved so that what was under `from` is under `to`. */
+export function panned(camera: Camera, from: Point, to: Point): Camera {
+  return { ...camera, x: camera.x - (to[0] - from[0]) / camera.scale, y: camera.y + (to[1] - from[1]) / camera.scale };
+}
+
+/** All points in sight, with `margin` pixels around. Without points: 10 m around the origin. */
+export function fitted(points: Point[], size: Size, margin: number): Camera {
+  let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
+  for (const [x, y] of points) {
+    left = Math.min(left, x);
+    right = Math.max(right, x);
+    low = Math.min(low, y);
+    high = Math.max(high, y);
+  }
+  if (left > right) [left, right, low, high] = [-5, 5, -5, 5];
+  const across = Math.max(1, size.width - 2 * margin) / Math.max(1, right - left);
+  const up = Math.max(1, size.height - 2 * margin) / Math.max(1, high - low);
+  return { x: (left + right) / 2, y: (low + high) / 2, scale: Math.min(MOST, Math.max(LEAST, Math.min(across, up))) };
+}
+
+/** A round length that is between 60 and 150 pixels: for the scale bar. */
+export function barLength(scale: number): number {
+  return [0.2, 0.5, 1, 2, 5, 10, 20].find((metres) => metres * scale >= 60) ?? 50;
+}

@@ -1,0 +1,61 @@
+// What is being placed on the map by hand, before it is said: a goal, a way of several, or the robot's own position.
+import { signal } from "@preact/signals";
+import { order } from "../operate";
+
+export type Mode = "look" | "go" | "route" | "pose";
+
+export interface Place {
+  x: number;
+  y: number;
+  /** rad; null: whichever way it comes. */
+  theta: number | null;
+}
+
+export const mode = signal<Mode>("look");
+export const places = signal<Place[]>([]);
+export const loop = signal(false);
+/** What was said last, shown until another is. */
+export const sent = signal<Place[]>([]);
+
+/** As many as a way may have. */
+const MOST = 32;
+
+export function begin(next: Mode): void {
+  mode.value = next;
+  places.value = [];
+}
+
+/** A new place: the next of a way, else the one there is. A position needs a heading: the one it has had. */
+export function put(x: number, y: number, heading: number): void {
+  const place: Place = { x, y, theta: mode.value === "pose" ? heading : null };
+  places.value = mode.value === "route" ? [...places.value, place].slice(0, MOST) : [place];
+}
+
+/** Turns the last place towards a point. */
+export function turn(x: number, y: number): void {
+  const last = places.value.at(-1);
+  if (last) change({ theta: Math.atan2(y - last.y, x - last.x) });
+}
+
+export function change(part: Partial<Place>): void {
+  const last = places.value.at(-1);
+  if (last) places.value = [...places.value.slice(0, -1), { ...last, ...part }];
+}
+
+export function undo(): void {
+  places.value = places.value.slice(0, -1);
+}
+
+/** Says it. */
+export async function confirm(): Promise<void> {
+  const all = places.value;
+  const last = all.at(-1);
+  if (!last) return;
+  const posing = mode.value === "pose";
+  const well = posing
+    ? await order({ type: "pose", x: last.x, y: last.y, theta: last.theta ?? 0 }, "The robot was told where it is.")
+    : await order({ type: "goal", waypoints: all.map(({ x, y, theta }) => (theta === null ? { x, y } : { x, y, theta })), loop: loop.value && all.length > 1 }, "The robot was told where to go.");
+  if (!well) return;
+  if (!posing) sent.value = all;
+  begin("look");
+}
