@@ -3,14 +3,16 @@
 //! - `Host` must be a name that the robot has, or the address that was reached: a page of somebody else whose name suddenly
 //!   means this robot (DNS rebinding) names itself there.
 //! - `Origin`, where a browser sends one, must be the robot's own page or one on the list: a WebSocket is not kept from other
-//!   pages by the browser. Programs send none.
-//! - The credentials, where some are configured, as `Authorization: Bearer TOKEN` or, for those who cannot set headers, as
-//!   `?token=TOKEN`.
+//!   pages by the browser. Programs send none. What changes anything is for the robot's own page alone.
+//! - Then it is found out who asks, and each route says whom it answers. The credentials of `web.token_file` are an engineer's
+//!   as `Authorization: Bearer TOKEN`, and a viewer's, for those who cannot set headers, as `?token=TOKEN`: addresses are
+//!   written to logs.
 
+use super::center::access::{Role, Who};
 use super::server::Reached;
 use super::stats::{Refusal, Stats};
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, StatusCode, Uri, header};
+use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::IpAddr;
@@ -23,26 +25,34 @@ pub struct Guard {
     pub hosts: Vec<String>,
     /// Whose pages may connect besides its own.
     pub origins: Vec<String>,
-    /// The credentials; none: whoever reaches it.
+    /// The credentials; none: whoever reaches a loopback address is a viewer.
     pub token: Option<String>,
 }
 
+/// Whose page asks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// None: a program, or a browser that goes there.
+    None,
+    /// The robot's own.
+    Own,
+    /// One of `web.origins`.
+    Listed,
+}
+
 impl Guard {
-    /// Whether a request may be served that reached this address of ours.
+    /// Whose page asks, and who, of a request that reached this address of ours.
     ///
     /// # Errors
-    /// Why not.
-    pub fn check(&self, reached: IpAddr, uri: &Uri, headers: &HeaderMap) -> Result<(), Refusal> {
+    /// Why it is not served whoever it is.
+    pub fn check(&self, reached: IpAddr, uri: &Uri, headers: &HeaderMap) -> Result<(Origin, Who), Refusal> {
         let host = single(headers, header::HOST.as_str()).ok().flatten();
         let host = host.filter(|host| self.is_ours(reached, host)).ok_or(Refusal::Host)?;
-        let origin = single(headers, header::ORIGIN.as_str()).map_err(|()| Refusal::Origin)?;
-        if origin.is_some_and(|origin| !self.is_welcome(origin, host)) {
-            return Err(Refusal::Origin);
-        }
-        match &self.token {
-            Some(token) if !brings(token, uri, headers) => Err(Refusal::Credentials),
-            _ => Ok(()),
-        }
+        let origin = match single(headers, header::ORIGIN.as_str()).map_err(|()| Refusal::Origin)? {
+            None => Origin::None,
+            Some(origin) => self.origin(origin, host).ok_or(Refusal::Origin)?,
+        };
+        Ok((origin, Who { role: self.role(reached, uri, headers), ..Who::default() }))
     }
 
     /// Whether `host`, with or without a port, is us. The port may be another one: that of a tunnel.
@@ -55,12 +65,30 @@ impl Guard {
         }
     }
 
-    /// Whether `origin` is on the list, or the page that this very `host` has served.
-    fn is_welcome(&self, origin: &str, host: &str) -> bool {
+    /// Whether `origin` is the page that this very `host` has served, or on the list.
+    fn origin(&self, origin: &str, host: &str) -> Option<Origin> {
         let own = ["http://", "https://"]
             .iter()
             .any(|scheme| origin.strip_prefix(scheme).is_some_and(|authority| authority.eq_ignore_ascii_case(host)));
-        own || self.origins.iter().any(|welcome| welcome.eq_ignore_ascii_case(origin))
+        let listed = || self.origins.iter().any(|welcome| welcome.eq_ignore_ascii_case(origin));
+        if own { Some(Origin::Own) } else { listed().then_some(Origin::Listed) }
+    }
+
+    /// By the credentials, or by being there.
+    fn role(&self, reached: IpAddr, uri: &Uri, headers: &HeaderMap) -> Role {
+        let Some(token) = &self.token else {
+            return if reached.is_loopback() { Role::Viewer } else { Role::Nobody };
+        };
+        let authorization = single(headers, header::AUTHORIZATION.as_str()).ok().flatten();
+        let bearer = authorization.and_then(|value| value.strip_prefix("Bearer "));
+        let query = uri.query().unwrap_or_default();
+        let asked = query.split('&').find_map(|pair| pair.strip_prefix("token="));
+        let is = |given: Option<&str>| given.is_some_and(|given| is_same(given.as_bytes(), token.as_bytes()));
+        match (is(bearer), is(asked)) {
+            (true, _) => Role::Engineer,
+            (false, true) => Role::Viewer,
+            (false, false) => Role::Nobody,
+        }
     }
 }
 
@@ -82,48 +110,80 @@ fn without_port(host: &str) -> &str {
     }
 }
 
-fn brings(token: &str, uri: &Uri, headers: &HeaderMap) -> bool {
-    let authorization = single(headers, header::AUTHORIZATION.as_str()).ok().flatten();
-    let bearer = authorization.and_then(|value| value.strip_prefix("Bearer "));
-    let query = uri.query().unwrap_or_default();
-    let asked = query.split('&').find_map(|pair| pair.strip_prefix("token="));
-    [bearer, asked].into_iter().flatten().any(|given| is_same(given.as_bytes(), token.as_bytes()))
-}
-
 /// Takes as long whatever the first difference is.
-fn is_same(given: &[u8], token: &[u8]) -> bool {
+pub fn is_same(given: &[u8], token: &[u8]) -> bool {
     given.len() == token.len() && given.iter().zip(token).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
 }
 
 /// Guards every route, those too that are not there.
-pub async fn guarded(State((guard, stats)): State<(Arc<Guard>, Arc<Stats>)>, request: Request, next: Next) -> Response {
+pub async fn guarded(
+    State((guard, stats)): State<(Arc<Guard>, Arc<Stats>)>,
+    mut request: Request,
+    next: Next,
+) -> Response {
     let reached = request.extensions().get::<Reached>().copied();
     // A connection of which that is not known is none of the server's.
     let checked = reached
         .map_or(Err(Refusal::Host), |Reached(address)| guard.check(address.ip(), request.uri(), request.headers()));
     let mut response = match checked {
-        Ok(()) => next.run(request).await,
-        Err(refusal) => {
-            let name = match refusal {
-                Refusal::Host => header::HOST,
-                Refusal::Origin => header::ORIGIN,
-                _ => header::AUTHORIZATION,
-            };
-            // Credentials are nobody's business.
-            let shown = request.headers().get(&name).filter(|_| refusal != Refusal::Credentials);
-            stats.refuse(refusal, shown.and_then(|value| value.to_str().ok()).unwrap_or_default());
-            let code = match refusal {
-                Refusal::Credentials => StatusCode::UNAUTHORIZED,
-                _ => StatusCode::FORBIDDEN,
-            };
-            (code, format!("refused: {}\n", refusal.why())).into_response()
+        Ok((origin, who)) => {
+            request.extensions_mut().insert(origin);
+            request.extensions_mut().insert(who);
+            next.run(request).await
         }
+        Err(refusal) => refuse(&stats, refusal, request.headers(), StatusCode::FORBIDDEN),
     };
     let headers = response.headers_mut();
     for (name, value) in HEADERS {
         headers.insert(name, header::HeaderValue::from_static(value));
     }
     response
+}
+
+/// Whom a route answers.
+#[derive(Clone, Copy, Debug)]
+pub struct Needed {
+    /// At least.
+    pub role: Role,
+    /// The robot's own page only, and programs that look.
+    pub own: bool,
+}
+
+/// Guards one route, behind [`guarded`].
+pub async fn needed(State((needed, stats)): State<(Needed, Arc<Stats>)>, request: Request, next: Next) -> Response {
+    let origin = request.extensions().get().copied().unwrap_or(Origin::Listed);
+    let role = request.extensions().get().map_or(Role::Nobody, |who: &Who| who.role);
+    let looks = [Method::GET, Method::HEAD].contains(request.method());
+    let refusal = match origin {
+        Origin::Listed if needed.own => Some(Refusal::Origin),
+        Origin::None if needed.own && !looks => Some(Refusal::Origin),
+        _ if role < needed.role => Some(Refusal::Credentials),
+        _ => None,
+    };
+    match refusal {
+        None => next.run(request).await,
+        Some(Refusal::Credentials) if role == Role::Nobody => {
+            refuse(&stats, Refusal::Credentials, request.headers(), StatusCode::UNAUTHORIZED)
+        }
+        Some(refusal) => refuse(&stats, refusal, request.headers(), StatusCode::FORBIDDEN),
+    }
+}
+
+fn refuse(stats: &Stats, refusal: Refusal, headers: &HeaderMap, code: StatusCode) -> Response {
+    let shown = match refusal {
+        Refusal::Host => headers.get(header::HOST),
+        Refusal::Origin => headers.get(header::ORIGIN),
+        // Credentials are nobody's business.
+        _ => None,
+    };
+    stats.refuse(refusal, shown.and_then(|value| value.to_str().ok()).unwrap_or_default());
+    refused(code, refusal.why())
+}
+
+/// The answer to what is not served: why, in words.
+pub fn refused(code: StatusCode, why: &str) -> Response {
+    let body = serde_json::json!({ "why": why }).to_string();
+    (code, [(header::CONTENT_TYPE, "application/json")], body).into_response()
 }
 
 /// With every answer: nothing from elsewhere, in nobody's frame, nothing kept, no credentials told to whoever is linked to.
@@ -151,6 +211,14 @@ mod tests {
             map.append(*name, HeaderValue::from_str(value).unwrap());
         }
         guard.check(reached, &uri.parse().unwrap(), &map).err()
+    }
+
+    fn role(guard: &Guard, reached: IpAddr, uri: &str, headers: &[(&'static str, &str)]) -> Role {
+        let mut map = HeaderMap::new();
+        for (name, value) in headers {
+            map.append(*name, HeaderValue::from_str(value).unwrap());
+        }
+        guard.check(reached, &uri.parse().unwrap(), &map).unwrap().1.role
     }
 
     #[test]
@@ -190,16 +258,23 @@ mod tests {
     }
 
     #[test]
-    fn credentials_are_asked_for_where_there_are_some() {
+    fn credentials_make_an_engineer_and_in_an_address_a_viewer() {
         let guard = Guard { token: Some("0123456789abcdef".into()), ..Guard::default() };
         let host = ("host", "localhost");
-        let refused = Some(Refusal::Credentials);
-        assert_eq!(ask(&guard, LOOPBACK, "/", &[host]), refused);
-        assert_eq!(ask(&guard, LOOPBACK, "/?token=0123456789abcdef", &[host]), None);
-        assert_eq!(ask(&guard, LOOPBACK, "/?a=b&token=0123456789abcdef&c", &[host]), None);
-        assert_eq!(ask(&guard, LOOPBACK, "/?token=0123456789abcdeg", &[host]), refused);
-        assert_eq!(ask(&guard, LOOPBACK, "/?token=", &[host]), refused);
-        assert_eq!(ask(&guard, LOOPBACK, "/", &[host, ("authorization", "Bearer 0123456789abcdef")]), None);
-        assert_eq!(ask(&guard, LOOPBACK, "/", &[host, ("authorization", "Basic 0123456789abcdef")]), refused);
+        let role = |uri: &str, headers: &[(&'static str, &str)]| role(&guard, LOOPBACK, uri, headers);
+        assert_eq!(role("/", &[host]), Role::Nobody);
+        assert_eq!(role("/?token=0123456789abcdef", &[host]), Role::Viewer);
+        assert_eq!(role("/?a=b&token=0123456789abcdef&c", &[host]), Role::Viewer);
+        assert_eq!(role("/?token=0123456789abcdeg", &[host]), Role::Nobody);
+        assert_eq!(role("/?token=", &[host]), Role::Nobody);
+        assert_eq!(role("/", &[host, ("authorization", "Bearer 0123456789abcdef")]), Role::Engineer);
+        assert_eq!(role("/", &[host, ("authorization", "Basic 0123456789abcdef")]), Role::Nobody);
+    }
+
+    #[test]
+    fn without_credentials_one_sees_on_the_robot_itself_alone() {
+        let guard = Guard { hosts: vec!["advee.local".into()], ..Guard::default() };
+        assert_eq!(role(&guard, LOOPBACK, "/?token=x", &[("host", "localhost")]), Role::Viewer);
+        assert_eq!(role(&guard, "10.0.0.5".parse().unwrap(), "/", &[("host", "advee.local")]), Role::Nobody);
     }
 }

@@ -11,6 +11,7 @@
 //! nobody else anything. It only shows: what would publish on the bus does not exist.
 
 mod bus;
+pub mod center;
 pub mod foxglove;
 mod guard;
 mod module;

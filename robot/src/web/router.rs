@@ -1,11 +1,12 @@
 //! What there is to ask for; what all who answer share.
 
+use super::center::access::Role;
 use super::foxglove::{endpoint, hub::Hub};
-use super::guard::{self, Guard};
+use super::guard::{self, Guard, Needed};
 use super::stats::Stats;
 use super::{bus, pages};
 use axum::http::StatusCode;
-use axum::routing::{any, get};
+use axum::routing::{MethodRouter, any, get};
 use axum::{Router, middleware};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -38,15 +39,41 @@ impl App {
     }
 }
 
+/// A place to ask at.
+pub struct Route {
+    /// Where; `{name}` is any one part, as axum has it.
+    pub path: &'static str,
+    /// Whom it answers at least.
+    pub role: Role,
+    /// Pages that others have served get no answer, `web.origins` or not, and what is no GET must come from a page of ours.
+    pub own: bool,
+    answers: fn() -> MethodRouter<App>,
+}
+
+/// Where everybody may look who may at all, Foxglove's page too.
+const fn look(path: &'static str, role: Role, answers: fn() -> MethodRouter<App>) -> Route {
+    Route { path, role, own: false, answers }
+}
+
+/// All there is: no route is anywhere else, and none without a role.
+pub const ROUTES: &[Route] = &[
+    look("/", Role::Nobody, || get(pages::index)),
+    look("/layout.json", Role::Viewer, || get(pages::layout)),
+    look("/health", Role::Viewer, || get(pages::health)),
+    look("/foxglove", Role::Viewer, || any(endpoint::upgrade)),
+];
+
 /// Every route, and the guard before it.
 pub fn router(app: App, guard: Guard) -> Router {
     let guarded = middleware::from_fn_with_state((Arc::new(guard), app.stats.clone()), guard::guarded);
-    Router::new()
-        .route("/", get(pages::index))
-        .route("/layout.json", get(pages::layout))
-        .route("/health", get(pages::health))
-        .route("/foxglove", any(endpoint::upgrade))
-        .fallback(|| async { (StatusCode::NOT_FOUND, "there is nothing here; / says what there is\n") })
+    let mut router = Router::new();
+    for Route { path, role, own, answers } in ROUTES {
+        let needed =
+            middleware::from_fn_with_state((Needed { role: *role, own: *own }, app.stats.clone()), guard::needed);
+        router = router.route(path, answers().layer(needed));
+    }
+    router
+        .fallback(|| async { guard::refused(StatusCode::NOT_FOUND, "there is nothing here; / says what there is") })
         .layer(guarded)
         .with_state(app)
 }
