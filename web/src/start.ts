@@ -3,7 +3,8 @@ import { closeCommand, openCommand } from "./connection/command";
 import { closeView, openView } from "./connection/view";
 import { codeOf, learn } from "./access/pairing";
 import { effect } from "@preact/signals";
-import { demo, me, tick } from "./state";
+import { install } from "./shell/update";
+import { me, recorded, tick, viewLink } from "./state";
 
 /** ms until it is asked again who we are, while there is no answer. */
 const AGAIN = 1000;
@@ -25,10 +26,15 @@ export async function start(): Promise<void> {
     queueMicrotask(() => {
       if (role === "nobody") return closeView(), closeCommand();
       openView();
-      if (!demo.value) openCommand();
+      if (!recorded) openCommand();
     });
   });
+  // A socket that does not open may be one that is not for us any more: an engineer may have forgotten this device.
+  effect(() => {
+    if (!viewLink.value.open && me.peek() !== null) void learn();
+  });
   void ask();
+  if (!DEV) void install();
 }
 
 async function ask(): Promise<void> {

@@ -109,6 +109,9 @@ export type Connection =
   /** `for`: s. */
   | { state: "lost"; why: string; for: number };
 
+/** The address asks for a recorded run: then there are no commands, and no socket for them. */
+export const recorded = new URLSearchParams(globalThis.location?.search ?? "").has("demo");
+
 /** Something was shown already: from then on its absence is a loss. */
 const begun = computed(() => drive.value !== null);
 
@@ -120,7 +123,7 @@ export const connection = computed<Connection>(() => {
   const heard = drive.value ? since(drive.value) * 1000 : Infinity;
   const trip = roundTrip.value ?? 0;
   if (!view.open || heard > LOST) return { state: "lost", why, for: heard / 1000 };
-  if (!command.open || trip > LOST) return { state: "lost", why: command.why || "commands are not answered", for: trip / 1000 };
+  if (!recorded && (!command.open || trip > LOST)) return { state: "lost", why: command.why || "commands are not answered", for: trip / 1000 };
   return { state: "live", quality: trip > TOO_SLOW ? "bad" : trip > SLOW ? "slow" : "good" };
 });
 

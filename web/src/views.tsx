@@ -26,7 +26,7 @@ import { Modules } from "./panels/modules";
 import { Power } from "./panels/power";
 import { Sensors } from "./panels/sensors";
 import { Simulator } from "./panels/simulator";
-import { scene } from "./state";
+import { me, scene } from "./state";
 
 export interface View {
   /** Its address: `#/id`. */
@@ -60,7 +60,11 @@ export const VIEWS: View[] = [
 ];
 
 /** Those that there are now. */
-export const views = computed(() => VIEWS.filter((view) => view.when?.() ?? true));
+export const views = computed(() => {
+  // Who is nobody has nothing to see but the pairing.
+  const nobody = me.value?.role === "nobody";
+  return VIEWS.filter((view) => (nobody ? view.id === "access" : (view.when?.() ?? true)));
+});
 
 const hash = signal(location.hash);
 addEventListener("hashchange", () => (hash.value = location.hash));
@@ -68,5 +72,5 @@ addEventListener("hashchange", () => (hash.value = location.hash));
 /** The one that is shown: the address's, else the first. */
 export const view = computed<View>(() => {
   const id = hash.value.replace(/^#\/?/, "");
-  return views.value.find((each) => each.id === id) ?? (VIEWS[0] as View);
+  return views.value.find((each) => each.id === id) ?? (views.value[0] as View);
 });

@@ -22,8 +22,8 @@ export function Drive() {
       <div class="drive-side">
         <Control />
         <Why />
+        {may("operator") ? <Hands /> : null}
         <Motion />
-        {demo.value ? null : <Hands />}
         <Homing />
       </div>
     </div>
@@ -38,7 +38,7 @@ function Control() {
   const pairing = may("operator") ? null : "Pair this device to take control";
   if (!may("operator")) {
     return (
-      <Card title="You are watching" icon={Hand}>
+      <Card title="You are watching" icon={Hand} class="control">
         <p>To drive, enter the code from the robot's console.</p>
         <a class="button primary" href="#/access">
           Pair this device
@@ -46,18 +46,23 @@ function Control() {
       </Card>
     );
   }
+  if (yours) {
+    return (
+      <section class="card control is-yours" aria-label="Control">
+        <h2>
+          <Hand size={18} aria-hidden /> You have control
+        </h2>
+        <Button onClick={() => void release()}>Give it back</Button>
+      </section>
+    );
+  }
   return (
     <Card
-      title={yours ? "You have control" : who ? `${who.name} has control` : "Nobody has control"}
+      title={who ? `${who.name} has control` : "Nobody has control"}
       icon={Hand}
       aside={who ? <Badge tone={who.driving ? "good" : "off"}>{who.driving ? "drives" : `since ${span(who.since)}`}</Badge> : null}
-      class={yours ? "control is-yours" : "control"}
     >
-      {yours ? (
-        <Button icon={Hand} onClick={() => void release()}>
-          Give control back
-        </Button>
-      ) : who ? (
+      {who ? (
         <Slide label={`Take over from ${who.name}`} tone="danger" whyNot={pairing} onConfirm={() => void take()} />
       ) : (
         <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? pairing : "There is no connection"} onClick={() => void take()}>

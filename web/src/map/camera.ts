@@ -35,8 +35,8 @@ export function panned(camera: Camera, from: Point, to: Point): Camera {
   return { ...camera, x: camera.x - (to[0] - from[0]) / camera.scale, y: camera.y + (to[1] - from[1]) / camera.scale };
 }
 
-/** All points in sight, with `margin` pixels around. Without points: 10 m around the origin. */
-export function fitted(points: Point[], size: Size, margin: number): Camera {
+/** All points in sight, with `margin` pixels around and `side` more at the right. Without points: 10 m around the origin. */
+export function fitted(points: Point[], size: Size, margin: number, side = 0): Camera {
   let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
   for (const [x, y] of points) {
     left = Math.min(left, x);
@@ -45,9 +45,10 @@ export function fitted(points: Point[], size: Size, margin: number): Camera {
     high = Math.max(high, y);
   }
   if (left > right) [left, right, low, high] = [-5, 5, -5, 5];
-  const across = Math.max(1, size.width - 2 * margin) / Math.max(1, right - left);
+  const across = Math.max(1, size.width - 2 * margin - side) / Math.max(1, right - left);
   const up = Math.max(1, size.height - 2 * margin) / Math.max(1, high - low);
-  return { x: (left + right) / 2, y: (low + high) / 2, scale: Math.min(MOST, Math.max(LEAST, Math.min(across, up))) };
+  const scale = Math.min(MOST, Math.max(LEAST, Math.min(across, up)));
+  return { x: (left + right) / 2 + side / 2 / scale, y: (low + high) / 2, scale };
 }
 
 /** A round length that is between 60 and 150 pixels: for the scale bar. */

@@ -39,7 +39,8 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
       const points: Point[] = all ? [...all.walls.flatMap(([a, b, c, d]): Point[] => [[a, b], [c, d]]), ...all.beacons.map(({ x, y }): Point => [x, y])] : [];
       const robot = pose(drive.peek());
       if (points.length === 0 && robot) points.push([robot.x - 4, robot.y - 4], [robot.x + 4, robot.y + 4]);
-      camera = fitted(points, size, 26);
+      // At the right stand the buttons.
+      camera = fitted(points, size, 26, size.width > 520 ? 48 : 0);
       placed = points.length > 0;
       dirty();
     };

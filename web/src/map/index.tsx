@@ -1,6 +1,6 @@
 // The map: what the robot believes of the place and of itself, and where to send it.
 import { CircleX, Crosshair, Expand, Flag, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Undo2 } from "lucide-preact";
-import { useRef, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { order } from "../operate";
 import { drive, fresh, may, scene, stale, whyNot } from "../state";
 import { Badge, Button, type Tone } from "../ui";
@@ -18,6 +18,7 @@ export function MapPanel() {
   const [follow, setFollow] = useState(false);
   const part = drive.value;
   const goal = part?.goal.value;
+  useEffect(() => () => begin("look"), []);
   return (
     <section class="map" aria-label="Map">
       <div class="map-picture">

@@ -1,11 +1,11 @@
 // What one must know first: the robot's state in a word and the reason in a sentence; how good the connection is; who
 // holds control.
 import {
-  CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, type LucideIcon, OctagonPause, TriangleAlert, WifiOff,
+  CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, KeyRound, type LucideIcon, OctagonPause, TriangleAlert, WifiOff,
 } from "lucide-preact";
 import { num } from "../format";
 import type { StatusWord } from "../protocol";
-import { authority, commandLink, connection, demo, drive, holder, me, roundTrip } from "../state";
+import { authority, commandLink, connection, demo, drive, holder, me, role, roundTrip } from "../state";
 import { stopped } from "../operate";
 import type { Tone } from "../ui/badge";
 
@@ -22,6 +22,8 @@ const WORDS: Record<StatusWord, { word: string; icon: LucideIcon; tone: Tone }> 
 /** The status as it may be believed now: without a connection nothing is known. */
 export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: string } {
   const now = connection.value;
+  if (me.value === null) return { word: "Connecting", icon: Hourglass, tone: "off", reason: "the robot does not answer yet; it is asked each second" };
+  if (me.value.role === "nobody") return { word: "Not paired", icon: KeyRound, tone: "off", reason: "this device sees nothing of the robot until it is paired" };
   if (now.state === "connecting") {
     return { word: "Connecting", icon: Hourglass, tone: "off", reason: now.why || "waiting for the robot's first word" };
   }
@@ -38,11 +40,15 @@ export function StatusBar() {
   const { word, icon: Icon, tone, reason } = status();
   return (
     <header class={`status tone-${tone}`}>
-      <div class="status-word" role="status" aria-live="polite" aria-atomic>
+      <p class="visually-hidden" role="status" aria-atomic>
+        {/* What is spoken: no figure that changes ten times a second. */}
+        {me.value?.robot ?? "The robot"}: {word}
+        {tone === "good" ? "" : `, ${reason.replace(/[0-9.]+ (s|m\/s)\b/g, "")}`}
+      </p>
+      <div class="status-word">
         <Icon size={28} aria-hidden />
         <div>
           <strong>
-            <span class="visually-hidden">{me.value?.robot ?? "The robot"}: </span>
             {word}
           </strong>
           <p title={reason}>{reason}</p>
@@ -59,6 +65,7 @@ export function StatusBar() {
 /** The round trip: always there, amber over 200 ms, red over 500 ms. */
 function Trip() {
   const now = connection.value;
+  if (role.value === "nobody") return null;
   const trip = roundTrip.value;
   const tone = now.state === "lost" ? "bad" : now.state === "connecting" ? "off" : { good: "good", slow: "warn", bad: "bad" }[now.quality];
   const word = now.state === "lost" ? "Lost" : demo.value ? "Recorded" : trip === null ? "No answer yet" : { good: "", slow: "Slow", bad: "Too slow" }[now.state === "live" ? now.quality : "good"];
