@@ -65,7 +65,7 @@ export function Errors() {
   const rows = groups.filter((group) => (group.standing || !standingOnly.value) && found(group, words));
   const now = standing();
   return (
-    <Card title="Errors" flush aside={now ? <Badge tone="bad">{`${now} standing`}</Badge> : <Badge tone="good">none stands</Badge>}>
+    <Card title="Errors" class="p-three" flush aside={now ? <Badge tone="bad">{`${now} standing`}</Badge> : <Badge tone="good">none stands</Badge>}>
       <div class="p-bar">
         <label class="p-search">
           <Search size={18} aria-hidden />

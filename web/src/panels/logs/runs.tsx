@@ -92,8 +92,8 @@ export function Runs() {
       }
     >
       {trouble.value ? (
-        <p class="p-pad">
-          <Badge tone="bad">The runs cannot be listed: {trouble.value}.</Badge>
+        <p class="p-pad" role="alert">
+          <Badge tone="bad">not listed</Badge> The runs cannot be listed: {trouble.value}.
         </p>
       ) : null}
       {runs.value ? (

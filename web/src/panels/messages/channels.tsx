@@ -53,7 +53,7 @@ export function Channels() {
   return (
     <Card
       title="Channels"
-      class="p-channels"
+      class="p-channels p-three"
       flush
       aside={
         <span class="muted">

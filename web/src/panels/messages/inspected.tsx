@@ -37,7 +37,6 @@ export function Inspected() {
       flush
       aside={
         <span class="p-aside">
-          {held ? <span class="muted">{held.part.type}</span> : null}
           {held ? <span class={held.age > 2 ? "age is-stale" : "age"}>{span(held.age)} ago</span> : null}
           <Button kind="quiet" icon={ArrowLeft} label="Back to the channels" class="p-back" onClick={() => choose(null)} />
         </span>
@@ -67,6 +66,7 @@ function Body({ channel }: { channel: string }) {
   };
   return (
     <>
+      <p class="p-type muted">{part.type}</p>
       <ul class="p-tree" aria-label={`Fields of ${channel}`}>
         {lines.map((field) => (
           <Line key={field.path} channel={channel} field={field} open={isOpen(field.path)} turn={turn} />
@@ -125,6 +125,6 @@ function written(value: Field["value"]): string {
   if (value === null) return "– (no number)";
   if (typeof value === "string") return `“${value}”`;
   if (typeof value === "boolean") return value ? "true" : "false";
-  const text = Number.isInteger(value) ? String(value) : String(Number(value.toPrecision(7)));
+  const text = Number.isInteger(value) ? String(value) : String(Number(value.toPrecision(6)));
   return text.replace("-", "−");
 }

@@ -21,12 +21,7 @@ export function Plots() {
     <Card
       title="Plot"
       aside={
-        <span class="p-aside" role="group" aria-label="Window and pause">
-          {WINDOWS.map(({ seconds, label }) => (
-            <Button key={seconds} kind="quiet" pressed={window.value === seconds} onClick={() => (window.value = seconds)}>
-              {label}
-            </Button>
-          ))}
+        <span class="p-aside">
           <Button
             kind="quiet"
             icon={frozen.value === null ? Pause : Play}
@@ -39,6 +34,13 @@ export function Plots() {
         </span>
       }
     >
+      <div class="choice p-window" role="group" aria-label="How far back is shown">
+        {WINDOWS.map(({ seconds, label }) => (
+          <Button key={seconds} pressed={window.value === seconds} onClick={() => (window.value = seconds)}>
+            {label}
+          </Button>
+        ))}
+      </div>
       <Plot
         label={`Course of ${plots.value.map((each) => `${each.channel} ${each.path}`).join(", ")}`}
         series={plots.value.map(({ channel, path, ring, style }) => ({ label: `${channel} ${path}`, ring, style }))}

@@ -60,6 +60,7 @@ export function Modules() {
   return (
     <Card
       title="Modules"
+      class="p-three p-modules"
       flush
       aside={
         <span class="p-aside">

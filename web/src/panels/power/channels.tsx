@@ -32,7 +32,7 @@ export function Channels() {
   ];
   const channel = rows?.find((row) => row.name === chosen);
   return (
-    <Card title="Power channels" icon={Plug} flush aside={<Age shown={shown} />}>
+    <Card title="Power channels" icon={Plug} class="p-fits" flush aside={<Age shown={shown} />}>
       {rows ? (
         <Table caption="Power channels" columns={columns} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
       ) : (

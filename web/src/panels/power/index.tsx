@@ -6,11 +6,13 @@ import "../panels.css";
 
 export function Power() {
   return (
-    <div class="cards">
-      <BatteryCard />
+    <div class="p-halves">
+      <div class="stack">
+        <BatteryCard />
+        <Thermometers />
+        <Fans />
+      </div>
       <Channels />
-      <Thermometers />
-      <Fans />
     </div>
   );
 }

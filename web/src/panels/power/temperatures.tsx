@@ -37,7 +37,7 @@ export function Thermometers() {
   const shown = system.value?.temperatures;
   const rows = shown?.value?.temperatures;
   return (
-    <Card title="Temperatures" icon={Thermometer} flush aside={<Age shown={shown} />}>
+    <Card title="Temperatures" icon={Thermometer} class="p-fits" flush aside={<Age shown={shown} />}>
       {rows ? (
         <Table caption="Temperatures" columns={TEMPERATURES} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
       ) : (
@@ -51,7 +51,7 @@ export function Fans() {
   const shown = system.value?.temperatures;
   const rows = shown?.value?.fans;
   return (
-    <Card title="Fans" icon={Fan} flush aside={<Age shown={shown} />}>
+    <Card title="Fans" icon={Fan} class="p-fits" flush aside={<Age shown={shown} />}>
       {rows ? (
         <Table caption="Fans" columns={FANS} rows={rows} id={(row) => row.name} stale={() => stale(shown)} />
       ) : (

@@ -23,7 +23,7 @@ function sightings(value: Beacons, age: number): Sighting[] {
 }
 
 const BEACONS: Column<Sighting>[] = [
-  { head: "Beacon", title: true, by: (row) => row.id, cell: (row) => `Beacon ${row.id}` },
+  { head: "Beacon", title: true, by: (row) => row.id, cell: (row) => row.id },
   { head: "Bearing", figure: true, by: (row) => row.bearing ?? Infinity, cell: (row) => deg(row.bearing, 1) },
   { head: "Seen", cell: (row) => (row.bearing === null ? "–" : side(row.bearing)) },
   { head: "Strength", figure: true, by: (row) => row.strength ?? -Infinity, cell: (row) => num(row.strength, 2) },
@@ -35,7 +35,7 @@ export function BeaconCard() {
   if (!shown) return null;
   const rows = shown.value ? sightings(shown.value, (shown.age ?? 0) + since(shown)) : null;
   return (
-    <Card title="Beacons seen" flush aside={<Age shown={shown} />}>
+    <Card title="Beacons seen" class="p-fits" flush aside={<Age shown={shown} />}>
       {rows ? (
         <Table
           caption="Beacons seen in the last sweep"

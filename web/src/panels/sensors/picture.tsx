@@ -10,6 +10,8 @@ import { GLYPHS, measured, near, type Near } from "./near";
 /** How far is shown, m. */
 const REACHES = [1, 2, 4] as const;
 const reach = signal<number>(2);
+/** Where the rings are labelled: at the rear, to the right; rad. */
+const LABELLED = -2.4;
 
 export function SonarPicture() {
   const shown = sensors.value;
@@ -66,17 +68,7 @@ function Picture() {
   const infrareds = shown.infrareds.value?.irs ?? [];
   const beacons = shown.beacons.value?.beacons ?? [];
   return (
-    <svg class="p-picture" viewBox={`${-edge} ${top} ${2 * edge} ${2 * edge}`} role="img" aria-label={summary(sonars)}>
-      <g class="p-rings" aria-hidden>
-        {rings(far).map((radius) => (
-          <g key={radius}>
-            <circle cx={0} cy={-middle} r={radius} />
-            <text x={0} y={-middle - radius - text * 0.25} font-size={text}>
-              {radius} m
-            </text>
-          </g>
-        ))}
-      </g>
+    <svg class="p-picture" style={{ "--far": far }} viewBox={`${-edge} ${top} ${2 * edge} ${2 * edge}`} role="img" aria-label={summary(sonars)}>
       <g class={stale(shown.sonars) ? "is-stale" : ""}>
         {sonars.map((range) => (
           <Beam key={range.id} range={range} width={robot.sonar.field_of_view} far={far} text={text} quiet={robot.sonar.min} />
@@ -87,6 +79,19 @@ function Picture() {
           <Beam key={range.id} range={range} width={robot.infrared.field_of_view} far={far} text={text} quiet={robot.infrared.min} infrared />
         ))}
       </g>
+      <g class="p-rings" aria-hidden>
+        {rings(far).map((radius) => {
+          const [across, down] = onPicture(middle + radius * Math.cos(LABELLED), radius * Math.sin(LABELLED));
+          return (
+            <g key={radius}>
+              <circle cx={0} cy={-middle} r={radius} />
+              <text x={across} y={down}>
+                {radius} m
+              </text>
+            </g>
+          );
+        })}
+      </g>
       <polygon class="p-robot" points={polygon(robot.outline)} />
       <Nose outline={robot.outline} />
       <g class={stale(shown.beacons) ? "p-beacons is-stale" : "p-beacons"}>
@@ -95,7 +100,7 @@ function Picture() {
           const [x, y] = [(far + 0.25) * Math.cos(bearing), (far + 0.25) * Math.sin(bearing)];
           const [across, down] = onPicture(middle + x, y);
           return (
-            <text key={id} x={across} y={down} font-size={text * 1.1}>
+            <text key={id} x={across} y={down}>
               ◆{id}
             </text>
           );
@@ -123,7 +128,7 @@ function Beam(props: { range: Range; width: number; far: number; text: number; q
       <path class="p-wedge" d={beam(range, drawn, width)} />
       {distance <= far ? <path class="p-front" d={front(range, drawn, width)} /> : null}
       {distance <= far && !props.infrared ? (
-        <text x={x} y={y} font-size={text}>
+        <text x={x} y={y}>
           {GLYPHS[how]}
           {num(distance, 2)}
         </text>

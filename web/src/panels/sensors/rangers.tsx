@@ -40,7 +40,7 @@ function Heard({ range }: { range: Range }) {
 
 function Rangers({ title, shown, rows }: { title: string; shown: Shown<unknown>; rows: Range[] | undefined }) {
   return (
-    <Card title={title} flush aside={<Age shown={shown} />}>
+    <Card title={title} class="p-fits p-rangers" flush aside={<Age shown={shown} />}>
       {rows ? (
         <Table caption={title} columns={COLUMNS} rows={rows} id={(range) => range.id} stale={() => stale(shown)} />
       ) : (
