@@ -23,7 +23,7 @@ export function Axes() {
     );
   }
   return (
-    <>
+    <div class="cards">
       {axes.map((axis) => {
         const state = powerState(axis.statusword);
         const node = scene.value?.drives.find((each) => each.name === axis.name)?.node;
@@ -58,7 +58,7 @@ export function Axes() {
           </Card>
         );
       })}
-    </>
+    </div>
   );
 }
 

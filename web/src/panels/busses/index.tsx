@@ -6,7 +6,7 @@ import "../panels.css";
 
 export function Busses() {
   return (
-    <div class="cards">
+    <div class="stack">
       <Axes />
       <BusList />
       <SdoBrowser />

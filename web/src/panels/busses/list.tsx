@@ -75,7 +75,7 @@ function Bus({ shown }: { shown: Shown<BusState> }) {
   const bus = shown.value;
   if (!bus) return null;
   return (
-    <Card title={`Bus ${bus.bus}`} class="wide p-three p-nodes" aside={<Age shown={shown} />}>
+    <Card title={`Bus ${bus.bus}`} class="p-three p-nodes" aside={<Age shown={shown} />}>
       <div class={stale(shown) ? "is-stale" : ""}>
         <Facts
           facts={[

@@ -11,7 +11,7 @@ import { announced, phase, State } from "./row";
 type Target = "RUN" | "PAUSE" | "STOP" | "TERMINATE";
 
 const COMMANDS = [
-  { state: "RUN", verb: "Run", icon: Play, means: "It works." },
+  { state: "RUN", verb: "Run", icon: Play, means: "It does its work." },
   { state: "PAUSE", verb: "Pause", icon: Pause, means: "It keeps its device safe and in contact, and does not act." },
   { state: "STOP", verb: "Stop", icon: Square, means: "As paused, and sensors are not polled. Only a command by hand leads out of it." },
   { state: "TERMINATE", verb: "Terminate", icon: Power, means: "Its process is ended, and kept down until it is to run." },

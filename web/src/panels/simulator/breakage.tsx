@@ -3,10 +3,10 @@ import { signal } from "@preact/signals";
 import { Bug, X } from "lucide-preact";
 import { span } from "../../format";
 import { clock, now, scene } from "../../state";
-import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
+import { Badge, Button, Card, type Column, Empty, Table, toast } from "../../ui";
 import { order } from "../../operate";
 import { lacks } from "../lacks";
-import { ending, fault, listed, ROBOT } from "./faults";
+import { ending, fault, listed, ROBOT, usual } from "./faults";
 
 interface Active {
   target: string;
@@ -39,16 +39,15 @@ async function finish(each: Active): Promise<void> {
   active.value = active.value.filter((other) => (name === "none" ? other.target !== each.target : other !== each));
 }
 
-async function finishAll(targets: string[]): Promise<void> {
-  const own = going();
-  for (const each of own.filter((one, n) => own.findIndex((other) => other.target === one.target && ending(other.target, other.fault).fault === ending(one.target, one.fault).fault) === n)) {
-    await finish(each);
+/** Ends what was set here and, as nobody here knows it, whatever others have set. */
+async function finishAll(): Promise<void> {
+  const targets = (scene.value?.faults ?? []).filter(({ faults }) => faults.includes("none")).map(({ target }) => target);
+  for (const each of going()) if (!targets.includes(each.target)) await finish(each);
+  for (const target of targets) {
+    if (!(await order({ type: "fault", target, fault: "none", value: 0, duration: 0 }))) return;
+    active.value = active.value.filter((each) => each.target !== target);
   }
-  // Of the others' nobody knows here: all targets that know the word are told.
-  const known = scene.value?.faults.filter(({ target, faults }) => faults.includes("none") && !own.some((each) => each.target === target));
-  for (const { target } of known ?? []) {
-    if (targets.includes(target)) await order({ type: "fault", target, fault: "none", value: 0, duration: 0 }, "All faults are over.");
-  }
+  toast("All faults are over.", "good");
 }
 
 const COLUMNS: Column<Active>[] = [
@@ -94,7 +93,7 @@ export function Breakage() {
       <Form targets={targets} />
       {rows.length ? <Table caption="Faults that were set from this page" columns={COLUMNS} rows={rows} id={(each) => `${each.target} ${each.fault}`} /> : null}
       <p class="row">
-        <Button icon={X} whyNot={whyNot} onClick={() => void finishAll(targets.map(({ target }) => target))}>
+        <Button icon={X} whyNot={whyNot} onClick={() => void finishAll()}>
           End all faults
         </Button>
         <span class="muted">Those that others have set, too.</span>
@@ -111,7 +110,7 @@ function Form({ targets }: { targets: { target: string; faults: string[] }[] }) 
   const names = listed(target.faults);
   const name = names.includes(asked.fault) ? asked.fault : (names[0] as string);
   const { means, value: quantity, momentary } = fault(target.target, name);
-  const text = asked.value === "" ? String(quantity?.usual ?? 0) : asked.value;
+  const text = asked.value === "" ? usual(quantity) : asked.value;
   const value = Number(text.replace(",", "."));
   const bad = quantity && !(Number.isFinite(value) && text.trim() !== "" && value >= quantity.low && value <= quantity.high);
   const whyNot = lacks("engineer") ?? (bad ? `${quantity.name} is ${quantity.low} to ${quantity.high}${quantity.unit && ` ${quantity.unit}`}.` : null);

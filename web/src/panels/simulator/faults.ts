@@ -1,4 +1,5 @@
 // What can be broken in the simulation, in words: sim/src/faults.rs has the table, and says which values each takes.
+import { hex } from "../format";
 
 /** What a fault's value says. */
 export interface Quantity {
@@ -9,6 +10,8 @@ export interface Quantity {
   step: number;
   /** What is offered; where the simulator has a usual value that is it. */
   usual: number;
+  /** It is written as hexadecimal. */
+  hex?: true;
 }
 
 export interface Known {
@@ -54,7 +57,7 @@ const FAULTS: Readonly<Record<string, Known>> = {
   hold: { means: "It holds its bus: nobody can talk there." },
   stall: { means: "A fan is blocked.", value: number("Fan", 1, 2, 1) },
   hot: { means: "It is this warm.", value: warm },
-  fault: { means: "It sends an emergency of this error code and goes into its fault state.", value: number("Error code", 1, 0xffff, 0x1000), momentary: true },
+  fault: { means: "It sends an emergency of this error code and goes into its fault state.", value: { ...number("Error code", 1, 0xffff, 0x1000), hex: true }, momentary: true },
   reboot: { means: "As after a short loss of its supply.", momentary: true },
   layout: { means: "It is another version, with other PDOs; it starts anew." },
   noise: { means: "Each bit on it may be wrong.", value: { ...probability(0.0001), low: 0.000001, step: 0.000001 } },
@@ -84,6 +87,12 @@ export function fault(target: string, name: string): Known {
   if (target === GAMEPAD && name === "hold") return FAULTS["hold_pad"] as Known;
   const known = Object.hasOwn(FAULTS, name) ? FAULTS[name] : undefined;
   return known ?? { means: "", value: { name: "Value", unit: "", low: -1e6, high: 1e6, step: 0.001, usual: 0 } };
+}
+
+/** What stands in the field of a value before somebody writes there. */
+export function usual(quantity: Quantity | undefined): string {
+  if (!quantity) return "0";
+  return quantity.hex ? hex(quantity.usual) : String(quantity.usual);
 }
 
 /** Those of a target that one chooses from a list: none of the ways to end one, nor carrying it to a pose. */
