@@ -163,7 +163,12 @@ function authorityIs(why: string): void {
   tell({ type: "authority", holder, yours: holder?.id === 1, why });
 }
 
+/** What the page said, for who looks at it from outside. */
+const heard: Command[] = [];
+Object.assign(globalThis, { said: heard });
+
 function said(each: Command): boolean {
+  if (each.type !== "ping") heard.push(each);
   switch (each.type) {
     case "ping":
       tell({ type: "pong", t: each.t });

@@ -68,10 +68,10 @@ export function age(shown: Shown<unknown>): number | null {
   return shown.age === null ? null : shown.age + since(shown);
 }
 
-/** Never heard, or older than twice its period. Grows stale by itself. */
+/** Never heard, or older than twice its period, or the connection is lost. Grows stale by itself. */
 export function stale(shown: Shown<unknown> | null | undefined): boolean {
   if (!shown || shown.value === null || shown.freshness === "never") return true;
-  if (shown.freshness === "stale") return true;
+  if (shown.freshness === "stale" || connection.value.state === "lost") return true;
   // What is said more often than it is sent here is as old as the last part, and well.
   const period = Math.max(shown.period ?? Infinity, arrivals.get(shown)?.every ?? 0);
   return (age(shown) ?? Infinity) > 2 * period + NETWORK;

@@ -56,7 +56,7 @@ function Pairing() {
     } else setWrong(why[0]?.toUpperCase() + why.slice(1));
   };
   return (
-    <Card title="Pair this device" icon={KeyRound} aside={<Badge tone="off">{role.value}</Badge>}>
+    <Card title="Pair this device" icon={KeyRound} aside={<Badge tone="off">{role.value === "nobody" ? "not paired" : role.value}</Badge>}>
       <p>{given ? "The link brought the code. How shall others see this device?" : ROLES[role.value]}</p>
       <form class="stack" onSubmit={submit}>
         {given ? null : (

@@ -7,7 +7,9 @@ import { type View, view, views } from "../views";
 export function Nav() {
   const [open, setOpen] = useState(false);
   const all = views.value;
-  const more = all.filter((each) => !each.first);
+  // Few fit without "More".
+  const few = all.length <= 4;
+  const more = few ? [] : all.filter((each) => !each.first);
   const current = view.value;
   const count = more.reduce((sum, each) => sum + (each.count?.() ?? 0), 0);
   useEffect(() => setOpen(false), [current.id]);
@@ -18,11 +20,11 @@ export function Nav() {
       </p>
       <ul>
         {all.map((each) => (
-          <li key={each.id} class={each.first ? "first" : "later"}>
+          <li key={each.id} class={each.first || few ? "first" : "later"}>
             <Item view={each} current={each.id === current.id} />
           </li>
         ))}
-        <li class="more">
+        <li class="more" hidden={few}>
           <button type="button" class={`nav-item ${current.first ? "" : "is-current"}`} aria-expanded={open} aria-controls="nav-more" onClick={() => setOpen(!open)}>
             <Ellipsis size={22} aria-hidden />
             <span>{current.first ? "More" : current.label}</span>

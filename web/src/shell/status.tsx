@@ -75,14 +75,14 @@ function Trip() {
       <Icon size={16} aria-hidden />
       <span class="visually-hidden">Round trip </span>
       {word ? <b>{word}</b> : null}
-      {trip !== null && commandLink.value.open ? <span class="figure">{num(trip, 0, "ms")}</span> : null}
+      {trip !== null && commandLink.value.open && now.state === "live" ? <span class="figure">{num(trip, 0, "ms")}</span> : null}
     </div>
   );
 }
 
 /** Who holds control. */
 function Control() {
-  if (demo.value || connection.value.state === "connecting") return null;
+  if (demo.value || connection.value.state !== "live") return null;
   const who = holder.value;
   const text = authority.value.yours ? "You have control" : who ? `${who.name} ${who.driving ? "drives" : "has control"}` : "Nobody has control";
   return (

@@ -20,7 +20,7 @@ export interface ButtonProps {
 export function Button(props: ButtonProps): JSX.Element {
   const { onClick, children, icon: Icon, kind = "normal", whyNot = null, label, pressed, type = "button" } = props;
   const id = useId();
-  return (
+  const button = (
     <button
       type={type}
       class={`button ${kind} ${props.class ?? ""}`}
@@ -33,11 +33,16 @@ export function Button(props: ButtonProps): JSX.Element {
     >
       {Icon ? <Icon size={20} aria-hidden /> : null}
       {children ? <span>{children}</span> : null}
-      {whyNot === null ? null : (
-        <span id={id} class="visually-hidden">
-          {whyNot}
-        </span>
-      )}
     </button>
+  );
+  if (whyNot === null) return button;
+  // Beside the button, not in it: a reason is no part of its name.
+  return (
+    <>
+      {button}
+      <span id={id} class="visually-hidden">
+        {whyNot}
+      </span>
+    </>
   );
 }
