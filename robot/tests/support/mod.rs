@@ -7,20 +7,27 @@ use messages::{Channel, Message, common, lowlevel, simulation};
 use module::State;
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 pub fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("robot lies in the workspace").into()
 }
 
-/// A port that no other test of this machine uses now: by process and by count.
+/// A port that no other test of this machine uses now: as long as this process lives nobody else can listen on it by TCP.
 fn unique_port() -> u16 {
-    static NEXT: AtomicU16 = AtomicU16::new(0);
-    let pid = std::process::id() as u16;
-    20_000 + (pid.wrapping_mul(31) % 1200) * 16 + NEXT.fetch_add(1, Ordering::Relaxed) % 16
+    static HELD: Mutex<Vec<TcpListener>> = Mutex::new(Vec::new());
+    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+    let first = std::process::id() as u16;
+    let free = (0..9600).map(|n| 20_000 + (first.wrapping_mul(31).wrapping_add(n)) % 9600 * 2);
+    let listener = free.filter_map(|port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).ok()).next();
+    let listener = listener.expect("some port is free");
+    let port = listener.local_addr().expect("it is bound").port();
+    held.push(listener);
+    port
 }
 
 /// A CAN bus over UDP that no other test uses now.
