@@ -12,8 +12,9 @@ interface Toast {
 const toasts = signal<Toast[]>([]);
 let number = 0;
 
-/** ms; how many there are at most. */
+/** ms; good news is short; how many there are at most. */
 const STAYS = 6000;
+const STAYS_GOOD = 3500;
 const MOST = 4;
 
 export function toast(text: string, tone: Tone = "info"): void {
@@ -21,7 +22,7 @@ export function toast(text: string, tone: Tone = "info"): void {
   if (same) close(same.id);
   const id = ++number;
   toasts.value = [...toasts.value, { id, tone, text }].slice(-MOST);
-  if (tone !== "bad") setTimeout(() => close(id), STAYS);
+  if (tone !== "bad") setTimeout(() => close(id), tone === "good" ? STAYS_GOOD : STAYS);
 }
 
 function close(id: number): void {
