@@ -102,9 +102,11 @@ export function Runs() {
         <Empty>Asking the robot.</Empty>
       )}
       <p class="muted p-pad">
-        Playing shows a run on this page as if it happened now; nothing can be commanded then.{" "}
-        <a href="/foxglove-help">
-          <BookOpenText size={16} aria-hidden /> How to open a run, or this robot live, in Foxglove
+        Playing shows a run on this page as if it happened now; nothing can be commanded then.
+        <br />
+        <a class="p-help" href="/foxglove-help">
+          <BookOpenText size={16} aria-hidden />
+          How to open a run, or this robot live, in Foxglove
         </a>
       </p>
     </Card>
