@@ -85,7 +85,7 @@ impl Default for Manners {
             stop_distance: 0.25,
             reaction: 0.37,
             coasting: 0.25,
-            patience: 3.0,
+            patience: 1.5,
             attempts: 8,
         }
     }

@@ -262,3 +262,6 @@ pub fn is_clear(pose: Pose, obstacles: &Obstacles, body: &Body, margin: f64) -> 
     let inverse = pose.inverse();
     obstacles.hits().all(|hit| !body.covers(inverse * hit.at, margin))
 }
+
+#[cfg(test)]
+mod tests;

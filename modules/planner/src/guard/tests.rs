@@ -1,0 +1,125 @@
+//! How fast it goes among people whom the sonars have told of.
+
+use super::*;
+use crate::config::{Body, Limits, Manners};
+use messages::lowlevel::Range;
+
+const LEG: f64 = 0.06;
+
+fn config() -> Config {
+    let body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
+    let limits = Limits {
+        speed: 0.8,
+        steering: 0.6109,
+        steering_rate: 0.698,
+        acceleration: 0.5,
+        deceleration: 0.8,
+        lateral_acceleration: 0.8,
+    };
+    Config { body, limits, manners: Manners::default(), map: None }
+}
+
+/// What sixteen sonars around the body hear of somebody; the robot stands at the origin.
+fn round(person: Option<Point>) -> Vec<Range> {
+    let sonar = |id: i32| {
+        let theta = f64::from(id) * core::f64::consts::TAU / 16.0;
+        let (sin, cos) = libm::sincos(theta);
+        // On the edge of the body, looking away from its middle.
+        let to_edge = (0.45 / cos.abs()).min(0.30 / sin.abs());
+        let (x, y) = (0.30 + to_edge * cos, to_edge * sin);
+        let heard = person.map(|at| (libm::hypot(at.x - x, at.y - y) - LEG, libm::atan2(at.y - y, at.x - x)));
+        let within = |&(distance, bearing): &(f64, f64)| {
+            navitools::wrap(bearing - theta).abs() < 0.48 && (0.03..2.5).contains(&distance)
+        };
+        let distance = heard.filter(within).map_or(f64::NAN, |(distance, _)| distance);
+        Range { id, x, y, theta, distance, valid: distance.is_finite() }
+    };
+    (0..16).map(sonar).collect()
+}
+
+/// After so many rounds, four times a second, of somebody who is at `at` at last and has walked with `velocity`.
+fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
+    let (mut obstacles, config) = (Obstacles::new(), config());
+    let mut now = Instant::from_millis(10_000);
+    for n in (0..rounds).rev() {
+        now += Duration::from_millis(250);
+        let ago = 0.25 * f64::from(n);
+        let there = Point { x: at.x - vx * ago, y: at.y - vy * ago };
+        obstacles.update(
+            now,
+            Pose::default(),
+            0.0,
+            &round(Some(there)),
+            |point| config.body.covers(point, 0.0),
+            |_| false,
+        );
+    }
+    (now, obstacles)
+}
+
+/// Straight on, or back.
+fn way(forward: bool) -> Vec<Sample> {
+    let along = if forward { 0.05 } else { -0.05 };
+    let sample = |n: i32| {
+        let way = 0.05 * f64::from(n);
+        Sample { pose: Pose::new(along * f64::from(n), 0.0, 0.0), forward, way, curvature: 0.0, speed: 0.8 }
+    };
+    (0..60).map(sample).collect()
+}
+
+/// What [`meeting`] allows on a straight way forward when somebody has been heard.
+fn allowed(x: f64, y: f64, velocity: (f64, f64), rounds: i32) -> f64 {
+    let (now, obstacles) = heard(Point { x, y }, velocity, rounds);
+    meeting(now, &way(true), &obstacles, &config())
+}
+
+#[test]
+fn with_nobody_around_it_goes_as_fast_as_it_may() {
+    let config = config();
+    let mut obstacles = Obstacles::new();
+    let now = Instant::from_millis(10_000);
+    obstacles.update(now, Pose::default(), 0.0, &round(None), |point| config.body.covers(point, 0.0), |_| false);
+    assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);
+    assert_eq!(meeting(now, &[], &obstacles, &config), config.limits.speed, "no way, no meeting");
+}
+
+#[test]
+fn the_nearer_somebody_stands_the_slower_it_goes_up_to_where_it_does_not() {
+    let speeds = [2.2, 1.8, 1.5, 1.2, 0.98].map(|x| allowed(x, 0.0, (0.0, 0.0), 8));
+    assert!(speeds.is_sorted_by(|far, near| far >= near), "{speeds:?}");
+    assert!(speeds[0] > 0.7 && speeds[3] <= SQUEEZES && speeds[4] == 0.0, "{speeds:?}");
+}
+
+#[test]
+fn who_comes_is_met_slower_than_who_stands_and_who_leaves_faster() {
+    let [comes, stands, leaves] = [-1.0, 0.0, 1.0].map(|vx| allowed(2.2, 0.0, (vx, 0.0), 6));
+    assert!(comes < 0.6 * stands && stands <= leaves, "{comes} {stands} {leaves}");
+}
+
+#[test]
+fn who_will_cross_the_way_is_waited_for_and_who_has_crossed_it_is_not() {
+    let crosses = allowed(1.4, 0.7, (0.0, -0.9), 6);
+    let crossed = allowed(1.4, 0.7, (0.0, 0.9), 6);
+    assert!(crosses < 0.5 && crossed > crosses + 0.2, "{crosses} {crossed}");
+}
+
+#[test]
+fn beside_somebody_it_squeezes_past_slowly() {
+    let beside = allowed(0.4, 0.62, (0.0, 0.0), 8);
+    assert!((LEAST..=SQUEEZES).contains(&beside), "{beside}");
+}
+
+#[test]
+fn a_single_echo_ahead_is_braked_for_as_if_somebody_came() {
+    let config = config();
+    let once = allowed(2.6, 0.0, (0.0, 0.0), 1);
+    assert!(once > 0.0 && once < config.limits.speed, "{once}");
+}
+
+#[test]
+fn who_stands_behind_is_nothing_to_a_robot_that_goes_forward() {
+    let (now, obstacles) = heard(Point { x: -0.65, y: 0.0 }, (0.0, 0.0), 8);
+    let config = config();
+    assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);
+    assert!(meeting(now, &way(false), &obstacles, &config) < 0.3);
+}
