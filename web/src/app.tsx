@@ -19,13 +19,15 @@ export function App() {
   }, [id, me.value?.robot]);
   return (
     <>
-      <a class="skip" href={`#/${id}`} onClick={(event) => (event.preventDefault(), main.current?.focus())}>
-        Skip to the view
-      </a>
       <div class="app">
-        <StatusBar />
+        <StatusBar>
+          <a class="skip" href={`#/${id}`} onClick={(event) => (event.preventDefault(), main.current?.focus())}>
+            Skip to the view
+          </a>
+        </StatusBar>
         <Nav />
         <main ref={main} tabIndex={-1} class={`view view-${id}`} aria-label={label}>
+          <h1 class="visually-hidden">{label}</h1>
           <Banners />
           <View />
         </main>

@@ -1,7 +1,7 @@
 // How the page begins: who we are, a code in the address, the sockets.
 import { closeCommand, openCommand } from "./connection/command";
 import { closeView, openView } from "./connection/view";
-import { codeOf, learn } from "./access/pairing";
+import { codeOf, learn, session } from "./access/pairing";
 import { effect } from "@preact/signals";
 import { install } from "./shell/update";
 import { me, recorded, tick, viewLink } from "./state";
@@ -19,8 +19,8 @@ export async function start(): Promise<void> {
   // Who we are decides what there is to see: both sockets are opened when that is known, and anew when it changes.
   let as = "";
   effect(() => {
-    const { role, name } = me.value ?? { role: "nobody", name: "" };
-    const is = `${role} ${name}`;
+    const role = me.value?.role ?? "nobody";
+    const is = `${role} ${session.value}`;
     if (is === as) return;
     as = is;
     queueMicrotask(() => {

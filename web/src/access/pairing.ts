@@ -1,7 +1,10 @@
 // Pairing over HTTP: who we are, the code, the devices. The session's cookie is the browser's affair.
-import { signal } from "@preact/signals";
+import { batch, signal } from "@preact/signals";
 import type { Device, Me, Pair, Refused } from "../protocol";
 import { me } from "../state";
+
+/** One more with each pairing begun or ended: the sockets are then somebody else's. */
+export const session = signal(0);
 
 /** A code that came in the address (`#12345678`): it is asked only for a name. */
 export const codeInAddress = signal<string | null>(null);
@@ -37,13 +40,17 @@ export async function learn(): Promise<boolean> {
 export async function pair(code: string, name: string): Promise<string | null> {
   const answer = await post<Me>("/api/pair", { code, name } satisfies Pair);
   if (typeof answer === "string") return answer;
-  me.value = answer;
+  batch(() => {
+    me.value = answer;
+    session.value += 1;
+  });
   return null;
 }
 
 export async function unpair(): Promise<string | null> {
   const answer = await post<unknown>("/api/unpair", {});
   await learn();
+  session.value += 1;
   return typeof answer === "string" ? answer : null;
 }
 

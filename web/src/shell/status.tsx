@@ -3,6 +3,7 @@
 import {
   CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, KeyRound, type LucideIcon, OctagonPause, TriangleAlert, WifiOff,
 } from "lucide-preact";
+import type { ComponentChildren } from "preact";
 import { num } from "../format";
 import type { StatusWord } from "../protocol";
 import { authority, commandLink, connection, demo, drive, holder, me, role, roundTrip } from "../state";
@@ -36,10 +37,11 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
   return { word, icon, tone, reason: said.reason };
 }
 
-export function StatusBar() {
+export function StatusBar({ children }: { children: ComponentChildren }) {
   const { word, icon: Icon, tone, reason } = status();
   return (
     <header class={`status tone-${tone}`}>
+      {children}
       <p class="visually-hidden" role="status" aria-atomic>
         {/* What is spoken: no figure that changes ten times a second. */}
         {me.value?.robot ?? "The robot"}: {word}

@@ -25,7 +25,6 @@ function StopButton() {
     <button
       type="button"
       class={`stop-button ${viewer ? "is-viewer" : ""}`}
-      aria-label={viewer ? "Stop: explains how to pair, you are watching" : "Stop the robot. Keys: Space or Escape"}
       onPointerDown={(event) => event.isPrimary && event.button === 0 && void stop()}
       onClick={(event) => event.detail === 0 && void stop()}
     >
