@@ -1,4 +1,4 @@
-// Why something cannot be asked of the robot from here.
+// Why something cannot be asked of the robot from here, or be relied on.
 import { connection, demo, may } from "../state";
 
 /** Why we may not do what needs that role; null: we may. */
@@ -8,3 +8,6 @@ export function lacks(needs: "operator" | "engineer"): string | null {
   if (connection.value.state !== "live") return "There is no connection to the robot.";
   return null;
 }
+
+/** The connection is lost: what is shown was true once. */
+export const lost = (): boolean => connection.value.state === "lost";

@@ -5,6 +5,7 @@ import type { ErrorGroup } from "../../protocol";
 import { system } from "../../state";
 import { Badge, Button, Card, type Column, Empty, Table, type Tone } from "../../ui";
 import { count, hex, moment } from "../format";
+import { lost } from "../lacks";
 import { fault } from "./faults";
 import "../panels.css";
 
@@ -58,14 +59,19 @@ export function standing(): number {
   return system.value?.errors.filter((group) => group.standing && group.severity > 0).length ?? 0;
 }
 
+function Summary() {
+  const now = standing();
+  if (lost()) return <Badge tone="off">not known now</Badge>;
+  return now ? <Badge tone="bad">{`${now} standing`}</Badge> : <Badge tone="good">none stands</Badge>;
+}
+
 export function Errors() {
   const groups = system.value?.errors;
   if (!groups) return <Empty>Not heard yet.</Empty>;
   const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
   const rows = groups.filter((group) => (group.standing || !standingOnly.value) && found(group, words));
-  const now = standing();
   return (
-    <Card title="Errors" class="p-three" flush aside={now ? <Badge tone="bad">{`${now} standing`}</Badge> : <Badge tone="good">none stands</Badge>}>
+    <Card title="Errors" class="p-three" flush aside={<Summary />}>
       <div class="p-bar">
         <label class="p-search">
           <Search size={18} aria-hidden />
@@ -90,7 +96,7 @@ export function Errors() {
         columns={COLUMNS}
         rows={rows}
         id={(group) => `${group.module} ${group.number}`}
-        stale={(group) => !group.standing}
+        stale={(group) => lost() || !group.standing}
         empty={groups.length ? "None of them matches." : "Nothing has been reported since the server started."}
       />
     </Card>

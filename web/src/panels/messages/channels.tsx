@@ -6,13 +6,14 @@ import type { ChannelRow } from "../../protocol";
 import { since, system } from "../../state";
 import { Card, type Column, Empty, Table, toast } from "../../ui";
 import { count } from "../format";
+import { lost } from "../lacks";
 import { choose, chosen } from "./store";
 
 const filter = signal("");
 
 const age = (row: ChannelRow): number => row.age + (system.value ? since(system.value) : 0);
 /** Silent for twice as long as its rate lets expect, and for a while. */
-const quiet = (row: ChannelRow): boolean => age(row) > Math.max(2, row.rate > 0 ? 2 / row.rate : 2);
+const quiet = (row: ChannelRow): boolean => lost() || age(row) > Math.max(2, row.rate > 0 ? 2 / row.rate : 2);
 
 const COLUMNS: Column<ChannelRow>[] = [
   {

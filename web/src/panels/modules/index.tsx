@@ -6,6 +6,7 @@ import type { ModuleRow } from "../../protocol";
 import { system } from "../../state";
 import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
 import { percent } from "../format";
+import { lost } from "../lacks";
 import { ModuleDialog } from "./dialog";
 import { announced, isStale, phase, State } from "./row";
 import "../panels.css";
@@ -64,7 +65,9 @@ export function Modules() {
       flush
       aside={
         <span class="p-aside">
-          {ill.length ? (
+          {lost() ? (
+            <Badge tone="off">not known now</Badge>
+          ) : ill.length ? (
             <Badge tone="bad">
               {ill.length} of {rows.length} not as wanted
             </Badge>

@@ -2,6 +2,7 @@
 import type { ModuleRow } from "../../protocol";
 import { since, system } from "../../state";
 import { Badge, type Tone } from "../../ui";
+import { lost } from "../lacks";
 
 /** It announces itself each second; older than twice that it is stale. */
 const ANNOUNCED = 2;
@@ -11,7 +12,7 @@ export function announced(row: ModuleRow): number | null {
   return row.age === null || !system.value ? row.age : row.age + since(system.value);
 }
 
-export const isStale = (row: ModuleRow): boolean => (announced(row) ?? Infinity) > ANNOUNCED;
+export const isStale = (row: ModuleRow): boolean => lost() || (announced(row) ?? Infinity) > ANNOUNCED;
 
 function tone(row: ModuleRow): Tone {
   if (!row.well) return "bad";
