@@ -2,7 +2,7 @@
 import { computed, signal } from "@preact/signals";
 import { listen, say, type Sayable } from "./connection/command";
 import { drive, fresh, holder, may, role, system } from "./state";
-import { toast } from "./ui/toast";
+import { toast } from "./ui/news";
 
 /** Says a command; a refusal is shown in its own words. Whether it was done. */
 export async function order(command: Sayable, done?: string): Promise<boolean> {

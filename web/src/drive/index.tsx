@@ -166,20 +166,20 @@ function Hands() {
 function Homing() {
   const motion = fresh(drive.value?.motion);
   const needed = motion !== null && !motion.homed;
+  const home = () => void order({ type: "home", axis: "steering" }, "The steering looks for its switch.");
   return (
     <Card
       title="Steering"
       icon={House}
       aside={motion === null ? <Badge tone="off">not known</Badge> : <Badge tone={motion.homed ? "good" : "warn"}>{motion.homed ? "homed" : "not homed"}</Badge>}
     >
-      <Button
-        icon={House}
-        kind={needed ? "primary" : "normal"}
-        whyNot={whyNot.value}
-        onClick={() => void order({ type: "home", axis: "steering" }, "The steering looks for its switch.")}
-      >
-        Home the steering
-      </Button>
+      {!may("operator") ? null : needed ? (
+        <Button icon={House} kind="primary" whyNot={whyNot.value} onClick={home}>
+          Home the steering
+        </Button>
+      ) : (
+        <Slide label="Home the steering anew" whyNot={whyNot.value} onConfirm={home} />
+      )}
     </Card>
   );
 }

@@ -1,7 +1,9 @@
-// A button of at least 48 px. One that may not be pressed says why: `whyNot` is its description and its tooltip.
+// A button of at least 48 px. One that may not be pressed says why: `whyNot` is its description, its tooltip, and
+// what is said when it is pressed all the same.
 import type { LucideIcon } from "lucide-preact";
 import type { ComponentChildren, JSX } from "preact";
 import { useId } from "preact/hooks";
+import { toast } from "./news";
 
 export interface ButtonProps {
   onClick: () => void;
@@ -29,7 +31,7 @@ export function Button(props: ButtonProps): JSX.Element {
       aria-disabled={whyNot !== null}
       aria-describedby={whyNot === null ? undefined : id}
       aria-pressed={pressed}
-      onClick={() => whyNot === null && onClick()}
+      onClick={() => (whyNot === null ? onClick() : toast(whyNot, "warn"))}
     >
       {Icon ? <Icon size={20} aria-hidden /> : null}
       {children ? <span>{children}</span> : null}

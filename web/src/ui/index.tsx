@@ -6,6 +6,7 @@ export { Card } from "./card";
 export { Dialog } from "./dialog";
 export { Slide } from "./slide";
 export { Table, type Column } from "./table";
-export { Toasts, toast } from "./toast";
+export { toast } from "./news";
+export { Toasts } from "./toast";
 export { Facts, type Fact } from "./facts";
 export { Empty } from "./empty";
