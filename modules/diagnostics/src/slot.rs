@@ -22,11 +22,13 @@ pub enum Freshness {
     Stale,
 }
 
-/// A value as it is shown: `age` in s, `null` while there is none.
+/// A value as it is shown: `age` in s, `null` while there is none; whoever shows it lets it grow older by itself.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Shown<'a, T> {
     /// s since it was heard.
     pub age: Option<f64>,
+    /// It should be heard this often, s; none: it is said on change only, and never grows stale.
+    pub period: Option<f64>,
     /// Whether it is.
     pub freshness: Freshness,
     /// The value itself.
@@ -77,6 +79,7 @@ impl<T> Slot<T> {
     #[must_use]
     pub fn shown(&self, now: Instant) -> Shown<'_, T> {
         let age = self.age(now).map(|age| age.as_secs_f64());
-        Shown { age, freshness: self.freshness(now), value: self.get() }
+        let period = (self.period != Duration::MAX).then(|| self.period.as_secs_f64());
+        Shown { age, period, freshness: self.freshness(now), value: self.get() }
     }
 }
