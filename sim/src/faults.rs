@@ -146,6 +146,46 @@ pub enum Ailment {
     None,
 }
 
+/// All names that there is an ailment for.
+pub const NAMES: &[&str] = &[
+    "silent",
+    "slow",
+    "garbled",
+    "bad_crc",
+    "bad_length",
+    "babble",
+    "clash",
+    "reset",
+    "bumper",
+    "stop_button",
+    "battery",
+    "power_off",
+    "wrong",
+    "hold",
+    "stall",
+    "hot",
+    "refuses",
+    "stuck",
+    "wrap",
+    "blind",
+    "crosstalk",
+    "hidden",
+    "false",
+    "fault",
+    "reboot",
+    "layout",
+    "noise",
+    "corrupt",
+    "lose",
+    "bus_off",
+    "cut",
+    "loss",
+    "duplicate",
+    "delay",
+    "reorder",
+    "none",
+];
+
 impl Ailment {
     /// The ailment of a name; none for a name that is none.
     #[must_use]
@@ -236,6 +276,17 @@ mod tests {
         for odd in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,NaN", "1,inf,0"] {
             assert_eq!(pose(odd), None, "{odd}");
         }
+    }
+
+    #[test]
+    fn the_list_of_names_is_whole() {
+        let text = include_str!("faults.rs");
+        let begin = text.find("pub fn from_name").unwrap();
+        let arms = &text[begin..begin + text[begin..].find("_ => None").unwrap()];
+        let name = |line: &'static str| line.trim().strip_prefix('"')?.split_once("\" =>").map(|(name, _)| name);
+        assert_eq!(arms.lines().filter_map(name).collect::<Vec<_>>(), NAMES);
+        let works = |name: &str| [0.0, 1.0, 24.0].iter().any(|value| Ailment::from_name(name, *value).is_some());
+        assert!(NAMES.iter().all(|name| works(name)));
     }
 
     #[test]

@@ -18,6 +18,8 @@ use std::collections::VecDeque;
 
 /// The target of what it is asked for.
 pub(crate) const TARGET: &str = "gamepad";
+/// What can be asked of it.
+pub(crate) const NAMES: &[&str] = &["plug", "unplug", "hold", "release", "speed", "steering"];
 /// What it calls itself.
 const NAME: &str = "Simulated gamepad";
 /// From the middle of a stick to its end.

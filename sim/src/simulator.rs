@@ -531,6 +531,8 @@ impl Module for Simulator {
     }
 }
 
+mod offered;
+
 #[cfg(test)]
 mod drive_tests;
 #[cfg(test)]
