@@ -11,11 +11,12 @@ use crate::topology::{self, Made, Place};
 use crate::web;
 use base::Duration;
 use logger::Attachment;
+use logger::read::Index;
 use module::record::Header;
 use module::{Shell, State};
 use sim::world::World;
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Where a process finds the folder of its run.
@@ -27,6 +28,10 @@ pub(crate) const MODULES: &str = "modules.toml";
 pub(crate) const WORLD: &str = "world.toml";
 /// Name of the texts that are overrides.
 pub const SET: &str = "--set";
+/// The overrides of a run, one a line.
+const OVERRIDES: &str = "overrides.txt";
+/// A configuration is not longer than this, bytes.
+const TEXT_MAX: u64 = 1 << 20;
 /// What the host decided: [`Made`].
 const WIRE_TIME: &str = "wire_time";
 const SEED: &str = "seed";
@@ -77,13 +82,52 @@ pub fn attachments(place: &Place, made: Made) -> Vec<Attachment> {
     let texts = header.map(|header| header.texts).unwrap_or_default();
     let overrides: String = texts.iter().filter(|(name, _)| name == SET).map(|(_, set)| format!("{set}\n")).collect();
     let files = texts.into_iter().filter(|(name, _)| name.ends_with(".toml"));
-    let others = [("overrides.txt".to_owned(), overrides), ("version.txt".to_owned(), program() + "\n")];
+    let others = [(OVERRIDES.to_owned(), overrides), ("version.txt".to_owned(), program() + "\n")];
     let attachment = |(name, text): (String, String)| Attachment {
         media_type: if name.ends_with(".toml") { "application/toml" } else { "text/plain" }.into(),
         data: text.into_bytes(),
         name,
     };
     files.chain(others).map(attachment).collect()
+}
+
+/// The files of a run, in order; the one file that is named; none.
+pub(crate) fn log_files(run: &Path) -> Vec<PathBuf> {
+    if run.is_file() {
+        return if run.extension().is_some_and(|ending| ending == "mcap") { vec![run.into()] } else { Vec::new() };
+    }
+    let number = |path: &Path| {
+        let name = path.file_name()?.to_str()?;
+        name.strip_prefix("log_")?.strip_suffix(".mcap")?.parse::<u64>().ok()
+    };
+    let entries = fs::read_dir(run).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+    let mut files: Vec<(u64, PathBuf)> = entries.filter_map(|path| Some((number(&path)?, path))).collect();
+    files.sort();
+    files.into_iter().map(|(_, path)| path).collect()
+}
+
+/// A file, what is in it, and of its attachments the texts that were not known yet.
+pub(crate) fn open_log(path: &Path, texts: &mut Vec<(String, String)>) -> io::Result<(File, Index)> {
+    let mut file = File::open(path)?;
+    let index = Index::read(&mut file, &mut |_, _| ())?;
+    let names = [ROBOT, MODULES, SIM, WORLD, OVERRIDES];
+    for attachment in index.attachments.iter().filter(|attachment| names.contains(&attachment.name.as_str())) {
+        if attachment.data_len <= TEXT_MAX && texts.iter().all(|(name, _)| *name != attachment.name) {
+            let mut bytes = Vec::new();
+            file.seek(SeekFrom::Start(attachment.data_offset))?;
+            (&mut file).take(attachment.data_len).read_to_end(&mut bytes)?;
+            texts.push((attachment.name.clone(), String::from_utf8_lossy(&bytes).into_owned()));
+        }
+    }
+    Ok((file, index))
+}
+
+/// The configuration that is attached to a log, as recorded inputs have theirs.
+pub(crate) fn attached(texts: Vec<(String, String)>) -> Header {
+    let (overrides, mut texts): (Vec<_>, Vec<_>) = texts.into_iter().partition(|(name, _)| name == OVERRIDES);
+    let sets = overrides.iter().flat_map(|(_, text)| text.lines()).filter(|line| !line.trim().is_empty());
+    texts.extend(sets.map(|line| (SET.into(), line.into())));
+    Header { program: String::new(), module: String::new(), wanted: State::Run, texts }
 }
 
 /// This program, as it stands in a header.

@@ -4,39 +4,17 @@ use super::{Part, inputs};
 use crate::cli::Failed;
 use crate::plot::{Picture, Title};
 use crate::recording;
-use logger::read::{Filter, Index, Messages};
+use logger::read::{Filter, Messages};
 use messages::{Channel, Message};
-use module::State;
 use module::record::Header;
 use sim::world::World;
-use std::fs::{self, File};
-use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+
 use std::sync::Arc;
 
-/// A configuration is not longer than this, bytes.
-const TEXT_MAX: u64 = 1 << 20;
 /// A step of the wall clock forward, µs: nothing else is silent for an hour in a log to which the watchdog alone adds ten
 /// messages a second.
 const FORWARD: i64 = 3_600_000_000;
-/// The overrides of a run, one a line.
-const OVERRIDES: &str = "overrides.txt";
-
-/// The files of a run, in order; the one file that is named; none.
-pub fn files(run: &Path) -> Vec<PathBuf> {
-    if run.is_file() {
-        return if run.extension().is_some_and(|ending| ending == "mcap") { vec![run.into()] } else { Vec::new() };
-    }
-    let number = |path: &Path| {
-        let name = path.file_name()?.to_str()?;
-        name.strip_prefix("log_")?.strip_suffix(".mcap")?.parse::<u64>().ok()
-    };
-    let entries = fs::read_dir(run).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
-    let mut files: Vec<(u64, PathBuf)> = entries.filter_map(|path| Some((number(&path)?, path))).collect();
-    files.sort();
-    files.into_iter().map(|(_, path)| path).collect()
-}
-
 /// The part of a run that is asked for. What is damaged is left out, and the picture says so.
 pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed> {
     let mut remarks = Vec::new();
@@ -44,7 +22,7 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed
     let mut texts = Vec::new();
     for path in files {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        match open(path, &mut texts) {
+        match recording::open_log(path, &mut texts) {
             Ok((file, index)) => {
                 let damage = &index.damage;
                 if damage.regions + damage.cut + damage.sealed > 0 {
@@ -58,7 +36,7 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed
     }
     // What recorded inputs of the same run know of the world, its log need not.
     let header = if run.is_dir() { inputs::header(run) } else { None };
-    let (mut picture, title) = begin(run, header.unwrap_or_else(|| attached(texts)));
+    let (mut picture, title) = begin(run, header.unwrap_or_else(|| recording::attached(texts)));
     let wants = |channel: &logger::read::Channel, _: Option<&logger::read::Schema>| {
         channel.encoding == "lcm" && Channel::from_name(&channel.topic).is_some()
     };
@@ -97,30 +75,6 @@ pub fn read(run: &Path, files: &[PathBuf], part: Part) -> Result<Picture, Failed
     add(foreign, "messages that are not what their channels carry are left out");
     picture.entitle(Title { remarks: [title.remarks, remarks].concat(), ..title });
     Ok(picture)
-}
-
-/// A file, what is in it, and of its attachments the texts that were not known yet.
-fn open(path: &Path, texts: &mut Vec<(String, String)>) -> std::io::Result<(File, Index)> {
-    let mut file = File::open(path)?;
-    let index = Index::read(&mut file, &mut |_, _| ())?;
-    let names = [recording::ROBOT, recording::MODULES, recording::SIM, recording::WORLD, OVERRIDES];
-    for attachment in index.attachments.iter().filter(|attachment| names.contains(&attachment.name.as_str())) {
-        if attachment.data_len <= TEXT_MAX && texts.iter().all(|(name, _)| *name != attachment.name) {
-            let mut bytes = Vec::new();
-            file.seek(SeekFrom::Start(attachment.data_offset))?;
-            (&mut file).take(attachment.data_len).read_to_end(&mut bytes)?;
-            texts.push((attachment.name.clone(), String::from_utf8_lossy(&bytes).into_owned()));
-        }
-    }
-    Ok((file, index))
-}
-
-/// The configuration that is attached to a log, as recorded inputs have theirs.
-fn attached(texts: Vec<(String, String)>) -> Header {
-    let (overrides, mut texts): (Vec<_>, Vec<_>) = texts.into_iter().partition(|(name, _)| name == OVERRIDES);
-    let sets = overrides.iter().flat_map(|(_, text)| text.lines()).filter(|line| !line.trim().is_empty());
-    texts.extend(sets.map(|line| (recording::SET.into(), line.into())));
-    Header { program: String::new(), module: String::new(), wanted: State::Run, texts }
 }
 
 /// An empty picture: with the world and the robot where they are known.
@@ -187,7 +141,7 @@ mod tests {
         }
 
         fn svg(&self) -> Result<String, String> {
-            let files = files(&self.0);
+            let files = recording::log_files(&self.0);
             read(&self.0, &files, WHOLE).map(|picture| picture.svg()).map_err(|failed| failed.why)
         }
     }
@@ -247,7 +201,7 @@ mod tests {
         }
         let world = svg.split("<g class=\"world\">").nth(1).unwrap().split("</g>").next().unwrap();
         assert_eq!((world.matches("<polyline").count(), world.matches("<circle").count()), (13, 6));
-        let part = read(&run.0, &files(&run.0), Part { from: 5.0, to: 7.0 }).unwrap();
+        let part = read(&run.0, &recording::log_files(&run.0), Part { from: 5.0, to: 7.0 }).unwrap();
         assert!(part.svg().contains("·  2.0 s  ·  1.0 m"));
     }
 

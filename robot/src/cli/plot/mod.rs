@@ -5,6 +5,7 @@ mod log;
 
 use super::{Outcome, print};
 use crate::plot::Picture;
+use crate::recording;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -40,7 +41,7 @@ impl Part {
 
 pub fn plot(command: &Plot) -> Outcome {
     let part = Part { from: command.from, to: command.to };
-    let files = log::files(&command.run);
+    let files = recording::log_files(&command.run);
     let picture = match files.is_empty() {
         true => inputs::read(&command.run, part)?,
         false => log::read(&command.run, &files, part)?,
