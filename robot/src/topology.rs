@@ -11,6 +11,7 @@ use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
 use crate::map_file;
 use crate::recording;
+use crate::web::center::Scene;
 use crate::web::{self, Web};
 use base::Duration;
 use canopen::eds::Eds;
@@ -159,7 +160,7 @@ pub(crate) fn shell_in(
         auxiliary::NAME => Box::new(auxiliary(&config.robot)?),
         joydev::NAME => Box::new(joydev(robot)?),
         planner::NAME => Box::new(planner(place, robot, world.as_ref())?),
-        web::NAME => Box::new(Web::new(web_settings(place, robot))),
+        web::NAME => Box::new(Web::new(web_settings(place, &config.modules, robot, world.as_ref()))),
         logger::NAME => Box::new(logger(place, robot, made)),
         SIMULATOR if place.sim => {
             let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
@@ -190,7 +191,7 @@ fn without_logger(config: &Config) -> Config {
 const MAPPED: [&str; 6] = [SIMULATOR, rs485b::NAME, estimator::NAME, planner::NAME, web::NAME, logger::NAME];
 
 /// The robot with the beacons of a world, if that has any.
-fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
+pub(crate) fn mapped(robot: &Robot, world: Option<&World>) -> Robot {
     let mut robot = robot.clone();
     if let Some(world) = world.filter(|world| !world.beacons.is_empty()) {
         let beacon = |beacon: &Beacon| config::Beacon { id: beacon.id, x: beacon.at.x, y: beacon.at.y };
@@ -525,13 +526,20 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
 }
 
 /// `web`: where it is reached, and what it shows besides what is said.
-fn web_settings(place: &Place, robot: &Robot) -> web::Settings {
+fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Option<&World>) -> web::Settings {
+    // A map that cannot be read is the planner's to tell.
+    let map = robot.planner.map.as_ref().and_then(|file| map_file::load(&place.config.join(file)).ok());
+    let simulated = |world: &World| sim::Simulator::offered(simulator(world.clone(), robot, Made::LIVE.wire_time));
+    let faults = world.map(simulated).unwrap_or_default();
     web::Settings {
         robot: robot.name.clone(),
         lcm_url: place.lcm_url.clone(),
         web: robot.web.clone(),
         config: place.config.clone(),
         scene: scene(robot),
+        center: Scene::of(robot, world, map.as_ref()).with_faults(faults),
+        critical: modules.iter().filter(|module| module.critical).map(|module| module.name.clone()).collect(),
+        logs: log_folder(place, robot),
     }
 }
 

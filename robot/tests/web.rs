@@ -201,11 +201,11 @@ fn strangers_are_refused_counted_and_hurt_nobody() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot, &["--set", "web.hosts=[\"advee.local\"]"]);
     let at = web.at;
-    for path in ["/", "/layout.json", "/health"] {
+    for path in ["/", "/foxglove-help", "/layout.json", "/health"] {
         let (status, answer) = get(at, path, "").unwrap();
         assert!(status == 200 && answer.contains("content-security-policy: default-src 'none'"), "{answer}");
     }
-    let page = body(at, "/").unwrap();
+    let page = body(at, "/foxglove-help").unwrap();
     assert!(page.contains("ws://localhost/foxglove") && !page.contains("src="), "nothing from elsewhere");
     let layout: Value = serde_json::from_str(&body(at, "/layout.json").unwrap()).unwrap();
     assert!(layout["configById"].as_object().unwrap().len() > 4);

@@ -3,6 +3,7 @@
 //! People do not see more pictures than that, and a server that is not woken for each message costs the robot next to
 //! nothing. The kernel's and the rings' times of reception stay with the messages.
 
+use super::center::Beside;
 use super::router::App;
 use crate::live::bus::Bus;
 use crate::live::clock;
@@ -11,7 +12,7 @@ use logger::ros::{RobotScene, Translator};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::Duration;
 
-/// How often it listens while somebody looks, and while nobody does.
+/// How often it listens while Foxglove looks, and while nobody does. For pages it listens when they are due to be told.
 const LOOKED_AT: Duration = Duration::from_millis(40);
 const ALONE: Duration = Duration::from_millis(200);
 /// Messages taken at a time: a flood waits, or is lost, while viewers are served.
@@ -69,10 +70,16 @@ impl Ear {
         loop {
             app.bus.turns.fetch_add(1, Relaxed);
             let more = self.take(&app);
-            let alone = app.hub().viewers() == 0;
-            match more {
-                true => tokio::task::yield_now().await,
-                false => tokio::time::sleep(if alone { ALONE } else { LOOKED_AT }).await,
+            let (now, show) = (clock::now(), &app.center.show);
+            let due = show.turn(now, Beside { holder: None, viewers: app.viewers() });
+            let period = if app.hub().viewers() == 0 { ALONE } else { LOOKED_AT };
+            if more {
+                tokio::task::yield_now().await;
+                continue;
+            }
+            tokio::select! {
+                () = tokio::time::sleep(period.min(due.since(now))) => {}
+                () = show.woken() => {}
             }
         }
     }
@@ -92,7 +99,9 @@ impl Ear {
                 }
             };
             taken += 1;
-            let time = nanoseconds(self.epoch, clock::received(now, raw.received_ns));
+            let at = clock::received(now, raw.received_ns);
+            app.center.show.hear(at, raw.channel, raw.data);
+            let time = nanoseconds(self.epoch, at);
             let told = self.translator.translate(raw.channel, raw.data, &mut |topic, cdr| {
                 hub.publish(topic, raw.channel, time, cdr);
             });

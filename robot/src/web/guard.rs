@@ -135,7 +135,7 @@ pub async fn guarded(
     };
     let headers = response.headers_mut();
     for (name, value) in HEADERS {
-        headers.insert(name, header::HeaderValue::from_static(value));
+        headers.entry(name).or_insert(header::HeaderValue::from_static(value));
     }
     response
 }
@@ -186,7 +186,7 @@ pub fn refused(code: StatusCode, why: &str) -> Response {
     (code, [(header::CONTENT_TYPE, "application/json")], body).into_response()
 }
 
-/// With every answer: nothing from elsewhere, in nobody's frame, nothing kept, no credentials told to whoever is linked to.
+/// With every answer, unless it has its own: nothing from elsewhere, in nobody's frame, nothing kept, no credentials told to whoever is linked to.
 const HEADERS: [(header::HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,

@@ -1,7 +1,8 @@
 //! The robot's web server: what a browser, or Foxglove, is shown of the robot, from the robot itself.
 //!
 //! ```text
-//!   LCM bus ──► bus ──► foxglove::hub ──► foxglove::endpoint ──► /foxglove     a queue for each viewer
+//!   LCM bus ──► bus ─┬► foxglove::hub ──► foxglove::endpoint ──► /foxglove     a queue for each viewer
+//!                    └► center::show ───► center::viewer ──────► /ws/view      the newest for each viewer
 //!                                         pages ───────────────► / /layout.json /health
 //!                       module ──starts──► server ──► guard ──► router
 //! ```
@@ -10,14 +11,17 @@
 //! sockets, and its own place on the bus. Nobody waits for it: it is not critical, and a viewer that is slow, or lies, costs
 //! nobody else anything. It only shows: what would publish on the bus does not exist.
 
+mod assets;
 mod bus;
 pub mod center;
 pub mod foxglove;
 mod guard;
+mod logs;
 mod module;
 mod pages;
 mod router;
 mod server;
+mod socket;
 mod stats;
 
 pub use module::{Settings, Web, token};

@@ -16,6 +16,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use tokio::sync::{Semaphore, watch};
 
+use super::center::{Center, Scene};
 use super::foxglove::hub::{Hub, Limits};
 
 /// It looks this often how the server is, and takes an address again that it did not get.
@@ -40,6 +41,12 @@ pub struct Settings {
     pub config: PathBuf,
     /// What is shown of the robot and no message says.
     pub scene: RobotScene,
+    /// The same for pages, with the map.
+    pub center: Scene,
+    /// Modules without which the robot does not move.
+    pub critical: Vec<String>,
+    /// The folder of recorded runs.
+    pub logs: PathBuf,
 }
 
 /// The module.
@@ -118,7 +125,7 @@ impl Module for Web {
 }
 
 fn start(settings: &Settings) -> Result<Server, String> {
-    let Settings { robot, lcm_url, web, config, scene } = settings;
+    let Settings { robot, lcm_url, web, config, scene, center, critical, logs } = settings;
     let at = web.listen;
     let token = web.token_file.as_ref().map(|path| token(&config.join(path))).transpose()?;
     let listener = listen(at).map_err(|error| match error.kind() {
@@ -130,13 +137,16 @@ fn start(settings: &Settings) -> Result<Server, String> {
     let guard = Guard { hosts: web.hosts.clone(), origins: web.origins.clone(), token };
     let bus = bus::Ear::open(lcm_url, scene.clone())?;
     let limits = Limits::USUAL;
+    let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone() };
     let app = App {
         hub: Arc::new(Mutex::new(Hub::new(limits))),
+        center: Arc::new(Center::new(center.clone(), model, logs)),
         bus: Arc::default(),
         stats: Arc::new(Stats::default()),
         robot: robot.as_str().into(),
         session: clock::wall().to_string().into(),
         seats: Arc::new(Semaphore::new(web.viewers.into())),
+        seats_max: web.viewers.into(),
         message_max: limits.message,
         end: watch::channel(false).1,
         started: std::time::Instant::now(),

@@ -1,4 +1,4 @@
-//! What there is to read: the page that says what is here, the layout for Foxglove, how the server is.
+//! What there is to read: how to see the robot in Foxglove, the layout for Foxglove, how the server is.
 
 use super::router::App;
 use super::stats;
@@ -12,7 +12,7 @@ const LAYOUT: &str = include_str!("../../../conf/foxglove/advee.json");
 /// The page; `{…}` are filled in.
 const PAGE: &str = include_str!("index.html");
 
-/// `/`
+/// `/foxglove-help`
 pub async fn index(State(app): State<App>, headers: HeaderMap) -> impl IntoResponse {
     // By this name it was reached, and so it will be again.
     let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();

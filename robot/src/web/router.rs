@@ -1,11 +1,11 @@
 //! What there is to ask for; what all who answer share.
 
 use super::center::access::Role;
+use super::center::{Center, viewer};
 use super::foxglove::{endpoint, hub::Hub};
 use super::guard::{self, Guard, Needed};
 use super::stats::Stats;
-use super::{bus, pages};
-use axum::http::StatusCode;
+use super::{assets, bus, logs, pages};
 use axum::routing::{MethodRouter, any, get};
 use axum::{Router, middleware};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,6 +16,8 @@ use tokio::sync::{Semaphore, watch};
 #[derive(Clone)]
 pub struct App {
     pub hub: Arc<Mutex<Hub>>,
+    /// What pages are shown.
+    pub center: Arc<Center>,
     pub bus: Arc<bus::Counts>,
     pub stats: Arc<Stats>,
     /// The robot's name.
@@ -24,6 +26,8 @@ pub struct App {
     pub session: Arc<str>,
     /// One for each viewer that may be.
     pub seats: Arc<Semaphore>,
+    /// How many those are.
+    pub seats_max: usize,
     /// The longest message to a viewer, bytes.
     pub message_max: usize,
     /// True: the server ends.
@@ -33,6 +37,11 @@ pub struct App {
 }
 
 impl App {
+    /// How many look, by whatever socket.
+    pub fn viewers(&self) -> usize {
+        self.seats_max.saturating_sub(self.seats.available_permits())
+    }
+
     /// The hub, for a moment.
     pub fn hub(&self) -> MutexGuard<'_, Hub> {
         self.hub.lock().unwrap_or_else(PoisonError::into_inner)
@@ -55,12 +64,20 @@ const fn look(path: &'static str, role: Role, answers: fn() -> MethodRouter<App>
     Route { path, role, own: false, answers }
 }
 
-/// All there is: no route is anywhere else, and none without a role.
+/// What the robot's own page alone asks for.
+const fn own(path: &'static str, role: Role, answers: fn() -> MethodRouter<App>) -> Route {
+    Route { path, role, own: true, answers }
+}
+
+/// All there is but the files of the page, which are everybody's: no route is anywhere else, and none without a role.
 pub const ROUTES: &[Route] = &[
-    look("/", Role::Nobody, || get(pages::index)),
+    look("/foxglove-help", Role::Viewer, || get(pages::index)),
     look("/layout.json", Role::Viewer, || get(pages::layout)),
     look("/health", Role::Viewer, || get(pages::health)),
     look("/foxglove", Role::Viewer, || any(endpoint::upgrade)),
+    own("/ws/view", Role::Viewer, || any(viewer::upgrade)),
+    own("/api/logs", Role::Viewer, || get(logs::list)),
+    own("/api/logs/{run}/{*file}", Role::Viewer, || get(logs::download)),
 ];
 
 /// Every route, and the guard before it.
@@ -72,8 +89,5 @@ pub fn router(app: App, guard: Guard) -> Router {
             middleware::from_fn_with_state((Needed { role: *role, own: *own }, app.stats.clone()), guard::needed);
         router = router.route(path, answers().layer(needed));
     }
-    router
-        .fallback(|| async { guard::refused(StatusCode::NOT_FOUND, "there is nothing here; / says what there is") })
-        .layer(guarded)
-        .with_state(app)
+    router.fallback(assets::serve).layer(guarded).with_state(app)
 }

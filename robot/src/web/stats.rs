@@ -16,6 +16,8 @@ pub enum Refusal {
     Connections,
     /// There are as many viewers as there may be.
     Viewers,
+    /// As many files are downloaded as may be.
+    Downloads,
     /// It asked for no WebSocket, or for another protocol.
     Protocol,
     /// It is no HTTP, or too slow with it.
@@ -32,12 +34,13 @@ pub enum Refusal {
 
 impl Refusal {
     #[cfg(test)]
-    const ALL: [Self; 11] = [
+    const ALL: [Self; 12] = [
         Self::Host,
         Self::Origin,
         Self::Credentials,
         Self::Connections,
         Self::Viewers,
+        Self::Downloads,
         Self::Protocol,
         Self::Http,
         Self::Frame,
@@ -55,7 +58,10 @@ impl Refusal {
             Self::Credentials => "credentials are missing or wrong (web.token_file)",
             Self::Connections => "there are too many connections",
             Self::Viewers => "there are as many viewers as may be (web.viewers)",
-            Self::Protocol => "a WebSocket of foxglove.sdk.v1 or foxglove.websocket.v1 is expected here",
+            Self::Downloads => "as many files are downloaded as may be at once",
+            Self::Protocol => {
+                "a WebSocket is expected here, at /foxglove one of foxglove.sdk.v1 or foxglove.websocket.v1"
+            }
             Self::Http => "a connection spoke no HTTP, or too slowly",
             Self::Frame => "a viewer sent a frame that is too long or broken",
             Self::Malformed => "a viewer sent a message that is none of the protocol",
@@ -78,6 +84,8 @@ pub struct Counts {
     pub connections: u64,
     /// [`Refusal::Viewers`].
     pub viewers: u64,
+    /// [`Refusal::Downloads`].
+    pub downloads: u64,
     /// [`Refusal::Protocol`].
     pub protocol: u64,
     /// [`Refusal::Http`].
@@ -100,6 +108,7 @@ impl Counts {
             Refusal::Credentials => &mut self.credentials,
             Refusal::Connections => &mut self.connections,
             Refusal::Viewers => &mut self.viewers,
+            Refusal::Downloads => &mut self.downloads,
             Refusal::Protocol => &mut self.protocol,
             Refusal::Http => &mut self.http,
             Refusal::Frame => &mut self.frame,

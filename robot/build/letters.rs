@@ -2,7 +2,6 @@
 //! tables in the program instead of two fonts of 0.7 MB.
 
 use std::fmt::Write;
-use std::{env, fs};
 use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
 /// What pictures are labelled with: Latin languages, some Greek, dashes, quotes, per mille, minutes and seconds.
@@ -74,11 +73,10 @@ fn cut(out: &mut String, name: &str, font: &[u8]) {
     writeln!(out, "], outlines: &{:?} }};", pen.0).expect("a text takes text");
 }
 
-fn main() {
-    println!("cargo::rerun-if-changed=build.rs");
+/// Both faces.
+pub fn tables() -> String {
     let mut out = String::new();
     cut(&mut out, "REGULAR", dejavu::sans::regular());
     cut(&mut out, "BOLD", dejavu::sans::bold());
-    let folder = env::var("OUT_DIR").expect("cargo says where");
-    fs::write(format!("{folder}/letters.rs"), out).expect("there is room for the letters");
+    out
 }
