@@ -39,3 +39,11 @@ export function minutes(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds) || seconds < 0) return "not known";
   return seconds < 60 ? "less than a minute" : count(Math.floor(seconds / 60)) + " min";
 }
+
+/** Any number, with as many digits as tell. */
+export function figure(value: number): string {
+  const size = Math.abs(value);
+  const rounded = Number(value.toPrecision(6));
+  const text = size !== 0 && (size >= 1e6 || size < 1e-3) ? rounded.toExponential() : String(rounded);
+  return text.replaceAll("-", "−");
+}

@@ -1,6 +1,6 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
-import { count, hex, milliseconds, minutes, moment, percent } from "./format";
+import { count, figure, hex, milliseconds, minutes, moment, percent } from "./format";
 import { demoLink, fileLink, started } from "./logs/names";
 
 test("figures are written as people read them", () => {
@@ -10,6 +10,10 @@ test("figures are written as people read them", () => {
   equal(hex(-1, 2), "0xFF");
   deepEqual([0, 999, 1234567, NaN].map(count), ["0", "999", "1\u202F234\u202F567", "–"]);
   deepEqual([7800, 59, 0, -1, null, NaN].map(minutes), ["130 min", "less than a minute", "less than a minute", "not known", "not known", "not known"]);
+});
+
+test("any number has as many digits as tell", () => {
+  deepEqual([0, -1.5, 0.1 + 0.2, 123456.789, 1234567.89, 0.00012, -9.87654321e-9].map(figure), ["0", "−1.5", "0.3", "123457", "1.23457e+6", "1.2e−4", "−9.87654e−9"]);
 });
 
 test("a moment of another day has its date", () => {

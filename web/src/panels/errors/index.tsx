@@ -35,9 +35,12 @@ const COLUMNS: Column<ErrorGroup>[] = [
     by: (group) => group.message,
     cell: (group) => (
       <span class="p-what">
-        {group.message || fault(group.number).means}
-        <span class="muted" title={fault(group.number).means}>
-          {hex(group.number)} {fault(group.number).name}
+        {group.message || "It said nothing further."}
+        <span class="muted">
+          <b>
+            {hex(group.number)} {fault(group.number).name}:
+          </b>{" "}
+          {fault(group.number).means}
         </span>
       </span>
     ),

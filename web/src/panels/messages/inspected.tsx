@@ -4,6 +4,7 @@ import { ArrowLeft, ChartSpline, ChevronDown, ChevronRight } from "lucide-preact
 import { useEffect, useState } from "preact/hooks";
 import { span } from "../../format";
 import { Badge, Button, Card, Empty, toast } from "../../ui";
+import { figure } from "../format";
 import { choose, chosen, latest, series, toggle } from "./store";
 import { type Field, fields, FIELDS_MAX } from "./tree";
 
@@ -125,6 +126,5 @@ function written(value: Field["value"]): string {
   if (value === null) return "– (no number)";
   if (typeof value === "string") return `“${value}”`;
   if (typeof value === "boolean") return value ? "true" : "false";
-  const text = Number.isInteger(value) ? String(value) : String(Number(value.toPrecision(6)));
-  return text.replace("-", "−");
+  return Number.isInteger(value) ? String(value).replace("-", "−") : figure(value);
 }

@@ -1,8 +1,12 @@
 // The course of the chosen fields.
 import { signal } from "@preact/signals";
 import { Pause, Play, Trash2, X } from "lucide-preact";
+import { NONE } from "../../format";
+import { now } from "../../state";
 import { Button, Card } from "../../ui";
+import { figure } from "../format";
 import { Plot } from "../plot/plot";
+import type { Ring } from "../plot/ring";
 import { end, LONGEST, plots, toggle } from "./store";
 
 const WINDOWS = [
@@ -14,6 +18,17 @@ const WINDOWS = [
 const window = signal<number>(10);
 /** The right edge while it stands still; null: it moves. */
 const frozen = signal<number | null>(null);
+
+/** What came last; it is drawn as often as ages are. */
+function Newest({ ring }: { ring: Ring }) {
+  void now.value;
+  const value = ring.newest();
+  return (
+    <output class="figure" aria-live="off">
+      {value === null ? NONE : figure(value)}
+    </output>
+  );
+}
 
 export function Plots() {
   if (plots.value.length === 0) return null;
@@ -49,7 +64,7 @@ export function Plots() {
         height={280}
       />
       <ul class="p-list">
-        {plots.value.map(({ channel, path, style }) => (
+        {plots.value.map(({ channel, path, ring, style }) => (
           <li key={`${channel} ${path}`}>
             <svg class={`p-key p-series-${style}`} width={32} height={8} aria-hidden>
               <line x1={0} y1={4} x2={32} y2={4} />
@@ -57,6 +72,7 @@ export function Plots() {
             <span>
               <b>{path}</b> <span class="muted">{channel}</span>
             </span>
+            <Newest ring={ring} />
             <Button kind="quiet" icon={X} label={`End the plot of ${channel} ${path}`} onClick={() => toggle(channel, path)} />
           </li>
         ))}

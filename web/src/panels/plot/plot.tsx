@@ -3,6 +3,7 @@ import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { shownTheme } from "../../design/theme";
+import { figure } from "../format";
 import { align, type Ring, thin } from "./ring";
 
 export interface Series {
@@ -93,12 +94,6 @@ function room(_: uPlot, low: number | null, high: number | null): uPlot.Range.Mi
   if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
   const margin = high > low ? 0.08 * (high - low) : Math.max(Math.abs(high) * 0.05, 0.01);
   return [low - margin, high + margin];
-}
-
-function figure(value: number): string {
-  const size = Math.abs(value);
-  const text = size !== 0 && (size >= 1e6 || size < 1e-3) ? value.toExponential(1) : String(Number(value.toPrecision(6)));
-  return text.replace("-", "−");
 }
 
 function show(plot: uPlot, { series, window, end }: Parameters<typeof Plot>[0]): void {
