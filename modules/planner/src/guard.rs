@@ -202,6 +202,16 @@ impl Way {
         Some(Self(poses))
     }
 
+    /// Where it is after `went` m; at the end of what is known it stays.
+    fn at(&self, went: f64) -> Pose {
+        let step = ((went / WAY_STEP) as usize).min(WAY_STEPS - 2);
+        let (from, to) = (self.0[step], self.0[step + 1]);
+        let share = (went / WAY_STEP - step as f64).min(1.0);
+        let between = |from: f64, to: f64| from + share * (to - from);
+        let theta = from.theta.radians() + share * (to.theta - from.theta).radians();
+        Pose::new(between(from.x, to.x), between(from.y, to.y), theta)
+    }
+
     /// Whether a robot that goes at `speed`, and brakes after its reaction, stands before it is too near to somebody who is
     /// `gap` away.
     fn is_free(&self, speed: f64, person: &Person, gap_now: f64, config: &Config) -> bool {
@@ -220,7 +230,7 @@ impl Way {
             let time_now = time.min(stands);
             let braking = (time_now - reaction).max(0.0);
             let went = speed * time_now - a * braking * braking / 2.0;
-            let pose = self.0[((went / WAY_STEP) as usize).min(WAY_STEPS - 1)];
+            let pose = self.at(went);
             let at = Point { x: person.at.x + vx * time_now, y: person.at.y + vy * time_now };
             if gap(body, pose.inverse() * at) < keep + strays * time_now {
                 return false;
