@@ -9,8 +9,9 @@ import { types } from "../shell/keys";
 import { type Act, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
 import { Hold, type Source } from "./hold";
 
-/** How often it is looked whether something is due, ms. */
+/** How often it is looked whether something is due, ms; and every how many turns while nobody drives. */
 const TURN = 10;
+const IDLE_TURNS = 4;
 
 /** Share of the limit that a hand gets. */
 export const PACES = { slow: 1 / 3, normal: 1 } as const;
@@ -43,7 +44,9 @@ const gamepads = new Gamepads();
 /** To be called after each event: shows what the hold does. */
 export function shown(): void {
   const now = hold.commanded;
-  commanded.value = now && hold.holding ? { source: hold.holding, ...now } : null;
+  const next = now && hold.holding ? { source: hold.holding, ...now } : null;
+  const old = commanded.peek();
+  if (next?.source !== old?.source || next?.speed !== old?.speed || next?.steering !== old?.steering) commanded.value = next;
   if (hold.holding !== "gamepad") gamepads.over();
   endedWhy.value = hold.ended;
 }
@@ -95,7 +98,10 @@ export function begin(): () => void {
       queueMicrotask(shown);
     }),
   ];
+  let turns = 0;
   const turn = setInterval(() => {
+    turns += 1;
+    if (hold.holding === null && turns % IDLE_TURNS !== 0) return;
     act("gamepad", gamepads.read(readGamepad()));
     if (hold.holding === null) return;
     hold.tick(clock());
