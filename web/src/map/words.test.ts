@@ -1,0 +1,23 @@
+import { equal } from "node:assert/strict";
+import { test } from "node:test";
+import type { DrivePart, Goal } from "../protocol";
+import { goalWords, positionWords } from "./words";
+
+const GOAL: Goal = { timestamp: 0, id: 1, waypoint: 3, status: 1, remaining: 2.04, message: "" };
+
+test("a goal is told in the planner's words, else in ours", () => {
+  equal(goalWords(GOAL), "Drives to waypoint 4, 2.0 m to go.");
+  equal(goalWords({ ...GOAL, message: "drives to waypoint 4 of 12, for ever" }), "Drives to waypoint 4 of 12, for ever, 2.0 m to go.");
+  equal(goalWords({ ...GOAL, status: 2 }), "The goal is reached.");
+  equal(goalWords({ ...GOAL, status: 99, remaining: null }), "The state of the goal is not known.");
+  equal(goalWords(null), "Nothing is known of a goal.");
+});
+
+test("a position is told with how sure it is, and not at all when the robot is lost", () => {
+  const estimate = { timestamp: 0, x: 1.234, y: -2, theta: Math.PI / 2, speed: 0, rotation: 0, covariance: [], quality: 3 };
+  const part = (quality: number) =>
+    ({ estimate: { age: 0, period: 0.05, freshness: "fresh", value: { ...estimate, quality } }, ellipse: { long: 0.1, short: 0.05, angle: 0, heading: 0.02 } }) as unknown as DrivePart;
+  equal(positionWords(part(3)), "At 1.23, −2.00 m, heading 90°; fine, sure to 0.10 m and 1.1°.");
+  equal(positionWords(part(0)), "The robot does not know where it is.");
+  equal(positionWords(null), "Where the robot is has not been said yet.");
+});
