@@ -12,9 +12,9 @@ mod monitor;
 mod nmt;
 mod scan;
 mod sdo;
-mod standard;
+pub(super) mod standard;
 mod target;
-mod value;
+pub(super) mod value;
 
 use super::{Common, Outcome};
 use clap::Subcommand;

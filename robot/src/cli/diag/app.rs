@@ -1,22 +1,24 @@
-//! The state of the terminal: what is heard goes in, keys go in, messages come out. Draws nothing, opens nothing.
+//! The state of the terminal: what is heard goes in, keys go in ([`super::keys`]), messages come out. Draws nothing.
 
-use super::command::{self, Asked};
-use super::drive::{Arrow, Drive};
+use super::drive::Drive;
+use super::rows;
+use super::runs::Runs;
+use super::sdo::Objects;
 use base::{Duration, Epoch, Instant};
 use diagnostics::{Model, Status};
 use messages::Message;
-use messages::lowlevel::{CmdHoming, CmdMotion};
-use messages::middlelevel::CmdGoal;
-use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use messages::common::Error;
+use messages::lowlevel::CmdMotion;
 use std::collections::BTreeMap;
 use std::mem;
 
 /// What was said to the user stands for so long.
 const SAID: Duration = Duration::from_secs(6);
-/// The latest messages are kept of so many channels.
+/// A report within this time after a command is taken for its answer.
+const ANSWER: Duration = Duration::from_secs(3);
+/// The latest messages are kept of so many channels, and none that is longer than so many bytes.
 const LATEST_MAX: usize = 500;
-/// A line that is typed is not longer.
-const LINE_MAX: usize = 200;
+const LATEST_BYTES: usize = 256 * 1024;
 
 /// The views, in the order of their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,13 +45,23 @@ impl Tab {
         }
     }
 
-    fn next(self, steps: usize) -> Self {
+    /// In which orders its rows can stand; the first is the usual one.
+    pub const fn orders(self) -> &'static [&'static str] {
+        match self {
+            Self::Modules => &["as started", "trouble first", "cpu", "memory", "restarts", "name"],
+            Self::Errors => &["standing first", "latest", "count"],
+            Self::Messages => &["name", "rate", "bytes"],
+            Self::Overview | Self::Busses | Self::Logs => &[""],
+        }
+    }
+
+    pub fn next(self, steps: usize) -> Self {
         Self::ALL[(self as usize + steps) % Self::ALL.len()]
     }
 }
 
 /// What keys are for.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Mode {
     Normal,
     /// Behind `:`.
@@ -58,7 +70,7 @@ pub enum Mode {
     Filter(String),
     Help,
     /// A risky thing waits for `y`.
-    Confirm(&'static str),
+    Confirm(String, Box<Message>),
 }
 
 /// What is frozen on the screen.
@@ -66,6 +78,19 @@ pub struct Frozen {
     pub at: Instant,
     model: Model,
     latest: BTreeMap<String, Message>,
+}
+
+/// What the terminal knows before it hears anything.
+pub struct Setup {
+    pub model: Model,
+    pub drive: Drive,
+    pub read_only: bool,
+    pub epoch: Epoch,
+    /// Who commands, as others are told.
+    pub source: String,
+    /// The CANopen nodes and their axes.
+    pub nodes: Vec<(u8, String)>,
+    pub runs: Runs,
 }
 
 /// The terminal's state.
@@ -76,31 +101,53 @@ pub struct App {
     pub mode: Mode,
     /// Only what contains this is listed.
     pub filter: String,
-    pub selected: usize,
+    /// The marked row: what it is of, and where it stood, should that be gone.
+    pub mark: (String, usize),
+    /// Whether the marked row is told at length.
+    pub expanded: bool,
+    /// Lines that are scrolled over, of help and of a message.
+    pub scroll: u16,
+    /// Which of its orders each view has.
+    pub orders: [usize; Tab::ALL.len()],
     pub drive: Drive,
     pub read_only: bool,
     pub frozen: Option<Box<Frozen>>,
     pub quit: bool,
+    pub nodes: Vec<(u8, String)>,
+    pub runs: Runs,
+    pub objects: Objects,
+    /// Lines that were typed behind `:`, and which of them is shown.
+    pub history: (Vec<String>, usize),
     said: Option<(Instant, String)>,
+    asked: Option<Instant>,
     epoch: Epoch,
     source: String,
     out: Vec<Message>,
 }
 
 impl App {
-    pub fn new(model: Model, drive: Drive, read_only: bool, epoch: Epoch, source: String) -> Self {
+    pub fn new(setup: Setup) -> Self {
+        let Setup { model, drive, read_only, epoch, source, nodes, runs } = setup;
         Self {
             model,
             latest: BTreeMap::new(),
             tab: Tab::Overview,
             mode: Mode::Normal,
             filter: String::new(),
-            selected: 0,
+            mark: (String::new(), 0),
+            expanded: false,
+            scroll: 0,
+            orders: [0; Tab::ALL.len()],
             drive,
             read_only,
             frozen: None,
             quit: false,
+            nodes,
+            runs,
+            objects: Objects::default(),
+            history: (Vec::new(), 0),
             said: None,
+            asked: None,
             epoch,
             source,
             out: Vec::new(),
@@ -109,10 +156,24 @@ impl App {
 
     /// Something was said on the bus.
     pub fn hear(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
-        if let Some(message) = &message
+        if let Some(message) = message.as_ref().filter(|_| bytes <= LATEST_BYTES)
             && (self.latest.contains_key(channel) || self.latest.len() < LATEST_MAX)
         {
             self.latest.insert(channel.into(), message.clone());
+        }
+        match &message {
+            Some(Message::LlDataSdo(answer)) => {
+                if let Some(line) = self.objects.hear(at, answer) {
+                    self.say(at, line);
+                }
+            }
+            // What somebody was just told to do, and cannot.
+            Some(Message::CmEventError(error))
+                if error.severity != Error::NOTICE && self.asked.is_some_and(|asked| at.since(asked) < ANSWER) =>
+            {
+                self.say(at, format!("{}: {}", error.module, error.message));
+            }
+            _ => {}
         }
         self.model.hear(at, channel, bytes, message);
     }
@@ -120,6 +181,14 @@ impl App {
     /// The model as it is shown, and the moment of what is shown.
     pub fn shown(&self, now: Instant) -> (&Model, Instant) {
         self.frozen.as_ref().map_or((&self.model, now), |frozen| (&frozen.model, frozen.at))
+    }
+
+    /// Holds what is shown, or lets it go on.
+    pub fn freeze(&mut self, now: Instant) {
+        self.frozen = match self.frozen {
+            Some(_) => None,
+            None => Some(Box::new(Frozen { at: now, model: self.model.clone(), latest: self.latest.clone() })),
+        };
     }
 
     /// The robot's name.
@@ -130,6 +199,12 @@ impl App {
     /// How the robot is now, frozen or not.
     pub fn status(&self, now: Instant) -> Status {
         self.model.status(now)
+    }
+
+    /// How many modules are not well, and how many errors stand; now, frozen or not.
+    pub fn troubles(&self, now: Instant) -> (usize, usize) {
+        let unwell = self.model.modules(now).iter().filter(|row| !row.well).count();
+        (unwell, self.model.errors.groups().iter().filter(|group| group.standing).count())
     }
 
     /// The latest message of a channel, as it is shown.
@@ -152,6 +227,57 @@ impl App {
         self.filter.is_empty() || row.to_lowercase().contains(&self.filter.to_lowercase())
     }
 
+    /// The order of this view's rows.
+    pub fn order(&self) -> &'static str {
+        let orders = self.tab.orders();
+        orders[self.orders[self.tab as usize] % orders.len()]
+    }
+
+    /// Which of the rows is marked.
+    pub fn marked(&self, keys: &[String]) -> usize {
+        let place = keys.iter().position(|key| *key == self.mark.0);
+        place.unwrap_or(self.mark.1.min(keys.len().saturating_sub(1)))
+    }
+
+    /// Marks a row that stands so many further down, or up.
+    pub fn move_mark(&mut self, now: Instant, steps: isize) {
+        let keys = rows::keys(self, now);
+        let place = self.marked(&keys).saturating_add_signed(steps).min(keys.len().saturating_sub(1));
+        self.mark = (keys.into_iter().nth(place).unwrap_or_default(), place);
+    }
+
+    /// What the marked row is of.
+    pub fn marked_key(&self, now: Instant) -> Option<String> {
+        let keys = rows::keys(self, now);
+        let place = self.marked(&keys);
+        keys.into_iter().nth(place)
+    }
+
+    pub fn turn_to(&mut self, tab: Tab) {
+        (self.tab, self.mark, self.expanded, self.scroll) = (tab, (String::new(), 0), false, 0);
+    }
+
+    /// The timestamp of what is said now.
+    pub fn timestamp(&self, now: Instant) -> i64 {
+        self.epoch.timestamp(now)
+    }
+
+    /// Who commands.
+    pub fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// To be sent; unless nothing may be.
+    pub fn send(&mut self, now: Instant, message: impl Into<Message>, said: impl Into<String>) {
+        if self.read_only {
+            self.say(now, "read-only: nothing is sent");
+            return;
+        }
+        self.out.push(message.into());
+        self.asked = Some(now);
+        self.say(now, said);
+    }
+
     /// What is to be sent now.
     pub fn poll(&mut self, now: Instant) -> Vec<Message> {
         if let Some((speed, steering)) = self.drive.poll(now) {
@@ -159,7 +285,20 @@ impl App {
             let command = CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source };
             self.out.push(command.into());
         }
+        if let Some(line) = self.objects.poll(now) {
+            self.say(now, line);
+        }
+        // Listing a folder may take a disk's time, and who drives has none to spare.
+        if self.tab == Tab::Logs && !self.drive.is_taken() {
+            self.look(now);
+        }
         mem::take(&mut self.out)
+    }
+
+    /// Looks into the log folder.
+    pub fn look(&mut self, now: Instant) {
+        let recorded = self.model.log.fresh(now).filter(|log| log.recording).map(|log| log.run.as_str());
+        self.runs.look(now, recorded);
     }
 
     /// The terminal was left: another window, or it is gone.
@@ -167,141 +306,9 @@ impl App {
         self.drive.stop();
     }
 
-    pub fn on_key(&mut self, now: Instant, key: KeyEvent) {
-        let arrow = match key.code {
-            KeyCode::Up => Some(Arrow::Forward),
-            KeyCode::Down => Some(Arrow::Back),
-            KeyCode::Left => Some(Arrow::Left),
-            KeyCode::Right => Some(Arrow::Right),
-            _ => None,
-        };
-        if key.kind == KeyEventKind::Release {
-            if let Some(arrow) = arrow {
-                self.drive.release(arrow);
-            }
-            return;
-        }
-        let mut code = key.code;
-        if key.modifiers.contains(KeyModifiers::CONTROL) {
-            match code {
-                KeyCode::Char('c' | 'd') => self.quit = true,
-                // A line feed: what some terminals send for Enter.
-                KeyCode::Char('j') => code = KeyCode::Enter,
-                _ => {}
-            }
-            if code != KeyCode::Enter {
-                return;
-            }
-        }
-        match mem::replace(&mut self.mode, Mode::Normal) {
-            Mode::Normal => match arrow {
-                Some(arrow) if self.drive.is_taken() => self.drive.press(now, arrow),
-                Some(Arrow::Forward) => self.selected = self.selected.saturating_sub(1),
-                Some(Arrow::Back) => self.selected = self.selected.saturating_add(1),
-                Some(Arrow::Left) => self.turn_to(self.tab.next(Tab::ALL.len() - 1)),
-                Some(Arrow::Right) => self.turn_to(self.tab.next(1)),
-                None => self.on_letter(now, code),
-            },
-            Mode::Command(line) => match typed(line, code) {
-                Typed::More(line) => self.mode = Mode::Command(line),
-                Typed::Done(line) => self.command(now, &line),
-                Typed::Left => {}
-            },
-            Mode::Filter(line) => match typed(line, code) {
-                Typed::More(line) => {
-                    self.filter.clone_from(&line);
-                    self.mode = Mode::Filter(line);
-                }
-                Typed::Done(line) => self.filter = line,
-                Typed::Left => self.filter.clear(),
-            },
-            Mode::Confirm(what) if code == KeyCode::Char('y') => self.confirmed(now, what),
-            Mode::Confirm(_) => self.say(now, "not done"),
-            Mode::Help => {}
-        }
+    /// The terminal took nothing for a while, and he who drives saw nothing.
+    pub fn on_stall(&mut self, now: Instant) {
+        self.drive.give_back();
+        self.say(now, "the terminal stood still: the drive is given back; d takes it again");
     }
-
-    fn turn_to(&mut self, tab: Tab) {
-        (self.tab, self.selected) = (tab, 0);
-    }
-
-    fn on_letter(&mut self, now: Instant, code: KeyCode) {
-        match code {
-            KeyCode::Char(digit @ '1'..='6') => self.turn_to(Tab::ALL[digit as usize - '1' as usize]),
-            KeyCode::Tab => self.turn_to(self.tab.next(1)),
-            KeyCode::BackTab => self.turn_to(self.tab.next(Tab::ALL.len() - 1)),
-            KeyCode::Char('?') => self.mode = Mode::Help,
-            KeyCode::Char('/') => self.mode = Mode::Filter(String::new()),
-            KeyCode::Char(':') => self.mode = Mode::Command(String::new()),
-            KeyCode::Char('q') => self.quit = true,
-            KeyCode::Char('f') => {
-                let frozen = Frozen { at: now, model: self.model.clone(), latest: self.latest.clone() };
-                self.frozen = if self.frozen.is_some() { None } else { Some(Box::new(frozen)) };
-            }
-            KeyCode::Esc => {
-                self.drive.give_back();
-                self.filter.clear();
-            }
-            KeyCode::Char(' ' | 's') => self.stop(now),
-            KeyCode::Char('d' | 'h') if self.read_only => self.say(now, "read-only: nothing is sent"),
-            KeyCode::Char('d') => {
-                self.drive.toggle();
-                if self.drive.is_taken() {
-                    self.turn_to(Tab::Overview);
-                }
-            }
-            KeyCode::Char('h') => self.mode = Mode::Confirm("home the steering: the front wheels turn"),
-            KeyCode::Char('+') => self.drive.faster(1.0),
-            KeyCode::Char('-') => self.drive.faster(-1.0),
-            _ => {}
-        }
-    }
-
-    /// Zero, and no goal any more.
-    fn stop(&mut self, now: Instant) {
-        self.drive.stop();
-        if self.read_only {
-            self.say(now, "read-only: nothing is sent");
-            return;
-        }
-        let timestamp = self.epoch.timestamp(now);
-        let source = self.source.clone();
-        let zero = CmdMotion { timestamp, speed: 0.0, steering: 0.0, priority: CmdMotion::REMOTE, source };
-        self.out.extend([zero.into(), CmdGoal { timestamp, ..CmdGoal::default() }.into()]);
-        self.say(now, "stop: zero sent, goal cancelled");
-    }
-
-    fn confirmed(&mut self, now: Instant, what: &str) {
-        self.out.push(CmdHoming { timestamp: self.epoch.timestamp(now), axis: "steering".into() }.into());
-        self.say(now, format!("sent: {what}"));
-    }
-
-    fn command(&mut self, now: Instant, line: &str) {
-        match command::read(line, self.epoch.timestamp(now), &self.source) {
-            Ok(Asked::Quit) => self.quit = true,
-            Ok(Asked::Say(_)) if self.read_only => self.say(now, "read-only: nothing is sent"),
-            Ok(Asked::Say(message)) => {
-                self.say(now, format!("sent on {}", message.channel_name()));
-                self.out.push(*message);
-            }
-            Err(why) => self.say(now, why),
-        }
-    }
-}
-
-enum Typed {
-    More(String),
-    Done(String),
-    Left,
-}
-
-fn typed(mut line: String, code: KeyCode) -> Typed {
-    match code {
-        KeyCode::Enter => return Typed::Done(line),
-        KeyCode::Esc => return Typed::Left,
-        KeyCode::Backspace if line.pop().is_none() => return Typed::Left,
-        KeyCode::Char(c) if line.len() < LINE_MAX => line.push(c),
-        _ => {}
-    }
-    Typed::More(line)
 }

@@ -72,9 +72,14 @@ impl Drive {
         self.taken
     }
 
-    /// Whether the robot is told to move.
-    pub fn is_held(&self, now: Instant) -> bool {
-        self.held.is_some_and(|(_, until)| now < until)
+    /// For how long the robot is still told to move; none: it is not.
+    pub fn runs_for(&self, now: Instant) -> Option<Duration> {
+        self.held.filter(|(_, until)| now < *until).map(|(_, until)| until.since(now))
+    }
+
+    /// The speed of the key that is held, m/s.
+    pub fn command(&self) -> f64 {
+        self.held.map_or(0.0, |(direction, _)| direction * self.speed)
     }
 
     /// Takes it, or gives it back.
@@ -140,8 +145,7 @@ impl Drive {
             return None;
         }
         if self.taken {
-            let direction = self.held.map_or(0.0, |(direction, _)| direction);
-            return Some((direction * self.speed, self.steering));
+            return Some((self.command(), self.steering));
         }
         self.zeros.checked_sub(1).map(|left| {
             self.zeros = left;

@@ -1,34 +1,42 @@
 //! `advee diag`: the diagnostic center in a terminal, for a robot at the other end of an SSH line.
 //!
-//! - [`app`]: its state; keys and messages in, messages out. [`drive`]: hold to run. [`command`]: what is typed behind `:`.
-//! - [`draw`]: the screen, a function of the state.
+//! - [`app`]: its state; messages in, messages out. [`keys`]: what keys do. [`drive`]: hold to run. [`command`]: what is
+//!   typed behind `:`. [`sdo`]: objects of nodes that were asked for. [`runs`]: the log folder.
+//! - [`rows`]: what a view lists. [`draw`]: the screen, a function of the state.
 //! - here: the terminal, the bus, and `--once`, which prints a view as text or JSON.
 
 mod app;
 mod command;
 mod draw;
 mod drive;
+mod keys;
+mod rows;
+mod runs;
+mod sdo;
 #[cfg(test)]
 mod tests;
 
 use super::bus::{interrupt, wait};
-use super::{Common, Failed, Outcome, print, seconds};
+use super::{Common, Failed, Outcome, holder, print, seconds};
+use crate::config::{Axis, Config as Configuration};
 use crate::live::bus::{Bus, Received};
 use crate::live::clock;
-use app::{App, Tab};
+use crate::topology::{self, Place};
+use app::{App, Setup, Tab};
 use base::{Duration, Instant};
 use diagnostics::{Config, Model};
 use draw::Body;
 use drive::Drive;
-use messages::Message;
 use ratatui::backend::TestBackend;
 use ratatui::crossterm::event::{
-    self, DisableFocusChange, EnableFocusChange, Event, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
-    PushKeyboardEnhancementFlags,
+    self, DisableBracketedPaste, DisableFocusChange, EnableBracketedPaste, EnableFocusChange, Event, KeyModifiers,
+    KeyboardEnhancementFlags, PopKeyboardEnhancementFlags, PushKeyboardEnhancementFlags,
 };
 use ratatui::crossterm::{execute, terminal};
 use ratatui::{DefaultTerminal, Terminal};
+use runs::Runs;
 use serde_json::Value;
+use std::fs;
 use std::io::{self, IsTerminal};
 use std::os::fd::AsFd;
 use std::process::ExitCode;
@@ -56,8 +64,11 @@ pub struct Diag {
 const DRAWN: Duration = Duration::from_millis(100);
 /// What is due is looked for this often.
 const TURN: Duration = Duration::from_millis(10);
-/// Messages that are taken in one turn.
+/// Messages, and keys, that are taken in one turn.
 const BURST: usize = 1000;
+const KEYS: usize = 200;
+/// The terminal, or this process, stood for so long: keys that come then were pressed before.
+const STALLED: Duration = Duration::from_millis(500);
 /// What `--once` without JSON is as wide and high as.
 const PAGE: (u16, u16) = (120, 40);
 
@@ -67,8 +78,7 @@ fn view(name: &str) -> Result<Tab, String> {
 }
 
 pub fn diag(common: &Common, command: &Diag) -> Outcome {
-    // What is simulated has its own configuration; a robot elsewhere has none here, and is shown all the same.
-    let config = common.load(true).or_else(|_| common.load(false))?;
+    let (place, config) = configuration(common)?;
     let geometry = &config.robot.geometry;
     let body = Body {
         rear: -geometry.rear_overhang_m,
@@ -76,11 +86,17 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
         half_width: geometry.width_m / 2.0,
     };
     let critical = config.modules.iter().filter(|module| module.critical).map(|module| module.name.clone());
-    let model = Model::new(Config { robot: config.robot.name.clone(), critical: critical.collect() });
     let limits = (config.robot.limits.speed_manual_mps, config.robot.limits.steering_rad);
-    let source = format!("diag:{}", std::process::id());
-    let drive = Drive::new(clock::now(), limits);
-    let app = App::new(model, drive, command.read_only, clock::epoch(), source);
+    let nodes = config.robot.can.iter().flat_map(|bus| &bus.nodes);
+    let app = App::new(Setup {
+        model: Model::new(Config { robot: config.robot.name.clone(), critical: critical.collect() }),
+        drive: Drive::new(clock::now(), limits),
+        read_only: command.read_only,
+        epoch: clock::epoch(),
+        source: format!("diag:{}", std::process::id()),
+        nodes: nodes.map(|node| (node.id, axis_name(node.axis).to_owned())).collect(),
+        runs: Runs::of(topology::log_folder(&place, &config.robot)),
+    });
     let bus = Bus::open(&common.lcm_url(), &[".*"])?;
     if command.once {
         return once(app, bus, body, command);
@@ -91,8 +107,31 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
     in_terminal(app, bus, body)
 }
 
-/// Takes what was said.
-fn listen(app: &mut App, bus: &mut Bus) -> Result<(), Failed> {
+/// As messages have it.
+const fn axis_name(axis: Axis) -> &'static str {
+    match axis {
+        Axis::Propulsion => "propulsion",
+        Axis::Steering => "steering",
+    }
+}
+
+/// The robot that runs here, with all that it was told; else what is configured. A robot elsewhere has no configuration
+/// here, and is shown all the same.
+fn configuration(common: &Common) -> Result<(Place, Configuration), Failed> {
+    let ours = fs::canonicalize(common.run_dir()).ok();
+    let is_here = |place: &Place| ours.is_some() && fs::canonicalize(&place.run_dir).ok() == ours;
+    let running = holder::modules().map(|running| running.place).find(is_here);
+    if let Some(place) = running
+        && let Ok(config) = Configuration::load(&place.config, place.sim, &place.sets)
+    {
+        return Ok((place, config));
+    }
+    let simulated = common.load(true).map(|config| (common.place(true), config));
+    Ok(simulated.or_else(|_| common.load(false).map(|config| (common.place(false), config)))?)
+}
+
+/// Takes what was said. A bus that is out of order is tried again, and says so itself by its silence.
+fn listen(app: &mut App, bus: &mut Bus) {
     for _ in 0..BURST {
         let now = clock::now();
         let mut heard = None;
@@ -101,8 +140,11 @@ fn listen(app: &mut App, bus: &mut Bus) -> Result<(), Failed> {
             true
         });
         let message = match received {
-            Received::Nothing => return Ok(()),
-            Received::Broken(why) => return Err(why.into()),
+            Received::Nothing => return,
+            Received::Broken(why) => {
+                app.say(now, why);
+                return;
+            }
             Received::Message { message, .. } => Some(message),
             Received::Foreign | Received::Malformed { .. } => None,
         };
@@ -110,23 +152,24 @@ fn listen(app: &mut App, bus: &mut Bus) -> Result<(), Failed> {
             app.hear(at, &channel, bytes, message);
         }
     }
-    Ok(())
 }
 
 fn once(mut app: App, mut bus: Bus, body: Body, command: &Diag) -> Outcome {
     let until = clock::now() + command.time;
     while clock::now() < until {
-        listen(&mut app, &mut bus)?;
+        listen(&mut app, &mut bus);
         wait(&[bus.as_fd()], until.since(clock::now()))?;
     }
     let now = clock::now();
+    app.look(now);
     if command.json {
-        let view = serde_json::to_value(app.shown(now).0.view(now)).map_err(|error| error.to_string())?;
-        print(picked(view, command.view))?;
+        let mut view = serde_json::to_value(app.shown(now).0.view(now)).map_err(|error| error.to_string())?;
+        view["runs"] = app.runs.json();
+        print(harmless(&picked(view, command.view).to_string()))?;
         return Ok(ExitCode::SUCCESS);
     }
     for tab in command.view.map_or(Tab::ALL.to_vec(), |tab| vec![tab]) {
-        app.tab = tab;
+        app.turn_to(tab);
         print(page(&app, body, now))?;
     }
     Ok(ExitCode::SUCCESS)
@@ -160,12 +203,26 @@ fn picked(mut view: Value, tab: Option<Tab>) -> Value {
         Some(Tab::Busses) => &["busses", "axes"],
         Some(Tab::Errors) => &["errors"],
         Some(Tab::Messages) => &["channels"],
-        Some(Tab::Logs) => &["log"],
+        Some(Tab::Logs) => &["log", "runs"],
     };
     if let Value::Object(fields) = &mut view {
         fields.retain(|key, _| keys.contains(&key.as_str()));
     }
     view
+}
+
+/// JSON whose texts a terminal may show: what could move its cursor is only ever within texts, and escaped there.
+fn harmless(json: &str) -> String {
+    let mut out = String::with_capacity(json.len());
+    for c in json.chars() {
+        match c {
+            c if draw::is_harmful(c) => {
+                out.extend(c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")));
+            }
+            c => out.push(c),
+        }
+    }
+    out
 }
 
 /// The screen as text.
@@ -184,75 +241,109 @@ fn page(app: &App, body: Body, now: Instant) -> String {
 fn in_terminal(app: App, bus: Bus, body: Body) -> Outcome {
     // Before the terminal's own threads, which inherit the mask.
     let signals = interrupt()?;
-    let mut terminal = ratatui::init();
-    let tells_releases = terminal::supports_keyboard_enhancement().unwrap_or(false);
-    let refused = |error: io::Error| Failed::from(format!("terminal: {error}"));
-    let mut out = io::stdout();
-    let mut begin = || -> io::Result<()> {
-        execute!(out, EnableFocusChange)?;
-        if tells_releases {
-            execute!(out, PushKeyboardEnhancementFlags(KeyboardEnhancementFlags::REPORT_EVENT_TYPES))?;
-        }
-        Ok(())
-    };
-    let result = begin().map_err(refused).and_then(|()| turns(app, bus, body, &mut terminal, &signals));
-    if tells_releases {
+    let terminal = ratatui::init();
+    let mut screen = Screen { app, bus, body, terminal, tells_releases: false };
+    let result = screen.begin().and_then(|()| screen.turns(&signals));
+    if screen.tells_releases {
         let _ = execute!(io::stdout(), PopKeyboardEnhancementFlags);
     }
-    let _ = execute!(io::stdout(), DisableFocusChange);
+    let _ = execute!(io::stdout(), DisableBracketedPaste, DisableFocusChange);
     ratatui::restore();
     result.map(|()| ExitCode::SUCCESS)
 }
 
-fn turns(
-    mut app: App,
-    mut bus: Bus,
-    body: Body,
-    terminal: &mut DefaultTerminal,
-    signals: &nix::sys::signalfd::SignalFd,
-) -> Result<(), Failed> {
-    let refused = |error: io::Error| Failed::from(format!("terminal: {error}"));
-    let mut drawn = Instant::ZERO;
-    let mut changed = true;
-    while !app.quit {
-        listen(&mut app, &mut bus)?;
-        while event::poll(Duration::ZERO).map_err(refused)? {
-            match event::read().map_err(refused)? {
-                Event::Key(key) => app.on_key(clock::now(), key),
-                Event::FocusLost => app.on_focus_lost(),
-                _ => {}
-            }
-            changed = true;
-        }
-        if let Ok(Some(_)) = signals.read_signal() {
-            break;
-        }
-        say(&mut app, &mut bus);
-        let now = clock::now();
-        if changed || now.since(drawn) >= DRAWN {
-            terminal.draw(|frame| draw::draw(frame, &app, body, now)).map_err(refused)?;
-            (drawn, changed) = (now, false);
-        }
-        let stdin = io::stdin();
-        // The bus is asked when the next picture or command is due: it says something all the time.
-        wait(&[stdin.as_fd(), signals.as_fd()], TURN)?;
-    }
-    // Who leaves while he drives leaves a robot that stops at once.
-    app.drive.give_back();
-    for _ in 0..3 {
-        say(&mut app, &mut bus);
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    Ok(())
+fn refused(error: io::Error) -> Failed {
+    format!("terminal: {error}").into()
 }
 
-/// Sends what is to be sent; what does not leave is told.
-fn say(app: &mut App, bus: &mut Bus) {
-    let now = clock::now();
-    let messages: Vec<Message> = app.poll(now);
-    for message in messages {
-        if let Err(why) = bus.publish(&message) {
-            app.say(now, why);
+/// The state, the bus and the terminal.
+struct Screen {
+    app: App,
+    bus: Bus,
+    body: Body,
+    terminal: DefaultTerminal,
+    /// Whether the terminal says when a key comes up.
+    tells_releases: bool,
+}
+
+impl Screen {
+    /// The first picture is there before the terminal is asked what it can: one that does not answer takes 2 s.
+    fn begin(&mut self) -> Result<(), Failed> {
+        listen(&mut self.app, &mut self.bus);
+        self.draw(clock::now())?;
+        execute!(io::stdout(), EnableFocusChange, EnableBracketedPaste).map_err(refused)?;
+        self.tells_releases = terminal::supports_keyboard_enhancement().unwrap_or(false);
+        if self.tells_releases {
+            let flags = KeyboardEnhancementFlags::REPORT_EVENT_TYPES;
+            execute!(io::stdout(), PushKeyboardEnhancementFlags(flags)).map_err(refused)?;
+        }
+        Ok(())
+    }
+
+    fn draw(&mut self, now: Instant) -> Result<(), Failed> {
+        let (app, body) = (&self.app, self.body);
+        self.terminal.draw(|frame| draw::draw(frame, app, body, now)).map(drop).map_err(refused)
+    }
+
+    fn turns(&mut self, signals: &nix::sys::signalfd::SignalFd) -> Result<(), Failed> {
+        let mut drawn = Instant::ZERO;
+        let mut changed = true;
+        let mut turned = clock::now();
+        while !self.app.quit {
+            let began = clock::now();
+            let is_stale = began.since(std::mem::replace(&mut turned, began)) >= STALLED && self.app.drive.is_taken();
+            if is_stale {
+                self.app.on_stall(began);
+            }
+            listen(&mut self.app, &mut self.bus);
+            changed |= self.take_keys(is_stale)?;
+            if let Ok(Some(_)) = signals.read_signal() {
+                break;
+            }
+            self.say();
+            let now = clock::now();
+            if changed || now.since(drawn) >= DRAWN {
+                self.draw(now)?;
+                (drawn, changed) = (now, false);
+            }
+            let stdin = io::stdin();
+            // The bus is asked when the next picture or command is due: it says something all the time.
+            wait(&[stdin.as_fd(), signals.as_fd()], TURN)?;
+        }
+        // Who leaves while he drives leaves a robot that stops at once.
+        self.app.drive.give_back();
+        for _ in 0..3 {
+            self.say();
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        Ok(())
+    }
+
+    /// Whether there was any. Of stale ones only those that end something count.
+    fn take_keys(&mut self, are_stale: bool) -> Result<bool, Failed> {
+        for taken in 0..KEYS {
+            if !event::poll(Duration::ZERO).map_err(refused)? {
+                return Ok(taken > 0);
+            }
+            let now = clock::now();
+            match event::read().map_err(refused)? {
+                Event::Key(key) if are_stale && !key.modifiers.contains(KeyModifiers::CONTROL) => {}
+                Event::Key(key) => self.app.on_key(now, key),
+                Event::Paste(text) => self.app.on_paste(now, &text),
+                Event::FocusLost => self.app.on_focus_lost(),
+                _ => {}
+            }
+        }
+        Ok(true)
+    }
+
+    /// Sends what is to be sent; what does not leave is told.
+    fn say(&mut self) {
+        let now = clock::now();
+        for message in self.app.poll(now) {
+            if let Err(why) = self.bus.publish(&message) {
+                self.app.say(now, why);
+            }
         }
     }
 }

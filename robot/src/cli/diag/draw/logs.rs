@@ -1,28 +1,86 @@
-//! The recorder, and the reports one by one.
+//! The recorder, the runs of this machine, and the reports one by one.
 
-use super::{line, size, time_of_day};
+use super::{Listing, clip, fact, line, pane, size, split, table, time_of_day};
 use crate::cli::diag::app::App;
+use crate::cli::diag::rows;
+use crate::cli::diag::runs::Run;
 use base::Instant;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::Style;
 use ratatui::text::Line;
-use ratatui::widgets::{Block, Paragraph};
+use ratatui::widgets::Row;
+
+/// Files of a run that are shown.
+const FILES: usize = 12;
+/// Reports that are looked through.
+const REPORTS: usize = 100;
 
 pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     let (model, at) = app.shown(now);
-    let [upper, lower] = Layout::vertical([Constraint::Length(6), Constraint::Min(3)]).areas(area);
+    let [upper, rest] = Layout::vertical([Constraint::Length(5), Constraint::Min(3)]).areas(area);
     let lines = vec![
-        line("recorder", &model.log, at, |log| if log.recording { "records".into() } else { "does not record".into() }),
-        line("run", &model.log, at, |log| log.run.clone()),
+        line("recorder", &model.log, at, |log| match (log.recording, log.run.as_str()) {
+            (false, _) => "RECORDS NOTHING; :log start".into(),
+            (true, run) => format!("writes {run}"),
+        }),
         line("written", &model.log, at, |log| format!("{}, {} free", size(log.bytes as f64), size(log.free as f64))),
         line("lost", &model.log, at, |log| format!("{} messages", log.dropped)),
     ];
-    let title = " log   :log start  :log stop  :mark TEXT ";
-    frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(title)), upper);
-    let reports = model.errors.reports().filter(|report| app.lists(&report.module) || app.lists(&report.message));
-    let line = |report: &messages::common::Error| {
-        Line::from(format!("{} {:<14} {}", time_of_day(report.timestamp), report.module, report.message))
+    pane(frame, upper, " recorder   :log start  :log stop  m mark ".into(), lines);
+    let runs = rows::runs(app);
+    let keys: Vec<String> = runs.iter().map(|run| run.name.clone()).collect();
+    let marked = app.marked(&keys);
+    let lower = match runs.get(marked).filter(|_| app.expanded) {
+        Some(run) => files(app, run),
+        None => reports(app, now),
     };
-    let lines: Vec<_> = reports.skip(app.selected).take(usize::from(lower.height)).map(line).collect();
-    frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(" reports, the latest first ")), lower);
+    let least = usize::from(rest.height / 2).saturating_sub(2);
+    let [middle, lowest] = split(rest, least);
+    draw_runs(frame, app, &runs, marked, middle);
+    let title =
+        if app.expanded && !runs.is_empty() { " files of the marked run " } else { " reports, the latest first " };
+    pane(frame, lowest, title.into(), lower);
+}
+
+fn draw_runs(frame: &mut Frame<'_>, app: &App, runs: &[&Run], marked: usize, area: Rect) {
+    let folder = clip(&app.runs.folder().display().to_string());
+    if runs.is_empty() {
+        let why = app.runs.why.clone().unwrap_or_else(|| "none here".into());
+        pane(frame, area, format!(" runs in {folder} "), vec![Line::from(why)]);
+        return;
+    }
+    let cells = |run: &&Run| {
+        let count = run.files.as_ref().map_or("-".into(), |files| files.len().to_string());
+        let bytes = run.bytes().map_or("-".into(), |bytes| size(bytes as f64));
+        let cells = [run.name.clone(), bytes, count, if run.recorded { "being written".into() } else { String::new() }];
+        Row::new(cells).style(if run.recorded { Style::new().bold() } else { Style::new() })
+    };
+    let head = ["run (UTC)", "size", "files", ""];
+    let widths = [22, 9, 5].map(Constraint::Length).into_iter().chain([Constraint::Min(5)]);
+    let widths: Vec<_> = widths.collect();
+    let title = format!(" {} runs in {folder} ", runs.len());
+    table(frame, area, Listing { title, head: &head, widths: &widths, rows: runs.iter().map(cells).collect(), marked });
+}
+
+fn files(app: &App, run: &Run) -> Vec<Line<'static>> {
+    let path = app.runs.folder().join(&run.name);
+    let mut lines = vec![fact("look into it", &format!("advee log info {}", path.display()))];
+    let files = run.files.as_deref().unwrap_or_default();
+    lines.extend(files.iter().take(FILES).map(|(name, bytes)| fact(&size(*bytes as f64), name)));
+    if let Some(more @ 1..) = files.len().checked_sub(FILES) {
+        lines.push(Line::from(format!("and {more} more")));
+    }
+    lines
+}
+
+fn reports(app: &App, now: Instant) -> Vec<Line<'static>> {
+    let reports = app.shown(now).0.errors.reports();
+    let reports = reports.filter(|report| app.lists(&report.module) || app.lists(&report.message)).take(REPORTS);
+    let line = |report: &messages::common::Error| {
+        let over = if report.severity == messages::common::Error::NOTICE { "over: " } else { "" };
+        let (time, module) = (time_of_day(report.timestamp), clip(&report.module));
+        Line::from(format!("{time} {module:<14} {over}{}", clip(&report.message)))
+    };
+    reports.map(line).collect()
 }

@@ -1,37 +1,69 @@
 //! What is said on the bus: channels with their rates, and the latest message of the marked one.
 
-use super::{size, table};
+use super::{GREY, Listing, age, clip, size, table};
 use crate::cli::diag::app::App;
-use base::Instant;
+use crate::cli::diag::rows;
+use base::{Duration, Instant};
+use diagnostics::ChannelRow;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::{Color, Style};
+use ratatui::style::Style;
 use ratatui::widgets::{Block, Paragraph, Row};
 use serde_json::Value;
 
 /// Lines of a message that are shown.
 const LINES_MAX: usize = 200;
+/// A channel that is silent for longer is grey, s.
+const SILENT: f64 = 5.0;
 
 pub fn draw(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
-    let (model, at) = app.shown(now);
-    let channels: Vec<_> = model.traffic.rows(at).into_iter().filter(|row| app.lists(&row.channel)).collect();
-    let [left, right] = Layout::horizontal([Constraint::Length(48), Constraint::Min(20)]).areas(area);
-    let rows = channels.iter().map(|row| {
-        let silent = row.rate == 0.0;
-        let cells = [row.channel.clone(), format!("{:.1}", row.rate), size(row.bandwidth), row.count.to_string()];
-        Row::new(cells).style(if silent { Style::new().fg(Color::DarkGray) } else { Style::new() })
-    });
-    let head = ["channel", "Hz", "a second", "count"];
-    let widths = [Constraint::Min(22), Constraint::Length(6), Constraint::Length(8), Constraint::Length(7)];
-    table(frame, app, left, " channels   arrows mark, / filters ", &head, &widths, rows.collect());
-    let Some(marked) = channels.get(app.selected.min(channels.len().saturating_sub(1))) else { return };
-    let mut lines = Vec::new();
-    match app.latest(&marked.channel).map(serde_json::to_value) {
-        Some(Ok(value)) => flatten(&mut lines, "", &value),
-        Some(Err(_)) | None => lines.push(format!("{} bytes of a type that is not ours", marked.bytes)),
+    let channels = rows::channels(app, now);
+    let keys: Vec<String> = channels.iter().map(|row| row.channel.clone()).collect();
+    let marked = app.marked(&keys);
+    let list = if area.width < 100 { 46 } else { 56 };
+    let [left, right] = match app.expanded {
+        true => [Rect::default(), area],
+        false => Layout::horizontal([Constraint::Length(list), Constraint::Min(20)]).areas(area),
+    };
+    if !app.expanded {
+        let cells = |row: &ChannelRow| {
+            let silent = row.age > SILENT;
+            let cells = [
+                clip(&row.channel),
+                format!("{:.1}", row.rate),
+                format!("{}{}", if silent { "!" } else { "" }, age(Some(Duration::from_secs_f64(row.age))).trim()),
+                size(row.bandwidth),
+                row.count.to_string(),
+            ];
+            Row::new(cells).style(if silent { Style::new().fg(GREY) } else { Style::new() })
+        };
+        let head = ["channel", "Hz", "heard", "a second", "count"];
+        let widths = [Constraint::Min(21), Constraint::Length(5), Constraint::Length(5)].into_iter();
+        let widths: Vec<_> = widths.chain([8, 7].map(Constraint::Length)).collect();
+        let widths = if area.width < 100 { &widths[..4] } else { &widths[..] };
+        let title = format!(" {} channels by {} (o) ", channels.len(), app.order());
+        let rows = channels.iter().map(cells).collect();
+        table(frame, left, Listing { title, head: &head, widths, rows, marked });
     }
-    let title = format!(" {} {} ", marked.channel, marked.r#type);
-    frame.render_widget(Paragraph::new(lines.join("\n")).block(Block::bordered().title(title)), right);
+    let Some(row) = channels.get(marked) else { return };
+    draw_message(frame, app, row, right);
+}
+
+fn draw_message(frame: &mut Frame<'_>, app: &App, row: &ChannelRow, area: Rect) {
+    let mut lines = Vec::new();
+    match app.latest(&row.channel).map(serde_json::to_value) {
+        Some(Ok(value)) => flatten(&mut lines, "", &value),
+        Some(Err(_)) => lines.push("not to be shown".into()),
+        None if row.r#type.is_empty() => lines.push(format!("{} bytes of a type that is not ours", row.bytes)),
+        None => lines.push(format!("{} bytes: too long, or malformed", row.bytes)),
+    }
+    let room = usize::from(area.height.saturating_sub(2));
+    let scroll = usize::from(app.scroll).min(lines.len().saturating_sub(room));
+    let more = if app.expanded && lines.len() > room { "  pgdn: more" } else { "" };
+    let enter = if app.expanded { "  enter: list" } else { "" };
+    let title = format!(" {} {}{enter}{more} ", clip(&row.channel), row.r#type);
+    let text = Paragraph::new(lines.join("\n")).scroll((scroll as u16, 0));
+    frame.render_widget(text.block(Block::bordered().title(title)), area);
 }
 
 /// A line for each number and text, with the way to it.
@@ -47,20 +79,17 @@ fn flatten(lines: &mut Vec<String>, path: &str, value: &Value) {
             }
         }
         Value::Array(items) if items.iter().all(Value::is_number) && items.len() > 4 => {
-            let few: Vec<String> = items.iter().take(8).map(Value::to_string).collect();
-            lines.push(format!(
-                "{path}[{}] {}{}",
-                items.len(),
-                few.join(" "),
-                if items.len() > 8 { " ..." } else { "" }
-            ));
+            let few: Vec<String> = items.iter().take(16).map(Value::to_string).collect();
+            let more = if items.len() > 16 { " ..." } else { "" };
+            lines.push(format!("{path}[{}] {}{more}", items.len(), few.join(" ")));
         }
         Value::Array(items) => {
-            for (n, value) in items.iter().enumerate() {
+            for (n, value) in items.iter().enumerate().take(LINES_MAX) {
                 flatten(lines, &format!("{path}[{n}]"), value);
             }
         }
-        Value::Null => lines.push(format!("{path:<24} -")),
-        other => lines.push(format!("{path:<24} {other}")),
+        Value::Null => lines.push(format!("{path:<16} -")),
+        Value::String(text) => lines.push(format!("{path:<16} {:?}", clip(text))),
+        other => lines.push(format!("{path:<16} {other}")),
     }
 }

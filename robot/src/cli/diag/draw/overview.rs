@@ -1,154 +1,180 @@
-//! Where the robot is, what it is told, and what is near it.
+//! Where the robot is, what it is told, how it fares, and what is near it.
 
-use super::{Body, line, style, time};
+use super::near::{self, nearest};
+use super::{Body, clip, line, size, time};
 use crate::cli::diag::app::App;
 use base::Instant;
-use diagnostics::Model;
-use navitools::{Point, Pose};
+use diagnostics::{Ellipse, Model};
+use messages::lowlevel::{DataPower, DataTemperature};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::Color;
-use ratatui::symbols::Marker;
+use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::Line;
-use ratatui::widgets::canvas::{Canvas, Context, Line as Stroke, Points};
 use ratatui::widgets::{Block, Paragraph, Wrap};
 
-/// So far around the robot is drawn, m.
-const REACH: f64 = 3.0;
-/// Half of a sonar's beam, rad.
-const HALF_BEAM: f64 = 0.48;
 const QUALITY: [&str; 4] = ["LOST", "SEARCHING", "COARSE", "FINE"];
 const GOAL: [&str; 6] = ["idle", "driving", "reached", "blocked", "failed", "cancelled"];
+/// Sources of commands that are told.
+const SOURCES: usize = 4;
 
 pub fn draw(frame: &mut Frame<'_>, app: &App, body: Body, area: Rect, now: Instant) {
     let (model, at) = app.shown(now);
-    let [left, right] = Layout::horizontal([Constraint::Min(38), Constraint::Percentage(50)]).areas(area);
-    let text = Paragraph::new(lines(app, model, at, now)).wrap(Wrap { trim: false });
-    frame.render_widget(text.block(Block::bordered().title(" robot ")), left);
-    draw_near(frame, model, body, right, at);
+    let title = if app.expanded { " robot   enter: less " } else { " robot   enter: more " };
+    let left = if area.width < 100 { Constraint::Length(46) } else { Constraint::Percentage(50) };
+    let [left, right] = Layout::horizontal([left, Constraint::Min(20)]).areas(area);
+    let lines = lines(app, model, at, now);
+    if app.expanded {
+        let more = more(model, at);
+        let text = Paragraph::new(more).wrap(Wrap { trim: false });
+        frame.render_widget(text.block(Block::bordered().title(" in detail ")), right);
+    } else {
+        near::draw(frame, model, body, right, at);
+    }
+    let text = Paragraph::new(lines).wrap(Wrap { trim: false });
+    frame.render_widget(text.block(Block::bordered().title(title)), left);
 }
 
 fn word(words: &[&'static str], number: i8) -> &'static str {
     usize::try_from(number).ok().and_then(|place| words.get(place)).copied().unwrap_or("?")
 }
 
+/// What matters most comes first: a small screen has no more.
 fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'static>> {
     let degrees = f64::to_degrees;
-    let mut lines = vec![
-        line("position", &model.estimate, at, |e| format!("{:.2} {:.2} m  {:.1} deg", e.x, e.y, degrees(e.theta))),
+    let mut lines = Vec::new();
+    if app.drive.is_taken() {
+        let what = match app.drive.runs_for(now) {
+            Some(left) => format!("RUNS {:.1} s", left.as_secs_f64()),
+            None => "zero".into(),
+        };
+        let (speed, angle) = (app.drive.speed, degrees(app.drive.steering));
+        lines.push(Line::from(format!("you drive  {what}  {speed:.2} m/s  {angle:+.1} deg")).bold());
+    }
+    lines.extend([
+        line("position", &model.estimate, at, |e| format!("{:.2} {:.2} m {:+.1} deg", e.x, e.y, degrees(e.theta))),
         line("estimate", &model.estimate, at, |e| {
-            let deviation = e.covariance[0][0].max(e.covariance[1][1]).max(0.0).sqrt();
-            format!("{}  +-{deviation:.2} m", word(&QUALITY, e.quality))
+            let deviation = Ellipse::of(&e.covariance).map(|ellipse| format!("  +-{:.2} m", ellipse.long));
+            format!("{}{}", word(&QUALITY, e.quality), deviation.unwrap_or_default())
         }),
-        line("speed", &model.motion, at, |m| format!("{:+.2} m/s  (told {:+.2})", m.speed, m.speed_target)),
+        line("speed", &model.motion, at, |m| format!("{:+.2} m/s, told {:+.2}", m.speed, m.speed_target)),
         line("steering", &model.motion, at, |m| {
-            let homed = if m.homed { "" } else { "  NOT HOMED" };
-            format!("{:+.1} deg  (told {:+.1}){homed}", degrees(m.steering), degrees(m.steering_target))
+            let homed = if m.homed { "" } else { " NOT HOMED" };
+            format!("{:+.1} deg, told {:+.1}{homed}", degrees(m.steering), degrees(m.steering_target))
         }),
-        line("commands", &model.motion, at, |m| if m.source.is_empty() { "nobody".into() } else { m.source.clone() }),
-        line("goal", &model.goal, at, |g| {
-            let left = if g.remaining.is_finite() && g.remaining > 0.0 {
-                format!(" {:.1} m", g.remaining)
-            } else {
-                String::new()
-            };
-            format!("{}{left}  {}", word(&GOAL, g.status), g.message)
+        line("obeys", &model.motion, at, |m| if m.source.is_empty() { "nobody".into() } else { m.source.clone() }),
+        line("PAUSE", &model.stop, at, |s| {
+            if s.engaged { format!("ENGAGED by {}", s.source) } else { "line is released".into() }
         }),
-        line("PAUSE line", &model.stop, at, |s| {
-            if s.engaged { format!("ENGAGED by {}", s.source) } else { "released".into() }
+        line("nearest", &model.sonars, at, |s| {
+            nearest(&s.srfs).map_or("nothing heard".into(), |(sonar, side)| format!("{:.2} m {side}", sonar.distance))
         }),
         line("battery", &model.power, at, |p| {
-            format!("{:.1} V  {:.0} %  {}", p.voltage, 100.0 * p.charge, minutes(p.remaining))
+            format!("{:.0} %, {}, {:.1} V", 100.0 * p.charge, minutes(p.remaining), p.voltage)
         }),
-        line("hottest", &model.temperatures, at, |t| {
-            let known = t.temperatures.iter().filter(|t| t.value.is_finite());
-            let hottest = known.max_by(|a, b| a.value.total_cmp(&b.value));
-            hottest.map_or("-".into(), |t| format!("{} {:.1} C{}", t.name, t.value, if t.over { "  OVER" } else { "" }))
+        line("heat", &model.temperatures, at, hottest),
+        line("fans", &model.temperatures, at, fans),
+        line("power", &model.power, at, switched_off),
+        line("recorder", &model.log, at, |l| {
+            let what = if l.recording { "writes, " } else { "RECORDS NOTHING, " };
+            format!("{what}{} free", size(l.free as f64))
+        }),
+        line("goal", &model.goal, at, |g| {
+            let left = if g.remaining.is_finite() { format!(" {:.1} m", g.remaining) } else { String::new() };
+            format!("{}{left}  {}", word(&GOAL, g.status), g.message)
         }),
         line("gamepad", &model.gamepad, at, |g| match (g.connected, g.dead_man) {
             (false, _) => "not there".into(),
             (true, held) => format!("{}{}", g.name, if held { "  dead man held" } else { "" }),
         }),
-        line("recorder", &model.log, at, |l| {
-            if l.recording { format!("writes {}", l.run) } else { "does not record".into() }
-        }),
-    ];
+    ]);
     if model.truth.get().is_some() {
-        lines.push(line("simulated", &model.truth, at, |t| {
-            format!("truth {:.2} {:.2} m  {} contacts", t.x, t.y, t.collisions)
-        }));
-    }
-    if app.drive.is_taken() {
-        let held = if app.drive.is_held(now) { "RUNS" } else { "zero" };
-        let (speed, angle) = (app.drive.speed, degrees(app.drive.steering));
-        lines.push(Line::from(format!("you drive  {held}  {speed:.2} m/s  {angle:+.1} deg")));
+        let text = |t: &messages::simulation::DataTruth| format!("{:.2} {:.2} m  {} contacts", t.x, t.y, t.collisions);
+        lines.push(line("in truth", &model.truth, at, text));
     }
     lines
 }
 
 fn minutes(seconds: f64) -> String {
-    if seconds.is_finite() { format!("{} left", time(seconds)) } else { String::new() }
-}
-
-/// The robot's frame, x up: obstacles, plan, sonars, the body.
-fn draw_near(frame: &mut Frame<'_>, model: &Model, body: Body, area: Rect, at: Instant) {
-    // A character is about twice as high as wide, and the picture's metres are square.
-    let (columns, rows) = (f64::from(area.width.saturating_sub(2)), f64::from(area.height.saturating_sub(2)));
-    let across = if rows > 0.0 { REACH * columns / (2.0 * rows) } else { REACH };
-    let heard = style(&model.sonars, at).fg.unwrap_or(Color::Yellow);
-    let canvas = Canvas::default()
-        .block(Block::bordered().title(format!(" {REACH:.0} m around ")))
-        .marker(Marker::Braille)
-        .x_bounds([-across, across])
-        .y_bounds([-REACH + 0.5, REACH + 0.5])
-        .paint(move |ctx| {
-            draw_map(ctx, model, at);
-            draw_sonars(ctx, model, heard);
-            let corners = [(body.rear, 1.0), (body.front, 1.0), (body.front, -1.0), (body.rear, -1.0)];
-            let corner = |n: usize| (corners[n % 4].1 * body.half_width, corners[n % 4].0);
-            for n in 0..4 {
-                stroke(ctx, corner(n), corner(n + 1), Color::White);
-            }
-            // Its nose.
-            stroke(ctx, (0.0, body.front), (0.0, body.front - 0.25), Color::White);
-        });
-    frame.render_widget(canvas, area);
-}
-
-fn stroke(ctx: &mut Context<'_>, from: (f64, f64), to: (f64, f64), color: Color) {
-    ctx.draw(&Stroke { x1: from.0, y1: from.1, x2: to.0, y2: to.1, color });
-}
-
-/// A point of the robot's frame on the picture, whose top is ahead.
-fn across(point: Point) -> (f64, f64) {
-    (-point.y, point.x)
-}
-
-/// What is told in the map's frame, seen from the robot.
-fn draw_map(ctx: &mut Context<'_>, model: &Model, at: Instant) {
-    let Some(pose) = model.estimate.fresh(at) else { return };
-    let inverse = Pose::new(pose.x, pose.y, pose.theta).inverse();
-    let seen = |x: &f64, y: &f64| across(inverse * Point { x: *x, y: *y });
-    if let Some(obstacles) = model.obstacles.fresh(at) {
-        let coords: Vec<_> = obstacles.x.iter().zip(&obstacles.y).map(|(x, y)| seen(x, y)).collect();
-        ctx.draw(&Points { coords: &coords, color: Color::Red });
+    match seconds {
+        s if !s.is_finite() => "time unknown".into(),
+        s if s < 6000.0 => format!("{:.0} min left", s / 60.0),
+        s => time(s),
     }
-    if let Some(plan) = model.plan.fresh(at) {
-        let points: Vec<_> = plan.x.iter().zip(&plan.y).map(|(x, y)| seen(x, y)).collect();
-        for pair in points.windows(2) {
-            stroke(ctx, pair[0], pair[1], Color::Green);
+}
+
+fn hottest(heard: &DataTemperature) -> String {
+    let known = heard.temperatures.iter().filter(|t| t.value.is_finite());
+    let hottest = known.max_by(|a, b| a.value.total_cmp(&b.value));
+    let over = heard.temperatures.iter().filter(|t| t.over).count();
+    let over = if over > 0 { format!(", {over} OVER LIMIT") } else { String::new() };
+    hottest.map_or("no thermometer answers".into(), |t| format!("{:.1} C {}{over}", t.value, clip(&t.name)))
+}
+
+fn fans(heard: &DataTemperature) -> String {
+    let fans = heard.fans.iter().take(4).map(|fan| match fan.failed {
+        true => format!("{} STANDS", clip(&fan.name)),
+        false => format!("{:.0} rpm", fan.rpm),
+    });
+    let fans: Vec<String> = fans.collect();
+    if fans.is_empty() { "none".into() } else { fans.join(", ") }
+}
+
+fn switched_off(heard: &DataPower) -> String {
+    let off: Vec<String> = heard.channels.iter().filter(|c| !c.on).take(8).map(|c| clip(&c.name)).collect();
+    let current: f64 = heard.channels.iter().map(|channel| channel.current).filter(|a| a.is_finite()).sum();
+    let off = if off.is_empty() { "all on".into() } else { format!("OFF: {}", off.join(" ")) };
+    format!("{current:.1} A, {off}")
+}
+
+/// Thermometers, fans, power channels, sonars and sources one by one.
+fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
+    let mut lines = Vec::new();
+    let over = Style::new().fg(Color::Red).bold();
+    if let Some(heard) = model.temperatures.get() {
+        lines.push(line("heat", &model.temperatures, at, |_| String::new()));
+        for t in &heard.temperatures {
+            let value = if t.value.is_finite() { format!("{:>6.1} C", t.value) } else { "     - C".into() };
+            let text = format!("  {:<12}{value}{}", clip(&t.name), if t.over { " OVER LIMIT" } else { "" });
+            lines.push(Line::styled(text, if t.over { over } else { super::style(&model.temperatures, at) }));
+        }
+        for fan in &heard.fans {
+            let failed = if fan.failed { " STANDS" } else { "" };
+            let text = format!("  {:<12}{:>6.0} rpm {:.0} %{failed}", clip(&fan.name), fan.rpm, 100.0 * fan.duty);
+            lines.push(Line::styled(text, if fan.failed { over } else { super::style(&model.temperatures, at) }));
         }
     }
+    if let Some(heard) = model.power.get() {
+        lines.push(line("power", &model.power, at, |_| ":power NAME off|on".into()));
+        for pair in heard.channels.chunks(2) {
+            let text = |c: &messages::lowlevel::Channel| {
+                let current = if c.on { format!("{:.1}A", c.current) } else { "OFF".into() };
+                format!(" {:<10}{current:>4}", clip(&c.name))
+            };
+            let text: String = pair.iter().map(text).collect();
+            lines.push(Line::styled(text, super::style(&model.power, at)));
+        }
+    }
+    if let Some(heard) = model.sonars.get() {
+        lines.push(line("sonars", &model.sonars, at, |_| "m, by number".into()));
+        lines.extend(ranges(&heard.srfs).into_iter().map(|text| Line::styled(text, super::style(&model.sonars, at))));
+    }
+    if let Some(heard) = model.infrareds.get() {
+        lines.push(line("infrared", &model.infrareds, at, |_| "m, by number".into()));
+        lines.extend(ranges(&heard.irs).into_iter().map(|text| Line::styled(text, super::style(&model.infrareds, at))));
+    }
+    let sources = model.commands(at).take(SOURCES);
+    lines.extend(sources.map(|command| {
+        let (source, speed) = (clip(&command.source), command.speed);
+        Line::from(format!("commands  {source} priority {} {speed:+.2} m/s", command.priority))
+    }));
+    lines
 }
 
-fn draw_sonars(ctx: &mut Context<'_>, model: &Model, color: Color) {
-    let Some(sonars) = model.sonars.get() else { return };
-    for sonar in sonars.srfs.iter().filter(|sonar| sonar.valid && sonar.distance.is_finite()) {
-        let end = |angle: f64| {
-            let sound = Pose::new(sonar.x, sonar.y, sonar.theta + angle);
-            across(sound * Point { x: sonar.distance, y: 0.0 })
-        };
-        stroke(ctx, end(-HALF_BEAM), end(0.0), color);
-        stroke(ctx, end(0.0), end(HALF_BEAM), color);
-    }
+/// Four of them in a line.
+fn ranges(ranges: &[messages::lowlevel::Range]) -> Vec<String> {
+    let text = |range: &messages::lowlevel::Range| match range.valid {
+        true => format!("{:>3}:{:4.2}", range.id, range.distance),
+        false => format!("{:>3}: -  ", range.id),
+    };
+    ranges.chunks(4).take(16).map(|four| four.iter().map(text).collect::<String>()).collect()
 }
