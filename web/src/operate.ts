@@ -28,9 +28,10 @@ const HELD = /\bdriver_canbus is in (PAUSE|STOP)\b/;
 /** It was stopped by an operator: driver_canbus holds the quick stop until it is let go on. */
 export const stopped = computed(() => {
   const motion = fresh(drive.value?.motion);
-  if (motion) return HELD.test(motion.reason);
+  // While the PAUSE line is engaged, too, that is the reason; the module's state comes once a second only.
+  if (motion && !drive.value?.stop.value?.engaged) return HELD.test(motion.reason);
   const row = system.value?.modules.find((each) => each.module === "driver_canbus");
-  return row !== undefined && /^(PAUSE|STOP)$/.test(row.wanted || row.state);
+  return row !== undefined && /^(PAUSE|STOP)$/.test(row.state);
 });
 
 /** Hands that must let go when the robot is stopped. */

@@ -2,10 +2,10 @@
 // the hand off ends it.
 import { computed, effect, signal } from "@preact/signals";
 import { listen, send } from "../connection/command";
-import { onStop } from "../operate";
+import { onStop, stopped } from "../operate";
 import { clock, connection, drive, fresh, roundTrip, scene, TOO_SLOW, whyNot } from "../state";
-import { stopped } from "../operate";
 import { types } from "../shell/keys";
+import { stopSource } from "./advice";
 import { type Act, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
 import { Hold, type Source } from "./hold";
 
@@ -26,7 +26,7 @@ export const whyNoDrive = computed<string | null>(() => {
   }
   if (stopped.value) return "The robot is stopped. Let it go on first.";
   const line = fresh(drive.value?.stop);
-  if (line?.engaged) return `The PAUSE line is engaged by ${line.source}. Release it first.`;
+  if (line?.engaged) return `PAUSE: ${stopSource(line.source)} stops the robot.`;
   return null;
 });
 
