@@ -1,6 +1,6 @@
 // The drives: CiA 402 in words, and homing.
 import { Home } from "lucide-preact";
-import { deg, num } from "../../format";
+import { deg, NONE, num } from "../../format";
 import { scene, stale, system, whyNot, drive } from "../../state";
 import { Age, Badge, Button, Card, Empty, Facts, type Tone } from "../../ui";
 import { order } from "../../operate";
@@ -49,7 +49,7 @@ export function Axes() {
                     ),
                   },
                   { name: "Position", value: angle ? deg(axis.position, 2) : num(axis.position, 3, "m") },
-                  { name: "Velocity", value: angle ? `${deg(axis.velocity, 2)}/s` : num(axis.velocity, 3, "m/s") },
+                  { name: "Velocity", value: axis.velocity === null ? NONE : angle ? `${deg(axis.velocity, 2)}/s` : num(axis.velocity, 3, "m/s") },
                   { name: "Current", value: num(axis.current, 2, "A") },
                 ]}
               />

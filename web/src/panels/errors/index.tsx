@@ -35,12 +35,12 @@ const COLUMNS: Column<ErrorGroup>[] = [
     by: (group) => group.message,
     cell: (group) => (
       <span class="p-what">
-        {group.message || "It said nothing further."}
+        {group.standing && group.message ? group.message : fault(group.number).means}
         <span class="muted">
           <b>
-            {hex(group.number)} {fault(group.number).name}:
-          </b>{" "}
-          {fault(group.number).means}
+            {hex(group.number)} {fault(group.number).name}
+          </b>
+          {group.standing ? `: ${fault(group.number).means}` : group.message && `, said last: ${group.message}`}
         </span>
       </span>
     ),

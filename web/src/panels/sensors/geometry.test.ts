@@ -1,6 +1,7 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
 import { beam, front, onPicture, polygon, side } from "./geometry";
+import { floor, near } from "./near";
 
 test("ahead is up, to the left is left", () => {
   deepEqual(onPicture(1, 0).map((value) => value + 0), [0, -1]);
@@ -16,4 +17,14 @@ test("a beam is a wedge whose front goes counter-clockwise from right to left", 
 test("a direction is a side, whichever way it was turned", () => {
   const sides = [0, 0.7854, 1.5708, 2.7053, 3.1415, -3.1415, -1.5708, -1.0472, 2 * Math.PI].map(side);
   deepEqual(sides, ["front", "front left", "left", "rear left", "rear", "rear", "right", "front right", "front"]);
+});
+
+test("the floor is where it should be, or it is none", () => {
+  const range = (distance: number | null, valid = true) => ({ id: 0, x: 0, y: 0, theta: 0, distance, valid });
+  deepEqual([0.08, 0.12, 0.2].map((distance) => floor(range(distance))), [true, true, true]);
+  deepEqual([range(0.079), range(0.21), range(null), range(0.12, false)].map(floor), [false, false, false, false]);
+});
+
+test("what is near is told from what is close", () => {
+  deepEqual([0.49, 0.5, 0.99, 1].map(near), ["close", "near", "near", "far"]);
 });

@@ -15,3 +15,12 @@ export const GLYPHS: Readonly<Record<Near, string>> = { close: "‼", near: "!",
 export function measured(range: Range): number | null {
   return range.valid ? range.distance : null;
 }
+
+/** Infrared rangers look at the floor: nearer or farther, m, and the board pulls the PAUSE line (docs/facts/boards.md). */
+const FLOOR = { least: 0.08, most: 0.2 };
+
+/** Whether an infrared ranger sees the floor where it should be. */
+export function floor(range: Range): boolean {
+  const distance = measured(range);
+  return distance !== null && distance >= FLOOR.least && distance <= FLOOR.most;
+}

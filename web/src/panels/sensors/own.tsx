@@ -64,7 +64,7 @@ export function OdometryCard() {
               { name: "Speed", value: num(value.translation, 3, "m/s") },
               { name: "Turning", value: `${deg(value.rotation, 1)}/s` },
               { name: "Way", value: num(value.path, 2, "m") },
-              { name: "Heading", value: deg(value.heading, 1) },
+              { name: "Turned in all", value: deg(value.heading, 1) },
               { name: "Ticks left", value: count(value.ticks_left) },
               { name: "Ticks right", value: count(value.ticks_right) },
             ]}

@@ -5,7 +5,7 @@ import type { Range } from "../../protocol";
 import { scene, sensors, stale } from "../../state";
 import { Age, Button, Card, Empty } from "../../ui";
 import { beam, front, onPicture, polygon, side } from "./geometry";
-import { GLYPHS, measured, near, type Near } from "./near";
+import { floor, GLYPHS, measured, near, type Near } from "./near";
 
 /** How far is shown, m. */
 const REACHES = [1, 2, 4] as const;
@@ -48,6 +48,7 @@ export function SonarPicture() {
         <span>{GLYPHS.close} under 0.5 m</span>
         <span>{GLYPHS.near} under 1 m</span>
         <span>dotted: nothing heard</span>
+        <span>● ▽ floor, no floor</span>
         <span>◆ beacon: its direction alone</span>
       </p>
     </Card>
@@ -74,11 +75,6 @@ function Picture() {
           <Beam key={range.id} range={range} width={robot.sonar.field_of_view} far={far} text={text} quiet={robot.sonar.min} />
         ))}
       </g>
-      <g class={stale(shown.infrareds) ? "is-stale" : ""}>
-        {infrareds.map((range) => (
-          <Beam key={range.id} range={range} width={robot.infrared.field_of_view} far={far} text={text} quiet={robot.infrared.min} infrared />
-        ))}
-      </g>
       <g class="p-rings" aria-hidden>
         {rings(far).map((radius) => {
           const [across, down] = onPicture(middle + radius * Math.cos(LABELLED), radius * Math.sin(LABELLED));
@@ -94,6 +90,11 @@ function Picture() {
       </g>
       <polygon class="p-robot" points={polygon(robot.outline)} />
       <Nose outline={robot.outline} />
+      <g class={stale(shown.infrareds) ? "is-stale" : ""}>
+        {infrareds.map((range) => (
+          <Floor key={range.id} range={range} />
+        ))}
+      </g>
       <g class={stale(shown.beacons) ? "p-beacons is-stale" : "p-beacons"}>
         {beacons.map(({ id, bearing }) => {
           if (bearing === null) return null;
@@ -115,7 +116,7 @@ function rings(far: number): number[] {
 }
 
 /** A ranger's beam up to what it heard, with the distance in figures; dotted where it heard nothing. */
-function Beam(props: { range: Range; width: number; far: number; text: number; quiet: number; infrared?: boolean }) {
+function Beam(props: { range: Range; width: number; far: number; text: number; quiet: number }) {
   const { range, width, far, text } = props;
   const distance = measured(range);
   if (distance === null) return <path class="p-deaf" d={front(range, Math.max(props.quiet, 0.15), width)} />;
@@ -124,16 +125,27 @@ function Beam(props: { range: Range; width: number; far: number; text: number; q
   const label = Math.min(distance + text * 0.9, far);
   const [x, y] = onPicture(range.x + label * Math.cos(range.theta), range.y + label * Math.sin(range.theta));
   return (
-    <g class={`p-beam ${how} ${props.infrared ? "infrared" : ""}`}>
+    <g class={`p-beam ${how}`}>
       <path class="p-wedge" d={beam(range, drawn, width)} />
       {distance <= far ? <path class="p-front" d={front(range, drawn, width)} /> : null}
-      {distance <= far && !props.infrared ? (
+      {distance <= far ? (
         <text x={x} y={y}>
           {GLYPHS[how]}
           {num(distance, 2)}
         </text>
       ) : null}
     </g>
+  );
+}
+
+/** An infrared ranger: a dot where it sees the floor; where it does not, a mark that nobody overlooks. */
+function Floor({ range }: { range: Range }) {
+  const [x, y] = onPicture(range.x, range.y);
+  if (floor(range)) return <circle class="p-floor" cx={x} cy={y} r={0.03} />;
+  return (
+    <text class="p-no-floor" x={x} y={y}>
+      ▽
+    </text>
   );
 }
 

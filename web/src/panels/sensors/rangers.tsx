@@ -1,12 +1,13 @@
 // Sonars and infrared rangers in figures.
+import type { ComponentChildren } from "preact";
 import { deg, num } from "../../format";
 import type { Range, Shown } from "../../protocol";
 import { sensors, stale } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Table } from "../../ui";
 import { side } from "./geometry";
-import { measured, near } from "./near";
+import { floor, measured, near } from "./near";
 
-const COLUMNS: Column<Range>[] = [
+const columns = (heard: (range: Range) => ComponentChildren): Column<Range>[] => [
   { head: "No.", title: true, by: (range) => range.id, cell: (range) => range.id },
   { head: "Looks to", by: (range) => range.theta, cell: (range) => `${side(range.theta)} (${deg(range.theta)})` },
   {
@@ -26,11 +27,13 @@ const COLUMNS: Column<Range>[] = [
   {
     head: "Heard",
     by: (range) => measured(range) ?? Infinity,
-    cell: (range) => <Heard range={range} />,
+    cell: heard,
   },
 ];
+const SONARS = columns((range) => <Near range={range} />);
+const INFRARED = columns((range) => (floor(range) ? <Badge tone="good">floor</Badge> : <Badge tone="bad">no floor</Badge>));
 
-function Heard({ range }: { range: Range }) {
+function Near({ range }: { range: Range }) {
   const distance = measured(range);
   if (distance === null) return <Badge tone="off">nothing</Badge>;
   const how = near(distance);
@@ -38,11 +41,12 @@ function Heard({ range }: { range: Range }) {
   return how === "near" ? <Badge tone="warn">near</Badge> : <Badge tone="good">clear</Badge>;
 }
 
-function Rangers({ title, shown, rows }: { title: string; shown: Shown<unknown>; rows: Range[] | undefined }) {
+function Rangers(props: { title: string; shown: Shown<unknown>; rows: Range[] | undefined; columns: Column<Range>[] }) {
+  const { title, shown, rows } = props;
   return (
     <Card title={title} class="p-fits p-rangers" flush aside={<Age shown={shown} />}>
       {rows ? (
-        <Table caption={title} columns={COLUMNS} rows={rows} id={(range) => range.id} stale={() => stale(shown)} />
+        <Table caption={title} columns={props.columns} rows={rows} id={(range) => range.id} stale={() => stale(shown)} />
       ) : (
         <Empty>Not heard yet.</Empty>
       )}
@@ -55,8 +59,8 @@ export function RangerTables() {
   if (!part) return null;
   return (
     <>
-      <Rangers title="Sonars" shown={part.sonars} rows={part.sonars.value?.srfs} />
-      <Rangers title="Infrared" shown={part.infrareds} rows={part.infrareds.value?.irs} />
+      <Rangers title="Sonars" shown={part.sonars} rows={part.sonars.value?.srfs} columns={SONARS} />
+      <Rangers title="Infrared, at the floor" shown={part.infrareds} rows={part.infrareds.value?.irs} columns={INFRARED} />
     </>
   );
 }
