@@ -79,7 +79,7 @@ impl<T> Slot<T> {
     #[must_use]
     pub fn shown(&self, now: Instant) -> Shown<'_, T> {
         let age = self.age(now).map(|age| age.as_secs_f64());
-        let period = (self.period != Duration::MAX).then(|| self.period.as_secs_f64());
+        let period = (self.period != Duration::MAX).then_some(self.period.as_secs_f64());
         Shown { age, period, freshness: self.freshness(now), value: self.get() }
     }
 }
