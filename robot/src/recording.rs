@@ -29,7 +29,7 @@ pub(crate) const WORLD: &str = "world.toml";
 /// Name of the texts that are overrides.
 pub const SET: &str = "--set";
 /// The overrides of a run, one a line.
-const OVERRIDES: &str = "overrides.txt";
+pub(crate) const OVERRIDES: &str = "overrides.txt";
 /// A configuration is not longer than this, bytes.
 const TEXT_MAX: u64 = 1 << 20;
 /// What the host decided: [`Made`].

@@ -116,6 +116,7 @@ mod tests {
     use super::*;
     use messages::{common, lowlevel, simulation};
     use std::borrow::Cow;
+    use std::fs;
     use std::io::Cursor;
 
     const BEGIN_NS: u64 = 1_795_302_110_000_000_000;
@@ -155,7 +156,7 @@ mod tests {
             (recording::SIM, fs::read(conf.join("advee/sim.toml")).unwrap()),
             (recording::MODULES, fs::read(conf.join("advee/modules.toml")).unwrap()),
             (recording::WORLD, fs::read(conf.join("worlds/hall.toml")).unwrap()),
-            (OVERRIDES, b"robot.name=\"logged\"\n".to_vec()),
+            (recording::OVERRIDES, b"robot.name=\"logged\"\n".to_vec()),
         ];
         for (name, data) in texts {
             let (name, media_type) = (name.into(), "text/plain".into());
