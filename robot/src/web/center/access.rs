@@ -451,7 +451,7 @@ mod tests {
             Session { name: " ".into(), id: 11, key: "f".repeat(32), ..good.clone() },
         ];
         let mut access = Access::new(at(10), Codes::new(&chance(1)), kept);
-        assert_eq!(access.sessions(), [good.clone()]);
+        assert_eq!(access.sessions(), std::slice::from_ref(&good));
         let code = access.codes().operator.clone();
         let (_, who) = access.pair(at(11), &code, "x", &chance(2)).unwrap();
         assert_eq!(who.device, Some(8), "no number is given twice");
