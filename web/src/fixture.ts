@@ -249,7 +249,7 @@ export function begin(): void {
   every(100, () => receive(drivePart()));
   every(200, () => receive({ part: "sensors",
     sonars: shown({ timestamp: micros(), srfs: SONARS.map((each, id) => range(each, id, 3)) }, 0.25),
-    infrareds: shown({ timestamp: micros(), irs: IRS.map((each, id) => range(each, id + 1, 0.7)) }, 0.25),
+    infrareds: shown({ timestamp: micros(), irs: IRS.map(([x, y, theta], id) => ({ id, x, y, theta, distance: 0.12 + 0.003 * Math.sin(elapsed()), valid: true })) }, 0.25),
     beacons: shown({ timestamp: micros(), beacons: BEACONS.slice(0, 4).map(([x, y], i) => ({ timestamp: micros() - i * 1e5, id: i + 1, bearing: Math.atan2(y - robot.y, x - robot.x) - robot.theta, strength: 0.4 + 0.1 * i })) }, 1),
   }));
   every(500, () => receive(mapPart()));

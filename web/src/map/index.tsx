@@ -138,7 +138,7 @@ function Legend() {
     ["plan", "plan"],
     ["obstacle", "obstacles it senses"],
     ["sonar", "sonar"],
-    ["ir", "infrared"],
+    ["ir", "▽ no floor seen by infrared"],
     ["beacon", "beacon: filled when seen"],
     ["trail", "trail"],
   ];

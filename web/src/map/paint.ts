@@ -1,5 +1,6 @@
 // Draws the map on a canvas, from the signals as they are.
-import type { DrivePart, MapPart, Range, ScenePart, SensorsPart } from "../protocol";
+import { floor } from "../panels/sensors/near";
+import type { DrivePart, MapPart, ScenePart, SensorsPart } from "../protocol";
 import { drive, fresh, map, scene, sensors, stale } from "../state";
 import { barLength, type Camera, type Point, type Size, toScreen } from "./camera";
 import { mode, type Place, places, sent } from "./draft";
@@ -40,6 +41,7 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
     if (sensors.value) cones(brush, scene.value, drive.value, sensors.value);
     truth(brush, scene.value, drive.value);
     robot(brush, scene.value, drive.value);
+    if (sensors.value) holes(brush, drive.value, sensors.value);
   }
   marks(brush);
   bar(brush);
@@ -157,29 +159,47 @@ function cones(brush: Brush, scene: ScenePart, drive: DrivePart, sensors: Sensor
   const robot = pose(drive);
   if (!robot) return;
   const { on, ink, at, camera } = brush;
-  const draw = (ranges: Range[], field: number, colour: string, grey: boolean) => {
-    on.fillStyle = on.strokeStyle = grey ? ink.truth : colour;
+  const grey = stale(sensors.sonars);
+  const half = scene.sonar.field_of_view / 2;
+  on.fillStyle = on.strokeStyle = grey ? ink.truth : ink.sonar;
+  on.lineWidth = 1.5;
+  for (const { x, y, theta, distance, valid } of sensors.sonars.value?.srfs ?? []) {
+    if (!valid || distance === null) continue;
+    const [sx, sy] = at(...from(robot, x, y));
+    const middle = -(robot.theta + theta);
+    const radius = distance * camera.scale;
+    on.beginPath();
+    on.moveTo(sx, sy);
+    on.arc(sx, sy, radius, middle - half, middle + half);
+    on.closePath();
+    on.globalAlpha = grey ? 0.05 : 0.09;
+    on.fill();
+    on.globalAlpha = grey ? 0.35 : 0.9;
+    on.beginPath();
+    on.arc(sx, sy, radius, middle - half, middle + half);
+    on.stroke();
+  }
+  on.globalAlpha = 1;
+}
+
+/** The infrared rangers look at the floor: where it is missing there is a mark, a little outside. */
+function holes({ on, ink, at }: Brush, drive: DrivePart, sensors: SensorsPart): void {
+  const robot = pose(drive);
+  if (!robot) return;
+  for (const range of fresh(sensors.infrareds)?.irs ?? []) {
+    if (floor(range)) continue;
+    const [sx, sy] = at(...from(robot, range.x + 0.12 * Math.cos(range.theta), range.y + 0.12 * Math.sin(range.theta)));
+    on.beginPath();
+    on.moveTo(sx - 8, sy - 6);
+    on.lineTo(sx + 8, sy - 6);
+    on.lineTo(sx, sy + 8);
+    on.closePath();
+    on.fillStyle = ink.ir;
+    on.fill();
+    on.strokeStyle = ink.floor;
     on.lineWidth = 1.5;
-    for (const { x, y, theta, distance, valid } of ranges) {
-      if (!valid || distance === null) continue;
-      const [sx, sy] = at(...from(robot, x, y));
-      const middle = -(robot.theta + theta);
-      const radius = distance * camera.scale;
-      on.beginPath();
-      on.moveTo(sx, sy);
-      on.arc(sx, sy, radius, middle - field / 2, middle + field / 2);
-      on.closePath();
-      on.globalAlpha = grey ? 0.05 : 0.09;
-      on.fill();
-      on.globalAlpha = grey ? 0.35 : 0.9;
-      on.beginPath();
-      on.arc(sx, sy, radius, middle - field / 2, middle + field / 2);
-      on.stroke();
-    }
-    on.globalAlpha = 1;
-  };
-  draw(sensors.sonars.value?.srfs ?? [], scene.sonar.field_of_view, ink.sonar, stale(sensors.sonars));
-  draw(sensors.infrareds.value?.irs ?? [], scene.infrared.field_of_view, ink.ir, stale(sensors.infrareds));
+    on.stroke();
+  }
 }
 
 /** Where it really is: only the simulation knows. */
