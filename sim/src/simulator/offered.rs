@@ -25,8 +25,8 @@ impl Simulator {
         }
         for target in simulator.targets() {
             let mut suffers = |name: &&str| {
-                let ailments = VALUES.iter().filter_map(|value| Ailment::from_name(name, *value));
-                ailments.into_iter().any(|ailment| simulator.ail(now, &target, ailment, now))
+                let mut ailments = VALUES.iter().filter_map(|value| Ailment::from_name(name, *value));
+                ailments.any(|ailment| simulator.ail(now, &target, ailment, now))
             };
             let faults = NAMES.iter().copied().filter(|name| suffers(name)).collect();
             offered.push((target, faults));
