@@ -1,7 +1,7 @@
 //! The newest message of each channel, and as JSON of those that somebody watches.
 
 use axum::extract::ws::Utf8Bytes;
-use base::{Duration, Instant};
+use base::{Duration, Instant, Ticker};
 use messages::{Channel, Message};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -16,8 +16,10 @@ const LONG: usize = 8 << 10;
 const PERIOD_LONG: Duration = Duration::from_millis(500);
 
 /// All channels.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Inspector {
+    /// In step with the parts of the view, so that it wakes nobody besides.
+    ticker: Ticker,
     channels: BTreeMap<String, Latest>,
 }
 
@@ -31,7 +33,7 @@ struct Latest {
     watchers: u32,
     /// It has not been said to the watchers yet.
     news: bool,
-    /// It may be said again.
+    /// It may be said again: a long one.
     next: Instant,
     /// What they were told, and in which turn.
     told: Option<(u64, Utf8Bytes)>,
@@ -47,6 +49,12 @@ struct Part<'a> {
     value: Option<Message>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
+}
+
+impl Default for Inspector {
+    fn default() -> Self {
+        Self { ticker: Ticker::new(Instant::ZERO, PERIOD), channels: BTreeMap::new() }
+    }
 }
 
 impl Inspector {
@@ -88,22 +96,28 @@ impl Inspector {
 
     /// What is due is put into words; whether that was anything.
     pub fn turn(&mut self, now: Instant, turn: u64) -> bool {
+        if !self.is_watched() || !self.ticker.due(now) {
+            return false;
+        }
         let mut any = false;
         for (channel, latest) in &mut self.channels {
             let (true, true, Some(at)) = (latest.watchers > 0 && latest.news, latest.next <= now, latest.at) else {
                 continue;
             };
-            latest.next = now + if latest.length > LONG { PERIOD_LONG } else { PERIOD };
+            latest.next = if latest.length > LONG { now + PERIOD_LONG } else { now };
             (latest.news, any) = (false, true);
             latest.told = Some((turn, json(channel, at, latest).into()));
         }
         any
     }
 
-    /// When the next one is due, as far as is known.
-    pub fn due(&self, now: Instant) -> Instant {
-        let watched = self.channels.values().any(|latest| latest.watchers > 0);
-        if watched { now + PERIOD } else { Instant::NEVER }
+    /// When the next turn is wanted.
+    pub fn due(&self) -> Instant {
+        if self.is_watched() { self.ticker.next() } else { Instant::NEVER }
+    }
+
+    fn is_watched(&self) -> bool {
+        self.channels.values().any(|latest| latest.watchers > 0)
     }
 
     /// What was said of a channel after a turn.
@@ -164,7 +178,7 @@ mod tests {
         assert_eq!((&last["value"]["path"], &last["at"]), (&Value::Null, &1.03.into()), "NaN is null");
         inspector.leave("LL_DATA_ODO");
         inspector.hear(T0 + PERIOD, "LL_DATA_ODO", &odometry(1.0));
-        assert!(!inspector.turn(T0 + PERIOD * 9, 10) && inspector.due(T0) == Instant::NEVER);
+        assert!(!inspector.turn(T0 + PERIOD * 9, 10) && inspector.due() == Instant::NEVER);
     }
 
     #[test]
@@ -178,7 +192,7 @@ mod tests {
         for (turn, (channel, bytes, why)) in cases.into_iter().enumerate() {
             inspector.watch(channel);
             inspector.hear(T0, channel, &bytes);
-            assert!(inspector.turn(T0, turn as u64 + 1));
+            assert!(inspector.turn(T0 + PERIOD * turn as u32, turn as u64 + 1));
             let said = told(&inspector, channel, turn as u64).unwrap();
             assert!(said["value"].is_null() && said["error"].as_str().unwrap().contains(why), "{said}");
         }

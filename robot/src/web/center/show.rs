@@ -115,7 +115,7 @@ impl Show {
             }
         }
         any |= inner.inspector.turn(now, turn);
-        let due = inner.parts.iter().map(|part| part.ticker.next()).fold(inner.inspector.due(now), Instant::min);
+        let due = inner.parts.iter().map(|part| part.ticker.next()).fold(inner.inspector.due(), Instant::min);
         if any {
             inner.turn = turn;
             self.turns.send_replace(turn);
