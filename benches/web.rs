@@ -1,8 +1,11 @@
 //! What the web server costs: `cargo bench --bench web`.
 //!
-//! A simulated robot that patrols, its web server with nobody looking and with 20 viewers that want everything at full rate:
-//! CPU and memory of the server's process, messages that reached the viewers. Figures to reach: 10 % of a core, 15 MB.
+//! A simulated robot that patrols, its web server with nobody looking, with 20 pages of the diagnostic center, each of which
+//! watches a channel too, and with 20 viewers of Foxglove that want everything at full rate: CPU and memory of the server's
+//! process, what reached the viewers. Figures to reach: 10 % of a core, 15 MB.
 
+#[path = "../robot/tests/support/page.rs"]
+mod page;
 #[path = "../robot/tests/support/mod.rs"]
 mod support;
 
@@ -27,7 +30,15 @@ fn main() {
     let pid = robot.view.pid("web") as u32;
     let alone = measure(&mut robot, pid);
     println!("nobody looks:  {:5.2} % of a core, {:.1} MB PSS", alone.0, alone.1);
+    crowd(&mut robot, pid, at, "pages", page_of);
+    // Their seats are free again.
+    robot.pass(1.0);
+    crowd(&mut robot, pid, at, "viewers of Foxglove", look);
+    println!("{}", health(at));
+}
 
+/// Twenty of a kind.
+fn crowd(robot: &mut Robot, pid: u32, at: SocketAddr, kind: &str, look: fn(SocketAddr, &AtomicBool, &[AtomicU64; 2])) {
     let (end, counts) = (Arc::new(AtomicBool::new(false)), Arc::new([AtomicU64::new(0), AtomicU64::new(0)]));
     let viewers: Vec<_> = (0..VIEWERS)
         .map(|_| {
@@ -38,16 +49,15 @@ fn main() {
     robot.pass(3.0);
     let before = counts.each_ref().map(|count| count.load(Relaxed));
     let begin = Instant::now();
-    let looked_at = measure(&mut robot, pid);
+    let looked_at = measure(robot, pid);
     let seconds = begin.elapsed().as_secs_f64();
     let [messages, bytes] = counts.each_ref().map(|count| count.load(Relaxed));
-    println!("{VIEWERS} viewers look: {:5.2} % of a core, {:.1} MB PSS", looked_at.0, looked_at.1);
+    println!("{VIEWERS} {kind}: {:5.2} % of a core, {:.1} MB PSS", looked_at.0, looked_at.1);
     println!(
         "  each of them: {:.0} messages/s, {:.0} kB/s",
         (messages - before[0]) as f64 / seconds / VIEWERS as f64,
         (bytes - before[1]) as f64 / 1e3 / seconds / VIEWERS as f64
     );
-    println!("  {}", health(at));
     end.store(true, Relaxed);
     for viewer in viewers {
         viewer.join().expect("a viewer that looks to the end");
@@ -60,6 +70,18 @@ fn measure(robot: &mut Robot, pid: u32) -> (f64, f64) {
     robot.pass(MEASURED.as_secs_f64());
     let used = (cpu_ticks(pid) - before) as f64 / ticks_per_second() / begin.elapsed().as_secs_f64();
     (100.0 * used, pss_kib(pid) as f64 / 1024.0)
+}
+
+/// A page of the diagnostic center that watches a channel; counts parts and bytes.
+fn page_of(at: SocketAddr, end: &AtomicBool, counts: &[AtomicU64; 2]) {
+    let mut socket = page::Socket::open(at, "/ws/view", "").expect("a seat");
+    socket.say(r#"{"watch":["ML_DATA_ESTIMATE"]}"#);
+    while !end.load(Relaxed) {
+        if let Some(page::Frame::Text(text)) = socket.frame() {
+            counts[0].fetch_add(1, Relaxed);
+            counts[1].fetch_add(text.len() as u64, Relaxed);
+        }
+    }
 }
 
 /// A viewer that subscribes to everything and counts what it gets: messages and bytes.
