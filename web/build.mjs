@@ -1,5 +1,5 @@
 // Builds the page into dist/: one script and one style sheet under names that say what is in them, so that a browser may keep
-// them for good, and every file beside its compressed form. The robot's program takes dist/ in as it is (robot/build.rs).
+// them for good, and every file beside its compressed form. The robot's program takes dist/ in as it is (robot/build/page.rs).
 // With --dev: a server for whoever works on the page, which builds anew at each load, with the fixture (?fixture).
 import { createHash } from "node:crypto";
 import { build, context } from "esbuild";

@@ -220,3 +220,94 @@ fn text(kind: Kind, model: &Model, now: Instant, beside: Beside<'_>) -> String {
         Kind::System => json(&System::of(model, now, beside)),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::middlelevel::{DataObstacles, DataPlan};
+    use serde_json::Value;
+
+    const T0: Instant = Instant::from_millis(100_000);
+
+    fn at(millis: u64) -> Instant {
+        T0 + Duration::from_millis(millis)
+    }
+
+    fn say(show: &Show, now: Instant, message: impl Into<Message>) {
+        let (message, mut bytes) = (message.into(), Vec::new());
+        message.encode(&mut bytes).unwrap();
+        show.hear(now, &message.channel_name(), &bytes);
+    }
+
+    fn parts(show: &Show, place: &mut Place) -> Vec<String> {
+        let part = |text: Utf8Bytes| serde_json::from_str::<Value>(&text).unwrap()["part"].as_str().unwrap().to_owned();
+        show.news(place).into_iter().map(part).collect()
+    }
+
+    #[test]
+    fn who_comes_gets_all_parts_and_then_each_when_it_is_due() {
+        let show = Show::new(Config::default());
+        assert_eq!(show.turn(T0, Beside::default()), Instant::NEVER, "nobody looks");
+        let (turns, mut place) = show.join();
+        assert_eq!(show.turn(T0, Beside::default()), at(100));
+        assert!(turns.has_changed().unwrap());
+        assert_eq!(parts(&show, &mut place), ["drive", "sensors", "map", "system"]);
+        assert!(parts(&show, &mut place).is_empty(), "each once");
+        show.turn(at(50), Beside::default());
+        assert!(parts(&show, &mut place).is_empty(), "nothing is due");
+        let mut heard = Vec::new();
+        for turn in 1..=10 {
+            show.turn(at(100 * turn), Beside::default());
+            heard.extend(parts(&show, &mut place));
+        }
+        let count = |name: &str| heard.iter().filter(|part| *part == name).count();
+        assert_eq!(["drive", "sensors", "map", "system"].map(count), [10, 5, 0, 1]);
+        // Who comes later gets what is true then, not what was said before.
+        let (_turns, mut late) = show.join();
+        assert!(parts(&show, &mut late).is_empty());
+        show.turn(at(1010), Beside::default());
+        assert_eq!(parts(&show, &mut late).len(), 4);
+        drop(turns);
+        assert_eq!(show.viewers(), 1);
+    }
+
+    #[test]
+    fn a_slow_viewer_gets_the_newest_and_a_map_comes_when_it_is_another() {
+        let show = Show::new(Config::default());
+        let (_turns, mut place) = show.join();
+        for turn in 0..100 {
+            let plan = DataPlan { timestamp: (turn / 50) as i64, x: vec![f64::NAN], y: vec![1.0] };
+            say(&show, at(100 * turn), plan);
+            show.turn(at(100 * turn), Beside::default());
+        }
+        let news = show.news(&mut place);
+        assert_eq!(news.len(), 4, "the newest of each");
+        let map: Value = serde_json::from_str(&news[2]).unwrap();
+        assert_eq!((&map["plan"]["value"]["timestamp"], &map["plan"]["value"]["x"][0]), (&1.into(), &Value::Null));
+        let mut maps = 0;
+        for turn in 100..220 {
+            say(&show, at(100 * turn), DataObstacles { timestamp: (turn / 60) as i64, ..DataObstacles::default() });
+            show.turn(at(100 * turn), Beside::default());
+            maps += parts(&show, &mut place).iter().filter(|part| *part == "map").count();
+        }
+        // Obstacles of turns 100, 120 and 180, and what is said again after 5 s.
+        assert!((4..=5).contains(&maps), "{maps}");
+    }
+
+    #[test]
+    fn what_a_viewer_watches_ends_with_it() {
+        let show = Show::new(Config::default());
+        let (_turns, mut place) = show.join();
+        show.watch(&mut place, vec!["STRANGE".into()]);
+        show.turn(T0, Beside::default());
+        show.news(&mut place);
+        show.hear(at(10), "STRANGE", b"x");
+        assert_eq!(show.turn(at(50), Beside::default()), at(100));
+        assert_eq!(parts(&show, &mut place), ["message"]);
+        show.leave(place);
+        show.hear(at(110), "STRANGE", b"x");
+        let (_other, mut place) = show.join();
+        show.turn(at(150), Beside::default());
+        assert_eq!(parts(&show, &mut place).len(), 4);
+    }
+}
