@@ -7,6 +7,7 @@ import { Age, Badge, Button, Card, Empty, Facts } from "../../ui";
 import { order } from "../../operate";
 import { lacks } from "../lacks";
 import { count } from "../format";
+import { started } from "./names";
 
 /** Characters of a marker, as the server takes them. */
 const MARK_MAX = 200;
@@ -33,7 +34,7 @@ export function RecorderCard() {
         <Facts
           facts={[
             { name: "State", value: value.recording ? <Badge tone="good" icon={Circle}>recording</Badge> : <Badge tone="warn">not recording</Badge> },
-            { name: "Run", value: value.run || "–" },
+            { name: "Run", value: value.run ? started(value.run) : "–" },
             { name: "Written", value: bytes(value.bytes) },
             {
               name: "Dropped",

@@ -3,6 +3,7 @@ import { signal } from "@preact/signals";
 import { ArrowLeft, ChartSpline, ChevronDown, ChevronRight } from "lucide-preact";
 import { useEffect, useState } from "preact/hooks";
 import { span } from "../../format";
+import type { MessagePart } from "../../protocol";
 import { Badge, Button, Card, Empty, toast } from "../../ui";
 import { figure } from "../format";
 import { choose, chosen, latest, series, toggle } from "./store";
@@ -43,14 +44,12 @@ export function Inspected() {
         </span>
       }
     >
-      {held ? <Body channel={channel} /> : <Empty>Waiting for a message. What is said on change only may take long.</Empty>}
+      {held ? <Body channel={channel} part={held.part} /> : <Empty>Waiting for a message. What is said on change only may take long.</Empty>}
     </Card>
   );
 }
 
-function Body({ channel }: { channel: string }) {
-  const part = latest(channel)?.part;
-  if (!part) return null;
+function Body({ channel, part }: { channel: string; part: MessagePart }) {
   if (!part.value) {
     return (
       <p class="p-pad">
