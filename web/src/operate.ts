@@ -12,7 +12,12 @@ export async function order(command: Sayable, done?: string): Promise<boolean> {
   return reply.type !== "refused";
 }
 
-export const sentence = (text: string): string => (text ? text[0]?.toUpperCase() + text.slice(1) : "It was refused.");
+/** The robot's words as a sentence: a capital at the beginning, a stop at the end. */
+export function sentence(text: string): string {
+  if (!text) return "It was refused.";
+  const end = /[.!?]$/.test(text) ? "" : ".";
+  return `${text[0]?.toUpperCase()}${text.slice(1)}${end}`;
+}
 
 // -------------------------------------------------------------------------------------------------- stop
 
@@ -72,7 +77,7 @@ export const lostControl = signal<string | null>(null);
 let held = false;
 listen({
   authority(holds, why) {
-    if (held && !holds && why) lostControl.value = why;
+    if (held && !holds && why) lostControl.value = sentence(why);
     if (holds) lostControl.value = null;
     held = holds;
   },

@@ -3,7 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { KeyRound, LogOut, MonitorSmartphone, Palette, ShieldCheck, Trash2 } from "lucide-preact";
 import { type Theme, theme } from "../design/theme";
 import { span } from "../format";
-import { unpaired } from "../operate";
+import { sentence, unpaired } from "../operate";
 import type { Device, Role } from "../protocol";
 import { may, me, role } from "../state";
 import { Badge, Button, Card, Slide, Table, toast } from "../ui";
@@ -22,8 +22,8 @@ export function Access() {
   return (
     <div class="cards">
       {unpaired.value || codeInAddress.value ? <Pairing /> : <Paired />}
-      {may("engineer") ? <Devices /> : null}
       <Looks />
+      {may("engineer") ? <Devices /> : null}
     </div>
   );
 }
@@ -53,7 +53,7 @@ function Pairing() {
     if (why === null) {
       toast("This device is paired.", "good");
       location.hash = "#/drive";
-    } else setWrong(why[0]?.toUpperCase() + why.slice(1));
+    } else setWrong(sentence(why));
   };
   return (
     <Card title="Pair this device" icon={KeyRound} aside={<Badge tone="off">{role.value === "nobody" ? "not paired" : role.value}</Badge>}>
@@ -131,7 +131,7 @@ function Devices() {
       ) : (
         <Table
           caption="Paired devices"
-          rows={list}
+          rows={[...list].sort((a, b) => Number(b.you) - Number(a.you) || Number(b.connected) - Number(a.connected) || a.idle - b.idle)}
           id={(device) => device.id}
           empty="No device is paired."
           columns={[

@@ -1,12 +1,12 @@
 // Driving by hand: who has control, the pad, what the robot does, and why it does not.
 import { Gamepad2, Hand, House, Keyboard, ListChecks, Move } from "lucide-preact";
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { deg, num, span } from "../format";
 import { MapPanel } from "../map";
-import { order, release, resume, stopped, take } from "../operate";
+import { order, release, resume, sentence, stopped, take } from "../operate";
 import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import { Age, Badge, Button, Card, Slide } from "../ui";
-import { advice } from "./advice";
+import { type Advice, advice } from "./advice";
 import { Gauge } from "./gauge";
 import { Pad } from "./pad";
 import { begin, commanded, endedWhy, gamepadName, PACES, pace } from "./session";
@@ -76,7 +76,10 @@ function Control() {
 /** Why it does not move, and what to do. */
 function Why() {
   const part = drive.value;
-  const said = part && connection.value.state === "live" ? advice(part, stopped.value) : null;
+  const last = useRef<Advice | null>(null);
+  // While a hand is on the pad nothing above it comes or goes: the pad would move under the hand.
+  if (commanded.value === null) last.current = part && connection.value.state === "live" ? advice(part, stopped.value) : null;
+  const said = last.current;
   if (!said) return null;
   return (
     <Card title={said.title} icon={ListChecks} class="why tone-warn">
@@ -153,7 +156,7 @@ function Hands() {
       </div>
       <Pad />
       <p class="hands-said figure" role="status">
-        {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value || "Let go, and it stops."}
+        {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value ? sentence(endedWhy.value) : "Let go, and it stops."}
       </p>
       <p class="why-not hands-keys">
         <Keyboard size={16} aria-hidden /> arrow keys or WASD

@@ -27,8 +27,10 @@ export function Pad() {
     }
   }, [held]);
 
+  /** Where the pad was when it was pressed: should the page move it meanwhile, the hand has not moved. */
+  const area = useRef<DOMRect | null>(null);
   const wish = (event: PointerEvent): Wish => {
-    const box = (pad.current as HTMLDivElement).getBoundingClientRect();
+    const box = area.current as DOMRect;
     const half = box.width / 2;
     const x = within((event.clientX - box.left - half) / half / END);
     const y = within((event.clientY - box.top - half) / half / END);
@@ -41,6 +43,7 @@ export function Pad() {
     pointers.current.add(event.pointerId);
     if (pointers.current.size > 1) return letGo("A second finger was on the pad.");
     if (event.button !== 0) return;
+    area.current = (pad.current as HTMLDivElement).getBoundingClientRect();
     if (hold.press("pad", wish(event), clock())) driver.current = event.pointerId;
     else place(0, 0);
     shown();
