@@ -44,6 +44,15 @@ const COLUMNS: Column<LogRun>[] = [
   },
   { head: "Size", figure: true, by: (run) => run.bytes, cell: (run) => bytes(run.bytes) },
   {
+    head: "Look at",
+    cell: (run) => (
+      <a class="button quiet" href={demoLink(run.run)} aria-label={`Play the run ${started(run.run)} on this page`}>
+        <MonitorPlay size={20} aria-hidden />
+        <span>Play</span>
+      </a>
+    ),
+  },
+  {
     head: "Files",
     cell: (run) => (
       <details class="p-files" open={run.files.length <= 2}>
@@ -62,15 +71,6 @@ const COLUMNS: Column<LogRun>[] = [
       </details>
     ),
   },
-  {
-    head: "Look at",
-    cell: (run) => (
-      <a class="button quiet" href={demoLink(run.run)} aria-label={`Play the run ${started(run.run)} on this page`}>
-        <MonitorPlay size={20} aria-hidden />
-        <span>Play</span>
-      </a>
-    ),
-  },
 ];
 
 export function Runs() {
@@ -83,6 +83,7 @@ export function Runs() {
   return (
     <Card
       title="Runs"
+      class="p-runs"
       flush
       aside={
         <span class="p-aside">
