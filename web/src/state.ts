@@ -72,9 +72,9 @@ export function age(shown: Shown<unknown>): number | null {
 export function stale(shown: Shown<unknown> | null | undefined): boolean {
   if (!shown || shown.value === null || shown.freshness === "never") return true;
   if (shown.freshness === "stale" || connection.value.state === "lost") return true;
-  // What is said more often than it is sent here is as old as the last part, and well.
-  const period = Math.max(shown.period ?? Infinity, arrivals.get(shown)?.every ?? 0);
-  return (age(shown) ?? Infinity) > 2 * period + NETWORK;
+  // Until the next part comes nothing newer can be known of it.
+  const every = arrivals.get(shown)?.every ?? 0;
+  return (age(shown) ?? Infinity) > 2 * (shown.period ?? Infinity) + every + NETWORK;
 }
 
 /** A value that may be relied on now; null where it is stale. */
