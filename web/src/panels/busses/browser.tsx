@@ -51,7 +51,8 @@ async function ask(node: number, index: number, subindex: number, type: Type, wr
 
 function refusal(abort: number, why: string): string {
   if (abort === 0) return why;
-  return `${why || "aborted"} (${hex(abort, 8)})`;
+  const code = hex(abort, 8);
+  return why.toUpperCase().includes(code.slice(2)) ? why : `${why || "aborted"} (${code})`;
 }
 
 /** What an answer means as the type that was asked for; as hexadecimal where it does not fit. */

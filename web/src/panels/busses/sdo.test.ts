@@ -27,6 +27,9 @@ test("a length that is not the type's is no value of it", () => {
     interpretations(data("4142")).map(({ type }) => type),
     ["u16", "i16", "text", "hex"],
   );
+  const types = (text: string) => interpretations(data(text)).map(({ type }) => type);
+  deepEqual(types("0000c03f"), ["u32", "i32", "f32", "hex"]);
+  deepEqual(types("92010200"), ["u32", "i32", "hex"]);
 });
 
 test("what is written is what is read again", () => {

@@ -61,12 +61,20 @@ export function interpret(data: Uint8Array, type: Type): string | null {
   }
 }
 
-/** All that the bytes may mean. */
+/** Bounds of what somebody stores as a floating-point number; beyond them four bytes are hardly one. */
+const FLOAT = { least: 1e-6, most: 1e9 };
+
+function likely(type: Type, value: string): boolean {
+  if (type === "text") return /^[\x20-\x7e]+$/.test(value);
+  const size = Math.abs(Number(value));
+  return type !== "f32" || (size >= FLOAT.least && size <= FLOAT.most);
+}
+
+/** All that the bytes may well mean. */
 export function interpretations(data: Uint8Array): { type: Type; value: string }[] {
   return TYPES.flatMap((type) => {
     const value = interpret(data, type);
-    const odd = value === null || (type === "text" && !/^[\x20-\x7e]+$/.test(value));
-    return odd ? [] : [{ type, value }];
+    return value === null || !likely(type, value) ? [] : [{ type, value }];
   });
 }
 

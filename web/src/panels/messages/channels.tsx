@@ -13,7 +13,7 @@ const filter = signal("");
 
 const age = (row: ChannelRow): number => row.age + (system.value ? since(system.value) : 0);
 /** Silent for twice as long as its rate lets expect, and for a while. */
-const quiet = (row: ChannelRow): boolean => lost() || age(row) > Math.max(2, row.rate > 0 ? 2 / row.rate : 2);
+const quiet = (row: ChannelRow): boolean => lost() || row.age > Math.max(2, row.rate > 0 ? 2 / row.rate : 2);
 
 const COLUMNS: Column<ChannelRow>[] = [
   {

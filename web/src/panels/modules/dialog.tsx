@@ -30,7 +30,7 @@ export function ModuleDialog({ row, onClose }: { row: ModuleRow; onClose: () => 
           { name: "Process", value: row.pid ? `${phase(row)}, PID ${row.pid}` : phase(row) },
           { name: "Up", value: row.pid ? span(row.uptime) : "–" },
           { name: "Restarts", value: row.restarts },
-          { name: "Last end", value: row.last_exit || "never ended" },
+          { name: "Last end", value: row.last_exit || "–" },
           { name: "CPU", value: row.pid ? percent(row.cpu, 1) : "–" },
           { name: "Memory", value: row.pid ? bytes(row.rss) : "–" },
           { name: "Heard", value: age === null ? "never" : `${span(age)} ago` },

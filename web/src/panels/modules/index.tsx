@@ -8,7 +8,7 @@ import { Badge, Button, Card, type Column, Empty, Table } from "../../ui";
 import { percent } from "../format";
 import { lost } from "../lacks";
 import { ModuleDialog } from "./dialog";
-import { announced, isStale, phase, State } from "./row";
+import { announced, asWanted, isStale, phase, State } from "./row";
 import "../panels.css";
 
 const COLUMNS: Column<ModuleRow>[] = [
@@ -28,7 +28,7 @@ const COLUMNS: Column<ModuleRow>[] = [
   { head: "PID", figure: true, by: (row) => row.pid, cell: (row) => (row.pid ? row.pid : "–") },
   { head: "Up", figure: true, by: (row) => row.uptime, cell: (row) => (row.pid ? span(row.uptime) : "–") },
   { head: "Restarts", figure: true, by: (row) => row.restarts, cell: (row) => row.restarts },
-  { head: "Last end", by: (row) => row.last_exit, cell: (row) => row.last_exit || "never ended" },
+  { head: "Last end", by: (row) => row.last_exit, cell: (row) => row.last_exit || "–" },
   { head: "CPU", figure: true, by: (row) => row.cpu, cell: (row) => (row.pid ? percent(row.cpu, 1) : "–") },
   { head: "Memory", figure: true, by: (row) => row.rss, cell: (row) => (row.pid ? bytes(row.rss) : "–") },
   { head: "Heard", figure: true, by: (row) => row.age ?? Infinity, cell: (row) => <Heard row={row} /> },
@@ -45,7 +45,7 @@ export function Modules() {
   const [chosen, choose] = useState<string | null>(null);
   const rows = system.value?.modules;
   if (!rows) return <Empty>Not heard yet.</Empty>;
-  const ill = rows.filter((row) => !row.well || isStale(row));
+  const ill = rows.filter((row) => !asWanted(row) || (row.phase !== "down" && isStale(row)));
   const cpu = rows.reduce((sum, row) => sum + row.cpu, 0);
   const rss = rows.reduce((sum, row) => sum + row.rss, 0);
   const columns: Column<ModuleRow>[] = [

@@ -12,16 +12,21 @@ export function announced(row: ModuleRow): number | null {
   return row.age === null || !system.value ? row.age : row.age + since(system.value);
 }
 
-export const isStale = (row: ModuleRow): boolean => lost() || (announced(row) ?? Infinity) > ANNOUNCED;
+/** By when it was sent: until the next row comes nothing newer can be known of it. */
+export const isStale = (row: ModuleRow): boolean => lost() || (row.age ?? Infinity) > ANNOUNCED;
+
+/** It is what it was told to be: also ended, where that was the command. */
+export const asWanted = (row: ModuleRow): boolean => row.well || (row.wanted === "TERMINATE" && row.phase === "down");
 
 function tone(row: ModuleRow): Tone {
-  if (!row.well) return "bad";
+  if (!asWanted(row)) return "bad";
   if (row.state === "RUN") return "good";
   return row.state === "PAUSE" || row.state === "STOP" ? "warn" : "off";
 }
 
 /** What it is, and what it should be where that is something else. */
 export function State({ row }: { row: ModuleRow }) {
+  if (!row.well && asWanted(row)) return <Badge tone="off">ended as told</Badge>;
   const differs = row.wanted !== "" && row.wanted !== row.state;
   return (
     <span class="p-state">
