@@ -8,6 +8,7 @@ pub mod config;
 pub mod live;
 pub mod log_repair;
 pub mod map_file;
+mod orders;
 pub mod plot;
 pub mod recording;
 pub mod run_folder;

@@ -11,7 +11,7 @@ use crate::live::processes::{Launch, Start};
 use crate::live::{HostConfig, beats};
 use crate::map_file;
 use crate::recording;
-use crate::web::center::Scene;
+use crate::web::center::{Scene, authority, command};
 use crate::web::{self, Web};
 use base::Duration;
 use canopen::eds::Eds;
@@ -531,6 +531,12 @@ fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Op
     let map = robot.planner.map.as_ref().and_then(|file| map_file::load(&place.config.join(file)).ok());
     let simulated = |world: &World| sim::Simulator::offered(simulator(world.clone(), robot, Made::LIVE.wire_time));
     let faults = world.map(simulated).unwrap_or_default();
+    let route = |route: &sim::world::Route| {
+        let points = route.waypoints.iter().map(|at| [at.x, at.y]).collect();
+        command::Route { name: route.name.clone(), points, looped: route.looped }
+    };
+    let limits = authority::Limits { speed: robot.limits.speed_manual_mps, steering: robot.limits.steering_rad };
+    let routes = world.iter().flat_map(|world| &world.routes).map(route).collect();
     web::Settings {
         robot: robot.name.clone(),
         lcm_url: place.lcm_url.clone(),
@@ -540,6 +546,8 @@ fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Op
         center: Scene::of(robot, world, map.as_ref()).with_faults(faults),
         critical: modules.iter().filter(|module| module.critical).map(|module| module.name.clone()).collect(),
         logs: log_folder(place, robot),
+        run: place.run_dir.clone(),
+        commands: command::Robot { limits, routes, simulated: place.sim },
     }
 }
 

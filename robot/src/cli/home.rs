@@ -3,8 +3,9 @@
 use super::bus::{Heard, Tool, error_of};
 use super::{Common, Failed, Outcome, print};
 use crate::live::clock;
+use crate::orders;
 use base::{Duration, Fault as Code};
-use messages::{Channel, Message, lowlevel};
+use messages::{Channel, Message};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -22,7 +23,7 @@ const DRIVER: &str = "driver_canbus";
 
 pub fn home(common: &Common, command: &Home) -> Outcome {
     let mut tool = Tool::join(common, "home", &[Channel::LlDataMotion, Channel::CmEventError])?;
-    tool.publish(lowlevel::CmdHoming { timestamp: tool.timestamp(), axis: command.axis.clone() })?;
+    tool.publish(orders::home(tool.timestamp(), &command.axis))?;
     let started = clock::now();
     let (mut begun, mut reason) = (false, String::from("LL_DATA_MOTION is not heard"));
     loop {

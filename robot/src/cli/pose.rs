@@ -3,8 +3,9 @@
 use super::bus::{Heard, Tool};
 use super::{Common, Outcome, finite, print};
 use crate::live::clock;
+use crate::orders;
 use base::Duration;
-use messages::middlelevel::{CmdEstimate, DataEstimate};
+use messages::middlelevel::DataEstimate;
 use messages::{Channel, Message};
 use std::process::ExitCode;
 
@@ -21,14 +22,6 @@ pub struct Pose {
 
 /// The estimator answers within a period of 50 ms.
 const ANSWER: Duration = Duration::from_secs(1);
-
-/// How sure somebody is who does not say: the default of `--covariance`.
-pub const DEVIATIONS: [f64; 3] = [0.2, 0.2, 0.1];
-
-/// The covariance of deviations.
-pub fn covariance([dx, dy, turn]: [f64; 3]) -> [[f64; 3]; 3] {
-    [[dx * dx, 0.0, 0.0], [0.0, dy * dy, 0.0], [0.0, 0.0, turn * turn]]
-}
 
 /// Three numbers with commas between.
 pub fn pose(text: &str) -> Result<[f64; 3], String> {
@@ -54,9 +47,7 @@ pub fn tell(common: &Common, command: &Pose) -> Outcome {
                 return Ok(ExitCode::SUCCESS);
             }
             Heard::Message(Message::MlDataEstimate(_)) => {
-                let [x, y, theta] = command.pose;
-                let covariance = covariance(command.covariance);
-                tool.publish(CmdEstimate { timestamp: tool.timestamp(), x, y, theta, covariance })?;
+                tool.publish(orders::pose(tool.timestamp(), command.pose, command.covariance))?;
                 told = true;
             }
             Heard::Message(_) => {}

@@ -3,6 +3,7 @@
 use super::bus::{Heard, Tool, error_of};
 use super::{Common, Failed, Outcome, print};
 use crate::live::clock;
+use crate::orders;
 use base::{Duration, Fault as Code};
 use messages::lowlevel::{CmdPower, DataPower};
 use messages::{Channel, Message};
@@ -67,14 +68,10 @@ fn show(power: &DataPower, only: Option<&str>, json: bool) -> Outcome {
 }
 
 fn order(tool: &mut Tool, channel: &str, action: &str) -> Outcome {
-    let place = CHANNELS.iter().position(|name| *name == channel).ok_or("no such channel")?;
-    let code = match action {
-        "on" => CmdPower::ON,
-        "off" => CmdPower::OFF,
-        _ => CmdPower::REBOOT,
-    };
-    tool.publish(CmdPower { timestamp: tool.timestamp(), device: place as i8, action: code })?;
-    if place == 0 && code != CmdPower::ON {
+    let asked = orders::power(tool.timestamp(), channel, action)?;
+    let code = asked.action;
+    tool.publish(asked.clone())?;
+    if asked.device == 0 && code != CmdPower::ON {
         print(format_args!("the modules are ended, then the computer"))?;
         return Ok(ExitCode::SUCCESS);
     }

@@ -3,8 +3,9 @@
 use super::bus::{Heard, Tool, error_of};
 use super::{Common, Failed, Outcome, print};
 use crate::live::clock;
+use crate::orders;
 use base::{Duration, Fault as Code};
-use messages::common::{CmdState, DataProcesses, Process};
+use messages::common::{DataProcesses, Process};
 use messages::{Channel, Message};
 use module::State as Value;
 use std::collections::BTreeMap;
@@ -143,8 +144,7 @@ fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
     // What is down already will not announce that it ends.
     let down = |name: &String| heard.get(name).is_some_and(|row| row.phase() == "TERMINATED");
     waiting.retain(|name| !(state == Value::Terminate && down(name)));
-    let (timestamp, source) = (tool.timestamp(), tool.source.clone());
-    tool.publish(CmdState { timestamp, module: module.into(), state: state as i8, manual: true, source })?;
+    tool.publish(orders::manual(tool.timestamp(), module, state, &tool.source))?;
     let until = clock::now() + OBEY;
     while let Some(first) = waiting.first() {
         match tool.hear(until)? {

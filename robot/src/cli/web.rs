@@ -1,7 +1,9 @@
-//! `advee web`: the web server by itself, in the foreground; `advee up` has it as a module.
+//! `advee web`: the web server by itself, in the foreground; `advee up` has it as a module. `advee web code`: what pairs a
+//! device with the servers of this run folder.
 
-use super::{Common, Failed, Outcome};
+use super::{Common, Failed, Outcome, print};
 use crate::topology;
+use crate::web::center::keeper;
 use crate::{live, web as server};
 use module::State;
 use std::net::{SocketAddr, TcpListener};
@@ -12,9 +14,27 @@ pub struct Web {
     /// Where it listens [default: web.listen of robot.toml, 127.0.0.1:8080]
     #[arg(long, value_name = "ADDR")]
     http: Option<SocketAddr>,
+    #[command(subcommand)]
+    asked: Option<Asked>,
+}
+
+#[derive(clap::Subcommand)]
+enum Asked {
+    /// Show the codes that pair a phone or another browser with the robot that runs here
+    Code(Code),
+}
+
+#[derive(clap::Args)]
+struct Code {
+    /// A JSON object for each server
+    #[arg(long)]
+    json: bool,
 }
 
 pub fn web(common: &Common, command: &Web) -> Outcome {
+    if let Some(Asked::Code(code)) = &command.asked {
+        return show(common, code);
+    }
     let mut common = common.clone();
     common.sets.extend(command.http.map(listen));
     let (place, robot) = common.robot()?;
@@ -26,6 +46,26 @@ pub fn web(common: &Common, command: &Web) -> Outcome {
     })?;
     let (shell, host) = topology::module(&place, server::NAME, State::Run)?;
     Ok(ExitCode::from(live::run(shell, host)?))
+}
+
+fn show(common: &Common, code: &Code) -> Outcome {
+    let shown = keeper::shown(&common.run_dir());
+    if shown.is_empty() {
+        let folder = common.run_dir();
+        return Err(
+            format!("no web server of {} shows codes that may be read here; is advee up?", folder.display()).into()
+        );
+    }
+    for server in shown {
+        if code.json {
+            print(serde_json::to_string(&server).map_err(|error| error.to_string())?)?;
+            continue;
+        }
+        let (operator, engineer) = (keeper::spaced(&server.operator), keeper::spaced(&server.engineer));
+        print(format_args!("operator  {operator}   {}", server.link(&server.operator)))?;
+        print(format_args!("engineer  {engineer}   {}", server.link(&server.engineer)))?;
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
 /// The override that makes the server listen there.

@@ -71,7 +71,8 @@ impl Ear {
             app.bus.turns.fetch_add(1, Relaxed);
             let more = self.take(&app);
             let (now, show) = (clock::now(), &app.center.show);
-            let due = show.turn(now, Beside { holder: None, viewers: app.viewers() });
+            let holder = app.desk.holder().and_then(|holder| serde_json::to_value(holder).ok());
+            let due = show.turn(now, Beside { holder: holder.as_ref(), viewers: app.viewers() });
             let period = if app.hub().viewers() == 0 { ALONE } else { LOOKED_AT };
             if more {
                 tokio::task::yield_now().await;

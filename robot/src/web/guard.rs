@@ -9,8 +9,10 @@
 //!   written to logs.
 
 use super::center::access::{Role, Who};
+use super::center::keeper::Keeper;
 use super::server::Reached;
 use super::stats::{Refusal, Stats};
+use crate::live::clock;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
@@ -41,18 +43,18 @@ pub enum Origin {
 }
 
 impl Guard {
-    /// Whose page asks, and who, of a request that reached this address of ours.
+    /// Whose page asks, and what it may without being paired, of a request that reached this address of ours.
     ///
     /// # Errors
     /// Why it is not served whoever it is.
-    pub fn check(&self, reached: IpAddr, uri: &Uri, headers: &HeaderMap) -> Result<(Origin, Who), Refusal> {
+    pub fn check(&self, reached: IpAddr, uri: &Uri, headers: &HeaderMap) -> Result<(Origin, Role), Refusal> {
         let host = single(headers, header::HOST.as_str()).ok().flatten();
         let host = host.filter(|host| self.is_ours(reached, host)).ok_or(Refusal::Host)?;
         let origin = match single(headers, header::ORIGIN.as_str()).map_err(|()| Refusal::Origin)? {
             None => Origin::None,
             Some(origin) => self.origin(origin, host).ok_or(Refusal::Origin)?,
         };
-        Ok((origin, Who { role: self.role(reached, uri, headers), ..Who::default() }))
+        Ok((origin, self.role(reached, uri, headers)))
     }
 
     /// Whether `host`, with or without a port, is us. The port may be another one: that of a tunnel.
@@ -115,9 +117,28 @@ pub fn is_same(given: &[u8], token: &[u8]) -> bool {
     given.len() == token.len() && given.iter().zip(token).fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
 }
 
+/// The name of the cookie that says who is paired: by the port that the page was asked for at, so that two robots behind
+/// two ports of one name do not take each other's place.
+pub fn cookie_name(headers: &HeaderMap, port: u16) -> String {
+    let host = single(headers, header::HOST.as_str()).ok().flatten().unwrap_or_default();
+    let asked = host.strip_prefix(without_port(host)).and_then(|port| port.strip_prefix(':'));
+    format!("advee-{}", asked.and_then(|asked| asked.parse().ok()).unwrap_or(port))
+}
+
+/// The session's key that a request brings.
+fn key<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
+    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.find(|(key, _)| *key == name).map(|(_, value)| value)
+}
+
+/// What a request may without its session.
+#[derive(Clone, Copy, Debug)]
+pub struct Unpaired(pub Role);
+
 /// Guards every route, those too that are not there.
 pub async fn guarded(
-    State((guard, stats)): State<(Arc<Guard>, Arc<Stats>)>,
+    State((guard, stats, keeper)): State<(Arc<Guard>, Arc<Stats>, Arc<Keeper>)>,
     mut request: Request,
     next: Next,
 ) -> Response {
@@ -126,8 +147,13 @@ pub async fn guarded(
     let checked = reached
         .map_or(Err(Refusal::Host), |Reached(address)| guard.check(address.ip(), request.uri(), request.headers()));
     let mut response = match checked {
-        Ok((origin, who)) => {
+        Ok((origin, unpaired)) => {
+            let port = reached.map_or(0, |Reached(address)| address.port());
+            let key = key(request.headers(), &cookie_name(request.headers(), port));
+            let paired = key.and_then(|key| keeper.access().who(clock::now(), key)).unwrap_or_default();
+            let who = Who { role: paired.role.max(unpaired), ..paired };
             request.extensions_mut().insert(origin);
+            request.extensions_mut().insert(Unpaired(unpaired));
             request.extensions_mut().insert(who);
             next.run(request).await
         }
@@ -218,7 +244,7 @@ mod tests {
         for (name, value) in headers {
             map.append(*name, HeaderValue::from_str(value).unwrap());
         }
-        guard.check(reached, &uri.parse().unwrap(), &map).unwrap().1.role
+        guard.check(reached, &uri.parse().unwrap(), &map).unwrap().1
     }
 
     #[test]
@@ -269,6 +295,21 @@ mod tests {
         assert_eq!(role("/?token=", &[host]), Role::Nobody);
         assert_eq!(role("/", &[host, ("authorization", "Bearer 0123456789abcdef")]), Role::Engineer);
         assert_eq!(role("/", &[host, ("authorization", "Basic 0123456789abcdef")]), Role::Nobody);
+    }
+
+    #[test]
+    fn the_cookie_is_named_by_the_port_that_was_asked_for() {
+        let mut headers = HeaderMap::new();
+        headers.insert("host", HeaderValue::from_static("localhost:9000"));
+        assert_eq!(cookie_name(&headers, 8080), "advee-9000");
+        for host in ["localhost", "[::1]", "localhost:99999"] {
+            headers.insert("host", HeaderValue::try_from(host).unwrap());
+            assert_eq!(cookie_name(&headers, 8080), "advee-8080", "{host}");
+        }
+        headers.append("cookie", HeaderValue::from_static("a=b; advee-80=x"));
+        headers.append("cookie", HeaderValue::from_static("advee-8080=abc; advee-8080=def"));
+        assert_eq!(key(&headers, "advee-8080"), Some("abc"));
+        assert_eq!(key(&headers, "advee-808"), None);
     }
 
     #[test]

@@ -5,11 +5,12 @@
 //!                    └► center::show ───► center::viewer ──────► /ws/view      the newest for each viewer
 //!                                         pages ───────────────► / /layout.json /health
 //!                       module ──starts──► server ──► guard ──► router
+//!   LCM bus ◄── center::desk ◄── center::operator ◄── /ws/command    who may: center::access, keeper, authority
 //! ```
 //!
 //! It runs as a module, on the live host, like all others; the server has a thread of its own with a runtime for many
 //! sockets, and its own place on the bus. Nobody waits for it: it is not critical, and a viewer that is slow, or lies, costs
-//! nobody else anything. It only shows: what would publish on the bus does not exist.
+//! nobody else anything. Only `center::desk` and `center::objects` publish on the bus, for who is paired.
 
 mod assets;
 mod bus;
@@ -25,6 +26,7 @@ mod socket;
 mod stats;
 
 pub use module::{Settings, Web, token};
+pub use router::{ROUTES, Route};
 
 /// Its name on the bus.
 pub const NAME: &str = "web";

@@ -1,5 +1,8 @@
 //! The web server as a module: it is started, watched, told about and ended here.
 
+use super::center::command;
+use super::center::desk::Desk;
+use super::center::keeper::Keeper;
 use super::guard::Guard;
 use super::router::App;
 use super::server::{Parts, Server, listen};
@@ -14,6 +17,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use tokio::sync::{Semaphore, watch};
 
 use super::center::{Center, Scene};
@@ -25,6 +29,8 @@ const PERIOD: Duration = Duration::from_secs(1);
 const ENDING: Duration = Duration::from_millis(20);
 /// A server that has not gone round for so many looks hangs.
 const SILENT: u32 = 5;
+/// Objects of CANopen nodes that are asked for at a time.
+const OBJECTS_MAX: usize = 4;
 /// Credentials have so many characters, all of them visible ones.
 const TOKEN: std::ops::RangeInclusive<usize> = 16..=256;
 
@@ -47,12 +53,18 @@ pub struct Settings {
     pub critical: Vec<String>,
     /// The folder of recorded runs.
     pub logs: PathBuf,
+    /// The run folder.
+    pub run: PathBuf,
+    /// What commands are held against.
+    pub commands: command::Robot,
 }
 
 /// The module.
 pub struct Web {
     settings: Settings,
     server: Option<Server>,
+    /// Who is paired, and the thread that writes it.
+    keeper: Option<(Arc<Keeper>, JoinHandle<()>)>,
     next: Option<Instant>,
     /// Turns of the server's loop at the last look that saw new ones, and looks since.
     turns: (u32, u32),
@@ -62,19 +74,21 @@ impl Web {
     /// A server that is not started yet.
     #[must_use]
     pub fn new(settings: Settings) -> Self {
-        Self { settings, server: None, next: None, turns: (0, 0) }
+        Self { settings, server: None, keeper: None, next: None, turns: (0, 0) }
     }
 
     fn open(&mut self, now: Instant, out: &mut Actions) {
         self.next = Some(now + PERIOD);
         match start(&self.settings) {
-            Ok(server) => {
+            Ok((server, keeper, keeps, broken)) => {
                 self.server = Some(server);
                 self.turns = (0, 0);
                 let at = self.settings.web.listen;
                 out.clear(Fault::PortDown, NAME, format!("{at}: the web server is there"));
                 out.working();
                 out.note(format!("http://{at}/   Foxglove: ws://{at}/foxglove"));
+                broken.into_iter().chain(keeper.news()).for_each(|line| out.note(line));
+                self.keeper = Some((keeper, keeps));
             }
             Err(why) => {
                 out.raise(Severity::Warning, Fault::PortDown, NAME, why);
@@ -86,7 +100,8 @@ impl Web {
     fn look(&mut self, now: Instant, out: &mut Actions) {
         let Some(server) = &self.server else { return self.open(now, out) };
         self.next = Some(now + PERIOD);
-        server.stats.take_news().into_iter().for_each(|line| out.note(line));
+        let kept = self.keeper.iter().flat_map(|(keeper, _)| keeper.news());
+        server.stats.take_news().into_iter().chain(kept).for_each(|line| out.note(line));
         let (seen, silent) = self.turns;
         let turns = server.bus.turns();
         self.turns = if turns == seen { (seen, silent + 1) } else { (turns, 0) };
@@ -124,8 +139,19 @@ impl Module for Web {
     }
 }
 
-fn start(settings: &Settings) -> Result<Server, String> {
-    let Settings { robot, lcm_url, web, config, scene, center, critical, logs } = settings;
+impl Drop for Web {
+    fn drop(&mut self) {
+        if let Some((keeper, keeps)) = self.keeper.take() {
+            keeper.close();
+            // Its files are gone when the process is.
+            let _ = keeps.join();
+        }
+    }
+}
+
+/// The server, who is paired with it, the thread that writes it, and what is to be told of what was kept.
+fn start(settings: &Settings) -> Result<(Server, Arc<Keeper>, JoinHandle<()>, Option<String>), String> {
+    let Settings { robot, lcm_url, web, config, scene, center, critical, logs, run, commands } = settings;
     let at = web.listen;
     let token = web.token_file.as_ref().map(|path| token(&config.join(path))).transpose()?;
     let listener = listen(at).map_err(|error| match error.kind() {
@@ -136,6 +162,8 @@ fn start(settings: &Settings) -> Result<Server, String> {
     })?;
     let guard = Guard { hosts: web.hosts.clone(), origins: web.origins.clone(), token };
     let bus = bus::Ear::open(lcm_url, scene.clone())?;
+    let (keeper, broken) = Keeper::open(run, at, &web.hosts)?;
+    let keeper = Arc::new(keeper);
     let limits = Limits::USUAL;
     let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone() };
     let app = App {
@@ -143,6 +171,11 @@ fn start(settings: &Settings) -> Result<Server, String> {
         center: Arc::new(Center::new(center.clone(), model, logs)),
         bus: Arc::default(),
         stats: Arc::new(Stats::default()),
+        keeper: keeper.clone(),
+        desk: Desk::open(lcm_url, commands.clone())?,
+        commanders: Arc::new(Semaphore::new(web.viewers.into())),
+        objects: Arc::new(Semaphore::new(OBJECTS_MAX)),
+        lcm_url: lcm_url.as_str().into(),
         robot: robot.as_str().into(),
         session: clock::wall().to_string().into(),
         seats: Arc::new(Semaphore::new(web.viewers.into())),
@@ -151,7 +184,20 @@ fn start(settings: &Settings) -> Result<Server, String> {
         end: watch::channel(false).1,
         started: std::time::Instant::now(),
     };
-    Server::start(Parts { listener, guard, bus, app }).map_err(|error| format!("the web server: {error}"))
+    let desk = app.desk.clone();
+    let server = Server::start(Parts { listener, guard, bus, app }).map_err(|error| {
+        desk.close();
+        format!("the web server: {error}")
+    })?;
+    let theirs = keeper.clone();
+    let keeps = std::thread::Builder::new().name("web keep".into()).spawn(move || theirs.keep());
+    match keeps {
+        Ok(keeps) => Ok((server, keeper, keeps, broken)),
+        Err(error) => {
+            server.end();
+            Err(format!("the web server: {error}"))
+        }
+    }
 }
 
 /// Reads the credentials: one line of visible characters, in a file that is nobody else's to read.

@@ -1,5 +1,6 @@
 //! What there is to read: how to see the robot in Foxglove, the layout for Foxglove, how the server is.
 
+use super::center::authority;
 use super::router::App;
 use super::stats;
 use axum::extract::State;
@@ -48,6 +49,8 @@ struct Health<'a> {
     /// Messages that have no ROS 2 form: no type is known for them, or they are none of it.
     untranslated: u32,
     refused: stats::Counts,
+    /// What pages have commanded.
+    commands: authority::Counts,
 }
 
 #[derive(Serialize)]
@@ -85,6 +88,7 @@ fn look(app: &App) -> Health<'_> {
         bus_broken: app.bus.broken(),
         untranslated: app.bus.untranslated(),
         refused: app.stats.counts(),
+        commands: app.desk.counts(),
     }
 }
 

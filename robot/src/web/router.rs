@@ -1,12 +1,14 @@
 //! What there is to ask for; what all who answer share.
 
 use super::center::access::Role;
-use super::center::{Center, viewer};
+use super::center::desk::Desk;
+use super::center::keeper::Keeper;
+use super::center::{Center, operator, pairing, viewer};
 use super::foxglove::{endpoint, hub::Hub};
 use super::guard::{self, Guard, Needed};
 use super::stats::Stats;
 use super::{assets, bus, logs, pages};
-use axum::routing::{MethodRouter, any, get};
+use axum::routing::{MethodRouter, any, get, post};
 use axum::{Router, middleware};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -20,6 +22,16 @@ pub struct App {
     pub center: Arc<Center>,
     pub bus: Arc<bus::Counts>,
     pub stats: Arc<Stats>,
+    /// Who is paired.
+    pub keeper: Arc<Keeper>,
+    /// Who moves the robot.
+    pub desk: Arc<Desk>,
+    /// One for each command socket that may be.
+    pub commanders: Arc<Semaphore>,
+    /// One for each object that may be asked for at a time.
+    pub objects: Arc<Semaphore>,
+    /// The bus.
+    pub lcm_url: Arc<str>,
     /// The robot's name.
     pub robot: Arc<str>,
     /// Another one after each start of the server.
@@ -78,11 +90,18 @@ pub const ROUTES: &[Route] = &[
     own("/ws/view", Role::Viewer, || any(viewer::upgrade)),
     own("/api/logs", Role::Viewer, || get(logs::list)),
     own("/api/logs/{run}/{*file}", Role::Viewer, || get(logs::download)),
+    own("/api/me", Role::Nobody, || get(pairing::me)),
+    own("/api/pair", Role::Nobody, || post(pairing::pair)),
+    own("/api/unpair", Role::Operator, || post(pairing::unpair)),
+    own("/api/devices", Role::Engineer, || get(pairing::devices)),
+    own("/api/devices/forget", Role::Engineer, || post(pairing::forget)),
+    own("/ws/command", Role::Viewer, || any(operator::upgrade)),
 ];
 
 /// Every route, and the guard before it.
 pub fn router(app: App, guard: Guard) -> Router {
-    let guarded = middleware::from_fn_with_state((Arc::new(guard), app.stats.clone()), guard::guarded);
+    let guarded =
+        middleware::from_fn_with_state((Arc::new(guard), app.stats.clone(), app.keeper.clone()), guard::guarded);
     let mut router = Router::new();
     for Route { path, role, own, answers } in ROUTES {
         let needed =

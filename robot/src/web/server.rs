@@ -81,7 +81,7 @@ impl Server {
         let (end, ended) = watch::channel(false);
         let Parts { listener, guard, bus, mut app } = parts;
         app.end = ended.clone();
-        let (stats, counts) = (app.stats.clone(), app.bus.clone());
+        let (stats, counts, desk) = (app.stats.clone(), app.bus.clone(), app.desk.clone());
         let work = async move {
             let listener = match tokio::net::TcpListener::from_std(listener) {
                 Ok(listener) => listener,
@@ -94,7 +94,12 @@ impl Server {
                 _ = ended.changed() => tokio::time::sleep(FAREWELL).await,
             }
         };
-        let thread = std::thread::Builder::new().name("web".into()).spawn(move || runtime.block_on(work))?;
+        let thread = std::thread::Builder::new().name("web".into()).spawn(move || {
+            runtime.block_on(work);
+            // With the sockets goes whatever they hold.
+            drop(runtime);
+            desk.close();
+        })?;
         Ok(Self { thread, end, stats, bus: counts })
     }
 

@@ -123,7 +123,7 @@ impl Line {
 }
 
 /// Whether it is nothing that was said: the line is broken, or it went without a word.
-fn is_of_the_line(error: &axum::Error) -> bool {
+pub fn is_of_the_line(error: &axum::Error) -> bool {
     let mut cause: Option<&(dyn Error + 'static)> = Some(error);
     while let Some(error) = cause {
         if error.is::<std::io::Error>() || error.to_string().contains("without closing handshake") {

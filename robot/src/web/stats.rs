@@ -12,6 +12,8 @@ pub enum Refusal {
     Origin,
     /// It brings no credentials, or wrong ones.
     Credentials,
+    /// A code that pairs nobody, or too many tries.
+    Code,
     /// There are as many connections as there may be.
     Connections,
     /// There are as many viewers as there may be.
@@ -34,10 +36,11 @@ pub enum Refusal {
 
 impl Refusal {
     #[cfg(test)]
-    const ALL: [Self; 12] = [
+    const ALL: [Self; 13] = [
         Self::Host,
         Self::Origin,
         Self::Credentials,
+        Self::Code,
         Self::Connections,
         Self::Viewers,
         Self::Downloads,
@@ -55,7 +58,8 @@ impl Refusal {
         match self {
             Self::Host => "this Host is none of the robot's names (web.hosts)",
             Self::Origin => "pages of this Origin may not connect (web.origins)",
-            Self::Credentials => "credentials are missing or wrong (web.token_file)",
+            Self::Credentials => "it is not paired for this, and brings no credentials that are",
+            Self::Code => "a code that pairs nobody",
             Self::Connections => "there are too many connections",
             Self::Viewers => "there are as many viewers as may be (web.viewers)",
             Self::Downloads => "as many files are downloaded as may be at once",
@@ -80,6 +84,8 @@ pub struct Counts {
     pub origin: u64,
     /// [`Refusal::Credentials`].
     pub credentials: u64,
+    /// [`Refusal::Code`].
+    pub code: u64,
     /// [`Refusal::Connections`].
     pub connections: u64,
     /// [`Refusal::Viewers`].
@@ -106,6 +112,7 @@ impl Counts {
             Refusal::Host => &mut self.host,
             Refusal::Origin => &mut self.origin,
             Refusal::Credentials => &mut self.credentials,
+            Refusal::Code => &mut self.code,
             Refusal::Connections => &mut self.connections,
             Refusal::Viewers => &mut self.viewers,
             Refusal::Downloads => &mut self.downloads,

@@ -3,10 +3,10 @@
 use super::sdo::Object;
 use crate::cli::can::{standard, value};
 use crate::cli::{goal, pose};
+use crate::orders;
 use messages::Message;
-use messages::common::{CmdLog, CmdState};
-use messages::lowlevel::{CmdHoming, CmdPower};
-use messages::middlelevel::{CmdEstimate, CmdGoal};
+use messages::common::CmdLog;
+use messages::lowlevel::CmdPower;
 use messages::simulation::CmdFault;
 use module::State;
 use rs485::boards::psc1::CHANNELS;
@@ -86,38 +86,26 @@ pub fn read(line: &str, timestamp: i64, source: &str, nodes: &[(u8, String)]) ->
         ("goal", [_, ..]) => {
             let waypoints =
                 rest.iter().map(|place| goal::waypoint(place)).collect::<Result<Vec<_>, _>>().map_err(|_| wrong())?;
-            let id = (timestamp / 1000 % 1_000_000_000) as i32;
-            CmdGoal { timestamp, id, waypoints, r#loop: false }.into()
+            orders::goal(timestamp, waypoints, false).into()
         }
-        ("cancel", []) => CmdGoal { timestamp, ..CmdGoal::default() }.into(),
+        ("cancel", []) => orders::goal(timestamp, Vec::new(), false).into(),
         ("pose", [place]) => {
-            let [x, y, theta] = pose::pose(place).map_err(|_| wrong())?;
-            let covariance = pose::covariance(pose::DEVIATIONS);
-            CmdEstimate { timestamp, x, y, theta, covariance }.into()
+            let place = pose::pose(place).map_err(|_| wrong())?;
+            orders::pose(timestamp, place, orders::DEVIATIONS).into()
         }
-        ("home", []) => CmdHoming { timestamp, axis: "steering".into() }.into(),
-        ("home", [axis]) => CmdHoming { timestamp, axis: (*axis).into() }.into(),
+        ("home", []) => orders::home(timestamp, "steering").into(),
+        ("home", [axis]) => orders::home(timestamp, axis).into(),
         ("state", [module, state]) => {
-            let wanted = State::from_name(state).filter(|state| !matches!(state, State::Unknown | State::Init));
-            let state = wanted.ok_or_else(|| format!("{state} is no state that can be commanded"))? as i8;
-            let command = CmdState { timestamp, module: (*module).into(), state, manual: true, source: source.into() };
-            if *module == "*" && state == State::Terminate as i8 {
+            let command = orders::state(timestamp, module, state, source)?;
+            if *module == "*" && command.state == State::Terminate as i8 {
                 return Ok(Asked::Confirm(format!("{line}: ends all modules"), Box::new(command.into())));
             }
             command.into()
         }
         ("power", [channel, action]) => {
-            let device = CHANNELS.iter().position(|name| name == channel);
-            let device = device.ok_or_else(|| format!("channels are {}", CHANNELS.join(", ")))? as i8;
-            let action = match *action {
-                "off" => CmdPower::OFF,
-                "on" => CmdPower::ON,
-                "reboot" => CmdPower::REBOOT,
-                _ => return Err(wrong()),
-            };
-            let command = CmdPower { timestamp, device, action };
+            let command = orders::power(timestamp, channel, action)?;
             // Channel host is the computer that this runs on.
-            if *channel == "host" && action != CmdPower::ON {
+            if *channel == "host" && command.action != CmdPower::ON {
                 return Ok(Asked::Confirm(format!("{line}: ends the robot's computer"), Box::new(command.into())));
             }
             command.into()
@@ -129,7 +117,7 @@ pub fn read(line: &str, timestamp: i64, source: &str, nodes: &[(u8, String)]) ->
             let value = value.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(wrong)?;
             CmdFault { timestamp, target: (*target).into(), fault: (*fault).into(), value, duration: 0.0 }.into()
         }
-        ("mark", [_, ..]) => CmdLog { timestamp, action: CmdLog::MARK, text: rest.join(" ") }.into(),
+        ("mark", [_, ..]) => orders::mark(timestamp, &rest.join(" "))?.into(),
         ("log", ["start"]) => CmdLog { timestamp, action: CmdLog::START, ..CmdLog::default() }.into(),
         ("log", ["stop"]) => CmdLog { timestamp, action: CmdLog::STOP, ..CmdLog::default() }.into(),
         _ if usage().is_empty() => return Err(format!("{verb} is no command; ? for help")),

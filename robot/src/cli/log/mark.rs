@@ -3,6 +3,7 @@
 use crate::cli::bus::{Heard, Tool};
 use crate::cli::{Common, Failed, Outcome, complain, print};
 use crate::live::clock;
+use crate::orders;
 use base::Duration;
 use messages::{Channel, Message, common};
 use std::process::ExitCode;
@@ -13,18 +14,14 @@ pub struct Mark {
     text: String,
 }
 
-/// The longest text of a mark, bytes: a word to find a place again.
-const TEXT_MAX: usize = 1000;
 /// The logger says once a second whether it writes.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
 pub fn mark(common: &Common, command: &Mark) -> Outcome {
-    if command.text.is_empty() || command.text.len() > TEXT_MAX || command.text.contains('\0') {
-        return Err(format!("a mark's text has 1 to {TEXT_MAX} bytes and no NUL").into());
-    }
+    // What is wrong with it is said before anything else.
+    let mark = orders::mark(0, &command.text)?;
     let mut tool = Tool::join(common, "mark", &[Channel::CmDataLog])?;
-    let (timestamp, text) = (tool.timestamp(), command.text.clone());
-    tool.publish(common::CmdLog { timestamp, action: common::CmdLog::MARK, text })?;
+    tool.publish(common::CmdLog { timestamp: tool.timestamp(), ..mark })?;
     let until = clock::now() + PATIENCE;
     loop {
         match tool.hear(until)? {

@@ -351,7 +351,7 @@ mod tests {
 
     /// Another one each time.
     fn chance(number: u8) -> Chance {
-        std::array::from_fn(|index| number.wrapping_mul(37).wrapping_add(index as u8 * 11))
+        std::array::from_fn(|index| number.wrapping_mul(37).wrapping_add((index as u8).wrapping_mul(11)))
     }
 
     fn fresh() -> Access {

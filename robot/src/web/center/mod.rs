@@ -1,8 +1,15 @@
 //! The diagnostic center in a browser: what page and server say to each other stands in `web/src/protocol.ts`.
 
 pub mod access;
+pub mod authority;
+pub mod command;
 mod demo;
+pub mod desk;
 mod inspect;
+pub mod keeper;
+pub mod objects;
+pub mod operator;
+pub mod pairing;
 mod parts;
 mod scene;
 mod show;

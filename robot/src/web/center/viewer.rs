@@ -4,12 +4,14 @@
 //! pictures, which browsers answer by themselves, and while two of them are unanswered no picture is sent: what is on its
 //! way to a viewer is never more than [`PICTURES`] × [`PINGS`] pictures, 0.6 s.
 
+use super::access::Who;
 use super::show::Show;
 use super::{Center, demo};
 use crate::web::guard::refused;
 use crate::web::router::App;
 use crate::web::socket::{BATCH, Line, Over, STALLED};
 use crate::web::stats::Refusal;
+use axum::Extension;
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade, close_code};
@@ -34,6 +36,7 @@ const WAITS_MAX: usize = 2 << 20;
 /// `/ws/view`
 pub async fn upgrade(
     State(app): State<App>,
+    Extension(who): Extension<Who>,
     uri: Uri,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
@@ -51,7 +54,11 @@ pub async fn upgrade(
         .max_message_size(MESSAGE_MAX)
         .max_frame_size(MESSAGE_MAX)
         .on_upgrade(move |socket| async move {
-            serve(socket, &app, demo).await;
+            tokio::select! {
+                () = serve(socket, &app, demo) => {}
+                // What it may see now it is told when it comes again.
+                () = app.keeper.forgotten(who.device) => {}
+            }
             drop(seat);
         })
 }

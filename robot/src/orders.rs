@@ -1,0 +1,98 @@
+//! What people tell the robot, as the messages that say it; whoever asks, on the command line, in a terminal or on a page.
+
+use messages::common::{CmdLog, CmdState};
+use messages::lowlevel::{CmdHoming, CmdPower};
+use messages::middlelevel::{CmdEstimate, CmdGoal, Waypoint};
+use module::State;
+use rs485::boards::psc1::CHANNELS;
+
+/// How sure somebody is who tells where the robot is and does not say how sure: deviations of x, y, theta; m, m, rad.
+pub const DEVIATIONS: [f64; 3] = [0.2, 0.2, 0.1];
+/// The longest text of a mark in the log, bytes: a word to find a place again.
+pub const MARK_MAX: usize = 1000;
+
+/// Sends the robot along waypoints; none: it forgets where it was to go. Its number is one that no goal of late has had.
+#[must_use]
+pub fn goal(timestamp: i64, waypoints: Vec<Waypoint>, looped: bool) -> CmdGoal {
+    CmdGoal { timestamp, id: (timestamp / 1000 % 1_000_000_000) as i32, waypoints, r#loop: looped }
+}
+
+/// Tells where it is, as sure as deviations say; m, m, rad.
+#[must_use]
+pub fn pose(timestamp: i64, [x, y, theta]: [f64; 3], deviations: [f64; 3]) -> CmdEstimate {
+    CmdEstimate { timestamp, x, y, theta, covariance: covariance(deviations) }
+}
+
+/// The covariance of deviations.
+#[must_use]
+pub fn covariance([dx, dy, turn]: [f64; 3]) -> [[f64; 3]; 3] {
+    [[dx * dx, 0.0, 0.0], [0.0, dy * dy, 0.0], [0.0, 0.0, turn * turn]]
+}
+
+/// Homes an axis.
+#[must_use]
+pub fn home(timestamp: i64, axis: &str) -> CmdHoming {
+    CmdHoming { timestamp, axis: axis.into() }
+}
+
+/// Commands a module's state as an operator does; `*` means all.
+///
+/// # Errors
+/// In words: it is no state that can be commanded.
+pub fn state(timestamp: i64, module: &str, state: &str, source: &str) -> Result<CmdState, String> {
+    let wanted = State::from_name(state).filter(|state| !matches!(state, State::Unknown | State::Init | State::Error));
+    let wanted = wanted.ok_or_else(|| format!("{state} is no state that can be commanded"))?;
+    Ok(manual(timestamp, module, wanted, source))
+}
+
+/// The same of a state that is one.
+#[must_use]
+pub fn manual(timestamp: i64, module: &str, state: State, source: &str) -> CmdState {
+    CmdState { timestamp, module: module.into(), state: state as i8, manual: true, source: source.into() }
+}
+
+/// Switches a power channel: `on`, `off` or `reboot`.
+///
+/// # Errors
+/// In words: there is no such channel, or no such action.
+pub fn power(timestamp: i64, channel: &str, action: &str) -> Result<CmdPower, String> {
+    let device = CHANNELS.iter().position(|name| *name == channel);
+    let device = device.ok_or_else(|| format!("channels are {}", CHANNELS.join(", ")))? as i8;
+    let action = match action {
+        "off" => CmdPower::OFF,
+        "on" => CmdPower::ON,
+        "reboot" => CmdPower::REBOOT,
+        _ => return Err("a channel is switched on or off, or rebooted".into()),
+    };
+    Ok(CmdPower { timestamp, device, action })
+}
+
+/// A mark in the log.
+///
+/// # Errors
+/// In words: the text is none, or too long.
+pub fn mark(timestamp: i64, text: &str) -> Result<CmdLog, String> {
+    if text.is_empty() || text.len() > MARK_MAX || text.contains('\0') {
+        return Err(format!("a mark's text has 1 to {MARK_MAX} bytes and no NUL"));
+    }
+    Ok(CmdLog { timestamp, action: CmdLog::MARK, text: text.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_is_said_in_words() {
+        assert_eq!(state(0, "planner", "PAUSE", "x").unwrap().state, State::Pause as i8);
+        for none in ["INIT", "UNKNOWN", "ERROR", "pause!", ""] {
+            assert!(state(0, "planner", none, "x").is_err(), "{none}");
+        }
+        assert_eq!(power(0, "motors", "reboot").unwrap(), CmdPower { timestamp: 0, device: 3, action: 2 });
+        assert!(power(0, "engine", "on").unwrap_err().starts_with("channels are host, "));
+        assert!(power(0, "motors", "toggle").is_err());
+        assert!(mark(0, "").is_err() && mark(0, &"x".repeat(1001)).is_err() && mark(0, "a\0").is_err());
+        assert_eq!(mark(0, "here").unwrap().action, CmdLog::MARK);
+        assert_eq!(goal(1_795_302_110_792_249, Vec::new(), false).id, 302_110_792);
+    }
+}
