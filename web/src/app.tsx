@@ -1,6 +1,7 @@
 // The frame of every view: status on top, navigation, Stop always in the same place.
 import { useEffect, useRef } from "preact/hooks";
 import { Banners } from "./shell/banners";
+import { Guard } from "./shell/guard";
 import { watchKeys } from "./shell/keys";
 import { Nav } from "./shell/nav";
 import { StatusBar } from "./shell/status";
@@ -29,7 +30,9 @@ export function App() {
         <main ref={main} tabIndex={-1} class={`view view-${id}`} aria-label={label}>
           <h1 class="visually-hidden">{label}</h1>
           <Banners />
-          <View />
+          <Guard key={id}>
+            <View />
+          </Guard>
         </main>
         <Stop />
       </div>

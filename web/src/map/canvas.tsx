@@ -27,7 +27,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
 
   useEffect(() => {
     const element = canvas.current as HTMLCanvasElement;
-    const on = element.getContext("2d") as CanvasRenderingContext2D;
+    const on = element.getContext("2d");
     let size: Size = { width: 1, height: 1 };
     let camera: Camera = { x: 0, y: 0, scale: 40 };
     let placed = false;
@@ -46,6 +46,8 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     };
     const draw = () => {
       frame = 0;
+      // A browser without any: the words below the map are there.
+      if (!on) return;
       if (!placed) fit();
       const robot = pose(drive.peek());
       if (live.current.follow && robot) camera = { ...camera, x: robot.x, y: robot.y };
