@@ -19,7 +19,6 @@ export function SonarPicture() {
   return (
     <Card
       title="Proximity"
-      class="p-proximity"
       aside={
         <span class="p-aside" role="group" aria-label="How far is shown">
           {REACHES.map((far) => (

@@ -23,8 +23,11 @@ export function Elsewhere() {
   if (!robot) return null;
   const whyNot = lacks("engineer");
   const where = pose();
-  const go = () => {
-    if (where) void order({ type: "fault", target: ROBOT, fault: put(where.x, where.y, where.theta), value: 0, duration: 0 }, "It was carried there, if there is room.");
+  const go = async () => {
+    if (!where) return;
+    const fault = put(where.x, where.y, where.theta);
+    const done = await order({ type: "fault", target: ROBOT, fault, value: 0, duration: 0 }, "It was carried there, if there is room.");
+    if (done) place.value = { ...place.value, x: "", y: "" };
   };
   // Any number draws another place.
   const kidnap = () =>
@@ -43,7 +46,7 @@ export function Elsewhere() {
         class="p-form"
         onSubmit={(event) => {
           event.preventDefault();
-          if (whyNot === null && where) go();
+          if (whyNot === null) void go();
         }}
       >
         {field("x", "x, m")}
