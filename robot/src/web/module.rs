@@ -150,7 +150,9 @@ impl Drop for Web {
 }
 
 /// The server, who is paired with it, the thread that writes it, and what is to be told of what was kept.
-fn start(settings: &Settings) -> Result<(Server, Arc<Keeper>, JoinHandle<()>, Option<String>), String> {
+type Started = (Server, Arc<Keeper>, JoinHandle<()>, Option<String>);
+
+fn start(settings: &Settings) -> Result<Started, String> {
     let Settings { robot, lcm_url, web, config, scene, center, critical, logs, run, commands } = settings;
     let at = web.listen;
     let token = web.token_file.as_ref().map(|path| token(&config.join(path))).transpose()?;

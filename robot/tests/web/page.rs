@@ -1,5 +1,6 @@
 //! A page of the diagnostic center, scripted: HTTP by hand, and a WebSocket that says what it is told to, wrong things too.
 #![allow(dead_code, reason = "each test binary uses its part")]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use serde_json::Value;
 use std::io::{Read, Write};

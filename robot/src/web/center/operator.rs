@@ -206,8 +206,10 @@ impl Page {
                     Err(why) => Ok(Some(Answer::Refused { id: None, why: &why }.text())),
                 };
             }
-            Command::Take { from, .. } => desk.with(|now, authority| authority.take(now, me, *from)).flatten(),
-            Command::Release { .. } => desk.with(|now, authority| authority.release(now, me)).flatten(),
+            Command::Take { from, .. } => {
+                desk.with(|now, authority| authority.take(now, me, *from)).and_then(|done| done)
+            }
+            Command::Release { .. } => desk.with(|now, authority| authority.release(now, me)).and_then(|done| done),
             Command::Stop { .. } => desk.with(|now, authority| authority.stop(now, me)),
             Command::Resume { .. } => desk.with(|now, authority| authority.resume(now, me)),
             Command::Sdo { id, node, index, subindex, data } => {

@@ -264,8 +264,8 @@ fn run(seed: u64) -> usize {
     let mut ways: Vec<(u64, u64, ClientId, Way)> = Vec::new();
     let (mut seqs, mut holds, mut pressed) = ([0_u64; 2], [0_u64; 2], [false; 2]);
     let worst = [1, 40, 200, 800][chance.below(4) as usize];
-    for client in 0..2 {
-        ways.push((0, 0, client as ClientId + 1, Way::Ping { t: clocks[client] }));
+    for (client, t) in (1..).zip(clocks) {
+        ways.push((0, 0, client, Way::Ping { t }));
     }
     for said in (10..6000_u64).step_by(10) {
         for index in 0..2 {
