@@ -28,6 +28,7 @@ test("each reason that driver_canbus and planner give has its advice", () => {
   ok(advice(part({ word: "waiting", reason: "web:Anna must send zero first: the robot was stopped" }), false)?.steps[0]?.startsWith("Let go"));
   equal(advice(part({ word: "fault", reason: "planner is down" }), false)?.offer, "modules");
   equal(advice(part({ word: "stopped", reason: "the steering is not homed", homed: false }), false)?.offer, "home");
+  equal(advice(part({ word: "stopped", reason: "the steering is being homed", homed: false }), false)?.offer, null);
 });
 
 test("where there is nothing to be done there is no advice", () => {

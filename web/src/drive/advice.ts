@@ -40,6 +40,9 @@ export function advice(part: DrivePart, held: boolean): Advice | null {
   if (part.status.word === "fault" || part.status.word === "silent") {
     return { title: "Something is wrong", steps: [part.status.reason, "Look at the modules and errors; a module that failed is started anew by itself."], offer: "modules" };
   }
+  if (/is being homed|is homed and turns straight/.test(reason)) {
+    return { title: "The steering is being homed", steps: ["It looks for its switch, then turns straight. Wait some seconds."], offer: null };
+  }
   if (part.motion.value && !part.motion.value.homed) {
     return { title: "The steering is not homed", steps: [reason || "The steering does not know where straight ahead is.", "Home it, with room at the front wheels."], offer: "home" };
   }
