@@ -145,7 +145,12 @@ export const authority = signal<{ holder: Holder | null; yours: boolean }>({ hol
 export const ourId = signal<number | null>(null);
 
 /** Who holds it: what the command socket says, else what the view shows. */
-export const holder = computed<Holder | null>(() => (commandLink.value.open ? authority.value.holder : (drive.value?.holder ?? null)));
+export const holder = computed<Holder | null>(() => {
+  const seen = drive.value?.holder ?? null;
+  const told = authority.value.holder;
+  // Whether it drives, and since when, the view says each time.
+  return !commandLink.value.open || (seen !== null && seen.id === told?.id) ? seen : told;
+});
 
 /** Why nothing can be commanded now that needs the authority; null: it can. */
 export const whyNot = computed<string | null>(() => {

@@ -25,7 +25,8 @@ function StopButton() {
     <button
       type="button"
       class={`stop-button ${viewer ? "is-viewer" : ""}`}
-      onPointerDown={(event) => event.isPrimary && event.button === 0 && void stop()}
+      // Any finger, another one on the pad or not.
+      onPointerDown={(event) => event.button === 0 && void stop()}
       onClick={(event) => event.detail === 0 && void stop()}
     >
       <OctagonX size={30} strokeWidth={2.4} aria-hidden />
