@@ -3,7 +3,7 @@
 
 ADVEE = target/release/advee
 
-.PHONY: run build web web-test test lint bench clean
+.PHONY: run build web web-test e2e screenshots test lint bench clean
 
 run: build
 	$(ADVEE) up --sim
@@ -23,12 +23,25 @@ web/dist/index.html: web/package-lock.json web/tsconfig.json web/build.mjs web/i
 web-test: web
 	cd web && npm run --silent test
 
+# The page in a browser, against the live simulated robot; without a browser its tests say that they are skipped.
+e2e: web
+	-@tools/require chromium
+	cargo build -p advee --locked
+	cd web && npm run --silent e2e
+
+# The pictures of docs/web.md.
+screenshots: web
+	@tools/require chromium
+	cargo build -p advee --locked
+	cd web && npm run --silent screenshots
+
 test: lint web-test
 	@tools/require cc c++ python3-venv glib
 	@tools/venv
 	@tools/lcm-1.3.1
 	cargo test --workspace --locked
 	cargo test -p advee --features sabotage --test sabotage --locked
+	$(MAKE) e2e
 
 lint: web
 	@tools/require cc

@@ -1,0 +1,58 @@
+// The recorder, its markers, the download of a run, and a run played on the page.
+import { deepEqual, equal, match, ok } from "node:assert/strict";
+import { PROFILES } from "./support/browser";
+import { scene } from "./support/scene";
+import { pass, until } from "./support/until";
+
+/** What an MCAP file begins with. */
+const MAGIC = Buffer.from([0x89, 0x4d, 0x43, 0x41, 0x50, 0x30, 0x0d, 0x0a]);
+
+for (const profile of PROFILES) {
+  scene(`a marker is set, and a run downloaded (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile, as: "operator" });
+    await v.go("Logs");
+    await v.page.getByLabel("Marker: what happens now").fill("the door opens");
+    await v.press(v.button("Set marker"));
+    const mark = await robot.bus.hears("CM_CMD_LOG");
+    deepEqual([mark["action"], mark["text"]], [2, "the door opens"]);
+    const { name, bytes } = await v.download();
+    deepEqual(bytes.subarray(0, MAGIC.length), MAGIC);
+    ok(bytes.length > 10_000);
+    match(name, /^\d{4}_.*\.mcap$/);
+  });
+}
+
+scene("the recorder is stopped and started", async ({ robot, visit }) => {
+  const v = await visit({ as: "operator" });
+  await v.go("Logs");
+  const card = v.card("Recorder");
+  await v.button("Stop recording").click();
+  await card.getByText("not recording", { exact: true }).waitFor();
+  await v.button("Start recording").click();
+  await card.getByText("recording", { exact: true }).waitFor();
+  deepEqual(robot.bus.said("CM_CMD_LOG").map(({ message }) => message["action"]), [0, 1]);
+});
+
+for (const profile of PROFILES) {
+  scene(`a recorded run is played as if it were now, and commands nothing (${profile})`, async ({ robot, visit }) => {
+    // Something to look at.
+    await robot.advee("drive", "0.2", "0", "--for", "1");
+    await robot.advee("drive", "-0.2", "0", "--for", "1");
+    await pass(500);
+    robot.bus.forget();
+    const v = await visit({ profile, as: "engineer", path: "/?demo=1" });
+    await v.page.getByRole("note").filter({ hasText: /Recorded run.*Nothing can be commanded/ }).waitFor();
+    await until("the run is shown", 20, async () => !/Connecting|No contact/.test((await v.word.textContent()) ?? ""));
+    await v.go("Map");
+    await v.text(/^At -?[0-9.]+, /).waitFor();
+    equal(await v.stop.count(), 0, "there is nothing to stop");
+    await v.page.keyboard.press("ArrowUp");
+    await v.page.keyboard.press(" ");
+    await v.go("Drive");
+    equal(await v.button("Take control").count(), 0);
+    deepEqual(v.said, []);
+    deepEqual(robot.bus.commands, []);
+    await v.press(v.page.getByRole("link", { name: "Leave" }));
+    await v.button("Take control").first().waitFor();
+  });
+}

@@ -1,0 +1,13 @@
+// The page as people meet it, in a browser, against the live simulated robot.
+import "./pairing";
+import "./driving";
+import "./network";
+import "./authority";
+import "./stopping";
+import "./status";
+import "./map";
+import "./panels";
+import "./simulation";
+import "./logs";
+import "./everywhere";
+import "./newcomer";
