@@ -32,10 +32,11 @@ fn nothing_outlives_a_parent_that_is_killed_and_the_next_one_clears_up() {
     assert!(robot.run_dir.join("lock").exists(), "killed, it could not clear up");
 
     let mut next = support::advee(&robot.url, &robot.run_dir);
-    let mut next = next.args(["up", "--sim", "--headless"]).stderr(std::process::Stdio::null()).spawn().unwrap();
+    let next = next.args(["up", "--sim", "--headless"]).stderr(std::process::Stdio::piped()).spawn().unwrap();
     robot.until("the next one runs", 10.0, |view| view.runs("driver_rs485a") && view.pid("driver_rs485a") != old);
     support::signal(next.id() as i32, "TERM");
-    assert!(next.wait().unwrap().success());
+    let ended = next.wait_with_output().unwrap();
+    assert!(ended.status.success(), "{}: {}", ended.status, String::from_utf8_lossy(&ended.stderr));
     assert!(robot.processes().is_empty() && !robot.run_dir.exists());
 }
 
