@@ -37,7 +37,6 @@ for (const profile of PROFILES) {
   scene(`a recorded run is played as if it were now, and commands nothing (${profile})`, async ({ robot, visit }) => {
     // Something to look at.
     await robot.advee("drive", "0.2", "0", "--for", "1");
-    await robot.advee("drive", "-0.2", "0", "--for", "1");
     await pass(500);
     robot.bus.forget();
     const v = await visit({ profile, as: "engineer", path: "/?demo=1" });
