@@ -74,6 +74,8 @@ export function Pad() {
         aria-label="Drive pad. Hold to drive; arrow keys or W A S D drive while they are held."
         aria-disabled={off !== null}
         aria-describedby="pad-why"
+        // No gesture of the browser's begins here: after a flick it would take the next tap anywhere for the end of it.
+        onTouchStart={(event) => event.preventDefault()}
         onPointerDown={down}
         onPointerMove={move}
         onPointerUp={up}

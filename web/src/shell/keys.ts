@@ -1,9 +1,11 @@
 // Space and Escape stop the robot, wherever the focus is; in a field one types in, Space is a blank and Escape still stops.
 import { stop, unpaired } from "../operate";
+import { demo } from "../state";
 
 export function watchKeys(): () => void {
   const key = (event: KeyboardEvent) => {
-    if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+    // A recorded run is not stopped.
+    if (demo.value || event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
     const at = event.target instanceof HTMLElement ? event.target : null;
     if (event.key === "Escape" ? unpaired.value : event.key !== " " || types(at) || (unpaired.value && at !== document.body)) return;
     event.preventDefault();
@@ -11,7 +13,7 @@ export function watchKeys(): () => void {
   };
   // A button pressed by Space acts on keyup: that is Stop's key here.
   const up = (event: KeyboardEvent) => {
-    if (event.key === " " && !unpaired.value && event.target instanceof HTMLElement && !types(event.target)) event.preventDefault();
+    if (event.key === " " && !demo.value && !unpaired.value && event.target instanceof HTMLElement && !types(event.target)) event.preventDefault();
   };
   addEventListener("keydown", key, { capture: true });
   addEventListener("keyup", up, { capture: true });
