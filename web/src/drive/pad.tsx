@@ -2,6 +2,7 @@
 import { ChevronDown, ChevronLeft, ChevronRight, ChevronUp, Lock } from "lucide-preact";
 import { useEffect, useRef } from "preact/hooks";
 import { clock } from "../state";
+import { ownGesture } from "../ui/gesture";
 import type { Wish } from "./hold";
 import { commanded, hold, letGo, shown, whyNoDrive } from "./session";
 
@@ -74,8 +75,7 @@ export function Pad() {
         aria-label="Drive pad. Hold to drive; arrow keys or W A S D drive while they are held."
         aria-disabled={off !== null}
         aria-describedby="pad-why"
-        // No gesture of the browser's begins here: after a flick it would take the next tap anywhere for the end of it.
-        onTouchStart={(event) => event.preventDefault()}
+        onTouchStart={ownGesture}
         onPointerDown={down}
         onPointerMove={move}
         onPointerUp={up}

@@ -4,6 +4,7 @@ import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { shownTheme } from "../design/theme";
 import { drive, map, may, now, scene, sensors } from "../state";
+import { ownGesture } from "../ui/gesture";
 import { type Camera, fitted, panned, type Point, type Size, toMap, zoomed } from "./camera";
 import { begin, mode, places, put, sent, turn } from "./draft";
 import { inks, paint, pose } from "./paint";
@@ -178,6 +179,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
       else return;
       event.preventDefault();
     };
+    element.addEventListener("touchstart", ownGesture, { passive: false });
     element.addEventListener("pointerdown", down);
     element.addEventListener("pointermove", move);
     element.addEventListener("pointerup", up);

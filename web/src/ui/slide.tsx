@@ -2,6 +2,7 @@
 // a stray tap nor one key does it.
 import { Check, ChevronsRight } from "lucide-preact";
 import { useRef, useState } from "preact/hooks";
+import { ownGesture } from "./gesture";
 
 /** Of the way: from here on it counts as the end; what one key does. */
 const END = 0.95;
@@ -72,6 +73,7 @@ export function Slide(props: {
         aria-valuetext={way === 0 ? "not confirmed" : `${Math.round(way * 100)} percent`}
         aria-disabled={whyNot !== null}
         style={{ transform: `translateX(calc((${track.current?.clientWidth ?? 0}px - ${THUMB}px) * ${way}))` }}
+        onTouchStart={ownGesture}
         onPointerDown={down}
         onPointerMove={move}
         onPointerUp={up}

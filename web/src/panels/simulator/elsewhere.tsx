@@ -4,6 +4,7 @@ import { Move3d, Shuffle } from "lucide-preact";
 import { useRef } from "preact/hooks";
 import { drive, scene } from "../../state";
 import { Button, Card, Empty } from "../../ui";
+import { ownGesture } from "../../ui/gesture";
 import { order } from "../../operate";
 import { lacks } from "../lacks";
 import { put, ROBOT } from "./faults";
@@ -115,6 +116,7 @@ function Plan({ plan }: { plan: Frame }) {
         viewBox={`${plan.x} ${-plan.y - plan.height} ${plan.width} ${plan.height}`}
         role="img"
         aria-label="Plan of the world. The fields below do the same."
+        onTouchStart={ownGesture}
         onPointerDown={down}
         onPointerMove={move}
         onPointerUp={up}
