@@ -11,7 +11,7 @@ use serde::Serialize;
 /// The layout that Foxglove imports.
 const LAYOUT: &str = include_str!("../../../conf/foxglove/advee.json");
 /// The page; `{…}` are filled in.
-const PAGE: &str = include_str!("index.html");
+const PAGE: &str = include_str!("foxglove.html");
 
 /// `/foxglove-help`
 pub async fn index(State(app): State<App>, headers: HeaderMap) -> impl IntoResponse {
