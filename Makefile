@@ -3,7 +3,7 @@
 
 ADVEE = target/release/advee
 
-.PHONY: run build web web-test e2e screenshots test lint bench clean
+.PHONY: run build web web-test e2e screenshots test lint lab lab-short bench clean
 
 run: build
 	$(ADVEE) up --sim
@@ -42,11 +42,23 @@ test: lint web-test
 	cargo test --workspace --locked
 	cargo test -p advee --features sabotage --test sabotage --locked
 	$(MAKE) e2e
+	$(MAKE) lab-short
 
 lint: web
 	@tools/require cc
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
+
+# Real kernel drivers, a real init system: in virtual machines (lab/README.md).
+lab: build
+	-@tools/require qemu
+	lab/lab
+
+# What of it belongs to every test; where no machine can be had, it says so and what was left out.
+lab-short:
+	-@tools/require qemu
+	cargo build -p advee --locked
+	ADVEE=target/debug/advee lab/lab --short
 
 bench:
 	@tools/require cc python3-venv glib ip

@@ -1,0 +1,121 @@
+"""One boot of a machine: QEMU's arguments, what the guest says, how it ends."""
+
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import time
+
+from . import LabError
+
+# How long a guest may take until its first check, of wall time: it takes 3 s, 25 s with systemd on a busy host.
+UP_WITHIN = 120
+# KVM that does not run this kernel is given up after it.
+LIFE_WITHIN = 15
+
+
+def kvm_works():
+    """Whether KVM runs an unmodified kernel: backed by the processor. A /dev/kvm alone is not enough: the back end pvm
+    starts one under the instruction emulator, some hundred times slower than QEMU's own translator."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as f:
+            flags = re.search(r"^flags\s*:(.*)$", f.read(), re.M).group(1).split()
+    except (OSError, AttributeError):
+        return False
+    usable = os.access("/dev/kvm", os.R_OK | os.W_OK) and not os.path.exists("/sys/module/kvm_pvm")
+    return usable and bool({"vmx", "svm"} & set(flags))
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class Boot:
+    """A running guest. `lines()` yields what it says; then `ended` says why it is over: `done`, `time limit`, `reset`
+    (a reset, a panic, a power-off that was not ours) or `not up`."""
+
+    def __init__(self, machine, files, work, kvm=False):
+        self.console_path = f"{work}/console"
+        self.ended = None
+        self.started = time.monotonic()
+        self.up = None
+        self.web = free_port() if machine.network else None
+        self.limit = (LIFE_WITHIN if kvm else UP_WITHIN, "not up")
+        open(self.console_path, "w", encoding="utf-8").close()
+        try:
+            # Its input stays open: at its end QEMU takes the port for unplugged, and the guest's writes wait for ever.
+            self.process = subprocess.Popen(self.arguments(machine, files, kvm), stdin=subprocess.PIPE,
+                                            stdout=subprocess.PIPE, start_new_session=True)
+        except FileNotFoundError:
+            raise LabError("qemu-system-x86_64 is missing: apt-get install --no-install-recommends qemu-system-x86") from None
+
+    def arguments(self, machine, files, kvm):
+        def share(tag, path, writable=False):
+            options = f"local,id={tag},path={path},security_model=none,multidevs=remap" + ("" if writable else ",readonly=on")
+            return ["-fsdev", options, "-device", f"virtio-9p-pci,fsdev={tag},mount_tag={tag}"]
+
+        if machine.ns_per_instruction:
+            # Time is what the guest has executed: what the host does beside it does not count. While the guest is idle,
+            # time goes on as the host's, or jumps to what comes next: then a file that is read over a share takes hours.
+            shift = machine.ns_per_instruction.bit_length() - 1
+            idle = "off" if machine.skip_idle else "on"
+            clock = ["-accel", "tcg,thread=single,tb-size=256", "-icount", f"shift={shift},sleep={idle}", "-cpu", "max"]
+        elif kvm:
+            clock = ["-accel", "kvm", "-cpu", "host"]
+        else:
+            clock = ["-accel", "tcg,thread=multi,tb-size=256", "-cpu", "max"]
+        parameters = "console=ttyS0 panic=-1 quiet mitigations=off nokaslr tsc=reliable random.trust_cpu=on"
+        arguments = [
+            "qemu-system-x86_64", "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-M", "pc", *clock,
+            "-smp", str(machine.processors), "-m", str(machine.memory), "-kernel", files["kernel"], "-initrd", files["initrd"],
+            "-append", f"{parameters} {machine.parameters}".strip(),
+            "-chardev", f"file,id=console,path={self.console_path}", "-serial", "chardev:console",
+            "-device", "isa-debug-exit,iobase=0xf4,iosize=1",
+            "-device", "virtio-serial-pci", "-chardev", "stdio,id=lab,signal=off",
+            "-device", "virtserialport,chardev=lab,name=lab",
+            *share("root", files["root"]), *share("modules", files["modules"]), *share("share", files["share"], True),
+        ]
+        if files["root"] != "/":
+            arguments += share("source", files["source"])
+        if self.web:
+            network = f"user,id=net,restrict=on,hostfwd=tcp:127.0.0.1:{self.web}-10.0.2.15:8080"
+            arguments += ["-netdev", network, "-device", "virtio-net-pci,netdev=net,romfile="]
+        return arguments + machine.qemu
+
+    def within(self, seconds):
+        """The time limit of what runs from now on, from this call on, of wall time."""
+        self.limit = (time.monotonic() - self.started + seconds, "time limit")
+
+    def lines(self):
+        out = self.process.stdout
+        rest = b""
+        while True:
+            left = self.limit[0] - (time.monotonic() - self.started)
+            if left <= 0:
+                self.ended = self.limit[1]
+                self.end()
+                return
+            if not select.select([out], [], [], min(left, 1))[0]:
+                continue
+            data = os.read(out.fileno(), 65536)
+            if not data:
+                break
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
+                self.up = self.up or time.monotonic() - self.started
+                yield line.decode(errors="replace").rstrip("\r")
+        # isa-debug-exit: twice what was written, and one.
+        self.ended = "done" if self.process.wait() == 3 else "reset" if self.up else "not up"
+
+    def end(self):
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+
+    def console(self, lines=40):
+        with open(self.console_path, encoding="utf-8", errors="replace") as f:
+            return "\n".join(f.read().splitlines()[-lines:])
