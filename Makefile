@@ -51,12 +51,12 @@ lint: web
 
 # Real kernel drivers, a real init system: in virtual machines (lab/README.md).
 lab: build
-	-@tools/require qemu
+	-@tools/require qemu kbuild
 	lab/lab
 
 # What of it belongs to every test; where no machine can be had, it says so and what was left out.
 lab-short:
-	-@tools/require qemu
+	-@tools/require qemu kbuild
 	cargo build -p advee --locked
 	ADVEE=target/debug/advee lab/lab --short
 

@@ -35,6 +35,9 @@ class Cache:
     def path(self, *parts):
         return os.path.join(self.root, *parts)
 
+    def has(self, name):
+        return os.path.isdir(self.path(name))
+
     def kernel(self, flavour):
         """(version, uncompressed kernel, module tree) of a Debian kernel, `std` or `rt`."""
         tree = self.made(f"kernel-{flavour}", lambda new: self.make_kernel(flavour, new))
@@ -65,7 +68,7 @@ class Cache:
         path = self.path(name)
         fcntl.flock(self.lock, fcntl.LOCK_EX)
         try:
-            if not os.path.isdir(path):
+            if not self.has(name):
                 self.say(f"fetching {name}")
                 new = self.path(f"{name}.new")
                 shutil.rmtree(new, ignore_errors=True)
@@ -97,6 +100,10 @@ class Cache:
         # kmod's also writes the indexes that kmod and udev in the guest read.
         depmod = shutil.which("depmod", path=os.environ["PATH"] + ":/usr/sbin:/sbin")
         self.run(*([depmod] if depmod else [self.path("package-busybox-static/bin/busybox"), "depmod"]), "-b", new, version)
+
+    def depends(self, package):
+        """What a package depends on, by name."""
+        return re.findall(r"Depends: (\S+)", self.apt("apt-cache", "depends", package))
 
     def unpack(self, name, new):
         # A fresh folder: what broke off in an earlier one is not taken for a package. apt checks its sums.

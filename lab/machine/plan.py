@@ -14,6 +14,7 @@ class Machine:
     name: str
     kernel: str = "std"
     modules: list = dataclasses.field(default_factory=list)
+    built: dict = dataclasses.field(default_factory=dict)
     qemu: list = dataclasses.field(default_factory=list)
     parameters: str = ""
     memory: int = 768
