@@ -3,7 +3,7 @@
 
 ADVEE = target/release/advee
 
-.PHONY: run build web web-test e2e screenshots test lint lab lab-short bench clean
+.PHONY: run build web web-test e2e screenshots test lint lab lab-short lab-test bench clean
 
 run: build
 	$(ADVEE) up --sim
@@ -50,15 +50,20 @@ lint: web
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 
 # Real kernel drivers, a real init system: in virtual machines (lab/README.md).
-lab: build
-	-@tools/require qemu kbuild
+lab: build lab-test
+	-@tools/require qemu kbuild i2c-tools
 	lab/lab
 
 # What of it belongs to every test; where no machine can be had, it says so and what was left out.
-lab-short:
+lab-short: lab-test
 	-@tools/require qemu kbuild
 	cargo build -p advee --locked
 	ADVEE=target/debug/advee lab/lab --short
+
+# The lab's runner itself; needs no machine.
+lab-test:
+	@tools/require python3
+	python3 -m unittest discover -q -s lab/tests
 
 bench:
 	@tools/require cc python3-venv glib ip

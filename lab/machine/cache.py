@@ -12,7 +12,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 
 from . import LabError
 
@@ -26,7 +25,8 @@ class Cache:
     def __init__(self, root, say):
         self.root = os.path.abspath(root)
         self.say = say
-        self.updated = False
+        # What apt said of its lists, once they were fetched.
+        self.updated = ""
         for folder in ("lists/partial", "archives/partial"):
             os.makedirs(self.path("apt", folder), exist_ok=True)
         # One run at a time fills it; an unfinished folder of a run that was ended goes.
@@ -106,22 +106,30 @@ class Cache:
         return re.findall(r"Depends: (\S+)", self.apt("apt-cache", "depends", package))
 
     def unpack(self, name, new):
-        # A fresh folder: what broke off in an earlier one is not taken for a package. apt checks its sums.
-        with tempfile.TemporaryDirectory(dir=self.root) as folder:
-            self.apt("apt-get", "download", name, cwd=folder)
-            [archive] = glob.glob(f"{folder}/*.deb")
-            self.run("dpkg-deb", "-x", archive, new)
+        # A fresh folder: what broke off in an earlier one is not taken for a package, nor left there. apt checks its sums.
+        folder = self.path("download")
+        shutil.rmtree(folder, ignore_errors=True)
+        os.makedirs(folder)
+        self.apt("apt-get", "download", name, cwd=folder)
+        [archive] = glob.glob(f"{folder}/*.deb")
+        self.run("dpkg-deb", "-x", archive, new)
+        shutil.rmtree(folder)
 
     def apt(self, tool, *arguments, cwd=None):
         state = self.path("apt")
         options = ["-q", "-o", f"Dir::State::lists={state}/lists", "-o", f"Dir::Cache={state}"]
         options += ["-o", "APT::Sandbox::User=", "-o", "Debug::NoLocking=1", "-o", "Acquire::Retries=2"]
         if not self.updated:
-            self.run("apt-get", *options, "update")
-            self.updated = True
-        return self.run(tool, *options, *arguments, cwd=cwd)
+            # Some lists may do where others fail, so that is no error yet.
+            self.updated = self.run("apt-get", *options, "update", errors=True).strip() or "up to date"
+        try:
+            return self.run(tool, *options, *arguments, cwd=cwd)
+        except LabError as error:
+            why = re.search(r"^[EW]: (Failed to fetch .*)$", self.updated, re.M)
+            raise LabError(f"{error} ({why.group(1)})" if why else str(error)) from None
 
-    def run(self, *command, cwd=None):
+    def run(self, *command, cwd=None, errors=False):
+        """What it prints, or with `errors` what it complains of."""
         try:
             done = subprocess.run(command, cwd=cwd, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                                   stderr=subprocess.PIPE, check=False)
@@ -130,4 +138,4 @@ class Cache:
         if done.returncode:
             told = (done.stderr.strip() or done.stdout.strip()).splitlines()
             raise LabError(f"{os.path.basename(command[0])} failed: {told[-1] if told else done.returncode}")
-        return done.stdout
+        return done.stderr if errors else done.stdout

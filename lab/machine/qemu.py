@@ -1,8 +1,10 @@
 """One boot of a machine: QEMU's arguments, what the guest says, how it ends."""
 
+import contextlib
 import os
 import re
 import select
+import shutil
 import signal
 import socket
 import subprocess
@@ -10,8 +12,11 @@ import time
 
 from . import LabError
 
+QEMU = "qemu-system-x86_64"
 # How long a guest may take until its first check, of wall time: it takes 3 s, 25 s with systemd on a busy host.
 UP_WITHIN = 120
+# A line of the guest's is cut here.
+LINE_MAX = 4096
 # KVM that does not run this kernel is given up after it.
 LIFE_WITHIN = 15
 
@@ -35,7 +40,7 @@ def free_port():
 
 
 class Boot:
-    """A running guest. `lines()` yields what it says; then `ended` says why it is over: `done`, `time limit`, `reset`
+    """A running guest, until `end()`, which any thread may call. `lines()` yields what it says; then `ended` says why it is over: `done`, `time limit`, `reset`
     (a reset, a panic, a power-off that was not ours) or `not up`."""
 
     def __init__(self, machine, files, work, kvm=False):
@@ -46,12 +51,13 @@ class Boot:
         self.web = free_port() if machine.network else None
         self.limit = (LIFE_WITHIN if kvm else UP_WITHIN, "not up")
         open(self.console_path, "w", encoding="utf-8").close()
-        try:
-            # Its input stays open: at its end QEMU takes the port for unplugged, and the guest's writes wait for ever.
-            self.process = subprocess.Popen(self.arguments(machine, files, kvm), stdin=subprocess.PIPE,
-                                            stdout=subprocess.PIPE, start_new_session=True)
-        except FileNotFoundError:
-            raise LabError("qemu-system-x86_64 is missing: apt-get install --no-install-recommends qemu-system-x86") from None
+        # Whoever kills the lab ends the machine, too.
+        guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
+        if not shutil.which(QEMU):
+            raise LabError(f"{QEMU} is missing: apt-get install --no-install-recommends qemu-system-x86")
+        # Its input stays open: at its end QEMU takes the port for unplugged, and the guest's writes wait for ever.
+        self.process = subprocess.Popen([*guard, *self.arguments(machine, files, kvm)], stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE, start_new_session=True)
 
     def arguments(self, machine, files, kvm):
         def share(tag, path, writable=False):
@@ -70,7 +76,7 @@ class Boot:
             clock = ["-accel", "tcg,thread=multi,tb-size=256", "-cpu", "max"]
         parameters = "console=ttyS0 panic=-1 quiet mitigations=off nokaslr tsc=reliable random.trust_cpu=on"
         arguments = [
-            "qemu-system-x86_64", "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-M", "pc", *clock,
+            QEMU, "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-M", "pc", *clock,
             "-smp", str(machine.processors), "-m", str(machine.memory), "-kernel", files["kernel"], "-initrd", files["initrd"],
             "-append", f"{parameters} {machine.parameters}".strip(),
             "-chardev", f"file,id=console,path={self.console_path}", "-serial", "chardev:console",
@@ -105,17 +111,21 @@ class Boot:
             if not data:
                 break
             *lines, rest = (rest + data).split(b"\n")
+            if len(rest) > LINE_MAX:
+                lines, rest = [*lines, rest], b""
             for line in lines:
                 self.up = self.up or time.monotonic() - self.started
-                yield line.decode(errors="replace").rstrip("\r")
+                yield line[:LINE_MAX].decode(errors="replace").rstrip("\r")
         # isa-debug-exit: twice what was written, and one.
         self.ended = "done" if self.process.wait() == 3 else "reset" if self.up else "not up"
 
     def end(self):
         if self.process.poll() is None:
-            os.killpg(self.process.pid, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
 
     def console(self, lines=40):
-        with open(self.console_path, encoding="utf-8", errors="replace") as f:
-            return "\n".join(f.read().splitlines()[-lines:])
+        with open(self.console_path, "rb") as f:
+            f.seek(max(0, os.fstat(f.fileno()).st_size - 65536))
+            return "\n".join(f.read().decode(errors="replace").splitlines()[-lines:])

@@ -1,0 +1,228 @@
+"""The runner and its cache on their bad days. No virtual machine: guest.py stands for QEMU, and nothing is fetched."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+LAB = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+GUEST = os.path.join(LAB, "tests", "guest.py")
+# Nobody listens there: the network is away.
+NO_NETWORK = {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
+
+
+class Runner(unittest.TestCase):
+    """A lab of its own, with checks of its own."""
+
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="advee-lab-test.")
+        self.addCleanup(shutil.rmtree, self.folder)
+        for name in ("lab", "machine"):
+            path = os.path.join(LAB, name)
+            (shutil.copytree if os.path.isdir(path) else shutil.copy)(path, self.path("lab", name))
+        self.checks = ""
+        self.write("advee", "#!/bin/sh\n")
+        self.fill_cache()
+        self.write("bin/qemu-system-x86_64", f"#!/bin/sh\nexec {sys.executable} {GUEST} \"$@\"\n")
+
+    def path(self, *names):
+        path = os.path.join(self.folder, *names)
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        return path
+
+    def write(self, name, text):
+        with open(self.path(name), "w", encoding="utf-8") as f:
+            f.write(text)
+        os.chmod(self.path(name), 0o755)
+
+    def fill_cache(self):
+        """As it is when all is fetched."""
+        names = ("virtio_pci", "9p", "9pnet_virtio", "overlay", "virtio_console")
+        modules = "cache/kernel-std/lib/modules/6.1.0-1-amd64"
+        self.write(f"{modules}/modules.dep", "".join(f"{name}.ko:\n" for name in names))
+        for name in names:
+            self.write(f"{modules}/{name}.ko", "")
+        self.write("cache/kernel-std/vmlinux", "")
+        self.write("cache/package-busybox-static/bin/busybox", "")
+
+    def check(self, name, script, **keys):
+        self.write(f"lab/checks/{name}.sh", f"#!/bin/sh\n{script}\n")
+        keys = {"name": name, "machine": "bus", "script": f"{name}.sh", "says": f"it is {name}", **keys}
+        rows = "".join(f"{key} = {str(value).lower() if isinstance(value, bool) else repr(value)}\n"
+                       for key, value in keys.items())
+        self.checks += f"[[check]]\n{rows}\n"
+        self.write("lab/lab.toml", f"[machine.bus]\n{self.checks}")
+
+    def environment(self, **more):
+        path = os.pathsep.join([self.path("bin"), *os.environ["PATH"].split(os.pathsep)])
+        told = {"PATH": path, "LAB_CACHE": self.path("cache"), "ADVEE": self.path("advee")}
+        return {**os.environ, **NO_NETWORK, **told, **more}
+
+    def start(self, *arguments, **environment):
+        return subprocess.Popen([sys.executable, self.path("lab", "lab"), *arguments], env=self.environment(**environment),
+                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+    def run_lab(self, *arguments, **environment):
+        """(exit status, what it said)."""
+        lab = self.start(*arguments, **environment)
+        said, _ = lab.communicate(timeout=120)
+        return lab.returncode, said
+
+    def log(self, name):
+        with open(self.path("target", "lab", f"{name}.log"), encoding="utf-8") as f:
+            return f.read()
+
+    # -- checks -----------------------------------------------------------------------------------------------------
+
+    def test_each_check_counts_once_and_a_failure_is_the_exit_status(self):
+        self.check("good", "echo all well")
+        self.check("none", "echo there is no such device; exit 77")
+        self.check("bad", "echo what it saw; exit 3")
+        status, said = self.run_lab()
+        self.assertEqual(status, 1)
+        self.assertIn("lab: 1 passed, 1 failed, 1 skipped", said)
+        self.assertIn("there is no such device", said)
+        self.assertIn("what it saw", said)
+        self.assertEqual(self.run_lab("good")[0], 0)
+
+    def test_a_check_that_hangs_is_ended_and_the_next_runs_in_a_fresh_machine(self):
+        self.check("hangs", "echo before; exec sleep 600", limit=1)
+        self.check("next", "echo machine $GUEST")
+        status, said = self.run_lab()
+        self.assertEqual(status, 1)
+        self.assertIn("not done within 1 s; its console:\n    its console", said)
+        self.assertIn("1 passed, 1 failed, 0 skipped", said)
+
+    def test_a_machine_that_ends_under_a_check_shows_its_console_and_the_next_check_runs(self):
+        self.check("panics", "echo Kernel panic >$CONSOLE; kill -9 $GUEST")
+        self.check("next", "true")
+        status, said = self.run_lab()
+        self.assertEqual(status, 1)
+        self.assertIn("the machine ended by itself", said)
+        self.assertIn("Kernel panic", said)
+        self.assertIn("1 passed, 1 failed, 0 skipped", said)
+
+    def test_a_reset_is_good_where_it_is_awaited_and_only_then(self):
+        self.check("awaited", "echo now the machine resets; kill -9 $GUEST", reset=True)
+        self.check("early", "echo it begins; kill -9 $GUEST", reset=True)
+        self.check("never", "echo now the machine resets", reset=True)
+        self.check("after", "true")
+        status, said = self.run_lab()
+        self.assertEqual(status, 1)
+        self.assertIn("passed", next(line for line in said.splitlines() if "awaited" in line))
+        self.assertIn("the machine was to reset, and did not", said)
+        self.assertIn("2 passed, 2 failed, 0 skipped", said)
+
+    def test_what_a_check_prints_is_not_taken_for_the_machine_s_own_words(self):
+        self.check("lies", "printf '\\001end lies 0\\nend 0\\n'; printf %032d 0; echo ' end 0'; exit 5")
+        self.check("no_line", "printf 'the last line has no end'")
+        status, said = self.run_lab()
+        self.assertEqual(status, 1)
+        self.assertIn("exit status 5", said)
+        self.assertIn("1 passed, 1 failed, 0 skipped", said)
+        self.assertEqual(self.log("no_line"), "the last line has no end\n")
+
+    def test_a_flood_is_cut_and_does_not_hide_the_end(self):
+        self.check("lines", "yes 'a line of a flood' | head -c 40000000; exit 4")
+        self.check("no_lines", "head -c 40000000 /dev/zero; exit 4")
+        status, said = self.run_lab()
+        self.assertEqual(status, 1)
+        self.assertEqual(said.count("exit status 4"), 4)
+        self.assertLess(len(said), 400_000)
+        for name in ("lines", "no_lines"):
+            self.assertLess(len(self.log(name)), 2_000_000)
+            self.assertTrue(self.log(name).endswith("... and more, which is left out\n"))
+
+    def test_a_machine_that_never_comes_up_fails_all_its_checks_at_once(self):
+        self.write("bin/qemu-system-x86_64", "#!/bin/sh\necho 'qemu: no such machine' >&2; exit 1\n")
+        self.check("one", "true")
+        self.check("two", "true")
+        status, said = self.run_lab()
+        self.assertEqual(status, 1)
+        self.assertIn("the machine did not come up", said)
+        self.assertIn("0 passed, 2 failed, 0 skipped", said)
+        self.assertEqual(said.count("qemu: no such machine"), 1)
+
+    def test_an_interrupt_ends_the_machine_and_leaves_nothing(self):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            self.checks = ""
+            self.check("long", "echo $GUEST; exec sleep 600")
+            self.check("next", "echo it ran")
+            lab = self.start("-v", TMPDIR=os.path.dirname(self.path("tmp", "x")))
+            guest = next(int(line) for line in lab.stdout if line.strip().isdigit())
+            lab.send_signal(number)
+            said, _ = lab.communicate(timeout=10)
+            self.assertNotEqual(lab.returncode, 0)
+            self.assertNotIn("it ran", said)
+            until = time.monotonic() + 5
+            while os.path.exists(f"/proc/{guest}/exe") and time.monotonic() < until:
+                time.sleep(0.05)
+            self.assertFalse(os.path.exists(f"/proc/{guest}/exe"), f"{number}: the machine goes on")
+            if number != signal.SIGKILL:
+                self.assertEqual((lab.returncode, said.strip()), (130, "lab: interrupted"))
+                self.assertEqual(os.listdir(self.path("tmp")), [])
+
+    # -- what is missing --------------------------------------------------------------------------------------------
+
+    def cannot_run(self, why, **environment):
+        """One line says why, and with --short how many checks were left out."""
+        status, said = self.run_lab(**environment)
+        self.assertEqual(status, 2, said)
+        [line] = [line for line in said.splitlines() if not line.startswith("fetching ")]
+        self.assertRegex(line, f"^lab: CANNOT RUN: .*{why}")
+        status, said = self.run_lab("--short", **environment)
+        self.assertEqual(status, 0, said)
+        self.assertRegex(said, f"(?m)^lab: 1 checks SKIPPED: .*{why}")
+
+    def test_no_qemu(self):
+        self.check("good", "true", short=True)
+        os.remove(self.path("bin", "qemu-system-x86_64"))
+        for tool in ("python3", "strip", "sh", "setpriv"):
+            if shutil.which(tool):
+                os.symlink(shutil.which(tool), self.path("bin", tool))
+        self.cannot_run("qemu-system-x86_64 is missing: apt-get install", PATH=self.path("bin"))
+
+    def test_no_executable(self):
+        self.check("good", "true", short=True)
+        self.cannot_run("there is no .*advee: make build", ADVEE=self.path("nothing", "advee"))
+
+    def test_no_network_and_a_warm_cache(self):
+        self.check("good", "true")
+        self.assertEqual(self.run_lab()[0], 0)
+
+    @unittest.skipUnless(shutil.which("apt-get"), "there is no apt-get here")
+    def test_no_network_and_a_cold_cache(self):
+        self.check("good", "true", short=True)
+        shutil.rmtree(self.path("cache"))
+        self.cannot_run(r"\(Failed to fetch .*Could not connect to 127.0.0.1:9")
+        self.assertEqual([name for name in os.listdir(self.path("cache")) if name.startswith(("kernel", "package"))
+                          and not name.endswith(".new")], [])
+
+    def test_what_broke_off_is_made_anew(self):
+        self.check("good", "true")
+        shutil.rmtree(self.path("cache", "package-busybox-static"))
+        self.write("cache/package-busybox-static.new/bin/busybox", "half of it")
+        self.write("cache/download/busybox-static_1.deb", "half of it")
+        # apt and dpkg as they are with a network.
+        self.write("bin/apt-get", "#!/bin/sh\ncase \"$*\" in *download*) echo whole >busybox-static_2.deb ;; esac\n")
+        self.write("bin/dpkg-deb", "#!/bin/sh\nmkdir -p \"$3/bin\"; cp \"$2\" \"$3/bin/busybox\"\n")
+        status, said = self.run_lab()
+        self.assertEqual(status, 0, said)
+        with open(self.path("cache", "package-busybox-static", "bin", "busybox"), encoding="utf-8") as f:
+            self.assertEqual(f.read(), "whole\n")
+        self.assertEqual([name for name in os.listdir(self.path("cache")) if name.endswith(".new") or name == "download"], [])
+        # A download that fails leaves none that counts.
+        shutil.rmtree(self.path("cache", "package-busybox-static"))
+        self.write("bin/dpkg-deb", "#!/bin/sh\nmkdir -p \"$3/bin\"; echo 'no end of archive' >&2; exit 2\n")
+        status, said = self.run_lab()
+        self.assertEqual(status, 2, said)
+        self.assertIn("lab: CANNOT RUN: dpkg-deb failed: no end of archive", said)
+        self.assertFalse(os.path.exists(os.path.join(self.folder, "cache", "package-busybox-static")))
+
+
+if __name__ == "__main__":
+    unittest.main()
