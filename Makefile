@@ -3,7 +3,7 @@
 
 ADVEE = target/release/advee
 
-.PHONY: run build web web-test e2e screenshots test lint lab lab-short lab-test bench clean
+.PHONY: run build web web-test e2e screenshots test lint lab lab-short lab-test deb reproducible bench clean
 
 run: build
 	$(ADVEE) up --sim
@@ -51,7 +51,9 @@ lint: web
 
 # Real kernel drivers, a real init system: in virtual machines (lab/README.md).
 lab: build lab-test
-	-@tools/require qemu kbuild i2c-tools
+	-@tools/require qemu kbuild i2c-tools deb mmdebstrap python3-venv
+	-@tools/venv
+	cargo build --release --locked --example manual
 	lab/lab
 
 # What of it belongs to every test; where no machine can be had, it says so and what was left out.
@@ -64,6 +66,16 @@ lab-short: lab-test
 lab-test:
 	@tools/require python3
 	python3 -m unittest discover -q -s lab/tests
+
+# target/deb/advee_VERSION_ARCH.deb, for amd64, arm64, armhf or armel (docs/install.md).
+deb: web
+	@tools/require cc deb
+	packaging/deb $(ARCH)
+
+# The same source gives the same executable and the same package: built twice, in two folders.
+reproducible: web
+	@tools/require cc deb
+	packaging/reproducible $(ARCH)
 
 bench:
 	@tools/require cc python3-venv glib ip

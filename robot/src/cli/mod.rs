@@ -28,7 +28,7 @@ mod web;
 
 use crate::config::{Config, ConfigError, Robot, Rs485Bus};
 use crate::topology::Place;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use std::env;
 use std::fmt::Display;
 use std::io::Write;
@@ -120,6 +120,12 @@ enum Command {
     /// Commission chips on I2C and SMBus
     #[command(subcommand)]
     I2c(i2c::I2c),
+}
+
+/// The command line as it is defined: what manual pages and completion are made from.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
 }
 
 /// Runs the executable.
