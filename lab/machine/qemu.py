@@ -14,7 +14,7 @@ from . import LabError
 
 QEMU = "qemu-system-x86_64"
 # How long a guest may take until its first check, of wall time: it takes 3 s, 25 s with systemd on a busy host.
-UP_WITHIN = 120
+UP_WITHIN = 300
 # A line of the guest's is cut here.
 LINE_MAX = 4096
 # KVM that does not run this kernel is given up after it.

@@ -1,0 +1,46 @@
+#!/bin/sh
+# Installed it stands; started it says when it is ready, in words; it runs as its own user, in its sandbox.
+set -eu
+. "$LAB_SOURCE/lab/checks/package.sh"
+debs
+
+step "installed: it stands, and waits to be told"
+install_deb old
+is inactive || fail "it was started"
+! systemctl --quiet is-enabled advee || fail "it was enabled"
+id advee
+for group in dialout i2c gpio input; do id -nG advee | grep -qw $group || fail "its user is not in $group"; done
+[ "$(stat -c '%U %a' /opt/advee/log)" = "advee 750" ] || fail "the log folder is $(stat -c '%U %a' /opt/advee/log)"
+
+step "without any hardware it runs all the same, and says what is missing"
+systemctl start advee || fail "it does not start"
+status
+is active || fail "it is not ready"
+"$advee" state
+journalctl --no-pager -u advee | grep -m 1 'can0' || fail "nothing is said of can0"
+[ "$(ps -o user= -p "$(main)" 2>/dev/null || stat -c %U /proc/"$(main)")" = advee ] || fail "it runs as another user"
+systemctl stop advee
+is inactive || fail "it does not stop"
+[ -z "$(module watchdog)$(module driver_canbus)" ] || fail "something is left over"
+
+step "the simulated robot: ready, driven, stopped"
+running
+status
+systemctl --no-pager status advee | head -n 20
+drive
+score=$(systemd-analyze security --no-pager advee.service | tail -n 1)
+echo "$score"
+systemd-analyze security --no-pager --threshold=25 advee.service >/dev/null || fail "its sandbox is too wide"
+systemctl stop advee
+is inactive || fail "it does not stop"
+[ "$(show Result)" = success ] || fail "it ended with $(show Result)"
+ls -la /run/advee 2>/dev/null && fail "its run folder is left over"
+journalctl --no-pager -u advee | grep -iE 'denied|not permitted|read-only' && fail "something is not permitted"
+
+step "a configuration that is refused is not tried again and again"
+sed -i 's/^wheelbase_m = .*/wheelbase_m = -1/' /opt/advee/conf/robot.toml
+systemctl start advee && fail "it starts"
+is failed || fail "it is $(show ActiveState)"
+[ "$(restarts)" = 0 ] || fail "it was tried again $(restarts) times"
+journalctl --no-pager -n 5 -u advee | grep -m 1 'wheelbase_m' || fail "it does not say why"
+sed -i 's/^wheelbase_m = .*/wheelbase_m = 0.60/' /opt/advee/conf/robot.toml

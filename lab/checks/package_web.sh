@@ -1,0 +1,30 @@
+#!/bin/sh
+# The installed robot is driven from outside, through its web server: package_web.py is who drives.
+set -eu
+. "$LAB_SOURCE/lab/checks/package.sh"
+debs
+present || install_deb old
+
+step "the web server is opened to the network, as docs/install.md says"
+umask 077
+od -An -tx1 -N 24 /dev/urandom | tr -d ' \n' >/opt/advee/conf/web.token
+chown advee /opt/advee/conf/web.token
+umask 022
+sed -i 's|^listen = .*|listen = "0.0.0.0:8080"|; s|^hosts = .*|hosts = ["robot.lab"]|; s|^# token_file = .*|token_file = "web.token"|' \
+    /opt/advee/conf/robot.toml
+! is active || systemctl stop advee
+running
+from=$(truth x)
+
+step "who drives is told the code, and nothing else"
+"$advee" web code --json >"$LAB_SHARE/code.new"
+mv "$LAB_SHARE/code.new" "$LAB_SHARE/code"
+within 200 test -e "$LAB_SHARE/driven" || fail "nobody drove"
+cat "$LAB_SHARE/driven"
+to=$(truth x)
+echo "it was at x = $from m, and is at $to m"
+awk "BEGIN { exit !($to - $from > 0.2) }" || fail "it did not move"
+motion
+speed=$(truth speed)
+awk "BEGIN { exit !($speed * $speed < 0.0001) }" || fail "it does not stand: $speed m/s"
+systemctl stop advee
