@@ -55,6 +55,7 @@ lab: build lab-test
 	-@tools/venv
 	cargo build --release --locked --example manual
 	lab/lab
+	python3 -m unittest discover -q -s lab/tests -p test_machine.py
 
 # What of it belongs to every test; where no machine can be had, it says so and what was left out.
 lab-short: lab-test
@@ -65,7 +66,7 @@ lab-short: lab-test
 # The lab's runner itself; needs no machine.
 lab-test:
 	@tools/require python3
-	python3 -m unittest discover -q -s lab/tests
+	python3 -m unittest discover -q -s lab/tests -p test_runner.py
 
 # target/deb/advee_VERSION_ARCH.deb, for amd64, arm64, armhf or armel (docs/install.md).
 deb: web
