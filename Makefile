@@ -51,7 +51,7 @@ lint: web
 
 # Real kernel drivers, a real init system: in virtual machines (lab/README.md).
 lab: build lab-test
-	-@tools/require qemu kbuild i2c-tools deb mmdebstrap python3-venv
+	-@tools/require qemu kbuild can-utils ip i2c-tools deb mmdebstrap python3-venv
 	-@tools/venv
 	cargo build --release --locked --example manual
 	lab/lab
@@ -59,7 +59,7 @@ lab: build lab-test
 
 # What of it belongs to every test; where no machine can be had, it says so and what was left out.
 lab-short: lab-test
-	-@tools/require qemu kbuild
+	-@tools/require qemu kbuild can-utils ip
 	cargo build -p advee --locked
 	ADVEE=target/debug/advee lab/lab --short
 
