@@ -189,7 +189,7 @@ impl Auxiliary {
         let asks = self.asks();
         let Some(thermometers) = &mut self.thermometers else { return };
         match input {
-            Input::Up if asks => thermometers.begin(out),
+            Input::Up => thermometers.up(asks, out),
             Input::Down(why) => thermometers.down(why, out),
             Input::OneWire(w1::Answer::List(list)) => thermometers.on_list(list, asks, out),
             Input::OneWire(w1::Answer::Temperature(rom, said)) => thermometers.on_said(*rom, *said, asks, out),

@@ -343,6 +343,18 @@ fn a_thermometer_that_is_not_connected_is_said_and_is_no_error() {
 }
 
 #[test]
+fn thermometers_are_asked_when_their_port_comes_up_after_the_chips() {
+    let mut rig = Rig::new();
+    rig.run(10.0);
+    rig.port(W1, Input::Down("not there yet"));
+    rig.answers.clear();
+    rig.port(I2C, Input::Up);
+    assert!(rig.answers.is_empty(), "what a port is asked that is not there has no answer");
+    rig.port(W1, Input::Up);
+    assert!(rig.run(3.0).contains("battery 21.5, "));
+}
+
+#[test]
 fn a_thermometer_that_lost_its_supply_or_is_damaged_is_not_believed() {
     for (said, why) in [
         (Ok(85_000), "it says 85 °C: its supply was gone"),

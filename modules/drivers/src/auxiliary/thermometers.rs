@@ -21,6 +21,8 @@ const HYSTERESIS_C: f64 = 2.0;
 pub(super) struct Thermometers {
     bus: String,
     port: PortId,
+    /// What a port is asked that is not there has no answer.
+    up: bool,
     /// Those that are configured, in that order; then those that were found besides, by their codes.
     all: Vec<State>,
     configured: usize,
@@ -53,20 +55,28 @@ impl State {
 impl Thermometers {
     pub fn new(config: W1Config, port: PortId) -> Self {
         let all: Vec<State> = config.thermometers.into_iter().map(State::new).collect();
-        Self { bus: config.bus, port, configured: all.len(), all, turn: None }
+        Self { bus: config.bus, port, up: false, configured: all.len(), all, turn: None }
     }
 
     /// Looks who is there and asks each, unless that is still going on.
     pub fn begin(&mut self, out: &mut Actions) {
-        if self.turn.is_none() {
+        if self.up && self.turn.is_none() {
             self.turn = Some(Turn::List);
             out.ask_w1(self.port, Request::List);
         }
     }
 
+    /// The port is there.
+    pub fn up(&mut self, asks: bool, out: &mut Actions) {
+        self.up = true;
+        if asks {
+            self.begin(out);
+        }
+    }
+
     /// The port is gone: what is under way has no answer.
     pub fn down(&mut self, why: &str, out: &mut Actions) {
-        self.turn = None;
+        (self.up, self.turn) = (false, None);
         out.note(format!("{}: {why}; tried again", self.bus));
         for place in 0..self.all.len() {
             self.set_there(place, false, out);
