@@ -16,7 +16,6 @@ use super::{Device, Lost, Received};
 use base::Instant;
 use base::i2c::{Outcome, Transfer};
 use module::{Input, Output};
-use std::collections::VecDeque;
 use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
 
@@ -33,7 +32,8 @@ pub struct I2c {
     place: Place,
     worker: Option<Worker<Transfer, Done>>,
     life: Life,
-    notes: VecDeque<String>,
+    /// What came of a transfer whose line was just told.
+    next: Option<Outcome>,
     outcome: Outcome,
 }
 
@@ -54,7 +54,7 @@ impl I2c {
     }
 
     fn new(place: Place) -> Self {
-        Self { place, worker: None, life: Life::default(), notes: VecDeque::new(), outcome: Ok(Default::default()) }
+        Self { place, worker: None, life: Life::default(), next: None, outcome: Ok(Default::default()) }
     }
 
     fn open_bus(&self) -> Result<Box<dyn Blocking>, Lost> {
@@ -78,8 +78,7 @@ impl Device for I2c {
     }
 
     fn close(&mut self) {
-        self.worker = None;
-        self.notes.clear();
+        (self.worker, self.next) = (None, None);
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -87,14 +86,20 @@ impl Device for I2c {
     }
 
     fn receive(&mut self, _now: Instant) -> Result<Received<'_>, Lost> {
-        if let Some(note) = self.notes.pop_front() {
-            return Ok(Received::Note(note));
-        }
-        let Some(done) = self.worker.as_mut().and_then(Worker::take) else {
-            return Ok(Received::Nothing);
+        let outcome = match self.next.take() {
+            Some(outcome) => outcome,
+            None => match self.worker.as_mut().and_then(Worker::take) {
+                None => return Ok(Received::Nothing),
+                Some(done) => match done? {
+                    (outcome, None) => outcome,
+                    // The line comes first: who waits for the outcome looks no further.
+                    (outcome, Some(note)) => {
+                        self.next = Some(outcome);
+                        return Ok(Received::Note(note));
+                    }
+                },
+            },
         };
-        let (outcome, note) = done?;
-        self.notes.extend(note);
         self.outcome = outcome;
         Ok(Received::Input(Input::I2c(&self.outcome)))
     }

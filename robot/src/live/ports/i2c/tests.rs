@@ -1,4 +1,4 @@
-//! The simulator's socket, both ends.
+//! The simulator's socket, both ends; what a thread's transfers come to.
 
 use super::*;
 use base::i2c::{Address, Bytes, Error, Read};
@@ -121,4 +121,23 @@ fn a_path_may_be_longer_than_the_address_of_a_socket() {
     assert_eq!(asked(&mut server), Some(read_register(7)));
     drop(server);
     fs::remove_dir_all(folder.parent().unwrap()).unwrap();
+}
+
+#[test]
+fn why_an_adapter_refuses_is_told_before_the_outcome() {
+    let mut bus = I2c::dev("/dev/i2c-none".into());
+    let work = |_: Transfer| Ok((Err(Error::Other), Some("the adapter cannot".to_string())));
+    bus.worker = Some(Worker::start("i2c", &mut bus.life, work).unwrap());
+    assert_eq!(bus.send(Instant::ZERO, &Output::I2c(read_register(1))), Ok(true));
+    let mut heard = Vec::new();
+    while heard.len() < 2 {
+        match bus.receive(Instant::ZERO).unwrap() {
+            Received::Note(note) => heard.push(note),
+            Received::Input(Input::I2c(outcome)) => heard.push(format!("{outcome:?}")),
+            Received::Nothing => std::thread::yield_now(),
+            _ => panic!(),
+        }
+    }
+    assert_eq!(heard, ["the adapter cannot", "Err(Other)"]);
+    assert!(matches!(bus.receive(Instant::ZERO), Ok(Received::Nothing)));
 }
