@@ -46,7 +46,7 @@ within() { # SECONDS COMMAND...: until it succeeds
     shift
     until "$@"; do
         [ "$(date +%s)" -lt "$limit" ] || return 1
-        sleep 0.1
+        sleep 0.25
     done
 }
 
