@@ -15,6 +15,8 @@ from . import LabError
 QEMU = "qemu-system-x86_64"
 # How long a guest may take until its first check, of wall time: it takes 3 s, 25 s with systemd on a busy host.
 UP_WITHIN = 300
+# How a kernel begins its last words.
+PANIC = "Kernel panic"
 # A line of the guest's is cut here.
 LINE_MAX = 4096
 # KVM that does not run this kernel is given up after it.
@@ -125,7 +127,10 @@ class Boot:
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
 
-    def console(self, lines=40):
+    def console(self, lines=30):
+        """The end of what the kernel said; where it panicked, from there on."""
         with open(self.console_path, "rb") as f:
             f.seek(max(0, os.fstat(f.fileno()).st_size - 65536))
-            return "\n".join(f.read().decode(errors="replace").splitlines()[-lines:])
+            said = f.read().decode(errors="replace").splitlines()
+        panics = [number for number, line in enumerate(said) if PANIC in line]
+        return "\n".join(said[panics[0]:][:lines] if panics else said[-lines:])

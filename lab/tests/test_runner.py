@@ -42,6 +42,7 @@ class Runner(OwnLab):
 
     def test_a_reset_is_good_where_it_is_awaited_and_only_then(self):
         self.check("awaited", "echo now the machine resets; kill -9 $GUEST", reset=True)
+        self.check("panics", "echo Kernel panic >$CONSOLE; echo now the machine resets; kill -9 $GUEST", reset=True)
         self.check("early", "echo it begins; kill -9 $GUEST", reset=True)
         self.check("never", "echo now the machine resets", reset=True)
         self.check("after", "true")
@@ -49,7 +50,7 @@ class Runner(OwnLab):
         self.assertEqual(status, 1)
         self.assertIn("passed", next(line for line in said.splitlines() if "awaited" in line))
         self.assertIn("the machine was to reset, and did not", said)
-        self.assertIn("2 passed, 2 failed, 0 skipped", said)
+        self.assertIn("2 passed, 3 failed, 0 skipped", said)
 
     def test_what_a_check_prints_is_not_taken_for_the_machine_s_own_words(self):
         self.check("lies", "printf '\\001end lies 0\\nend 0\\n'; printf %032d 0; echo ' end 0'; exit 5")
