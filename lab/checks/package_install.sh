@@ -3,6 +3,8 @@
 set -eu
 . "$LAB_SOURCE/lab/checks/package.sh"
 debs
+can_up() { [ "$(cat /sys/class/net/can0/operstate 2>/dev/null)" = up ]; }
+no_can() { ! [ -e /sys/class/net/can0 ]; }
 
 step "installed: it stands, and waits to be told"
 install_deb old
@@ -22,6 +24,19 @@ journalctl --no-pager -u advee | grep -m 1 'can0' || fail "nothing is said of ca
 systemctl stop advee
 is inactive || fail "it does not stop"
 [ -z "$(module watchdog)$(module driver_canbus)" ] || fail "something is left over"
+
+step "a CAN interface comes up, by itself when its controller appears"
+modprobe kvaser_pci
+within 20 test -e /sys/class/net/can0 || fail "there is no controller"
+! can_up || fail "it is up before anybody said how"
+cp /usr/share/doc/advee/examples/can0.conf /opt/advee/conf/
+systemctl start advee-can@can0 || fail "it does not come up"
+ip -details link show can0
+ip -details link show can0 | grep -q 'bitrate 500000 ' || fail "its bit rate is another"
+modprobe -r kvaser_pci
+within 20 no_can || fail "it is still there"
+modprobe kvaser_pci
+within 30 can_up || fail "it does not come up again"
 
 step "the simulated robot: ready, driven, stopped"
 running
