@@ -1,6 +1,6 @@
 //! Whether a program that is not on the shared-memory bus listens on this host: what stands in `/proc/net/udp`.
 
-use std::io;
+use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddrV4};
 
 /// Who may be listening by datagrams.
@@ -23,7 +23,11 @@ pub fn look(bus: SocketAddrV4, ours: impl Fn(u32) -> bool) -> Listeners {
 /// Of this thread: threads may have network name spaces of their own.
 fn read(table: &str) -> io::Result<String> {
     #[expect(clippy::disallowed_methods, reason = "part of the live transport")]
-    std::fs::read_to_string(format!("/proc/thread-self/net/{table}"))
+    let mut file = std::fs::File::open(format!("/proc/thread-self/net/{table}"))?;
+    // With each read the kernel walks the whole table from its beginning: a few large ones.
+    let mut text = String::with_capacity(1 << 14);
+    file.read_to_string(&mut text)?;
+    Ok(text)
 }
 
 fn listeners(
