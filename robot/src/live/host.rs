@@ -14,6 +14,7 @@ use super::ports::{Port, PortConfig, PortState, Received};
 use super::processes::{self, Launch, Processes};
 use super::raw::Tap;
 use super::recorder::{Inputs, Recording};
+use super::sys;
 use base::{Duration, Fault, Instant, Report, Severity};
 use messages::{Channel, Message, Raw};
 use module::{Action, Actions, Event, Input, Output, PortId, PortSpec, ProcessCommand, Shell};
@@ -107,6 +108,8 @@ struct Host {
     epoll: Epoll,
     timer: TimerFd,
     armed: Option<Instant>,
+    /// In real time it waits in another way; see [`Host::wait_exactly`].
+    real_time: bool,
     signals: SignalFd,
     /// What tells the watchdog that this loop goes round.
     beat: Option<Beat>,
@@ -185,6 +188,7 @@ impl Host {
             epoll,
             timer,
             armed: None,
+            real_time: sys::is_fifo(),
             signals,
             beat: beat.map_err(|error| format!("the page of beats: {error}"))?,
             end: None,
@@ -201,6 +205,10 @@ impl Host {
         let mut ready = [EpollEvent::empty(); 16];
         loop {
             self.serve_time();
+            // After what is due: nothing has come there, it is only looked after.
+            if clock::now().since(self.bus_served) >= BUS_SERVED {
+                self.serve_bus();
+            }
             let now = clock::now();
             if let Some((code, until)) = self.end
                 && (until <= now || self.ports.iter().all(|port| port.flushed(now)))
@@ -218,7 +226,7 @@ impl Host {
                     port => self.port_ready((port - PORTS) as usize, event.events()),
                 }
             }
-            if self.bus_more || clock::now().since(self.bus_served) >= BUS_SERVED {
+            if self.bus_more {
                 self.serve_bus();
             }
             for index in 0..self.ports.len() {
@@ -231,11 +239,21 @@ impl Host {
     /// Waits for anything, unless more is known to be there.
     fn wait(&mut self, now: Instant, ready: &mut [EpollEvent]) -> nix::Result<usize> {
         let more = self.bus_more || self.ports.iter().any(|port| port.more);
-        let timeout = if more {
-            EpollTimeout::ZERO
-        } else {
-            self.arm(now)?;
-            EpollTimeout::NONE
+        let due = self.due();
+        let timeout = match () {
+            () if more => EpollTimeout::ZERO,
+            () if self.real_time => match self.wait_exactly(due, ready) {
+                // A kernel before 5.11.
+                Err(Errno::ENOSYS | Errno::EPERM) => {
+                    self.real_time = false;
+                    return Ok(0);
+                }
+                result => return result,
+            },
+            () => {
+                self.arm(now, due)?;
+                EpollTimeout::NONE
+            }
         };
         match self.epoll.wait(ready, timeout) {
             Err(Errno::EINTR) => Ok(0),
@@ -243,7 +261,19 @@ impl Host {
         }
     }
 
-    fn arm(&mut self, now: Instant) -> nix::Result<()> {
+    /// Waits for anything until `due`, in real time. The time limit of a real-time thread's own system call is kept by
+    /// the clock's interrupt itself, and exactly; what a timerfd tells is on a kernel with PREEMPT_RT told by a thread
+    /// of low priority (docs/real-time.md).
+    fn wait_exactly(&self, due: Option<Instant>, ready: &mut [EpollEvent]) -> nix::Result<usize> {
+        let limit = due.map(|due| due.since(clock::now()));
+        match sys::epoll_wait_exactly(&self.epoll, ready, limit) {
+            Err(Errno::EINTR) => Ok(0),
+            result => result,
+        }
+    }
+
+    /// When something is due next.
+    fn due(&self) -> Option<Instant> {
         let shell = self.shell.poll_timeout();
         let ports = self.ports.iter().filter_map(Port::poll_timeout).min();
         let processes = self.processes.as_ref().and_then(Processes::poll_timeout);
@@ -252,7 +282,10 @@ impl Host {
         let beat = self.beat.as_ref().map(Beat::next);
         let parent = self.parent.as_ref().map(ToParent::next);
         let unguarded = self.guarded.map(|heard| heard + UNGUARDED);
-        let due = [shell, ports, taps, processes, end, beat, parent, unguarded].into_iter().flatten().min();
+        [shell, ports, taps, processes, end, beat, parent, unguarded].into_iter().flatten().min()
+    }
+
+    fn arm(&mut self, now: Instant, due: Option<Instant>) -> nix::Result<()> {
         if due == self.armed && due.is_none_or(|due| due > now) {
             return Ok(());
         }
@@ -270,11 +303,11 @@ impl Host {
     /// Whatever is due by the clock.
     fn serve_time(&mut self) {
         let now = clock::now();
-        if self.beat.as_mut().is_some_and(|beat| beat.beat(now)) {
-            self.look_for_watchdog(now);
-        }
         if self.shell.poll_timeout().is_some_and(|due| due <= now) {
             self.feed(Event::Timer);
+        }
+        if self.beat.as_mut().is_some_and(|beat| beat.beat(now)) {
+            self.look_for_watchdog(now);
         }
         if let Some(trouble) = self.recording.as_mut().and_then(Recording::trouble) {
             self.raise(Fault::InputsLost, "inputs", trouble);
@@ -329,9 +362,12 @@ impl Host {
     /// Ends a module whose watchdog was not replaced. Asked when all that has come is read: after having been held up
     /// itself it finds there whether one was heard.
     fn end_unguarded(&mut self) {
+        if self.bus_more || self.guarded.is_none() {
+            return;
+        }
         let now = clock::now();
         let unheard = |guarded: Option<Instant>| guarded.is_some_and(|heard| now.since(heard) >= UNGUARDED);
-        if self.bus_more || !unheard(self.guarded) {
+        if !unheard(self.guarded) {
             return;
         }
         self.look_for_watchdog(now);

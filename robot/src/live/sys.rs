@@ -2,12 +2,16 @@
 #![allow(unsafe_code)]
 
 use super::limits::Birth;
+use nix::errno::Errno;
 use nix::libc;
+use nix::sys::epoll::{Epoll, EpollEvent};
 use std::io;
 use std::mem;
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 use std::os::unix::process::CommandExt;
 use std::process::Command;
+use std::ptr;
+use std::time::Duration;
 
 /// Lets no one else open this terminal until it is closed. `TIOCEXCL` does not stop root, so there is a lock besides,
 /// which stops all that ask for one; `WouldBlock` says that someone has it.
@@ -256,6 +260,37 @@ pub fn open_can(interface: &str, errors: u32, extended: bool) -> io::Result<Owne
     // SAFETY: the address is a live sockaddr_can of the length given.
     check(unsafe { libc::bind(socket.as_raw_fd(), (&raw const address).cast(), length) })?;
     Ok(socket)
+}
+
+/// `struct __kernel_timespec` (linux/time_types.h): of 64 bits everywhere.
+#[repr(C)]
+struct KernelTimespec {
+    seconds: i64,
+    nanoseconds: i64,
+}
+
+/// Waits for events, or for `limit` to the nanosecond (Linux 5.11); without one for ever.
+pub fn epoll_wait_exactly(epoll: &Epoll, ready: &mut [EpollEvent], limit: Option<Duration>) -> nix::Result<usize> {
+    let limit = limit.map(|limit| KernelTimespec {
+        seconds: i64::try_from(limit.as_secs()).unwrap_or(i64::MAX),
+        nanoseconds: limit.subsec_nanos().into(),
+    });
+    let limit = limit.as_ref().map_or(ptr::null(), ptr::from_ref);
+    let room = libc::c_int::try_from(ready.len()).unwrap_or(libc::c_int::MAX);
+    // SAFETY: the kernel fills at most `room` live epoll_events, which is what EpollEvent is, and reads a live timespec
+    // or none; no signal mask is given. The descriptor is open for as long as it is borrowed.
+    let count = unsafe {
+        libc::syscall(
+            libc::SYS_epoll_pwait2,
+            epoll.0.as_raw_fd(),
+            ready.as_mut_ptr(),
+            room,
+            limit,
+            ptr::null::<libc::sigset_t>(),
+            0_usize,
+        )
+    };
+    Errno::result(count).map(|count| count as usize)
 }
 
 /// The kernel's clock as NTP disciplines it.
