@@ -1,5 +1,6 @@
 //! The command line: one file per command. Exit 0 only on success; an error is one clear line on stderr.
 
+mod bench;
 mod bus;
 mod can;
 mod diag;
@@ -103,6 +104,8 @@ enum Command {
     Soak(soak::Soak),
     /// Check machine and configuration: what is wrong, why it matters, what helps
     Doctor(doctor::Doctor),
+    /// Measure this machine: how late the robot's loops wake up
+    Bench(bench::Bench),
     /// Logs of runs: show, play, convert, recover, compare
     #[command(subcommand)]
     Log(log::Log),
@@ -160,6 +163,7 @@ pub fn main() -> ExitCode {
         Command::Plot(command) => plot::plot(&command),
         Command::Soak(command) => soak::soak(&common, &command),
         Command::Doctor(command) => doctor::doctor(&common, &command),
+        Command::Bench(command) => bench::bench(&common, &command),
         Command::Log(command) => log::log(&common, &command),
         Command::Web(command) => web::web(&common, &command),
         Command::Lcm(command) => lcm::lcm(&common, &command),

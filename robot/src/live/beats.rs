@@ -129,12 +129,7 @@ impl Beat {
 /// # Errors
 /// It cannot be made, or is somebody else's.
 pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
-    let within = run_dir.join("beats");
-    let path = match statfs(run_dir) {
-        Ok(system) if system.filesystem_type() == TMPFS_MAGIC => within,
-        _ if Path::new("/dev/shm").is_dir() => Path::new("/dev/shm").join(shared_name(run_dir)),
-        _ => within,
-    };
+    let path = place(run_dir);
     match DirBuilder::new().mode(0o700).create(&path) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
         _ => {}
@@ -144,6 +139,17 @@ pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
         return Err(io::Error::new(io::ErrorKind::PermissionDenied, format!("{} is somebody else's", path.display())));
     }
     Ok(path)
+}
+
+/// Where that folder is, or would be.
+#[must_use]
+pub fn place(run_dir: &Path) -> PathBuf {
+    let within = run_dir.join("beats");
+    match statfs(run_dir) {
+        Ok(system) if system.filesystem_type() == TMPFS_MAGIC => within,
+        _ if Path::new("/dev/shm").is_dir() => Path::new("/dev/shm").join(shared_name(run_dir)),
+        _ => within,
+    }
 }
 
 fn shared_name(run_dir: &Path) -> String {
@@ -232,6 +238,11 @@ impl Page {
             let _ = self.file.read_exact_at(&mut count, READER);
             let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER);
         }
+    }
+
+    /// Its threads as of the last look: their names, and when each was last seen to beat.
+    pub fn threads(&self) -> impl Iterator<Item = (&str, Instant)> {
+        self.threads.iter().map(|thread| (thread.name.as_str(), thread.last))
     }
 
     /// Looks at it. `held_up` is how long nobody looked beyond the usual: nobody is to blame for that.

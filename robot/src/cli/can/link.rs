@@ -58,6 +58,11 @@ impl Link {
         heard.map_err(|why| self.open.lost(&why))
     }
 
+    /// When the kernel received the last frame, ns of its wall clock, where it says so.
+    pub fn stamp(&self) -> Option<u64> {
+        self.open.port.device.stamp()
+    }
+
     /// Whether the last frame still waits for room: nothing more can be sent now.
     pub fn is_full(&self) -> bool {
         self.waiting.is_some()

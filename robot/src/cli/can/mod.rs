@@ -18,6 +18,8 @@ pub(super) mod value;
 
 use super::{Common, Outcome};
 use clap::Subcommand;
+pub(super) use link::{Heard, Link};
+pub(super) use target::Target;
 
 #[derive(Subcommand)]
 pub enum Can {

@@ -69,7 +69,7 @@ impl Where {
     /// Finds the bus: the simulated robot's while one runs in the run folder, else as configured.
     pub fn find(&self, common: &Common) -> Result<Target, Failed> {
         if let Some(interface) = &self.interface {
-            return self.find_interface(common, interface);
+            return Target::find(common, interface, self.bitrate);
         }
         let (place, robot) = common.robot()?;
         let names = robot.can.iter().map(|bus| bus.name.as_str()).collect::<Vec<_>>().join(", ");
@@ -82,10 +82,17 @@ impl Where {
         let bus = bus.ok_or_else(|| format!("robot.toml has no bus [can.{}]; it has {names}", wanted.unwrap_or("")))?;
         Target::of(&place, bus)
     }
+}
+
+impl Target {
+    /// The bus of an interface, as `--interface` has it; at its usual bit rate, where that must be known.
+    pub fn on(common: &Common, interface: &CanInterface) -> Result<Self, Failed> {
+        Self::find(common, interface, 500_000)
+    }
 
     /// An interface may be one of the robot's: then its nodes are known, too.
-    fn find_interface(&self, common: &Common, interface: &CanInterface) -> Result<Target, Failed> {
-        let port = topology::can_port(&common.place(false), interface, self.bitrate)?;
+    fn find(common: &Common, interface: &CanInterface, bitrate: u32) -> Result<Self, Failed> {
+        let port = topology::can_port(&common.place(false), interface, bitrate)?;
         let name = match (interface, &port) {
             (CanInterface::Socket(interface), _) => interface.clone(),
             (CanInterface::Slcan(path), _) => format!("slcan:{}", path.display()),
@@ -95,15 +102,13 @@ impl Where {
         // The simulated one's, too, before it runs.
         let configured = [true, false].into_iter().find_map(|sim| {
             let (place, robot) = (common.place(sim), common.load(sim).ok()?.robot);
-            let mut busses = robot.can.iter().filter_map(|bus| Target::of(&place, bus).ok());
+            let mut busses = robot.can.iter().filter_map(|bus| Self::of(&place, bus).ok());
             busses.find(|bus| is_same(&bus.port, &port))
         });
-        let stranger = Target { name, raw: None, port, bitrate: self.bitrate, known: Vec::new(), master: None };
+        let stranger = Self { name, raw: None, port, bitrate, known: Vec::new(), master: None };
         Ok(configured.unwrap_or(stranger))
     }
-}
 
-impl Target {
     fn of(place: &Place, bus: &CanBus) -> Result<Self, Failed> {
         let name = |node: &crate::config::CanNode| format!("{:?}", node.axis).to_ascii_lowercase();
         let known = bus.nodes.iter().map(|node| Known {

@@ -150,6 +150,10 @@ pub trait Device {
     fn arrived(&self) -> Option<Instant> {
         None
     }
+    /// The same as the kernel said it: nanoseconds of the wall clock.
+    fn stamp(&self) -> Option<u64> {
+        None
+    }
     /// Sends, or queues; what there is no room for is dropped, and false returned.
     fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost>;
     /// Whether something waits for the device to become writable.

@@ -48,6 +48,7 @@ pub struct CanSocket {
     news: VecDeque<News>,
     /// When a frame was received that was handed out last.
     arrived: Option<Instant>,
+    stamp: Option<u64>,
     /// Errors on the wire that are not told yet, and when it may be told of such things again.
     errors: u32,
     quiet: Instant,
@@ -86,6 +87,7 @@ impl CanSocket {
             untold: 0,
             news: VecDeque::new(),
             arrived: None,
+            stamp: None,
             errors: 0,
             quiet: Instant::ZERO,
             queue: Queue::default(),
@@ -186,6 +188,7 @@ impl CanSocket {
                 }
                 ControlMessageOwned::ScmTimestampns(time) => {
                     let kernel_ns = time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64;
+                    self.stamp = Some(kernel_ns);
                     self.arrived = Some(clock::received(now, kernel_ns));
                 }
                 _ => {}
@@ -340,6 +343,10 @@ impl Device for CanSocket {
 
     fn arrived(&self) -> Option<Instant> {
         self.arrived
+    }
+
+    fn stamp(&self) -> Option<u64> {
+        self.stamp
     }
 
     fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost> {

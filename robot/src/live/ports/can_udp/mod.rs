@@ -36,6 +36,7 @@ pub struct CanUdp {
     /// What came with such a count, and waits for it to be told.
     next: Option<Result<Frame, String>>,
     arrived: Option<Instant>,
+    stamp: Option<u64>,
 }
 
 struct Sockets {
@@ -57,6 +58,7 @@ impl CanUdp {
             untold: (0, 0),
             next: None,
             arrived: None,
+            stamp: None,
         }
     }
 
@@ -84,6 +86,7 @@ impl CanUdp {
                     }
                     ControlMessageOwned::ScmTimestampns(time) => {
                         let kernel_ns = time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64;
+                        self.stamp = Some(kernel_ns);
                         self.arrived = Some(clock::received(now, kernel_ns));
                     }
                     _ => {}
@@ -178,6 +181,10 @@ impl Device for CanUdp {
 
     fn arrived(&self) -> Option<Instant> {
         self.arrived
+    }
+
+    fn stamp(&self) -> Option<u64> {
+        self.stamp
     }
 
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {

@@ -1,0 +1,45 @@
+//! `advee bench …`: what this machine does to the robot's time.
+
+mod beats;
+mod bus;
+mod histogram;
+mod jitter;
+mod metronome;
+mod report;
+#[cfg(test)]
+mod tests;
+
+use super::{Common, Outcome, print};
+use clap::{CommandFactory, Parser, Subcommand};
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Bench {
+    #[command(subcommand)]
+    what: Option<What>,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// How late this program's loop wakes up; how even a CAN bus and the watchdog's beats are
+    Jitter(jitter::Jitter),
+}
+
+/// Only for its list.
+#[derive(Parser)]
+struct Listed {
+    #[command(subcommand)]
+    _what: What,
+}
+
+pub fn bench(common: &Common, command: &Bench) -> Outcome {
+    match &command.what {
+        Some(What::Jitter(command)) => jitter::jitter(common, command),
+        None => {
+            for what in Listed::command().get_subcommands() {
+                print(format_args!("advee bench {:10} {}", what.get_name(), what.get_about().unwrap_or_default()))?;
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}
