@@ -9,6 +9,7 @@ mod lcm_bus;
 mod machine;
 mod network;
 mod probe;
+mod real_time;
 mod report;
 mod tables;
 #[cfg(test)]
@@ -40,10 +41,13 @@ pub fn doctor(common: &Common, command: &Doctor) -> Outcome {
     let capable = |capability| tables::capable(&status, capability);
     let user = user();
     let loaded = common.load(command.sim);
-    let groups: [Group; 3] = [
+    let wanted =
+        loaded.as_ref().ok().and_then(|config| config.modules.iter().filter_map(|module| module.rt_priority).max());
+    let groups: [Group; 4] = [
         ("bus", lcm_bus::check(&common.lcm_url())),
         ("configuration", configuration_group(common, &loaded, &user)),
-        ("machine", machine_group(common, loaded.as_ref().ok(), capable, &user)),
+        ("machine", machine_group(common, wanted, capable, &user)),
+        ("real time", real_time::check(wanted, loaded.as_ref().ok().map(|config| &config.robot))),
     ];
     let all = || groups.iter().flat_map(|(_, findings)| findings);
     let count = |level| all().filter(|finding| finding.level == level).count();
@@ -86,8 +90,7 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
     findings
 }
 
-fn machine_group(common: &Common, config: Option<&Config>, capable: impl Fn(u32) -> bool, user: &str) -> Vec<Finding> {
-    let wanted = config.and_then(|config| config.modules.iter().filter_map(|module| module.rt_priority).max());
+fn machine_group(common: &Common, wanted: Option<u8>, capable: impl Fn(u32) -> bool, user: &str) -> Vec<Finding> {
     let days =
         std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_secs() / 86_400);
     // Good enough to tell 1970 from today.

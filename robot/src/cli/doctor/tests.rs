@@ -7,6 +7,7 @@ use super::finding::{Finding, Level};
 use super::machine::{self, Folder, RealTime};
 use super::network::{Interface, Listener};
 use super::probe::{Outgoing, Trip};
+use super::real_time::{self, Interrupt};
 use super::report::Style;
 use crate::config::{
     CanBus, CanInterface, ConfigError, Crc, Joystick, JoystickDevice, JoystickStick, Rs485Bus, Transport,
@@ -14,8 +15,9 @@ use crate::config::{
 use crate::live::sys::ClockState;
 use lcm::url::{Interface as Choice, Udpm};
 use std::collections::BTreeSet;
+use std::fs;
 use std::net::Ipv4Addr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 const HERE: Ipv4Addr = Ipv4Addr::new(10, 1, 2, 3);
@@ -213,22 +215,24 @@ fn every_line_that_is_wrong_in_the_configuration_is_a_failure() {
     assert_eq!(devices::configuration(&Err(set), Path::new("conf"))[0].cure, "");
 }
 
-#[test]
-fn a_serial_port_must_be_a_device_that_may_be_opened() {
-    let (port, nodes) = ("/dev/ttyUSB0".into(), Vec::new());
-    let transport = Transport::TwoByte;
-    let mut bus = Rs485Bus {
+fn rs485() -> Rs485Bus {
+    Rs485Bus {
         name: "a".into(),
-        port,
+        port: "/dev/ttyUSB0".into(),
         baud: 115_200,
-        transport,
+        transport: Transport::TwoByte,
         setup: Vec::new(),
         direction: None,
         low_latency: false,
         crc: Crc::default(),
         raw: false,
-        nodes,
-    };
+        nodes: Vec::new(),
+    }
+}
+
+#[test]
+fn a_serial_port_must_be_a_device_that_may_be_opened() {
+    let mut bus = rs485();
     let good = Device { there: true, character: true, access: true, readable: true, group: Some("dialout".into()) };
     let check = |bus: &Rs485Bus, device: Device| devices::serial(bus, &device, "robo");
     says(&check(&bus, good.clone()).unwrap(), Level::Ok, "/dev/ttyUSB0", "");
@@ -298,6 +302,137 @@ fn real_time_is_had_by_limits_or_by_rights() {
     says(&check(limits(50, 8 << 20)), Level::Warning, "8 MiB", "memlock unlimited");
     says(&check(limits(99, u64::MAX)), Level::Ok, "priority 50 and all of the memory", "");
     says(&check(RealTime { may_nice: true, may_lock: true, ..limits(0, 0) }), Level::Ok, "50", "");
+}
+
+/// The same finding: a warning that names the cure where a module asks for real time, a note elsewhere.
+#[track_caller]
+fn warns(check: impl Fn(Option<u8>) -> Finding, what: &str, cure: &str) {
+    says(&check(Some(50)), Level::Warning, what, cure);
+    says(&check(None), Level::Ok, what, "");
+}
+
+#[test]
+fn an_ordinary_kernel_is_a_warning_where_real_time_is_wanted() {
+    let of = |preempt_rt, architecture: &'static str| {
+        move |wanted| real_time::kernel(wanted, "6.1.0-56", preempt_rt, architecture)
+    };
+    warns(of(false, "x86_64"), "6.1.0-56, not PREEMPT_RT", "install linux-image-rt-amd64 ");
+    warns(of(false, "aarch64"), "not PREEMPT_RT", "linux-image-rt-arm64");
+    warns(of(false, "arm"), "not PREEMPT_RT", "linux-image-rt-armmp");
+    warns(of(false, "riscv64"), "not PREEMPT_RT", "linux-image-rt ");
+    says(&of(true, "x86_64")(Some(50)), Level::Ok, "PREEMPT_RT", "");
+}
+
+#[test]
+fn throttling_is_well_as_linux_sets_it_and_without() {
+    let of = |runtime, period| move |wanted| real_time::throttling(wanted, runtime, period);
+    says(&of(Some(950_000), 1_000_000)(Some(50)), Level::Ok, "rest after 950000", "");
+    says(&of(Some(-1), 1_000_000)(Some(50)), Level::Ok, "none", "");
+    says(&of(None, 1_000_000)(Some(50)), Level::Ok, "does not say", "");
+    warns(of(Some(949_999), 1_000_000), "949999 of each 1000000 us", "sched_rt_runtime_us=950000");
+    warns(of(Some(0), 1_000_000), "may run 0", "sysctl");
+}
+
+#[test]
+fn deep_sleep_costs_a_wake_up() {
+    let of = |deepest| move |wanted| real_time::sleep(wanted, deepest);
+    says(&of(None)(Some(50)), Level::Ok, "do not sleep", "");
+    says(&of(Some(100))(Some(50)), Level::Ok, "within 100 us", "");
+    warns(of(Some(101)), "takes 101 us", "cpupower idle-set -D 100");
+}
+
+#[test]
+fn an_adapter_that_collects_bytes_is_told_unless_its_module_changes_that() {
+    let of = |bus: Rs485Bus, timer| move |wanted| real_time::latency_timer(wanted, &bus, "ttyUSB0", timer).unwrap();
+    assert_eq!(real_time::latency_timer(Some(50), &rs485(), "ttyS0", None), None);
+    says(&of(rs485(), Some(1))(Some(50)), Level::Ok, "after 1 ms", "");
+    let low = Rs485Bus { low_latency: true, ..rs485() };
+    says(&of(low, Some(16))(Some(50)), Level::Ok, "until its module opens it", "");
+    warns(of(rs485(), Some(16)), "collects bytes for 16 ms", "/ttyUSB0/latency_timer");
+    warns(of(rs485(), Some(2)), "for 2 ms", "low_latency = true in [rs485.a]");
+}
+
+#[test]
+fn a_long_queue_before_a_can_controller_is_told_in_ms() {
+    let of = |frames| move |wanted| real_time::transmit_queue(wanted, "main", "can0", frames, 500_000).unwrap();
+    assert_eq!(real_time::transmit_queue(Some(50), "main", "can0", None, 500_000), None);
+    says(&of(Some(10))(Some(50)), Level::Ok, "10 frames", "");
+    says(&of(Some(100))(Some(50)), Level::Ok, "100 frames", "");
+    warns(of(Some(1000)), "1000 frames may wait in the queue of can0: 270 ms", "can0 txqueuelen 10");
+    assert!(real_time::transmit_queue(None, "main", "can0", Some(1000), 0).is_some(), "no bit rate is no panic");
+}
+
+#[test]
+fn what_brings_the_input_must_come_before_who_takes_it() {
+    let of = |priority| Interrupt { bus: "can.main".into(), thread: "irq/17-can0".into(), pid: 61, priority };
+    says(&real_time::interrupt(Some(40), &of(50)), Level::Ok, "irq/17-can0 has priority 50", "");
+    says(&real_time::interrupt(None, &of(50)), Level::Ok, "priority 50", "");
+    says(&real_time::interrupt(Some(50), &of(50)), Level::Warning, "modules up to 50", "chrt -f -p 51 61");
+    says(&real_time::interrupt(Some(99), &of(50)), Level::Warning, "up to 99", "chrt -f -p 99 61");
+}
+
+/// A folder of files as `/proc` and `/sys` have them.
+struct Tree(PathBuf);
+
+impl Tree {
+    fn new(name: &str, files: &[(&str, &str)]) -> Self {
+        let root = std::env::temp_dir().join(format!("advee-doctor-{name}-{}", std::process::id()));
+        for (path, text) in files {
+            let path = root.join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        Self(root)
+    }
+}
+
+impl Drop for Tree {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn the_deepest_sleep_that_is_not_disabled_counts() {
+    let cpus = Tree::new(
+        "sleep",
+        &[
+            ("cpu0/cpuidle/state0/latency", "0\n"),
+            ("cpu0/cpuidle/state1/latency", "133\n"),
+            ("cpu0/cpuidle/state2/latency", "890\n"),
+            ("cpu0/cpuidle/state2/disable", "1\n"),
+            ("cpu1/cpuidle/state1/latency", "85\n"),
+            ("cpu1/cpuidle/state1/disable", "0\n"),
+            ("cpu1/cpuidle/state2/latency", "garbage"),
+            ("cpufreq/policy0", "x"),
+        ],
+    );
+    assert_eq!(real_time::gather_sleep(&cpus.0), Some(133));
+    assert_eq!(real_time::gather_sleep(&cpus.0.join("cpufreq")), None);
+    assert_eq!(real_time::gather_sleep(Path::new("/nowhere")), None);
+}
+
+#[test]
+fn threads_of_interrupts_are_found_by_name_and_priority() {
+    let stat = |pid: u32, name: &str, priority: u8| {
+        format!("{pid} ({name}) S 2 0 0 0 -1 2129984 {} {priority} 1 0\n", ["0"; 30].join(" "))
+    };
+    let (ours, other) = (stat(61, "irq/17-can0 (x)", 50), stat(7, "advee", 60));
+    let files =
+        [("61/stat", &*ours), ("7/stat", &*other), ("8/stat", "8 (irq/9-x) S"), ("9/stat", ""), ("self/stat", &*ours)];
+    let proc = Tree::new("threads", &files);
+    assert_eq!(real_time::gather_threads(&proc.0), [(61, "irq/17-can0 (x)".to_string(), 50)]);
+}
+
+#[test]
+fn the_interrupt_of_a_device_is_its_own_or_that_of_what_it_hangs_on() {
+    let sys = Tree::new(
+        "interrupt",
+        &[("pci/irq", "17\n"), ("pci/usb1/1-1/x", ""), ("pci/usb1/1-2/irq", "0\n"), ("pci/uart/irq", "4\n")],
+    );
+    let of = |path: &str| real_time::gather_interrupt(&sys.0.join(path));
+    assert_eq!((of("pci/usb1/1-1"), of("pci/usb1/1-2"), of("pci/uart")), (Some(17), Some(17), Some(4)));
+    assert_eq!(of("nowhere"), None);
 }
 
 #[test]
