@@ -51,7 +51,7 @@ lint: web
 
 # Real kernel drivers, a real init system: in virtual machines (lab/README.md).
 lab: build lab-test
-	-@tools/require qemu kbuild can-utils ip i2c-tools deb mmdebstrap python3-venv
+	-@tools/require qemu kbuild can-utils ip i2c-tools deb mmdebstrap python3-venv rt-tests
 	-@tools/venv
 	cargo build --release --locked --example manual
 	lab/lab
