@@ -5,7 +5,7 @@ use super::report::{Report, Row, kernel};
 use crate::cli::bus::interrupt;
 use crate::cli::{Failed, holder};
 use crate::live::beats::{self, Page, Reading};
-use crate::live::{clock, limits};
+use crate::live::clock;
 use base::{Duration, Instant, Ticker};
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::signalfd::SignalFd;
@@ -86,7 +86,6 @@ impl Watched {
 pub fn measure(run_dir: &Path, time: Option<Duration>) -> Result<Report, Failed> {
     let interrupt = interrupt()?;
     let mut watched = open(run_dir)?;
-    limits::lock_memory().map_err(Failed::from)?;
     let mut room = THREADS_MAX;
     let mut looks = Ticker::new(clock::now(), LOOK);
     let until = time.map_or(Instant::NEVER, |time| clock::now() + time);
