@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
@@ -225,13 +225,13 @@ fn an_official_subscriber_that_comes_late_misses_nothing_and_nobody_hears_twice(
     let mut reader = open(&url);
     reader.subscribe("NUMBERS").unwrap();
     let _folder = Folder::of(&url);
-    let (published, end) = (AtomicU64::new(0), AtomicBool::new(false));
+    let (published, end) = (AtomicUsize::new(0), AtomicBool::new(false));
     thread::scope(|scope| {
         let publisher = scope.spawn(|| {
             let mut lcm = open(&url);
-            let mut number: u64 = 0;
+            let mut number: usize = 0;
             while !end.load(Ordering::SeqCst) {
-                lcm.publish("NUMBERS", &number.to_le_bytes()).unwrap();
+                lcm.publish("NUMBERS", &(number as u64).to_le_bytes()).unwrap();
                 published.store(number, Ordering::SeqCst);
                 number += 1;
                 thread::sleep(Duration::from_micros(200));
@@ -239,10 +239,10 @@ fn an_official_subscriber_that_comes_late_misses_nothing_and_nobody_hears_twice(
             number
         });
         let listener = scope.spawn(|| {
-            let mut next: u64 = 0;
+            let mut next: usize = 0;
             while !end.load(Ordering::SeqCst) || next <= published.load(Ordering::SeqCst) {
                 let Some(received) = reader.recv_timeout(Duration::from_millis(100)).unwrap() else { continue };
-                let number = u64::from_le_bytes(received.payload.try_into().unwrap());
+                let number = u64::from_le_bytes(received.payload.try_into().unwrap()) as usize;
                 assert_eq!(number, next, "each once, in order, none missing");
                 next += 1;
             }
@@ -261,7 +261,7 @@ fn an_official_subscriber_that_comes_late_misses_nothing_and_nobody_hears_twice(
                 thread::sleep(Duration::from_millis(5));
             }
             drop(official.0.stdin.take());
-            let numbers: Vec<u64> = lines.map(|line| line.parse().unwrap()).collect();
+            let numbers: Vec<usize> = lines.map(|line| line.parse().unwrap()).collect();
             assert!(official.0.wait().unwrap().success());
             let first = numbers.iter().position(|&number| number >= from).unwrap();
             assert_eq!(numbers[first], from, "all from the moment that its subscription was up");
@@ -273,7 +273,7 @@ fn an_official_subscriber_that_comes_late_misses_nothing_and_nobody_hears_twice(
         end.store(true, Ordering::SeqCst);
         let count = publisher.join().unwrap();
         assert_eq!(listener.join().unwrap(), count);
-        assert!(heard < count as usize);
+        assert!(heard < count);
     });
     assert_eq!(reader.stats().lost, 0);
 }

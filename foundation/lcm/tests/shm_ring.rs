@@ -8,9 +8,15 @@ mod ring;
 /// Words that run something before the n-th store or load of this thread.
 mod sync {
     use std::cell::{Cell, RefCell};
-    use std::sync::atomic::AtomicU64;
+    #[cfg(not(target_has_atomic = "64"))]
+    use std::sync::atomic::AtomicU32 as Atomic;
+    #[cfg(target_has_atomic = "64")]
+    use std::sync::atomic::AtomicU64 as Atomic;
     pub use std::sync::atomic::{Ordering, fence};
 
+    #[cfg(not(target_has_atomic = "64"))]
+    pub type Value = u32;
+    #[cfg(target_has_atomic = "64")]
     pub type Value = u64;
     type Deed = Box<dyn FnOnce()>;
 
@@ -38,10 +44,10 @@ mod sync {
     }
 
     #[derive(Default)]
-    pub struct Word(AtomicU64);
+    pub struct Word(Atomic);
 
     impl Word {
-        pub fn store(&self, value: u64, order: Ordering) {
+        pub fn store(&self, value: Value, order: Ordering) {
             match STORES_LEFT.get() {
                 // No panic message.
                 Some(0) => std::panic::resume_unwind(Box::new("killed")),
@@ -50,7 +56,7 @@ mod sync {
             self.0.store(value, order);
         }
 
-        pub fn load(&self, order: Ordering) -> u64 {
+        pub fn load(&self, order: Ordering) -> Value {
             match LOADS_LEFT.get() {
                 Some(0) => {
                     LOADS_LEFT.set(None);
@@ -62,13 +68,13 @@ mod sync {
         }
     }
 
-    pub fn store_all(words: &[Word], values: &[[u8; 8]]) {
+    pub fn store_all(words: &[Word], values: &[[u8; size_of::<Value>()]]) {
         for (word, value) in words.iter().zip(values) {
-            word.store(u64::from_ne_bytes(*value), Ordering::Relaxed);
+            word.store(Value::from_ne_bytes(*value), Ordering::Relaxed);
         }
     }
 
-    pub fn load_all(words: &[Word], values: &mut [[u8; 8]]) {
+    pub fn load_all(words: &[Word], values: &mut [[u8; size_of::<Value>()]]) {
         for (word, value) in words.iter().zip(values) {
             *value = word.load(Ordering::Relaxed).to_ne_bytes();
         }
@@ -91,7 +97,7 @@ struct Shared {
 impl Shared {
     fn new() -> Rc<Self> {
         let words = |count| (0..count).map(|_| Word::default()).collect();
-        Rc::new(Self { control: words(CONTROL), data: words(64) })
+        Rc::new(Self { control: words(CONTROL), data: words(512 / size_of::<sync::Value>()) })
     }
 
     fn ring(&self) -> Ring<'_> {

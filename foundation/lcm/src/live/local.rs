@@ -37,7 +37,7 @@ impl Local {
             return None;
         }
         // Without it there are datagrams, and the others see that we need them.
-        let inode = fstat(receive).ok()?.st_ino;
+        let inode = fstat(receive).ok()?.st_ino as u32;
         let both = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).ok()?;
         let bus = Bus::join(url, source, inode).ok()?;
         both.add(receive, EpollEvent::new(EpollFlags::EPOLLIN, SOCKET)).ok()?;

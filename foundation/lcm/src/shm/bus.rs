@@ -19,6 +19,7 @@ use std::mem;
 use std::net::SocketAddrV4;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
+use std::time::Duration;
 
 /// Where shared memory lies.
 const ROOT: &str = "/dev/shm";
@@ -112,11 +113,11 @@ impl Bus {
     ///
     /// # Errors
     /// There is no usable shared memory; then datagrams are all there is.
-    pub fn join(url: &Udpm, source: SocketAddrV4, inode: u64) -> io::Result<Self> {
+    pub fn join(url: &Udpm, source: SocketAddrV4, inode: u32) -> io::Result<Self> {
         Self::join_in(Path::new(ROOT), url, source, inode)
     }
 
-    pub(super) fn join_in(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u64) -> io::Result<Self> {
+    pub(super) fn join_in(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u32) -> io::Result<Self> {
         let mut tries = 1..=JOIN_TRIES;
         loop {
             match Self::try_join(root, url, source, inode) {
@@ -130,14 +131,14 @@ impl Bus {
         }
     }
 
-    fn try_join(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u64) -> io::Result<Self> {
+    fn try_join(root: &Path, url: &Udpm, source: SocketAddrV4, inode: u32) -> io::Result<Self> {
         let folder = Folder::open(root, url)?;
         let lock = folder.board()?;
         let board = Board::open(&lock)?;
         folder.clean()?;
         let name = format!("{}-{:x}", std::process::id(), realtime());
         let file = folder.create(&name)?;
-        let made = Station::create(&file, source, inode as u32).and_then(|station| {
+        let made = Station::create(&file, source, inode).and_then(|station| {
             let bell = folder.create_bell(&name)?;
             folder.show(&name)?;
             Ok((station, bell))
@@ -620,8 +621,8 @@ fn reached(generation: Value, wanted: Value) -> bool {
 }
 
 fn nanos(clock: ClockId) -> io::Result<i64> {
-    let time = clock_gettime(clock)?;
-    Ok(time.tv_sec() * 1_000_000_000 + time.tv_nsec())
+    let time = Duration::from(clock_gettime(clock)?);
+    Ok(time.as_nanos() as i64)
 }
 
 /// ns since 1970.

@@ -29,7 +29,7 @@ impl Place {
     }
 
     fn join(&self, number: u16) -> Bus {
-        Bus::join_in(&self.root, &self.url, source(number), u64::from(number)).unwrap()
+        Bus::join_in(&self.root, &self.url, source(number), u32::from(number)).unwrap()
     }
 
     fn reader(&self, number: u16, channels: Option<&[&str]>) -> Bus {
