@@ -101,6 +101,32 @@ fn engines_are_no_std_and_libraries_forbid_unsafe_code() {
 }
 
 #[test]
+fn nothing_that_runs_on_the_robot_needs_atomics_of_64_bits() {
+    // ARMv5TE has none, and this test needs no compiler for it. What such a machine does otherwise stands in a `cfg`.
+    for folder in members() {
+        let mut files = sources(&root().join(&folder).join("src"));
+        // Tests of all but the host run on such machines too (`make arm`).
+        let tests = root().join(&folder).join("tests");
+        if folder != "robot" && tests.is_dir() {
+            files.extend(sources(&tests));
+        }
+        for file in files {
+            let text = fs::read_to_string(&file).unwrap();
+            // A file for machines that have them, or the line after a `cfg` for those.
+            if text.contains("#![cfg(target_has_atomic = \"64\")]") {
+                continue;
+            }
+            let lines: Vec<&str> = text.lines().map(str::trim).collect();
+            for (before, line) in lines.iter().zip(lines.iter().skip(1)) {
+                let wide = ["AtomicU64", "AtomicI64"].iter().any(|name| line.contains(name));
+                let asked = *before == "#[cfg(target_has_atomic = \"64\")]";
+                assert!(!wide || asked, "{}: {line}: another type, or a `cfg` before it", file.display());
+            }
+        }
+    }
+}
+
+#[test]
 fn docs_faults_is_the_list_in_the_code() {
     let text = fs::read_to_string(root().join("docs/faults.md")).unwrap();
     let documented: Vec<String> = text

@@ -18,8 +18,7 @@ use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use std::{panic, thread};
 
@@ -162,19 +161,16 @@ impl Robot {
     /// # Errors
     /// One line why one of them cannot be run.
     pub fn many(&self, episodes: u64, jobs: usize, progress: &Progress) -> Result<Report, String> {
-        let (next, end) = (AtomicU64::new(0), AtomicU64::new(episodes));
-        let done = Mutex::new(BTreeMap::new());
+        let (left, done) = (Mutex::new(0..episodes), Mutex::new(BTreeMap::new()));
         let work = || {
             loop {
-                let number = next.fetch_add(1, Relaxed);
-                if number >= end.load(Relaxed) {
-                    return;
-                }
+                let Some(number) = left.lock().unwrap_or_else(PoisonError::into_inner).next() else { return };
                 let outcome = self.episode(number, &draw(&self.scenario, self.seed, number));
                 if outcome.as_ref().map_or(true, |outcome| outcome.violation.is_some()) {
-                    end.fetch_min(number + 1, Relaxed);
+                    let mut left = left.lock().unwrap_or_else(PoisonError::into_inner);
+                    left.end = left.end.min(number + 1);
                 }
-                let mut done = done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
                 done.insert(number, outcome);
                 progress.show(done.len() as u64);
             }
@@ -182,8 +178,9 @@ impl Robot {
         thread::scope(|scope| (0..jobs.max(1)).for_each(|_| drop(scope.spawn(work))));
         progress.end();
         let mut report = Report::new(self.seed);
-        let done = done.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        for (number, outcome) in done.into_iter().take_while(|(number, _)| *number < end.load(Relaxed)) {
+        let end = left.into_inner().unwrap_or_else(PoisonError::into_inner).end;
+        let done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+        for (number, outcome) in done.into_iter().take_while(|(number, _)| *number < end) {
             report.add(number, &outcome?);
         }
         Ok(report)

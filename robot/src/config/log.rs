@@ -61,7 +61,9 @@ impl Log {
             table.number(key, Some(usual as f64), allowed) as u64
         };
         let inputs_max_bytes = bytes("inputs_max_bytes", default.inputs_max_bytes, 1e6..=1e12);
-        let file_max_bytes = bytes("file_max_bytes", default.file_max_bytes, 1e6..=1e12);
+        // Where a place in a file has 32 bits, so that what is over the limit before a file is closed stays below 2 GiB.
+        let largest = if cfg!(target_pointer_width = "32") { 2e9 } else { 1e12 };
+        let file_max_bytes = bytes("file_max_bytes", default.file_max_bytes, 1e6..=largest);
         let buffer_bytes = bytes("buffer_bytes", default.buffer_bytes as u64, 1e6..=1e9) as usize;
         let pretrigger_bytes = bytes("pretrigger_bytes", default.pretrigger_bytes as u64, 0.0..=1e9) as usize;
         let keep_free_bytes = bytes("keep_free_bytes", default.keep_free_bytes, 0.0..=1e15);

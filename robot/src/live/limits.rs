@@ -6,7 +6,7 @@ use super::sys;
 use nix::fcntl::OFlag;
 use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
-use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, setrlimit};
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, rlim_t, setrlimit};
 use nix::unistd::{Pid, pipe2, write};
 use std::fs::File;
 use std::io::{self, Read};
@@ -32,7 +32,7 @@ pub struct Birth {
     nice: i8,
     cpus: Option<CpuSet>,
     fifo: Option<u8>,
-    data: Option<u64>,
+    data: Option<rlim_t>,
     leaf: Option<File>,
     refused: OwnedFd,
 }
@@ -58,6 +58,7 @@ impl Limits {
     ///
     /// # Errors
     /// There is no descriptor left.
+    #[allow(clippy::useless_conversion, reason = "machines of 32 bits have narrower ones")]
     pub fn prepare(&self, leaf: Option<&Leaf>) -> io::Result<(Birth, Refused)> {
         let (read, refused) = pipe2(OFlag::O_CLOEXEC | OFlag::O_NONBLOCK)?;
         let mut unprepared = Vec::new();
@@ -75,7 +76,7 @@ impl Limits {
             nice: self.nice,
             cpus: (!self.cpus.is_empty()).then_some(cpus),
             fifo: self.rt_priority,
-            data: self.memory_max.filter(|_| !held.memory),
+            data: self.memory_max.filter(|_| !held.memory).map(|bytes| bytes.try_into().unwrap_or(RLIM_INFINITY)),
             leaf: leaf.and_then(Leaf::entrance),
             refused,
         };

@@ -181,7 +181,7 @@ fn put(file: &mut File, bytes: &[u8], unlooked: &mut u64) -> io::Result<()> {
     if *unlooked >= LOOK {
         *unlooked = 0;
         let disk = fstatvfs(&*file)?;
-        if disk.blocks_available().saturating_mul(disk.fragment_size()) < FLOOR {
+        if (disk.blocks_available() as u128 * disk.fragment_size() as u128) < FLOOR.into() {
             return Err(io::Error::new(ErrorKind::StorageFull, format!("less than {} MiB are free", FLOOR >> 20)));
         }
     }

@@ -14,7 +14,7 @@ pub struct RealTime {
     pub wanted: Option<u8>,
     /// `RLIMIT_RTPRIO`.
     pub priority: u64,
-    /// `RLIMIT_MEMLOCK`, bytes.
+    /// `RLIMIT_MEMLOCK`, bytes; the largest number: no limit.
     pub locked: u64,
     /// CAP_SYS_NICE and CAP_IPC_LOCK, which lift the limits.
     pub may_nice: bool,
@@ -25,7 +25,12 @@ impl RealTime {
     pub fn gather(wanted: Option<u8>, capable: impl Fn(u32) -> bool) -> Self {
         const CAP_IPC_LOCK: u32 = 14;
         const CAP_SYS_NICE: u32 = 23;
-        let limit = |resource| getrlimit(resource).map_or(0, |(soft, _)| soft);
+        #[allow(clippy::unnecessary_cast, reason = "machines of 32 bits have narrower ones")]
+        let limit = |resource| match getrlimit(resource) {
+            Ok((RLIM_INFINITY, _)) => u64::MAX,
+            Ok((soft, _)) => soft as u64,
+            Err(_) => 0,
+        };
         Self {
             wanted,
             priority: limit(Resource::RLIMIT_RTPRIO),
@@ -55,7 +60,7 @@ pub fn real_time(facts: &RealTime, user: &str) -> Finding {
             .why("Memory that is swapped out costs a module its deadline. Log in anew after the cure.")
             .cure(limits("memlock unlimited"));
     }
-    let locked = if facts.may_lock || facts.locked == RLIM_INFINITY { "all".into() } else { bytes(facts.locked) };
+    let locked = if facts.may_lock || facts.locked == u64::MAX { "all".into() } else { bytes(facts.locked) };
     Finding::ok(CHECK, format!("priority {wanted} and {locked} of the memory may be had"))
 }
 

@@ -218,7 +218,7 @@ pub fn buffer_taken(bus: SocketAddrV4, on: Ipv4Addr, len: usize) -> Result<u64, 
         return Err("not heard".into());
     }
     let inode = nix::sys::stat::fstat(&ear.fd).map_err(named("fstat"))?.st_ino;
-    let socket = network::udp_sockets().into_iter().find(|socket| socket.inode == inode);
+    let socket = network::udp_sockets().into_iter().find(|socket| socket.inode as nix::libc::ino_t == inode);
     socket.map(|socket| socket.queued).ok_or_else(|| "the socket is not in /proc/net/udp".into())
 }
 
