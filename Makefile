@@ -3,7 +3,7 @@
 
 ADVEE = target/release/advee
 
-.PHONY: run build web web-test e2e screenshots test lint lab lab-short lab-test deb reproducible bench clean
+.PHONY: run build web web-test e2e screenshots test lint lab lab-short lab-test deb reproducible arm bench clean
 
 run: build
 	$(ADVEE) up --sim
@@ -43,6 +43,7 @@ test: lint web-test
 	cargo test -p advee --features sabotage --test sabotage --locked
 	$(MAKE) e2e
 	$(MAKE) lab-short
+	tools/arm-check --short
 
 lint: web
 	@tools/require cc
@@ -77,6 +78,11 @@ deb: web
 reproducible: web
 	@tools/require cc deb
 	packaging/reproducible $(ARCH)
+
+# Built for arm64, armhf and armel, and tried under emulation (docs/arm.md).
+arm: build
+	@tools/require cc arm
+	tools/arm-check
 
 bench:
 	@tools/require cc python3-venv glib ip

@@ -1,0 +1,120 @@
+/* What Debian 12's qemu-user does not pass on to the kernel, for programs that are tried under it (tools/arm ARCH run).
+ *
+ * SO_TIMESTAMPNS   by SO_TIMESTAMP, which it knows: the kernel's own receive time, in whole microseconds.
+ * SO_RXQ_OVFL      the kernel's count of datagrams that were dropped is not told: as if there were none.
+ * IP_MULTICAST_IF  not set: multicast leaves by the route, which is what programs without an interface in their URL ask for.
+ * TCGETS2, TCSETS2  by TCGETS and TCSETS: a speed is remembered, not set. Enough for a pseudo-terminal, which has none.
+ * readdir          by readdir64: a kernel of 64 bits gives places in a folder that 32 bits do not hold, one of 32 bits would not.
+ * PR_SET_CHILD_SUBREAPER   survives exec, so who starts the emulator has set it: this only says yes.
+ *
+ * Everything else goes where it went. No part of the program that is delivered.
+ */
+#define _GNU_SOURCE
+#include <asm/termbits.h>
+#include <dirent.h>
+#include <dlfcn.h>
+#include <netinet/in.h>
+#include <stdarg.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <time.h>
+
+#ifndef SO_TIMESTAMPNS
+#define SO_TIMESTAMPNS 35
+#endif
+
+int setsockopt(int fd, int level, int name, const void *value, socklen_t length)
+{
+    static int (*next)(int, int, int, const void *, socklen_t);
+    if (!next)
+        next = dlsym(RTLD_NEXT, "setsockopt");
+    if (level == SOL_SOCKET && name == SO_TIMESTAMPNS)
+        name = SO_TIMESTAMP;
+    if ((level == SOL_SOCKET && name == SO_RXQ_OVFL) || (level == IPPROTO_IP && name == IP_MULTICAST_IF))
+        return 0;
+    return next(fd, level, name, value, length);
+}
+
+ssize_t recvmsg(int fd, struct msghdr *message, int flags)
+{
+    static ssize_t (*next)(int, struct msghdr *, int);
+    if (!next)
+        next = dlsym(RTLD_NEXT, "recvmsg");
+    ssize_t received = next(fd, message, flags);
+    if (received < 0)
+        return received;
+    for (struct cmsghdr *one = CMSG_FIRSTHDR(message); one; one = CMSG_NXTHDR(message, one)) {
+        if (one->cmsg_level != SOL_SOCKET || one->cmsg_type != SO_TIMESTAMP)
+            continue;
+        struct timeval micros;
+        memcpy(&micros, CMSG_DATA(one), sizeof micros);
+        struct timespec nanos = {micros.tv_sec, micros.tv_usec * 1000};
+        memcpy(CMSG_DATA(one), &nanos, sizeof nanos);
+        one->cmsg_type = SO_TIMESTAMPNS;
+    }
+    return received;
+}
+
+#if __SIZEOF_LONG__ == 4
+struct dirent *readdir(DIR *folder)
+{
+    static __thread struct dirent entry;
+    const struct dirent64 *found = readdir64(folder);
+    if (!found)
+        return 0;
+    entry.d_ino = found->d_ino;
+    entry.d_reclen = sizeof entry;
+    entry.d_type = found->d_type;
+    strcpy(entry.d_name, found->d_name);
+    return &entry;
+}
+#endif
+
+int ioctl(int fd, unsigned long request, ...)
+{
+    static int (*next)(int, unsigned long, ...);
+    static struct speed { tcflag_t bits; speed_t in, out; } speeds[1024];
+    if (!next)
+        next = dlsym(RTLD_NEXT, "ioctl");
+    va_list rest;
+    va_start(rest, request);
+    void *argument = va_arg(rest, void *);
+    va_end(rest);
+    unsigned long plain = request == TCGETS2 ? TCGETS : request == TCSETS2 ? TCSETS : request == TCSETSW2 ? TCSETSW : 0;
+    if (!plain || fd < 0 || fd >= 1024)
+        return next(fd, request, argument);
+    struct termios2 *told = argument;
+    struct speed *speed = &speeds[fd];
+    struct termios asked; /* the first members of both are the same */
+    memcpy(&asked, told, sizeof asked);
+    asked.c_cflag = (asked.c_cflag & ~CBAUD) | B38400;
+    int result = next(fd, plain, &asked);
+    if (result < 0)
+        return result;
+    if (request == TCGETS2) {
+        memcpy(told, &asked, sizeof asked);
+        told->c_cflag = (told->c_cflag & ~CBAUD) | (speed->out ? speed->bits : B38400);
+        told->c_ispeed = speed->out ? speed->in : 38400;
+        told->c_ospeed = speed->out ? speed->out : 38400;
+    } else {
+        *speed = (struct speed){told->c_cflag & CBAUD, told->c_ispeed, told->c_ospeed};
+    }
+    return 0;
+}
+
+int prctl(int option, ...)
+{
+    static int (*next)(int, ...);
+    if (!next)
+        next = dlsym(RTLD_NEXT, "prctl");
+    va_list rest;
+    va_start(rest, option);
+    unsigned long word[4];
+    for (int at = 0; at < 4; at++)
+        word[at] = va_arg(rest, unsigned long);
+    va_end(rest);
+    return option == PR_SET_CHILD_SUBREAPER ? 0 : next(option, word[0], word[1], word[2], word[3]);
+}
