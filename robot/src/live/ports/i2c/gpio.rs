@@ -7,7 +7,7 @@ use crate::live::ports::Lost;
 use ::i2c::bitbang::{Config, Levels, Master};
 use base::i2c::{Error, Transfer};
 use base::{Duration, Instant};
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::hint;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -20,6 +20,8 @@ const SHORT: Duration = Duration::from_micros(100);
 pub struct Gpio {
     /// SDA, then SCL.
     lines: OwnedFd,
+    /// Kept open, so that it can be seen who has its lines: theirs have no name.
+    _chip: File,
     master: Master,
 }
 
@@ -29,7 +31,7 @@ impl Gpio {
         let file = OpenOptions::new().read(true).write(true).open(chip).map_err(named)?;
         let lines = sys::open_drain(file.as_fd(), [sda, scl])
             .map_err(|error| format!("{}: lines {sda} and {scl}: {error}", chip.display()))?;
-        Ok(Self { lines, master: Master::new(Config { hz, ..Config::default() }) })
+        Ok(Self { lines, _chip: file, master: Master::new(Config { hz, ..Config::default() }) })
     }
 
     fn step(&mut self, now: Instant) -> io::Result<()> {
