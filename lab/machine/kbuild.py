@@ -1,6 +1,7 @@
-"""Kernel modules that Debian does not ship, built for a kernel of the cache: sources of lab/kernel, Debian's headers.
+"""Kernel modules that Debian does not ship, built for a kernel of the cache: sources of lab/kernel, and of the kernel where
+those name some (in a file `sources`), and Debian's headers.
 
-Needs gcc, make and libelf on this machine, no root, and nothing installed of the headers.
+Needs gcc, make, xz and libelf on this machine, no root, and nothing installed of the headers.
 """
 
 import glob
@@ -39,6 +40,8 @@ def build(cache, flavour, name):
 
         def make(new):
             shutil.copytree(source, f"{new}/source")
+            for path in kernel_sources(cache, version, source):
+                shutil.copy(path, f"{new}/source")
             tree = f"{headers}{INSTALLED}linux-headers-{version}"
             command = ["make", "-C", tree, f"M={new}/source", f"CC={compiler}", "modules"]
             done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
@@ -51,6 +54,30 @@ def build(cache, flavour, name):
 
         cache.made(built, make)
     return sorted(glob.glob(cache.path(built, "*.ko")))
+
+
+def kernel_sources(cache, version, source):
+    """Files of the kernel's own source that the file `sources` names, where there is one."""
+    listed = os.path.join(source, "sources")
+    if not os.path.exists(listed):
+        return []
+    with open(listed, encoding="utf-8") as f:
+        names = f.read().split()
+    series = ".".join(version.split(".")[:2])
+
+    def make(new):
+        try:
+            cache.unpack(f"linux-source-{series}", new)
+            members = [f"linux-source-{series}/{name}" for name in names]
+            archive = f"{new}{INSTALLED}linux-source-{series}.tar.xz"
+            # All that follows the last of them is left packed.
+            cache.run("tar", "-C", new, "--occurrence", "--strip-components=1", "-xJf", archive, *members)
+        except LabError as error:
+            raise Missing(f"no source of Linux {series}: {error}") from None
+        shutil.rmtree(f"{new}/usr")
+
+    folder = cache.made(f"source-{version}-{digest(source)}", make)
+    return [os.path.join(folder, name) for name in names]
 
 
 def digest(folder):

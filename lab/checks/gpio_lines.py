@@ -1,0 +1,124 @@
+#!/usr/bin/env python3
+"""Two lines of a GPIO chip as an I2C bus, on the kernel's gpio-sim: how our adapter takes the lines, pulls and releases them,
+what it says when it cannot have them, and when the chip goes. No chip answers there: gpio-sim wires nothing to anything."""
+
+import fcntl
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+CONFIG = "/sys/kernel/config/gpio-sim/lab"
+LINE_INFO = 0xC100B405  # GPIO_V2_GET_LINEINFO_IOCTL
+USED, OUTPUT, OPEN_DRAIN, ACTIVE_LOW = 1 << 0, 1 << 3, 1 << 6, 1 << 1
+SDA, SCL, TAKEN = 2, 3, 5
+ADVEE = os.environ["ADVEE"]
+LOG = os.path.join(os.environ["HOME"], "said")
+
+
+def write(path, text):
+    with open(path, "w", encoding="ascii") as f:
+        f.write(text)
+
+
+def read(path):
+    with open(path, encoding="utf-8") as f:
+        return f.read().strip()
+
+
+def plug(live):
+    """The chip comes, or goes whoever holds it."""
+    write(f"{CONFIG}/live", str(int(live)))
+    return f"/dev/{read(f'{CONFIG}/bank/chip_name')}" if live else None
+
+
+def level(line):
+    """What the chip has on a line."""
+    device, chip = read(f"{CONFIG}/dev_name"), read(f"{CONFIG}/bank/chip_name")
+    return read(f"/sys/devices/platform/{device}/{chip}/sim_gpio{line}/value")
+
+
+def info(chip, line):
+    """Name, consumer and flags of a line, by the kernel."""
+    told = bytearray(256)
+    struct.pack_into("=I", told, 64, line)
+    with open(chip, "rb") as f:
+        fcntl.ioctl(f, LINE_INFO, told)
+    (flags,) = struct.unpack_from("=Q", told, 72)
+    return told[:32].rstrip(b"\0").decode(), told[32:64].rstrip(b"\0").decode(), flags
+
+
+def until(holds, what, seconds=30):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if holds():
+            print(f"{what}: yes")
+            return
+        time.sleep(0.02)
+    sys.exit(f"FAILED: {what}: never; it said:\n{read(LOG)}")
+
+
+def same(what, is_, should):
+    print(f"{what}: {is_}")
+    if is_ != should:
+        sys.exit(f"FAILED: {what}: {is_!r}, not {should!r}")
+
+
+def refused(place, why):
+    """The tool says in one line what it cannot have."""
+    done = subprocess.run([ADVEE, "i2c", "scan", "--port", place], text=True, capture_output=True, check=False)
+    print(done.stderr.strip())
+    if done.returncode == 0 or why not in done.stderr or len(done.stderr.splitlines()) != 1:
+        sys.exit(f"FAILED: {place} is to be refused with {why!r}: {done.returncode} {done.stdout}")
+
+
+def main():
+    os.chdir(os.environ["LAB_SOURCE"])
+    if not os.path.ismount("/sys/kernel/config"):
+        subprocess.run(["mount", "-t", "configfs", "none", "/sys/kernel/config"], check=True)
+    os.makedirs(f"{CONFIG}/bank/line{TAKEN}/hog")
+    write(f"{CONFIG}/bank/num_lines", "8")
+    write(f"{CONFIG}/bank/line{TAKEN}/hog/name", "lamp")
+    write(f"{CONFIG}/bank/line{TAKEN}/hog/direction", "output-low")
+    for line, name in ((SDA, "FAN_SDA"), (SCL, "FAN_SCL")):
+        os.makedirs(f"{CONFIG}/bank/line{line}")
+        write(f"{CONFIG}/bank/line{line}/name", name)
+    chip = plug(True)
+    bus = f"gpio:{chip}:{SDA}:{SCL}"
+
+    # What it cannot have.
+    refused(f"gpio:{chip}:{TAKEN}:{SCL}", f"{chip}: lines {TAKEN} and {SCL}: Device or resource busy")
+    refused(f"gpio:{chip}:{SDA}:99", "Invalid argument")
+    refused(f"gpio:{chip}:{SDA}:{SDA}", "expected /dev/i2c-1")
+    refused(f"gpio:/dev/zero:{SDA}:{SCL}", f"/dev/zero: lines {SDA} and {SCL}: ")
+    refused(f"gpio:/dev/gpiochip99:{SDA}:{SCL}", "/dev/gpiochip99: No such file or directory")
+    for line in (SDA, SCL):
+        same(f"line {line} is free after what was refused", info(chip, line)[2] & USED, 0)
+
+    # The driver has them.
+    with open(LOG, "w", encoding="utf-8") as log:
+        settings = [f"i2c.aux.bus='{bus}'", "i2c.aux.hz=1000"]
+        command = [ADVEE, "run", "driver_aux", *(word for one in settings for word in ("--set", one))]
+        driver = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+    until(lambda: info(chip, SDA)[2] & USED, "the driver has the lines")
+    for line, name in ((SDA, "FAN_SDA"), (SCL, "FAN_SCL")):
+        told, consumer, flags = info(chip, line)
+        same(f"name of line {line}", told, name)
+        same("its consumer", consumer, "advee i2c")
+        # The kernel tells of an open-drain line that is released as it was asked for: an output.
+        same("an open-drain output, not inverted", flags & (OUTPUT | OPEN_DRAIN | ACTIVE_LOW), OUTPUT | OPEN_DRAIN)
+    refused(bus, "is held by driver_aux")
+    for line in (SDA, SCL):
+        until(lambda line=line: level(line) == "0", f"line {line} is pulled")
+
+    # The chip goes while they are held.
+    plug(False)
+    until(lambda: "i2c.aux is down: " in read(LOG), "the driver says that its bus is gone")
+    driver.send_signal(signal.SIGTERM)
+    same("exit status", driver.wait(10), 0)
+    print(read(LOG))
+
+
+main()

@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: GPL-2.0
+/* The kernel's irq_sim.c as part of a module: what it calls that modules may not, by what they may. */
+#include <linux/interrupt.h>
+#include <linux/irq.h>
+#include <linux/irqdesc.h>
+
+#define irq_to_desc(irq) irq_data_to_desc(irq_get_irq_data(irq))
+#include "irq_sim.c"
