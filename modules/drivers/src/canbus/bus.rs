@@ -97,8 +97,11 @@ impl Bus {
 
     fn on_health(&mut self, health: Health, out: &mut Actions) {
         self.health = health;
-        if health.state < BusState::Passive {
-            return self.clear_passive(out);
+        match health.state {
+            BusState::Active | BusState::Warning => return self.clear_passive(out),
+            BusState::Passive => {}
+            // The port says so at once.
+            BusState::Off => return,
         }
         let Health { transmit_errors, receive_errors, .. } = health;
         let name = self.name.as_str();

@@ -72,6 +72,16 @@ fn a_passive_controller_is_told_and_told_to_be_well_again() {
 }
 
 #[test]
+fn bus_off_is_told_as_what_it_is_and_not_as_passive_first() {
+    let mut robot = Robot::ready();
+    robot.notice(Notice::Health(Health { state: BusState::Off, transmit_errors: 0, receive_errors: 0 }));
+    robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("bus-off") });
+    robot.pass(100);
+    assert_eq!(robot.told(Fault::CanPassive), vec![]);
+    assert_eq!(robot.told(Fault::PortDown), vec![Severity::Error]);
+}
+
+#[test]
 fn what_nobody_acknowledges_stops_the_robot_and_nothing_resumes_by_itself() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 300);
