@@ -52,6 +52,19 @@ is inactive || fail "it does not stop"
 ls -la /run/advee 2>/dev/null && fail "its run folder is left over"
 journalctl --no-pager -u advee | grep -iE 'denied|not permitted|read-only' && fail "something is not permitted"
 
+step "what modules.toml asks of the processor and of memory is permitted"
+sed -i '/^name = "driver_canbus"/a rt_priority = 20' /opt/advee/conf/modules.toml
+sed -i '/^name = "logger"/a nice = -5' /opt/advee/conf/modules.toml
+systemctl start advee || fail "it does not start"
+chrt -p "$(module driver_canbus)"
+chrt -p "$(module driver_canbus)" | grep -q 'priority: 20' || fail "driver_canbus has no real-time priority"
+chrt -p "$(module watchdog)" | grep -q 'priority: 21' || fail "the watchdog is not above it"
+grep VmLck "/proc/$(module driver_canbus)/status"
+[ "$(sed -n 's/^VmLck:[^0-9]*\([0-9]*\) kB/\1/p' "/proc/$(module driver_canbus)/status")" -gt 1000 ] || fail "its memory is not locked"
+[ "$(cut -d' ' -f19 "/proc/$(module logger)/stat")" = -5 ] || fail "the logger is not served more"
+systemctl stop advee
+sed -i '/^rt_priority = 20/d; /^nice = -5/d' /opt/advee/conf/modules.toml
+
 step "a configuration that is refused is not tried again and again"
 sed -i 's/^wheelbase_m = .*/wheelbase_m = -1/' /opt/advee/conf/robot.toml
 systemctl start advee && fail "it starts"
