@@ -5,7 +5,6 @@
  * IP_MULTICAST_IF  not set: multicast leaves by the route, which is what programs without an interface in their URL ask for.
  * TCGETS2, TCSETS2  by TCGETS and TCSETS: a speed is remembered, not set. Enough for a pseudo-terminal, which has none.
  * readdir          by readdir64: a kernel of 64 bits gives places in a folder that 32 bits do not hold, one of 32 bits would not.
- * PR_SET_CHILD_SUBREAPER   survives exec, so who starts the emulator has set it: this only says yes.
  *
  * Everything else goes where it went. No part of the program that is delivered.
  */
@@ -17,7 +16,6 @@
 #include <stdarg.h>
 #include <string.h>
 #include <sys/ioctl.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <time.h>
@@ -103,18 +101,4 @@ int ioctl(int fd, unsigned long request, ...)
         *speed = (struct speed){told->c_cflag & CBAUD, told->c_ispeed, told->c_ospeed};
     }
     return 0;
-}
-
-int prctl(int option, ...)
-{
-    static int (*next)(int, ...);
-    if (!next)
-        next = dlsym(RTLD_NEXT, "prctl");
-    va_list rest;
-    va_start(rest, option);
-    unsigned long word[4];
-    for (int at = 0; at < 4; at++)
-        word[at] = va_arg(rest, unsigned long);
-    va_end(rest);
-    return option == PR_SET_CHILD_SUBREAPER ? 0 : next(option, word[0], word[1], word[2], word[3]);
 }
