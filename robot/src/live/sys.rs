@@ -51,6 +51,30 @@ pub fn set_line_settings(terminal: BorrowedFd<'_>, settings: &libc::termios2, dr
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), request, &raw const *settings) })
 }
 
+/// Bytes that were written and that the driver has not handed to the device.
+pub fn line_waiting(terminal: BorrowedFd<'_>) -> io::Result<usize> {
+    let mut waiting: libc::c_int = 0;
+    // SAFETY: the kernel fills a live int.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCOUTQ, &raw mut waiting) })?;
+    Ok(usize::try_from(waiting).unwrap_or(0))
+}
+
+/// Whether all that was written has left the wire, the shift register too; none where the driver cannot tell.
+pub fn line_has_sent(terminal: BorrowedFd<'_>) -> io::Result<Option<bool>> {
+    /// `TIOCSERGETLSR` and its answer (asm-generic/ioctls.h, asm-generic/termios.h), which libc leaves out.
+    const TIOCSERGETLSR: libc::Ioctl = 0x5459;
+    const TIOCSER_TEMT: libc::c_int = 1;
+    let mut status: libc::c_int = 0;
+    // Some drivers tell the device's state alone.
+    let waiting = line_waiting(terminal)?;
+    // SAFETY: the kernel fills a live int.
+    match check(unsafe { libc::ioctl(terminal.as_raw_fd(), TIOCSERGETLSR, &raw mut status) }) {
+        Ok(()) => Ok(Some(waiting == 0 && status & TIOCSER_TEMT != 0)),
+        Err(error) if matches!(error.raw_os_error(), Some(libc::ENOTTY | libc::EINVAL)) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
 /// `struct serial_struct` (linux/serial.h).
 #[repr(C)]
 struct SerialStruct {

@@ -16,6 +16,9 @@ use std::path::Path;
 /// Major numbers of the other sides of pseudo-terminals (`linux/major.h`).
 const PSEUDO: std::ops::RangeInclusive<u64> = 136..=143;
 
+/// Major number of terminals of USB adapters (`linux/usb/serial.h`).
+const USB_SERIAL: u64 = 188;
+
 /// A terminal's driver in the kernel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Driver {
@@ -28,6 +31,11 @@ pub enum Driver {
 }
 
 impl Driver {
+    /// Whether the terminal is a USB adapter's: `ttyUSB0`, whatever its driver.
+    pub fn is_usb_serial(terminal: BorrowedFd<'_>) -> bool {
+        fstat(terminal).is_ok_and(|state| major(state.st_rdev) == USB_SERIAL)
+    }
+
     /// Asks the kernel.
     pub fn of(terminal: BorrowedFd<'_>) -> Self {
         let Ok(state) = fstat(terminal) else {

@@ -2,18 +2,23 @@
 //!
 //! For each run of words of one parity (an address, then the rest of its frame):
 //!
-//! 1. `TCSETSW2`: waits until all that was written has left (the UART's shift register too, where its driver can tell),
-//!    then sets mark or space parity; so no word leaves in the parity of its neighbour;
+//! 1. all that was written must have left (the UART's shift register too, where its driver can tell), then mark or space
+//!    parity is set; so no word leaves in the parity of its neighbour;
 //! 2. `write`: the whole run;
 //!
-//! and at the end `tcdrain`: only now is the output sent. A frame's last run has space parity, so the line hears in
+//! and at the end all must have left again: only now is the output sent. A frame's last run has space parity, so the line hears in
 //! space parity before any board may answer (two words of silence). While an address leaves, the line hears in mark
 //! parity too: on a half-duplex bus nobody talks then; on a full-duplex link what comes in that one word's time is read
 //! with its ninth bits turned round, and is lost to the CRC.
 //!
-//! A driver looks whether the wire is done once a tick of the kernel (1 to 10 ms), so there is a gap of as much between
-//! an address and the rest; boards forgive 5 ms. It is measured, and said when it is too long.
+//! The kernel's own waiting (`tcdrain`, `TCSETSW2`) looks whether the wire is done at ticks: the serial core at every second
+//! one, which is a gap of 4 to 8 ms between an address and the rest where a tick is 4 ms; boards forgive 5 ms. So we look
+//! ourselves (`TIOCSERGETLSR`), and leave it to the kernel only where a driver does not tell. Those of USB adapters tell what
+//! the device said some time ago (`ftdi_sio`: with the last packet received): there we wait until the device has all, and then
+//! for as long as that takes on the wire. The gap is measured, and said when it is too long.
 
+use super::BITS_PER_WORD;
+use super::driver::Driver;
 use super::line::with_parity;
 use crate::live::clock;
 use crate::live::sys;
@@ -35,6 +40,8 @@ use std::thread;
 
 /// A board drops a frame with a longer gap between two words (`docs/facts/boards.md` 1).
 const GAP_MAX: Duration = Duration::from_millis(5);
+/// From a USB adapter's having a byte to its start bit, and some.
+const ADAPTER: Duration = Duration::from_millis(1);
 /// A device that takes no byte for so long will take none.
 const STUCK_MS: u16 = 1000;
 
@@ -65,7 +72,8 @@ impl Sender {
         let (tell, done) = channel();
         let tells = ready.clone();
         thread::Builder::new().name("parity".into()).spawn(move || {
-            let mut line = Tty { file, settings };
+            let by_usb = Driver::is_usb_serial(file.as_fd());
+            let mut line = Tty { file, settings, by_usb, written: 0 };
             for words in todo {
                 let result = send(&mut line, &words);
                 let lost = result.is_err();
@@ -140,17 +148,25 @@ fn send(line: &mut impl Line, words: &[Word]) -> Done {
 struct Tty {
     file: Arc<OwnedFd>,
     settings: termios2,
+    /// On a USB adapter.
+    by_usb: bool,
+    /// Bytes since all had left.
+    written: u32,
 }
 
 impl Line for Tty {
     fn set_parity(&mut self, mark: bool) -> io::Result<()> {
-        sys::set_line_settings(self.file.as_fd(), &with_parity(&self.settings, mark), true)
+        let waits = self.wait_until_sent()?;
+        sys::set_line_settings(self.file.as_fd(), &with_parity(&self.settings, mark), !waits)
     }
 
     fn write(&mut self, mut bytes: &[u8]) -> io::Result<()> {
         while !bytes.is_empty() {
             match write(&*self.file, bytes) {
-                Ok(count) => bytes = &bytes[count..],
+                Ok(count) => {
+                    bytes = &bytes[count..];
+                    self.written = self.written.saturating_add(count as u32);
+                }
                 Err(Errno::EAGAIN) => {
                     let mut room = [PollFd::new(self.file.as_fd(), PollFlags::POLLOUT)];
                     if poll(&mut room, PollTimeout::from(STUCK_MS))? == 0 {
@@ -165,11 +181,43 @@ impl Line for Tty {
     }
 
     fn drain(&mut self) -> io::Result<()> {
-        Ok(tcdrain(&*self.file)?)
+        if !self.wait_until_sent()? {
+            tcdrain(&*self.file)?;
+        }
+        Ok(())
     }
 
     fn now(&self) -> Instant {
         clock::now()
+    }
+}
+
+impl Tty {
+    /// Waits until all has left; false, at once, where the driver does not tell.
+    fn wait_until_sent(&mut self) -> io::Result<bool> {
+        let word = Duration::from_nanos(BITS_PER_WORD * 1_000_000_000 / u64::from(self.settings.c_ospeed.max(1)));
+        // What may wait in the driver is less than its buffer of a page.
+        let until = clock::now() + Duration::from_millis(STUCK_MS.into()) + word * 4096;
+        let written = std::mem::take(&mut self.written);
+        loop {
+            let sent = if self.by_usb {
+                Some(sys::line_waiting(self.file.as_fd())? == 0)
+            } else {
+                sys::line_has_sent(self.file.as_fd())?
+            };
+            match sent {
+                Some(true) if self.by_usb && written > 0 => {
+                    thread::sleep(word * written + ADAPTER);
+                    return Ok(true);
+                }
+                None => return Ok(false),
+                Some(true) => return Ok(true),
+                Some(false) if clock::now() > until => {
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, "what was written does not leave"));
+                }
+                Some(false) => thread::sleep(word),
+            }
+        }
     }
 }
 

@@ -30,6 +30,14 @@ fn a_pseudo_terminal_is_refused_for_parity_by_the_name_of_its_driver() {
 }
 
 #[test]
+fn a_port_without_a_wire_does_not_tell_whether_all_has_left() {
+    let side = offer(&path("wire"));
+    assert_eq!(sys::line_has_sent(side.file.as_ref().unwrap().as_fd()).unwrap(), None);
+    let (no_terminal, _other) = nix::unistd::pipe().unwrap();
+    assert!(sys::line_has_sent(no_terminal.as_fd()).is_err());
+}
+
+#[test]
 fn what_a_killed_one_left_leads_nowhere_before_the_first_terminal_is_open() {
     let link = path("left");
     std::os::unix::fs::symlink("/dev/pts/0", &link).unwrap();
