@@ -126,7 +126,7 @@ fn simulator(baud: u32) -> Simulator {
         irs: vec![Point { x: 0.7, y: 0.3 }, Point { x: 0.7, y: -0.3 }],
     };
     let boards = vec![BoardConfig { name: "sd1_front".into(), address: sd1::FRONT, kind: BoardKind::Sd1(sd1) }];
-    let serial = vec![SerialConfig { bus: "rs485.a".into(), baud, crc: Crc8::SAE_J1850, boards }];
+    let serial = vec![SerialConfig { bus: "rs485.a".into(), baud, crc: Crc8::SAE_J1850, real: false, boards }];
     Simulator::new(sim::Config { serial, wire_time: true, ..sim::Config::default() })
 }
 

@@ -255,11 +255,20 @@ fn place_of(place: &Place, robot: &Robot, bus: &str, simulated_side: bool) -> Re
     let Some(line) = serial else {
         return refused(format!("bus {bus}: robot.toml has no table [{bus}]"));
     };
-    let path = place.run_dir.join(&line.port);
-    match simulated_side {
-        true if line.port.is_relative() => Ok(PortConfig::Pseudo { link: path, baud: line.baud }),
-        true => refused(format!("{bus}.port = {:?}: the simulator needs a name in the run folder", line.port)),
-        false => Ok(PortConfig::Terminal(terminal(place, line))),
+    if !simulated_side {
+        return Ok(PortConfig::Terminal(terminal(place, line)));
+    }
+    match (line.offered(), &line.simulated_at) {
+        (Some(name), _) => Ok(PortConfig::Pseudo { link: place.run_dir.join(name), baud: line.baud }),
+        (None, Some(port)) => {
+            let plain = TerminalConfig::new(port.clone(), line.baud);
+            let low_latency = line.low_latency;
+            Ok(PortConfig::Terminal(TerminalConfig { transport: line.transport, low_latency, ..plain }))
+        }
+        (None, None) => refused(format!(
+            "{bus}.port = {:?}: the simulator needs a name in the run folder, or simulated_at",
+            line.port
+        )),
     }
 }
 
@@ -844,6 +853,7 @@ fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> sim::Config {
         bus: format!("rs485.{}", bus.name),
         baud: bus.baud,
         crc: crc(bus.crc),
+        real: bus.offered().is_none(),
         boards: bus.nodes.iter().map(|node| board(robot, node)).collect(),
     });
     let i2c = robot.i2c.iter().map(|bus| sim::I2cConfig {
@@ -980,6 +990,24 @@ mod tests {
         let path = PathBuf::from("/run/advee/rs485-a");
         assert_eq!(driver.ports, [PortConfig::Terminal(TerminalConfig::new(path.clone(), 115_200))]);
         assert!(simulator.ports.contains(&PortConfig::Pseudo { link: path, baud: 115_200 }));
+    }
+
+    #[test]
+    fn at_a_real_port_the_boards_are_simulated_where_it_is_wired_to() {
+        let side = |name, at: &str| {
+            let sets = ["port=\"/dev/ttyLAB0\"".into(), "transport=\"parity\"".into(), format!("simulated_at={at:?}")];
+            let place = Place { sets: sets.map(|set: String| format!("rs485.a.{set}")).into(), ..shipped(true) };
+            module(&place, name, State::Run).unwrap().1.ports
+        };
+        let terminal = |path: &str| {
+            let plain = TerminalConfig::new(path.into(), 115_200);
+            PortConfig::Terminal(TerminalConfig { transport: config::Transport::Parity, ..plain })
+        };
+        assert_eq!(side("driver_rs485a", "/dev/ttyLAB1"), [terminal("/dev/ttyLAB0")]);
+        assert!(side(SIMULATOR, "/dev/ttyLAB1").contains(&terminal("/dev/ttyLAB1")));
+        assert_eq!(side("driver_rs485a", "boards"), [terminal("/dev/ttyLAB0")]);
+        let pseudo = PortConfig::Pseudo { link: "/run/advee/boards".into(), baud: 115_200 };
+        assert!(side(SIMULATOR, "boards").contains(&pseudo));
     }
 
     #[test]

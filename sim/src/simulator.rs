@@ -5,7 +5,7 @@ use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
 use crate::boards::drive::{self, Drive, Layout};
 use crate::boards::icla::Gearing;
-use crate::boards::line::{Board, Kind, SerialLine};
+use crate::boards::line::{Board, Kind, SerialLine, Wire};
 use crate::boards::psc1::{self, Psc1};
 use crate::boards::sbs1::{Sbs1, Sbs1Config};
 use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
@@ -64,6 +64,8 @@ pub struct SerialConfig {
     pub baud: u32,
     /// The bus's CRC.
     pub crc: Crc8,
+    /// Its port has a wire of its own, whatever [`Config::wire_time`] says of the others.
+    pub real: bool,
     /// The boards on it.
     pub boards: Vec<BoardConfig>,
 }
@@ -250,7 +252,12 @@ impl Simulator {
         };
         let boards: Vec<Board> = serial.boards.iter().map(board).collect();
         let chance = self.scene.random(serial.bus.bytes().fold(0, |sum, byte| sum << 8 | u64::from(byte)));
-        SerialLine::new(serial.baud, serial.crc, self.config.wire_time, boards, chance)
+        let wire = match (self.config.wire_time, serial.real) {
+            (_, true) => Wire::Real,
+            (true, false) => Wire::None,
+            (false, false) => Wire::Modelled,
+        };
+        SerialLine::new(serial.baud, serial.crc, wire, boards, chance)
     }
 
     /// The number of the serial line at a port.

@@ -251,7 +251,7 @@ impl Common {
 
     /// The robot that runs here: the simulated one while one runs in the run folder, else the configured one.
     fn robot(&self) -> Result<(Place, Robot), Failed> {
-        let is_offered = |bus: &Rs485Bus| bus.port.is_relative() && self.run_dir().join(&bus.port).exists();
+        let is_offered = |bus: &Rs485Bus| bus.offered().is_some_and(|name| self.run_dir().join(name).exists());
         let is_here = |running: holder::Running| {
             let folders = [&running.place.run_dir, &self.run_dir()].map(std::fs::canonicalize);
             running.place.sim && matches!(folders, [Ok(theirs), Ok(ours)] if theirs == ours)

@@ -4,7 +4,7 @@ mod guards;
 mod parent;
 
 use super::{Common, Failed, Outcome, web};
-use crate::config::{self, Config};
+use crate::config::{self, Config, Rs485Bus};
 use crate::live::log::Log;
 use crate::live::{beats, clock, processes};
 use crate::recording;
@@ -115,8 +115,8 @@ fn run(common: &Common, config: &Config, log: &Log) -> Option<PathBuf> {
 
 /// Removes what modules leave in the run folder when they are killed.
 fn clean(folder: &RunFolder, config: &Config) {
-    for bus in config.robot.rs485.iter().filter(|bus| bus.port.is_relative()) {
-        let link = folder.path().join(&bus.port);
+    for name in config.robot.rs485.iter().filter_map(Rs485Bus::offered) {
+        let link = folder.path().join(name);
         for link in [link.with_extension("new"), link] {
             if link.is_symlink() {
                 let _ = std::fs::remove_file(link);

@@ -11,7 +11,7 @@ use super::reader::Table;
 use super::web::Web;
 use base::Severity;
 use std::net::Ipv4Addr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -192,6 +192,9 @@ pub struct Rs485Bus {
     pub baud: u32,
     /// How nine bits cross the port.
     pub transport: Transport,
+    /// Where the simulator has the boards when `port` is a device file: another one that is wired to it, or, relative, a
+    /// pseudo-terminal that it makes in the run folder, of two-byte words. Default: it makes `port` itself.
+    pub simulated_at: Option<PathBuf>,
     /// A program and its arguments that make the port an EIA-485 port, run before each opening; default none.
     pub setup: Vec<String>,
     /// Lets the port's driver switch the direction of the line; default: the adapter does.
@@ -547,11 +550,22 @@ fn not_zero(table: &mut Table<'_>, key: &'static str, max: f64) -> f64 {
 }
 
 impl Rs485Bus {
+    /// The name in the run folder of the pseudo-terminal that the simulator makes, if it makes one.
+    #[must_use]
+    pub fn offered(&self) -> Option<&Path> {
+        let path = self.simulated_at.as_ref().unwrap_or(&self.port);
+        path.is_relative().then_some(path)
+    }
+
     fn read(name: String, mut table: Table<'_>) -> Self {
         let port = PathBuf::from(table.text("port", None));
         let baud = table.integer("baud", Some(115_200), 1200..=4_000_000);
         let transports = [("two-byte", Transport::TwoByte), ("parity", Transport::Parity)];
         let transport = table.choice("transport", None, &transports);
+        let simulated_at = table.has("simulated_at").then(|| PathBuf::from(table.text("simulated_at", None)));
+        if port.is_relative() || simulated_at.as_ref() == Some(&port) {
+            table.refuse("simulated_at", "a place other than port, where that is a device file");
+        }
         let setup = table.texts("setup");
         let direction = table.table_if_any("rs485_direction").map(Direction::read);
         let low_latency = table.boolean("low_latency", false);
@@ -573,7 +587,7 @@ impl Rs485Bus {
             nodes.push(node);
         }
         table.end();
-        Self { name, port, baud, transport, setup, direction, low_latency, crc, raw, nodes }
+        Self { name, port, baud, transport, simulated_at, setup, direction, low_latency, crc, raw, nodes }
     }
 }
 

@@ -323,6 +323,22 @@ fn a_power_controller_has_a_link_of_its_own_and_a_battery_that_can_be() {
 }
 
 #[test]
+fn the_boards_of_a_real_port_are_simulated_at_another_place() {
+    let a = |port: &str, at: &str| {
+        let sets = [format!("rs485.a.port={port}"), format!("rs485.a.simulated_at={at}")];
+        load(ROBOT, "", &sets.each_ref().map(String::as_str), MODULES)
+            .map(|config| config.robot.rs485[0].offered().map(PathBuf::from))
+    };
+    assert_eq!(load(ROBOT, "", &[], MODULES).unwrap().robot.rs485[0].offered(), None);
+    assert_eq!(a("/dev/ttyS0", "/dev/ttyS1").unwrap(), None);
+    assert_eq!(a("/dev/ttyUSB0", "boards").unwrap(), Some("boards".into()));
+    for (port, at) in [("rs485-a", "boards"), ("/dev/ttyS0", "/dev/ttyS0")] {
+        let why = a(port, at).unwrap_err().join("; ");
+        assert!(why.ends_with("expected a place other than port, where that is a device file"), "{why}");
+    }
+}
+
+#[test]
 fn an_i2c_bus_is_where_it_says_and_its_chips_can_be() {
     use crate::config::I2cPlace;
     let place = |text: &str| I2cPlace::parse(text);

@@ -274,11 +274,23 @@ fn seal(words: &mut [Word], crc: Crc8) {
     }
 }
 
+/// What is behind the port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wire {
+    /// No wire, but a pseudo-terminal: the line plays the words' time, and what disturbs them.
+    None,
+    /// One of its own, which takes its time; the line plays what disturbs it.
+    Real,
+    /// The host models both.
+    Modelled,
+}
+
 /// The line.
 #[derive(Debug)]
 pub(crate) struct SerialLine {
     pub boards: Vec<Board>,
     crc: Crc8,
+    behind: Wire,
     /// On the wire, and as it is played where there is none.
     word: Duration,
     played: Duration,
@@ -291,13 +303,13 @@ pub(crate) struct SerialLine {
 }
 
 impl SerialLine {
-    /// A line; with `wire_time` it delays everything by the words' time on the wire, for a port that has none.
-    pub fn new(baud: u32, crc: Crc8, wire_time: bool, boards: Vec<Board>, random: Random) -> Self {
+    pub fn new(baud: u32, crc: Crc8, wire: Wire, boards: Vec<Board>, random: Random) -> Self {
         let word = word_time(baud);
-        let played = if wire_time { word } else { Duration::ZERO };
+        let played = if wire == Wire::None { word } else { Duration::ZERO };
         Self {
             boards,
             crc,
+            behind: wire,
             word,
             played,
             wire: VecDeque::new(),
@@ -318,14 +330,13 @@ impl SerialLine {
         }
     }
 
-    /// Lets a fault come over the line itself; false when that is none. Where the host models a wire, it does what a wire
-    /// does.
+    /// Lets a fault come over the line itself; false when that is none. Where the host models a wire, it does that.
     pub fn disturb(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
         let known = matches!(
             ailment,
             Ailment::Noise(_) | Ailment::Loss(_) | Ailment::Duplicate(_) | Ailment::Delay(_) | Ailment::None
         );
-        if known && self.played > Duration::ZERO {
+        if known && self.behind != Wire::Modelled {
             self.disturbance.suffer(now, ailment, until);
         }
         known

@@ -87,7 +87,13 @@ fn config() -> Config {
     Config {
         world,
         can: Some(CanConfig { bus: "can.main".into(), bitrate: 1_000_000, propulsion: 1, steering: 2, gearing }),
-        serial: vec![SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, boards: vec![board] }],
+        serial: vec![SerialConfig {
+            bus: "rs485.a".into(),
+            baud: 115_200,
+            crc: Crc8::SAE_J1850,
+            real: false,
+            boards: vec![board],
+        }],
         ..Config::default()
     }
 }

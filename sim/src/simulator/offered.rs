@@ -67,7 +67,7 @@ mod tests {
             board("sbs1", 0x30, BoardKind::Sbs1(Default::default())),
             board("psc1", 0x40, BoardKind::Psc1(Default::default())),
         ];
-        let serial = SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, boards };
+        let serial = SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, real: false, boards };
         let fans = vec![("fan1".into(), base::i2c::Address::new(0x18).unwrap())];
         Config {
             can: Some(can),

@@ -25,7 +25,7 @@ fn config(wire_time: bool) -> Config {
     let front = Sd1Config { srfs: vec![Pose::new(0.75, 0.0, 0.0)], irs };
     let board = |name: &str, address, kind| BoardConfig { name: name.into(), address, kind };
     let boards = vec![board("sd1_front", 0x10, BoardKind::Sd1(front)), board("so1", 0x20, BoardKind::So1)];
-    let serial = SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, boards };
+    let serial = SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, real: false, boards };
     Config { serial: vec![serial], wire_time, ..Config::default() }
 }
 

@@ -224,6 +224,7 @@ fn rs485() -> Rs485Bus {
         setup: Vec::new(),
         direction: None,
         low_latency: false,
+        simulated_at: None,
         crc: Crc::default(),
         raw: false,
         nodes: Vec::new(),
