@@ -1,0 +1,43 @@
+#!/bin/sh
+# The whole robot over a kernel's serial ports: busses of 9-bit words with addresses in mark parity, on wires that take their
+# time. It runs and drives; a board falls silent and comes back.
+set -eu
+. "$LAB_SOURCE/lab/checks/lib.sh"
+. "$LAB_SOURCE/lab/checks/rs485_lib.sh"
+warm
+
+set_ports() { # BUS=N...: the driver's port is /dev/ttyLABN, the simulator's boards are at the next one
+    for bus; do
+        n=${bus#*=} bus=rs485.${bus%=*}
+        echo "--set $bus.port=/dev/ttyLAB$n --set $bus.simulated_at=/dev/ttyLAB$((n + 1)) --set $bus.transport=parity"
+    done
+}
+
+step "start, and drive"
+"$ADVEE" up --headless --sim --run-dir /run/advee --set web.enabled=false \
+    --set rs485.a.rs485_direction.rts_on_send=true $(set_ports a=0 b=5 power=10) >>"$log" 2>&1 &
+up=$!
+expect "the steering is homed" 60
+before=$(errors a)
+drive
+load
+[ "$(errors a)" = "$before" ] || fail "a wire that nobody disturbs has errors"
+all_run || fail "$("$ADVEE" state)"
+[ "$(count "ms after an address")" = 0 ] || fail "frames have gaps"
+
+step "the direction of the line is the port's, as configured"
+python3 -c 'import fcntl, os, struct
+port = os.open("/dev/ttyLAB0", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+told = struct.unpack("8I", fcntl.ioctl(port, 0x542E, bytes(32)))[:3]
+print("TIOCGRS485", told)
+assert told == (0b011, 0, 0)' || fail "TIOCGRS485 says something else"
+
+step "a board falls silent, and comes back"
+"$ADVEE" fault so1 silent --for 3
+expect "so1 (0x20 on rs485.a) does not answer: its data is invalid"
+expect "so1 (0x20 on rs485.a) answers again"
+once "its data is invalid"
+drive
+
+kill -INT $up
+wait $up || fail "exit code $?"
