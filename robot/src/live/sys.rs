@@ -258,10 +258,10 @@ pub fn grab_events(device: BorrowedFd<'_>) -> io::Result<()> {
     check(unsafe { libc::ioctl(device.as_raw_fd(), EVIOCGRAB, 1 as libc::c_int) })
 }
 
-/// A raw CAN socket on an interface: non-blocking, frames of the error classes `errors` delivered (linux/can/error.h),
+/// A raw CAN socket on the interface of that number: non-blocking, frames of the error classes `errors` delivered (linux/can/error.h),
 /// those with long identifiers only when `extended`, and a send buffer that holds a few frames only, so that none of them
 /// gets old in it.
-pub fn open_can(interface: &str, errors: u32, extended: bool) -> io::Result<OwnedFd> {
+pub fn open_can(index: u32, errors: u32, extended: bool) -> io::Result<OwnedFd> {
     let flags = libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC;
     // SAFETY: plain numbers in, a new descriptor or -1 out.
     let fd = unsafe { libc::socket(libc::AF_CAN, flags, libc::CAN_RAW) };
@@ -275,7 +275,6 @@ pub fn open_can(interface: &str, errors: u32, extended: bool) -> io::Result<Owne
     }
     // The kernel takes no less than SOCK_MIN_SNDBUF, room for six frames.
     set_option(&socket, libc::SOL_SOCKET, libc::SO_SNDBUF, &(0 as libc::c_int))?;
-    let index = nix::net::if_::if_nametoindex(interface)?;
     // SAFETY: all zeros is a valid sockaddr_can.
     let mut address: libc::sockaddr_can = unsafe { mem::zeroed() };
     address.can_family = libc::AF_CAN as libc::sa_family_t;

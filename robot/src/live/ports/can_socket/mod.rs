@@ -286,7 +286,8 @@ impl Device for CanSocket {
             Some(errno) => self.lost(Errno::from_raw(errno)),
             None => format!("{}: {error}", self.interface),
         };
-        let socket = sys::open_can(&self.interface, frame::ERRORS, self.extended).map_err(reason)?;
+        let index = link::index(&self.interface).map_err(reason)?;
+        let socket = sys::open_can(index, frame::ERRORS, self.extended).map_err(reason)?;
         self.check(&socket)?;
         setsockopt(&socket, sockopt::RxqOvfl, &1).map_err(|errno| self.lost(errno))?;
         setsockopt(&socket, sockopt::ReceiveTimestampns, &true).map_err(|errno| self.lost(errno))?;
