@@ -36,7 +36,7 @@ pub struct Jitter {
     histogram: bool,
 }
 
-fn interface(text: &str) -> Result<CanInterface, String> {
+pub fn interface(text: &str) -> Result<CanInterface, String> {
     CanInterface::parse(text).ok_or_else(|| "expected can0, slcan:/DEVICE or udp:GROUP:PORT".into())
 }
 

@@ -5,6 +5,7 @@ mod bus;
 mod histogram;
 mod jitter;
 mod metronome;
+mod rate;
 mod report;
 #[cfg(test)]
 mod tests;
@@ -23,6 +24,8 @@ pub struct Bench {
 enum What {
     /// How late this program's loop wakes up; how even a CAN bus and the watchdog's beats are
     Jitter(jitter::Jitter),
+    /// How many frames a second a CAN bus carries between two interfaces, and whether one is lost
+    Can(rate::Can),
 }
 
 /// Only for its list.
@@ -35,6 +38,7 @@ struct Listed {
 pub fn bench(common: &Common, command: &Bench) -> Outcome {
     match &command.what {
         Some(What::Jitter(command)) => jitter::jitter(common, command),
+        Some(What::Can(command)) => rate::can(common, command),
         None => {
             for what in Listed::command().get_subcommands() {
                 print(format_args!("advee bench {:10} {}", what.get_name(), what.get_about().unwrap_or_default()))?;
