@@ -283,8 +283,15 @@ class Module:
 
     def _on_bus(self):
         for _ in range(BURST):
-            if self._code is not None or not self._lcm.handle_timeout(0):
+            if self._code is not None or not self._hear():
                 return
+
+    def _hear(self):
+        """Hands on one message, if there is one. LCM gives up when a signal comes just then: so once more."""
+        try:
+            return self._lcm.handle_timeout(0)
+        except OSError:
+            return self._lcm.handle_timeout(0)
 
     def _on_watchdog(self, _channel, _data):
         self._unheard = 0
