@@ -1,0 +1,48 @@
+#!/bin/sh
+# The robot on a virtual interface of the kernel: bus-off as error frames tell it, the interface deleted, frames lost.
+set -eu
+. "$LAB_SOURCE/lab/checks/lib.sh"
+. "$LAB_SOURCE/lab/checks/can_lib.sh"
+needs ip candump cansend cangen
+warm cangen
+on="--sim --run-dir $run --set can.main.interface=vcan0"
+add() {
+    ip link add vcan0 type vcan
+    ip link set vcan0 up
+}
+
+add
+step "start, and drive"
+start
+drive
+
+step "bus-off"
+cansend vcan0 20000040#0000000000000000
+expect "can.main is down: vcan0: bus-off"
+expect "can.main is up"
+expect "the steering is homed"
+once "can.main is down"
+drive
+
+step "interface gone and back"
+ip link delete vcan0
+expect "can.main is down: vcan0: "
+add
+expect "can.main is up"
+expect "the steering is homed"
+drive
+end
+
+step "more frames than the driver takes"
+"$ADVEE" run driver_canbus $on >>"$log" 2>&1 &
+driver=$!
+sleep 1
+kill -STOP $driver
+cangen vcan0 -g 0 -n 12000 -I 123 -L 8 -p 10
+kill -CONT $driver
+sleep 1
+cansend vcan0 123#00 # the next frame brings the count
+expect "the receive buffer ran over: [0-9]* frames are lost"
+kill $driver
+wait $driver || fail "exit status $?"
+ip link delete vcan0
