@@ -63,6 +63,21 @@ has() { grep -q -e "$2" "$1" || fail "never on the bus: $2"; } # FILE FRAME
 
 # Adapters on USB (models/usb_can.py).
 
+overrun() { # INTERFACE to send from: a driver that stands still loses frames, and counts them
+    step "more frames than the driver takes"
+    "$ADVEE" run driver_canbus $on >>"$log" 2>&1 &
+    driver=$!
+    sleep 1
+    kill -STOP $driver
+    cangen "$1" -g 0 -n 12000 -I 123 -L 8 -p 10
+    kill -CONT $driver
+    sleep 1
+    cansend "$1" 123#00 # the next frame brings the count
+    expect "the receive buffer ran over: [0-9]* frames are lost"
+    kill $driver
+    wait $driver || fail "exit status $?"
+}
+
 plug_in() { # KIND...
     mkfifo "$HOME/bus"
     touch "$HOME/asked"
