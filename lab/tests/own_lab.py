@@ -3,6 +3,7 @@ place."""
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -63,7 +64,9 @@ class OwnLab(unittest.TestCase):
 
     def start(self, *arguments, **environment):
         return subprocess.Popen([sys.executable, self.path("lab", "lab"), *arguments], env=self.environment(**environment),
-                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                                # A shell that starts the tests in the background lets them ignore it.
+                                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
     def run_lab(self, *arguments, **environment):
         """(exit status, what it said)."""
