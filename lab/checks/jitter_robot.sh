@@ -12,16 +12,15 @@ export LCM_DEFAULT_URL="udpm://239.255.76.67:7667?ttl=0&shm=auto"
 
 ip link add can0 type vcan
 ip link set can0 txqueuelen 10 up
-cp -r conf "$HOME/"
 # Who speaks on the bus, and behind it the bus's other end.
-awk '{ print } /^name = "driver_canbus"/ { print "rt_priority = 42" } /^name = "simulator"/ { print "rt_priority = 40" }' conf/advee/modules.toml >"$HOME/conf/advee/modules.toml"
+rt_priorities driver_canbus=42 simulator=40
 run="--run-dir /run/advee"
 robot="--config $HOME/conf/advee --set can.main.interface=can0 --set can.main.sync_s=0.01 --set log.folder=$HOME/log"
 "$ADVEE" $robot $run up --sim --headless --goal none >"$log" 2>&1 &
 up=$!
 step "the robot comes up"
 expect "all .* modules RUN"
-grep -e "rt_priority:" -e "memory may be paged out" "$log" && fail "real time is refused"
+has_priorities
 
 look() { # NAME: both at once
     "$ADVEE" $run bench jitter --beats --priority 45 --for 3 >"$HOME/beats" &

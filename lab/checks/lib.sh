@@ -52,6 +52,18 @@ within() { # SECONDS COMMAND...: until it succeeds
 
 # The simulated robot.
 
+rt_priorities() { # MODULE=PRIORITY...: in $HOME/conf is the checkout's configuration with these
+    cp -r conf "$HOME/"
+    for given; do
+        sed -i "s/^name = \"${given%=*}\"/&\nrt_priority = ${given#*=}/" "$HOME/conf/advee/modules.toml"
+        grep -q "^rt_priority = ${given#*=}" "$HOME/conf/advee/modules.toml" || fail "there is no module ${given%=*}"
+    done
+}
+
+has_priorities() { # as the log says
+    ! grep -e "rt_priority:" -e "memory may be paged out" "$log" || fail "real time is refused"
+}
+
 truth() { "$ADVEE" lcm echo SIM_DATA_TRUTH --for 0.3 | sed -n "\$s/.* $1=\([^ ]*\).*/\1/p"; } # FIELD
 
 drive() { # it drives when it is told to, for two seconds

@@ -14,10 +14,13 @@ set_ports() { # BUS=N...: the driver's port is /dev/ttyLABN, the simulator's boa
 }
 
 step "start, and drive"
-"$ADVEE" up --headless --sim --run-dir /run/advee --set web.enabled=false \
+# Boards give a frame up after a gap of 5 ms, which a process without priority may have beside others.
+rt_priorities driver_rs485a=42 driver_rs485b=42 driver_power=42 simulator=40
+"$ADVEE" --config "$HOME/conf/advee" up --headless --sim --run-dir /run/advee --set web.enabled=false \
     --set rs485.a.rs485_direction.rts_on_send=true $(set_ports a=0 b=5 power=10) >>"$log" 2>&1 &
 up=$!
 expect "the steering is homed" 60
+has_priorities
 before=$(errors a)
 drive
 load

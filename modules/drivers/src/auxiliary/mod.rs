@@ -27,8 +27,9 @@ use thermometers::Thermometers;
 pub const NAME: &str = "driver_aux";
 /// How often all is asked, and told.
 const PERIOD: Duration = Duration::from_secs(1);
-/// An adapter that has not come back after this does not work; SMBus allows a transfer 35 ms.
-const COMES_BACK: Duration = Duration::from_secs(2);
+/// An adapter that has not come back after this does not work: SMBus allows a transfer 35 ms, kernel drivers give up after 1 s
+/// or 2 s. Looked at each [`PERIOD`], so it is told before they do.
+const COMES_BACK: Duration = Duration::from_millis(500);
 
 /// The driver.
 #[derive(Debug)]

@@ -10,8 +10,8 @@ use base::Duration;
 use base::i2c::{Error, Outcome, Transfer};
 use module::{Input, Output};
 
-/// An adapter that has not come back after this does not work.
-const COMES_BACK: Duration = Duration::from_secs(2);
+/// An adapter that has not come back after this does not work; kernel drivers give up after 1 s or 2 s.
+const COMES_BACK: Duration = Duration::from_millis(500);
 
 /// An opened bus.
 pub struct Bus {

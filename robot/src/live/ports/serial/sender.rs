@@ -111,7 +111,8 @@ impl Sender {
         Some(done.map(|gap| {
             (gap > GAP_MAX && !std::mem::replace(&mut self.slow, true)).then(|| {
                 format!(
-                    "the parity changed {:.1} ms after an address: boards drop a frame with a gap of more than {} ms",
+                    "the parity changed {:.1} ms after an address: boards drop a frame with a gap of more than {} ms, \
+                     and an rt_priority of the module keeps it short",
                     gap.as_secs_f64() * 1e3,
                     GAP_MAX.as_millis()
                 )
