@@ -45,7 +45,8 @@ def load(path):
     try:
         with open(path, "rb") as f:
             told = tomllib.load(f)
-        machines = {name: Machine(name, **keys) for name, keys in told["machine"].items()}
+        told_of = told["machine"]
+        machines = {name: Machine(name, **told_of.get(keys.pop("like", name)) | keys) for name, keys in told_of.items()}
         checks = [Check(**keys) for keys in told["check"]]
     except (OSError, tomllib.TOMLDecodeError, TypeError, KeyError) as error:
         raise LabError(f"{path}: {error}") from None
