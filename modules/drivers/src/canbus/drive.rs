@@ -22,6 +22,8 @@ const KNOWN: Duration = Duration::from_secs(1);
 
 /// So many questions in a row without an answer, and it counts as deaf.
 const UNANSWERED: u8 = 2;
+/// Deaf for so long, it is booted anew: what made it so (a foreign SDO, an NMT command) ends with a reset of its communication.
+const DEAF: Duration = Duration::from_secs(2);
 
 /// One drive.
 pub(super) struct Drive {
@@ -48,8 +50,8 @@ pub(super) struct Drive {
     asked: u8,
     /// Questions in a row that it did not answer.
     unanswered: u8,
-    /// It was asked again and again and did not answer, whatever its heartbeat says.
-    deaf: bool,
+    /// It was asked again and again and did not answer, whatever its heartbeat says: when it is booted anew.
+    deaf: Option<Instant>,
 }
 
 impl Drive {
@@ -71,7 +73,7 @@ impl Drive {
             ask: Instant::NEVER,
             asked: 0,
             unanswered: 0,
-            deaf: false,
+            deaf: None,
         }
     }
 
@@ -106,7 +108,7 @@ impl Drive {
         self.booted = false;
         self.axis.lost();
         (self.trouble, self.reset, self.doubt) = (None, None, false);
-        (self.asked, self.unanswered, self.deaf) = (0, 0, false);
+        (self.asked, self.unanswered, self.deaf) = (0, 0, None);
         self.why = format!("is lost: {reason}");
         self.changed = true;
         let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
@@ -156,7 +158,7 @@ impl Drive {
     pub(super) fn on_measured(&mut self, now: Instant) {
         self.measured = now;
         self.ask = now + QUIET;
-        self.deaf = false;
+        self.deaf = None;
     }
 
     /// A question is under way.
@@ -165,7 +167,7 @@ impl Drive {
     }
 
     /// A question has ended, without an answer or with one.
-    pub(super) fn on_answer(&mut self, answered: bool, out: &mut Actions) {
+    pub(super) fn on_answer(&mut self, now: Instant, answered: bool, out: &mut Actions) {
         self.asked = self.asked.saturating_sub(1);
         if answered {
             self.unanswered = 0;
@@ -174,12 +176,17 @@ impl Drive {
         // One frame that is lost is asked for again.
         self.unanswered = self.unanswered.saturating_add(1);
         self.doubt = true;
-        if self.unanswered >= UNANSWERED && self.booted && !self.deaf {
-            self.deaf = true;
+        if self.unanswered >= UNANSWERED && self.booted && self.deaf.is_none() {
+            self.deaf = Some(now + DEAF);
             let message =
                 format!("{} drive (node {}) lives but does not answer; the robot stops", self.name, self.node);
             out.report(Severity::Error, Fault::DriveFault, self.name, message);
         }
+    }
+
+    /// Whether it is to be booted anew, as it has been deaf for too long.
+    pub(super) fn is_given_up(&self, now: Instant) -> bool {
+        self.deaf.is_some_and(|until| until <= now)
     }
 
     /// Whether what it measured is still so, as far as can be known.
@@ -271,7 +278,7 @@ impl Drive {
         if !self.booted {
             return Some(format!("the {} drive {}", self.name, self.why));
         }
-        if self.deaf {
+        if self.deaf.is_some() {
             return Some(format!("the {} drive does not answer", self.name));
         }
         if let Some((_, why)) = &self.trouble {
@@ -313,6 +320,6 @@ impl Drive {
         let repeat = (self.booted && !self.is_at_rest()).then(|| self.repeat.next());
         let trouble = self.trouble.as_ref().map(|(until, _)| *until);
         let ask = self.booted.then_some(self.ask);
-        [self.axis.poll_timeout(), self.reset, repeat, trouble, ask].into_iter().flatten().min()
+        [self.axis.poll_timeout(), self.reset, self.deaf, repeat, trouble, ask].into_iter().flatten().min()
     }
 }

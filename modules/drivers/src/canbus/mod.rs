@@ -6,7 +6,8 @@
 //!
 //! Device    EPOS 70/10 and IclA N065; facts in `canopen::drives`
 //! Timing    a command lives 250 ms; the master's heartbeat leaves every 50 ms, so a dead host stops the drives
-//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself
+//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself; so, too, after 2 s, where it
+//!           lives but does not answer
 
 pub mod arbiter;
 pub mod surroundings;
@@ -308,12 +309,12 @@ impl Canbus {
             Heard::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED.contains(&index) => {
                 self.on_measured(now, node, index, data, out);
                 if let Some(drive) = self.drive_mut(node) {
-                    drive.on_answer(true, out);
+                    drive.on_answer(now, true, out);
                 }
             }
             Heard::SdoFailed { node, index, sub: 0, error, .. } if MEASURED.contains(&index) => {
                 if let Some(drive) = self.drive_mut(node) {
-                    drive.on_answer(error == sdo::Error::Cancelled, out);
+                    drive.on_answer(now, error == sdo::Error::Cancelled, out);
                 }
             }
             Heard::SdoRead { .. } | Heard::SdoWritten { .. } | Heard::SdoFailed { .. } => {
@@ -464,6 +465,11 @@ impl Canbus {
         self.arbiter.decided(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
+        for drive in [&self.propulsion.drive, &self.steering.drive] {
+            if drive.is_given_up(now) {
+                self.master.reboot(now, drive.node);
+            }
+        }
         for (node, in_doubt) in [self.propulsion.drive.take_doubt(), self.steering.drive.take_doubt()] {
             if in_doubt {
                 self.ask_where_it_is(now, node);

@@ -203,6 +203,28 @@ fn a_drive_of_which_only_the_heartbeat_is_left_stops_the_robot() {
 }
 
 #[test]
+fn a_drive_that_stays_deaf_is_booted_anew() {
+    for propulsion in [true, false] {
+        let mut robot = Robot::ready();
+        robot.drive(0.4, 500);
+        let (drive, node) = if propulsion { (&mut robot.epos, 1) } else { (&mut robot.icla, 2) };
+        drive.mute = true;
+        robot.frames.clear();
+        robot.drive(0.4, 4000);
+        let reset = can::Frame::standard(0, &[0x82, node]);
+        let at = robot.frames.iter().position(|(_, frame)| *frame == reset).expect("a reset of its communication");
+        let stops = |frame: &can::Frame| frame.data() == [0x0B, 0, 0, 0, 0, 0];
+        assert!(!propulsion || robot.frames[..at].iter().any(|(_, frame)| stops(frame)), "it was not stopped before");
+        let drive = if propulsion { &mut robot.epos } else { &mut robot.icla };
+        drive.mute = false;
+        robot.pass(8000);
+        assert!(!robot.moves(), "it resumed by itself");
+        robot.drive(0.4, 500);
+        assert!(robot.moves(), "{propulsion}: {}", robot.reason());
+    }
+}
+
+#[test]
 fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
     let mut robot = Robot::ready();
     // It rolls, pushed; the frame that would tell so is lost, and then the steering is to be homed.
