@@ -295,6 +295,15 @@ fn seconds(text: &str) -> Result<std::time::Duration, String> {
     in_range.then(|| std::time::Duration::from_secs_f64(seconds)).ok_or_else(|| "expected seconds above 0".into())
 }
 
+/// A whole number, decimal or 0x….
+fn whole<T: TryFrom<u64>>(text: &str) -> Option<T> {
+    let number = match text.strip_prefix("0x") {
+        Some(hex) => u64::from_str_radix(hex, 16),
+        None => text.parse(),
+    };
+    T::try_from(number.ok()?).ok()
+}
+
 /// A number that is one.
 fn finite(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "expected a number".into())

@@ -5,6 +5,7 @@ use super::limits::Birth;
 use nix::errno::Errno;
 use nix::libc;
 use nix::sys::epoll::{Epoll, EpollEvent};
+use std::fmt;
 use std::io;
 use std::mem;
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
@@ -128,6 +129,19 @@ impl Rs485Direction {
     #[must_use]
     pub const fn new(flags: u32, delay_before_ms: u32, delay_after_ms: u32) -> Self {
         Self { flags, delay_before_ms, delay_after_ms, padding: [0; 5] }
+    }
+}
+
+impl fmt::Display for Rs485Direction {
+    /// As its keys in `robot.toml` say it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let is = |bit: u32| self.flags >> bit & 1 == 1;
+        if !is(0) {
+            return f.write_str("none");
+        }
+        let (on, after) = (is(1), is(2));
+        let (before_ms, after_ms) = (self.delay_before_ms, self.delay_after_ms);
+        write!(f, "rts_on_send = {on}, rts_after_send = {after}, delays {before_ms} and {after_ms} ms")
     }
 }
 

@@ -1,7 +1,7 @@
 //! Which CAN bus is meant, who is known to be on it, and which module holds it.
 
 use crate::cli::holder::{self, Holder, Running};
-use crate::cli::{Common, Failed};
+use crate::cli::{Common, Failed, whole};
 use crate::config::{CanBus, CanDriver, CanInterface, SIMULATOR};
 use crate::live::ports::PortConfig;
 use crate::topology::{self, Place};
@@ -159,10 +159,7 @@ impl Target {
         if let Some(known) = self.known.iter().find(|known| known.name == text) {
             return Ok(known.id);
         }
-        let number = match text.strip_prefix("0x") {
-            Some(hex) => u8::from_str_radix(hex, 16).ok(),
-            None => text.parse().ok(),
-        };
+        let number: Option<u8> = whole(text);
         if let Some(id) = number.filter(|id| (1..=127).contains(id)) {
             return Ok(id);
         }

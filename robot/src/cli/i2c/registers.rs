@@ -2,8 +2,8 @@
 
 use super::bus::Bus;
 use super::decode::{is_max6615, meaning, name, named};
-use super::target::{Known, Target, Where, number};
-use crate::cli::{Common, Failed, Outcome, print};
+use super::target::{Known, Target, Where};
+use crate::cli::{Common, Failed, Outcome, print, whole};
 use ::i2c::max6615::{Access, find};
 use ::i2c::smbus::{Answer, Command};
 use serde_json::json;
@@ -54,11 +54,7 @@ pub struct Set {
 }
 
 fn value(text: &str) -> Result<u16, String> {
-    let number = match text.strip_prefix("0x") {
-        Some(hex) => u16::from_str_radix(hex, 16).ok(),
-        None => text.parse().ok(),
-    };
-    number.ok_or_else(|| "expected a number from 0 to 65535".into())
+    whole(text).ok_or_else(|| "expected a number from 0 to 65535".into())
 }
 
 /// What is meant.
@@ -75,7 +71,7 @@ impl Asked {
     fn find(common: &Common, place: &Where, chip: &str, register: &str) -> Result<Self, Failed> {
         let target = place.find(common)?;
         let chip = target.chip(chip)?;
-        let (number, row) = (number(register), named(register));
+        let (number, row) = (whole(register), named(register));
         let Some(register) = number.or(row.map(|row| row.address)) else {
             let what = format!("no register {register:?}: expected a number from 0x00 to 0xff");
             return Err(format!("{what}, or a name that advee i2c dump shows").into());

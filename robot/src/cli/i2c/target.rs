@@ -1,7 +1,7 @@
 //! Which bus is meant, and who is known to be on it.
 
 use crate::cli::holder::holder;
-use crate::cli::{Common, Failed};
+use crate::cli::{Common, Failed, whole};
 use crate::config::{I2cBus, I2cPlace};
 use crate::topology;
 use base::i2c::Address;
@@ -128,7 +128,7 @@ impl Target {
         if let Some(known) = self.known.iter().find(|known| known.name == text) {
             return Ok(known.clone());
         }
-        if let Some(address) = number(text).and_then(Address::new) {
+        if let Some(address) = whole(text).and_then(Address::new) {
             return Ok(self.at(address));
         }
         let names: Vec<String> = self.known.iter().map(|known| format!("{} ({})", known.name, known.address)).collect();
@@ -155,13 +155,5 @@ impl Known {
             "?" => format!("chip {}", self.address),
             name => format!("{name} ({})", self.address),
         }
-    }
-}
-
-/// A byte, decimal or 0x….
-pub fn number(text: &str) -> Option<u8> {
-    match text.strip_prefix("0x") {
-        Some(hex) => u8::from_str_radix(hex, 16).ok(),
-        None => text.parse().ok(),
     }
 }

@@ -3,7 +3,7 @@
 use super::decode;
 use super::line::{Answer, Line, status_name};
 use super::target::{Known, TIMEOUT, Target, Where};
-use crate::cli::{Common, Failed, Outcome, finite, print, seconds};
+use crate::cli::{Common, Failed, Outcome, finite, print, seconds, whole};
 use crate::live::clock;
 use base::{Duration, Instant};
 use rs485::boards::{GET_VERSION, Instruction, psc1, sbs1, sd1, so1};
@@ -148,10 +148,7 @@ fn instruction(board: &Known, name: Option<&str>) -> Result<Instruction, Failed>
         });
     };
     let table = board.board.map_or(&[][..], |board| board.instructions);
-    let number = match name.strip_prefix("0x") {
-        Some(hex) => u8::from_str_radix(hex, 16).ok(),
-        None => name.parse().ok(),
-    };
+    let number: Option<u8> = whole(name);
     let known = table.iter().find(|known| known.name == name || Some(known.code) == number);
     let unknown = |code| Instruction { code, name: "", request: Lengths::ANY, answer: Lengths::ANY };
     known.copied().or(number.map(unknown)).ok_or_else(|| {

@@ -2,7 +2,7 @@
 
 use super::line::{Answer, Line, status_name, why};
 use super::target::{Known, Target, Where};
-use crate::cli::{Common, Outcome, print};
+use crate::cli::{Common, Outcome, print, whole};
 use base::Duration;
 use rs485::boards::{GET_VERSION, Version};
 use rs485::frame::Status;
@@ -15,10 +15,10 @@ pub struct Scan {
     #[command(flatten)]
     place: Where,
     /// First address
-    #[arg(long, default_value = "1", value_parser = clap::value_parser!(u8).range(1..=254))]
+    #[arg(long, default_value = "1", value_parser = address)]
     first: u8,
     /// Last address
-    #[arg(long, default_value = "254", value_parser = clap::value_parser!(u8).range(1..=254))]
+    #[arg(long, default_value = "254", value_parser = address)]
     last: u8,
     /// How long a board may take to answer, ms
     #[arg(long, value_name = "MS", default_value = "20", value_parser = clap::value_parser!(u64).range(1..=1000))]
@@ -26,6 +26,11 @@ pub struct Scan {
     /// JSON lines: one a board
     #[arg(long)]
     json: bool,
+}
+
+/// An address, decimal or 0x….
+fn address(text: &str) -> Result<u8, String> {
+    whole(text).filter(|address| (1..=254).contains(address)).ok_or_else(|| "expected an address from 1 to 254".into())
 }
 
 /// A board found, and what it said.

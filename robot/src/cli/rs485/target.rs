@@ -1,7 +1,7 @@
 //! Which line is meant, and who is known to be on it.
 
 use crate::cli::holder::{Holder, holder};
-use crate::cli::{Common, Failed};
+use crate::cli::{Common, Failed, whole};
 use crate::config::{Rs485Bus, Rs485Driver, Transport};
 use crate::live::ports::TerminalConfig;
 use crate::topology::{self, Place};
@@ -149,10 +149,7 @@ impl Target {
         if let Some(known) = self.known.iter().find(|known| known.name == text) {
             return Ok(known.clone());
         }
-        let number = match text.strip_prefix("0x") {
-            Some(hex) => u8::from_str_radix(hex, 16).ok(),
-            None => text.parse().ok(),
-        };
+        let number: Option<u8> = whole(text);
         if let Some(address) = number.filter(|address| (1..=254).contains(address)) {
             return Ok(self.at(address));
         }

@@ -125,7 +125,7 @@ fn switch_direction(file: BorrowedFd<'_>, direction: Direction) -> Result<(), St
     let asked = Rs485Direction::new(flags, delay_before_ms, delay_after_ms);
     match sys::set_rs485_direction(file, asked) {
         Ok(got) if got == asked => Ok(()),
-        Ok(got) => Err(format!("the port makes something else of it (asked {asked:?}, got {got:?})")),
+        Ok(got) => Err(format!("the port makes something else of it: asked for {asked}, it has {got}")),
         Err(error) if error.raw_os_error() == Some(libc::ENOTTY) => {
             Err("the port does not switch directions (TIOCSRS485): leave the key out where the adapter does".into())
         }
