@@ -31,7 +31,7 @@ impl Default for Store {
         Self {
             files: BTreeMap::new(),
             open: None,
-            capacity: 1 << 40,
+            capacity: 1 << 30,
             bytes_per_ms: 40_000,
             sync: Duration::from_millis(5),
             trouble: None,
