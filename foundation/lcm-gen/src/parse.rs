@@ -237,7 +237,8 @@ impl<'a> Parser<'a> {
             return Err(self.error(at, format!("`{word}` is no integer constant and cannot be an array dimension")));
         }
         if constant.is_some() || !is_name(word) {
-            let size = integer(text).and_then(|size| usize::try_from(size).ok()).filter(|&size| size > 0);
+            // What 32 bits do not count is as well too much for a message.
+            let size = integer(text).filter(|&size| size > 0).map(|size| usize::try_from(size).unwrap_or(usize::MAX));
             let wrong = || self.error(at, format!("an array dimension must be an integer above 0, not `{text}`"));
             return Ok(Dim { size: Size::Fixed(size.ok_or_else(wrong)?), text: text.to_owned() });
         }
