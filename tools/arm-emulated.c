@@ -2,6 +2,7 @@
  *
  * SO_TIMESTAMPNS   by SO_TIMESTAMP, which it knows: the kernel's own receive time, in whole microseconds.
  * SO_RXQ_OVFL      the kernel's count of datagrams that were dropped is not told: as if there were none.
+ * SO_DETACH_FILTER by another filter, which lets everything pass.
  * IP_MULTICAST_IF  not set: multicast leaves by the route, which is what programs without an interface in their URL ask for.
  * TCGETS2, TCSETS2  by TCGETS and TCSETS: a speed is remembered, not set. Enough for a pseudo-terminal, which has none.
  * readdir          by readdir64: a kernel of 64 bits gives places in a folder that 32 bits do not hold, one of 32 bits would not.
@@ -12,6 +13,7 @@
 #include <asm/termbits.h>
 #include <dirent.h>
 #include <dlfcn.h>
+#include <linux/filter.h>
 #include <netinet/in.h>
 #include <stdarg.h>
 #include <string.h>
@@ -33,6 +35,11 @@ int setsockopt(int fd, int level, int name, const void *value, socklen_t length)
         name = SO_TIMESTAMP;
     if ((level == SOL_SOCKET && name == SO_RXQ_OVFL) || (level == IPPROTO_IP && name == IP_MULTICAST_IF))
         return 0;
+    if (level == SOL_SOCKET && name == SO_DETACH_FILTER) {
+        struct sock_filter all = BPF_STMT(BPF_RET | BPF_K, 0xffffffff);
+        struct sock_fprog program = {1, &all};
+        return next(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof program);
+    }
     return next(fd, level, name, value, length);
 }
 
