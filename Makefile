@@ -79,8 +79,8 @@ reproducible: web
 	@tools/require cc deb
 	packaging/reproducible $(ARCH)
 
-# Built for arm64, armhf and armel, and tried under emulation (docs/arm.md).
-arm: build
+# The packages for arm64, armhf and armel, tried under emulation beside this machine's (docs/arm.md).
+arm: deb
 	@tools/require cc arm
 	tools/arm-check
 
