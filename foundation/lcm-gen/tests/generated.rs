@@ -213,7 +213,10 @@ fn a_length_that_stands_for_no_bytes_is_bounded_too() {
     // Of 2^62 a size of 32 bits does not tell how many are possible.
     let body = "00000000 00 4000000000000000";
     let possible = if cfg!(target_pointer_width = "64") { 65536 } else { 0 };
-    assert_eq!(refused::<Lengths>(body), format!("array length 4611686018427387904 where 0 to {possible} are possible"));
+    assert_eq!(
+        refused::<Lengths>(body),
+        format!("array length 4611686018427387904 where 0 to {possible} are possible")
+    );
     // 30000 rows and 30000 lists of items fit, 30000 empty structs behind them do not any more.
     let body = "00000000 00 0000000000007530 0000";
     assert_eq!(refused::<Lengths>(body), "array length 30000 where 0 to 5536 are possible");
