@@ -23,7 +23,7 @@ mod hub;
 mod local;
 mod memq;
 mod socket;
-mod sys;
+pub(crate) mod sys;
 mod tcpq;
 mod udpm;
 

@@ -1,4 +1,4 @@
-//! The socket options that have no safe wrapper.
+//! The socket options and the system call that have no safe wrapper.
 #![allow(unsafe_code)]
 
 use crate::filter::Instruction;
@@ -7,6 +7,14 @@ use nix::libc;
 use std::mem;
 use std::net::Ipv4Addr;
 use std::os::fd::{AsRawFd, BorrowedFd};
+
+/// Whether this thread goes before all that have no real-time priority.
+#[cfg(feature = "shm")]
+pub fn is_real_time() -> bool {
+    // SAFETY: it takes a number, and answers with one.
+    let policy = unsafe { libc::sched_getscheduler(0) };
+    policy >= 0 && matches!(policy & !libc::SCHED_RESET_ON_FORK, libc::SCHED_FIFO | libc::SCHED_RR)
+}
 
 /// Has the kernel run `program` on each datagram, instead of any program before.
 pub fn attach_filter(fd: BorrowedFd<'_>, program: &[Instruction]) -> nix::Result<()> {
