@@ -13,7 +13,7 @@ set_ports() { # BUS=N...: the driver's port is /dev/ttyLABN, the simulator's boa
     done
 }
 
-step "start, and drive"
+step "start"
 # Boards give a frame up after a gap of 5 ms, which a process without priority may have beside others.
 rt_priorities driver_rs485a=42 driver_rs485b=42 driver_power=42 simulator=40
 "$ADVEE" --config "$HOME/conf/advee" up --headless --sim --run-dir /run/advee --set web.enabled=false \
@@ -21,12 +21,15 @@ rt_priorities driver_rs485a=42 driver_rs485b=42 driver_power=42 simulator=40
 up=$!
 expect "the steering is homed" 60
 has_priorities
+
+# What was before: starting, four processes with priorities and locked memory are in each other's way.
+step "drive"
 before=$(errors a)
 drive
 load
 [ "$(errors a)" = "$before" ] || fail "a wire that nobody disturbs has errors"
 all_run || fail "$("$ADVEE" state)"
-[ "$(count "ms after an address")" = 0 ] || fail "frames have gaps"
+[ "$(count "driver_.* ms after an address")" = 0 ] || fail "frames have gaps"
 
 step "the direction of the line is the port's, as configured"
 python3 -c 'import fcntl, os, struct
