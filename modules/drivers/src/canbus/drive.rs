@@ -184,9 +184,13 @@ impl Drive {
         }
     }
 
-    /// Whether it is to be booted anew, as it has been deaf for too long.
-    pub(super) fn is_given_up(&self, now: Instant) -> bool {
-        self.deaf.is_some_and(|until| until <= now)
+    /// Whether it is to be booted anew, as it has been deaf for too long; said again where that did not help.
+    pub(super) fn gives_up(&mut self, now: Instant) -> bool {
+        let due = self.deaf.is_some_and(|until| until <= now);
+        if due {
+            self.deaf = Some(now + DEAF);
+        }
+        due
     }
 
     /// Whether what it measured is still so, as far as can be known.

@@ -465,8 +465,8 @@ impl Canbus {
         self.arbiter.decided(now);
         self.propulsion.advance(now, &mut self.master, out);
         self.steering.advance(now, &mut self.master, out);
-        for drive in [&self.propulsion.drive, &self.steering.drive] {
-            if drive.is_given_up(now) {
+        for drive in [&mut self.propulsion.drive, &mut self.steering.drive] {
+            if drive.gives_up(now) {
                 self.master.reboot(now, drive.node);
             }
         }
