@@ -16,16 +16,16 @@ mod engine;
 mod load;
 #[path = "canopen/peer.rs"]
 mod peer;
-#[path = "../robot/tests/canopen_peers/store.rs"]
+#[path = "../advee/tests/it/canopen_peers/store.rs"]
 mod store;
 #[path = "sys.rs"]
 mod sys;
 #[path = "canopen/wire.rs"]
 mod wire;
 
-#[path = "../robot/tests/canopen_peers/bus.rs"]
+#[path = "../advee/tests/it/canopen_peers/bus.rs"]
 mod bus;
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 #[global_allocator]

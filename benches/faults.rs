@@ -18,7 +18,7 @@ mod figures;
 mod kind;
 #[path = "faults/rig.rs"]
 mod rig;
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 #[path = "faults/trial.rs"]
 mod trial;
@@ -28,7 +28,7 @@ use figures::Times;
 use kind::Kind;
 use rig::{Rig, Yard};
 use robot::config::SIMULATOR;
-use sim::Random;
+use simulator::Random;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};

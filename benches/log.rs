@@ -4,9 +4,9 @@
 //! logger costs meanwhile, in processor time and memory. Then the traffic of a robot, 60 kB/s. Figures to reach: no loss;
 //! 5 % of a core at the robot's own.
 
-#[path = "../robot/tests/support/log.rs"]
+#[path = "../advee/tests/support/log.rs"]
 mod log;
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 use log::Rig;

@@ -4,9 +4,9 @@
 //! it was left; then the next start gives all of them their index. Figure to reach: 250 ms and one synchronization lost
 //! at most, no file refused.
 
-#[path = "../robot/tests/support/log.rs"]
+#[path = "../advee/tests/support/log.rs"]
 mod log;
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 use log::Rig;

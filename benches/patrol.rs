@@ -13,8 +13,9 @@
 mod rig;
 
 use base::Epoch;
-use module::record::{Call, Item, Reader};
+use module::Call;
 use module::{Actions, Event};
+use record::{Item, Reader};
 use rig::Patrol;
 use robot::recording;
 use std::cell::RefCell;
@@ -37,7 +38,7 @@ fn main() -> ExitCode {
             keep.borrow_mut().extend_from_slice(bytes);
             true
         };
-        let sink = (seed == 1).then(|| Box::new(write) as module::record::Sink);
+        let sink = (seed == 1).then(|| Box::new(write) as record::Sink);
         let one = run(None, seed, sink);
         println!("seed {seed}: {one}");
         for (at, own, line) in &one.contacts {
@@ -77,7 +78,7 @@ struct Total {
     took: f64,
 }
 
-fn run(people: Option<u32>, seed: u64, sink: Option<module::record::Sink>) -> Total {
+fn run(people: Option<u32>, seed: u64, sink: Option<record::Sink>) -> Total {
     let begin = Instant::now();
     let mut robot = Patrol::new("hall", people, seed, sink);
     robot.go();

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let scene = RobotScene {
         name: "advee".into(),
         outline: vec![[0.75, 0.3], [-0.15, 0.3], [-0.15, -0.3], [0.75, -0.3]],
-        sonar: Sensor::SRF08,
+        sonar: Sensor::srf08(0.96),
         infrared: Sensor::GP2Y0A41,
         ..RobotScene::default()
     };

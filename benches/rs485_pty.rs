@@ -5,18 +5,18 @@
 //! the wire allows: the words of request and answer, two words of silence, the board's delay. Figure to reach: 90 %.
 
 use base::{Duration, Instant};
+use host::ports::{PortConfig, TerminalConfig};
+use host::{HostConfig, run};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
 use nix::sys::pthread::pthread_kill;
 use nix::sys::signal::{Signal, raise};
-use robot::live::ports::{PortConfig, TerminalConfig};
-use robot::live::{HostConfig, run};
 use rs485::boards::sd1;
 use rs485::frame::OVERHEAD;
 use rs485::master::{Config, Event as Happened, Master};
 use rs485::{crc::Crc8, slave, word_time};
-use sim::boards::sd1::Sd1Config;
-use sim::{BoardConfig, BoardKind, SerialConfig, Simulator};
+use simulator::boards::sd1::Sd1Config;
+use simulator::{BoardConfig, BoardKind, SerialConfig, Simulator};
 use std::os::unix::thread::JoinHandleExt;
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -127,7 +127,7 @@ fn simulator(baud: u32) -> Simulator {
     };
     let boards = vec![BoardConfig { name: "sd1_front".into(), address: sd1::FRONT, kind: BoardKind::Sd1(sd1) }];
     let serial = vec![SerialConfig { bus: "rs485.a".into(), baud, crc: Crc8::SAE_J1850, real: false, boards }];
-    Simulator::new(sim::Config { serial, wire_time: true, ..sim::Config::default() })
+    Simulator::new(simulator::Config { serial, wire_time: true, ..simulator::Config::default() })
 }
 
 struct Round {

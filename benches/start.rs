@@ -3,7 +3,7 @@
 //! Cold start of `advee up --sim` to all modules RUN (homing of the steering apart); proportional memory of all
 //! processes together; their CPU while the robot stands. Figures to reach: 1 s, 40 MB, 5 % of a core.
 
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 use std::fs;

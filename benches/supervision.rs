@@ -3,12 +3,12 @@
 //! `advee up`, the watchdog, and ten processes of the live host whose module does nothing: they beat, announce themselves
 //! and hear the watchdog. All processor time of all of them is supervision. Figure to reach: 0.5 % of a core.
 
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 use base::Instant;
+use host::{self, HostConfig};
 use module::{Actions, Event, Module, Shell, ShellConfig};
-use robot::live::{self, HostConfig};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{ExitCode, Stdio};
@@ -39,7 +39,7 @@ fn main() -> ExitCode {
         let lcm_url = std::env::var("LCM_DEFAULT_URL").unwrap_or_default();
         let config =
             HostConfig { lcm_url, ports: Vec::new(), raw: Vec::new(), launch: None, beats: None, inputs: None };
-        return ExitCode::from(live::run(Shell::new(ShellConfig::new(name), Box::new(Idle)), config).unwrap_or(1));
+        return ExitCode::from(host::run(Shell::new(ShellConfig::new(name), Box::new(Idle)), config).unwrap_or(1));
     }
     let folder = std::env::temp_dir().join(format!("advee-bench-{}", std::process::id()));
     configure(&folder.join("conf"));
@@ -87,7 +87,7 @@ fn configure(folder: &Path) {
 
 /// The process, the watchdog below it, and the modules, which are children of either.
 fn family(up: u32) -> Vec<u32> {
-    let children = |parent| live::processes::children(parent);
+    let children = |parent| host::processes::children(parent);
     let (watchdog, adopted): (Vec<u32>, Vec<u32>) = children(up).into_iter().partition(|pid| {
         fs::read(format!("/proc/{pid}/cmdline")).is_ok_and(|line| String::from_utf8_lossy(&line).contains("watchdog"))
     });

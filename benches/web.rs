@@ -4,9 +4,9 @@
 //! watches a channel too, and with 20 viewers of Foxglove that want everything at full rate: CPU and memory of the server's
 //! process, what reached the viewers. Figures to reach: 10 % of a core, 15 MB.
 
-#[path = "../robot/tests/support/page.rs"]
+#[path = "../advee/tests/support/page.rs"]
 mod page;
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 use std::collections::BTreeSet;

@@ -4,13 +4,13 @@
 //! A simulated robot is driven over `/ws/command` and let go a thousand times. Times: from before the page writes to its socket
 //! until the server has made the message (its timestamp), and until it is heard on the bus. Goal: 20 ms.
 
-#[path = "../robot/tests/web/page.rs"]
-mod page;
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support/operator.rs"]
+mod operator;
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 use messages::{Channel, Message};
-use page::{Page, post};
+use operator::{Page, post};
 use serde_json::{Value, json};
 use std::net::TcpListener;
 use std::time::{Duration, Instant, SystemTime};

@@ -3,7 +3,7 @@
 //! From publishing `LL_CMD_MOTION` to RPDO4 with the new speed on the CAN bus, beside one LCM hop (publish to receive,
 //! in this process) in the same run, alternating. Figure to reach: p99 at most 2 ms above the hop's.
 
-#[path = "../robot/tests/support/mod.rs"]
+#[path = "../advee/tests/support.rs"]
 mod support;
 
 use messages::{Message, lowlevel};
@@ -86,7 +86,7 @@ fn wait_for_rpdo4(can: &UdpSocket, begin: Instant, speed: f64) -> Option<Duratio
         can.set_read_timeout(Some(left)).expect("a time limit");
         let len = can.recv(&mut datagram).ok()?;
         let took = begin.elapsed();
-        let frame = robot::live::ports::can_udp_codec::decode(&datagram[..len]).ok()?;
+        let frame = host::ports::can_udp_codec::decode(&datagram[..len]).ok()?;
         if frame.id() == base::can::Id::Standard(0x501) && frame.data()[2..] == rpm.to_le_bytes() {
             return Some(took);
         }

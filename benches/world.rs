@@ -1,6 +1,6 @@
 //! The virtual world beside real time: `cargo bench -p advee --bench world`.
 //!
-//! The whole robot as it is shipped, all its modules and the watchdog, on virtual busses, in the worlds `empty` (nobody
+//! The whole robot as it is shipped, all its modules and the watchdog, on virtual buses, in the worlds `empty` (nobody
 //! there) and `hall` (20 visitors walk about): standing, driven by commands at 20 Hz, and `checked`: driven, with the
 //! rules of `advee soak` held against every step. For each: virtual seconds in a second of CPU time, what an observer was
 //! told of, allocations, way, digest. Each runs twice; two digests that differ end the bench. Figures to reach: 1000 ×
@@ -13,8 +13,9 @@ mod sys;
 
 use base::{Duration, Instant};
 use messages::{Message, lowlevel};
-use robot::plot::Picture;
-use robot::topology::{Place, virtual_machine};
+use plot::Picture;
+use robot::place::Place;
+use robot::topology::virtual_machine;
 use sim::check::Checkers;
 use sim::host::{Config, News, Virtual};
 use std::cell::{Cell, RefCell};
@@ -150,7 +151,7 @@ fn machine(world: &str, draws: bool, checked: bool) -> (Virtual, Rc<Seen>) {
     if draws {
         let known = robot::config::Config::load(&place.config, true, &[]).expect("the shipped configuration");
         let world = robot::config::world(&place.config, place.world.as_deref(), &[]).expect("a shipped world");
-        seen.picture.replace(Some(Picture::new(world, Some(known.robot.geometry))));
+        seen.picture.replace(Some(Picture::new(world, Some(known.robot.geometry.footprint()))));
     }
     let keep = seen.clone();
     machine.observe(move |_, news| keep.take(news));

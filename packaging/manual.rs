@@ -14,7 +14,7 @@ const FILES: &str = include_str!("advee.1.part");
 fn main() -> io::Result<()> {
     let folder = std::env::args_os().nth(1).map(PathBuf::from);
     let folder = folder.ok_or_else(|| io::Error::new(ErrorKind::InvalidInput, "usage: manual FOLDER"))?;
-    let command = robot::cli::command();
+    let command = cli::command();
     let pages = made(&folder.join("man1"))?;
     clap_mangen::generate_to(command.clone(), &pages)?;
     let mut page = Vec::new();

@@ -1,8 +1,8 @@
 //! What the drives are told, and what they do by themselves: the CAN bus, listened to.
 
 use base::can::Id;
+use host::ports::can_udp_codec;
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt};
-use robot::live::ports::can_udp_codec;
 use std::net::{Ipv4Addr, UdpSocket};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;

@@ -5,11 +5,12 @@
 
 use base::{Duration, Instant};
 use messages::middlelevel::{CmdGoal, DataGoal, Waypoint};
-use messages::{Message, lowlevel, simulation};
+use messages::{Hold, Message, lowlevel, simulation};
 use module::State;
-use module::record::Sink;
+use record::Sink;
 use robot::config;
-use robot::topology::{Place, virtual_machine_recorded};
+use robot::place::Place;
+use robot::topology::virtual_machine_recorded;
 use sim::host::{self, News, Virtual};
 use std::cell::RefCell;
 use std::path::Path;
@@ -42,6 +43,10 @@ pub struct Seen {
     pub command: lowlevel::CmdMotion,
     /// The drives.
     pub motion: lowlevel::DataMotion,
+    /// What stands against motion.
+    pub holds: lowlevel::DataHold,
+    /// What keeps the goal from being driven to.
+    pub goal_holds: lowlevel::DataHold,
     /// Words of ML_DATA_GOAL, each when it changed, s; the last hundred.
     pub words: Vec<(f64, String)>,
     estimates: u32,
@@ -98,7 +103,7 @@ impl Patrol {
         for _ in 0..60 {
             self.pass(0.5);
             let seen = self.seen.borrow();
-            if seen.motion.homed && seen.motion.reason == "nobody commands the motion" && seen.estimates > 20 {
+            if seen.motion.homed && seen.holds.is_idle() && seen.estimates > 20 {
                 break;
             }
         }
@@ -180,6 +185,14 @@ impl Seen {
             News::Message { message: Message::MlDataGoal(goal), .. } => self.on_goal(now, goal),
             News::Message { message: Message::LlCmdMotion(command), .. } => self.command = command.clone(),
             News::Message { message: Message::LlDataMotion(motion), .. } => self.motion = motion.clone(),
+            News::Message { message: Message::LlDataHold(list), .. } if list.is_of_motion() => {
+                self.holds = list.clone();
+            }
+            News::Message { message: Message::LlDataHold(list), .. } if list.is_of_goal() => {
+                self.goal_holds = list.clone();
+                let waits = list.first() == Some(Hold::PlannerLatched);
+                self.waits = waits.then(|| self.waits.unwrap_or(now));
+            }
             News::Message { message: Message::MlDataEstimate(estimate), .. } => {
                 self.estimates = if estimate.quality >= 2 { self.estimates + 1 } else { 0 };
             }
@@ -192,8 +205,6 @@ impl Seen {
         self.failed += u32::from(goal.status == DataGoal::FAILED && self.goal.status != DataGoal::FAILED);
         self.told.0 += 1;
         self.told.1 += u32::from(goal.status == DataGoal::BLOCKED);
-        let waits = goal.message.starts_with("waits for an operator");
-        self.waits = waits.then(|| self.waits.unwrap_or(now));
         if goal.message != self.goal.message {
             if self.words.len() >= 100 {
                 self.words.remove(0);

@@ -2,7 +2,7 @@
 //! thermometers. What is understood is the same when it is written again, and no number is out of a thermometer's range.
 #![no_main]
 use base::i2c::codec;
-use robot::live::ports::w1_read;
+use host::ports::w1_read;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     if let Some(transfer) = codec::parse_transfer(bytes) {

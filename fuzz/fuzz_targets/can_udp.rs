@@ -1,7 +1,7 @@
 //! A datagram on the virtual CAN bus: any bytes, or a frame's own of which some are changed and some cut off.
 #![no_main]
 use base::can::{Frame, Id};
-use robot::live::ports::can_udp_codec::{DATAGRAM_MAX, decode, encode};
+use host::ports::can_udp_codec::{DATAGRAM_MAX, decode, encode};
 
 libfuzzer_sys::fuzz_target!(|input: (Option<(u32, [u8; 8], u8)>, Vec<(u8, u8)>, u8, Vec<u8>)| {
     let (frame, changes, cut, mut datagram) = input;

@@ -97,8 +97,8 @@ libfuzzer_sys::fuzz_target!(|input: (u8, Vec<(u8, u16, [u8; 8])>)| {
     let option = |bit: u8| options >> bit & 1 == 1;
     let booted = option(0);
     let mut configs = [
-        epos::node_config("propulsion", &epos::Parameters::new(1)),
-        icla::node_config("steering", &icla::Parameters::new(2)),
+        epos::node_config("propulsion", &epos::parameters(1)),
+        icla::node_config("steering", &icla::parameters(2)),
     ];
     if option(1) {
         configs[1].stamp = Some(Stamp { date: 1, time: 2, store: option(2) });

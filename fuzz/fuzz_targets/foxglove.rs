@@ -4,8 +4,8 @@
 //! delivered, and what is sent is as long as the protocol has it.
 #![no_main]
 use logger::ros::Topic;
-use robot::web::foxglove::hub::{Hub, Limits, Outgoing, ViewerId};
-use robot::web::foxglove::protocol::{Request, Subscription};
+use web::foxglove::hub::{Hub, Limits, Outgoing, ViewerId};
+use web::foxglove::protocol::{Request, Subscription};
 use std::collections::BTreeMap;
 
 const LIMITS: Limits = Limits { topics: 20, message: 200, queue: 1000 };

@@ -5,8 +5,9 @@ use base::Duration;
 use messages::Message;
 use module::bench::Bench;
 use module::{Event, Input, PortId, State};
-use robot::live::ports::gamepad_codec::{Line, Reader, encode};
-use robot::topology::{self, Place};
+use host::ports::gamepad_codec::{Line, Reader, encode};
+use robot::place::Place;
+use robot::topology;
 use std::path::Path;
 
 libfuzzer_sys::fuzz_target!(|chunks: Vec<Vec<u8>>| {

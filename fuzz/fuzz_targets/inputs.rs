@@ -4,7 +4,7 @@
 //! understood is the same when it was written and read again.
 #![no_main]
 use base::{Epoch, Instant};
-use module::record::{Header, Item, MAGIC, Player, Reader, Recorder, VERSION};
+use record::{Header, Item, MAGIC, Player, Reader, Recorder, VERSION};
 use module::{Action, Actions, Event, Input, Module, Output, Shell, ShellConfig, State};
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -14,7 +14,8 @@ use lcm::udpm::{self, DATAGRAM_MAX};
 use messages::{Channel, Message};
 use module::bench::Bench;
 use module::{Action, Event, ExitStatus, Input, Line, PortId, ProcessEvent, State};
-use robot::topology::{self, Place};
+use robot::place::Place;
+use robot::topology;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::Path;
 

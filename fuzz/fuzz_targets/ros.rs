@@ -6,7 +6,7 @@ use logger::ros::{RobotScene, Translator, Untranslated};
 use messages::Channel;
 use std::sync::LazyLock;
 
-#[path = "../../foundation/lcm-gen/tests/ros2/mod.rs"]
+#[path = "../../foundation/lcm-gen/tests/ros2.rs"]
 mod reader;
 
 /// Arrays in arrays, strings in them, elements without bytes, all numbers, types that ROS 2 does not have.

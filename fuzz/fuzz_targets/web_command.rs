@@ -3,9 +3,9 @@
 
 use base::{Duration, Instant};
 use libfuzzer_sys::fuzz_target;
-use robot::web::center::access::Role;
-use robot::web::center::authority::{Authority, Limits, Say};
-use robot::web::center::command::{self, Command, Robot};
+use web::center::access::Role;
+use web::center::authority::{Authority, Limits, Say};
+use web::center::command::{self, Command, Robot};
 
 fuzz_target!(|steps: Vec<(bool, u8, String)>| {
     let limits = Limits { speed: 0.5, steering: 0.4 };

@@ -7,10 +7,10 @@ needs python3
 
 moves() { awk "BEGIN { exit !($(truth speed) > 0.2) }"; }
 stands() { awk "BEGIN { s = $(truth speed); exit !(s < 0.01 && s > -0.01) }"; }
-pad() { echo "$*" >&3; } # LINE: of robot/tests/gamepad/uinput.py
+pad() { echo "$*" >&3; } # LINE: of advee/tests/it/gamepad/uinput.py
 
 plug() {
-    python3 robot/tests/gamepad/uinput.py <"$HOME/pad" &
+    python3 advee/tests/it/gamepad/uinput.py <"$HOME/pad" &
     exec 3>"$HOME/pad"
 }
 

@@ -1,5 +1,5 @@
 #!/bin/sh
-# The whole robot over a kernel's serial ports: busses of 9-bit words with addresses in mark parity, on wires that take their
+# The whole robot over a kernel's serial ports: buses of 9-bit words with addresses in mark parity, on wires that take their
 # time. It runs and drives; a board falls silent and comes back.
 set -eu
 . "$LAB_SOURCE/lab/checks/lib.sh"

@@ -21,6 +21,10 @@ class Runner(OwnLab):
         self.assertIn("lab: 1 passed, 1 failed, 1 skipped", said)
         self.assertIn("there is no such device", said)
         self.assertIn("what it saw", said)
+        skipped = self.path("skipped")
+        self.run_lab(ADVEE_SKIPPED=skipped)
+        with open(skipped, encoding="utf-8") as f:
+            self.assertEqual(f.read(), "machine\tlab: none\tthere is no such device\n")
         self.assertEqual(self.run_lab("good")[0], 0)
 
     def test_a_check_that_hangs_is_ended_and_the_next_runs_in_a_fresh_machine(self):
@@ -112,6 +116,7 @@ class Runner(OwnLab):
         status, said = self.run_lab("--short", **environment)
         self.assertEqual(status, 0, said)
         self.assertRegex(said, f"(?m)^lab: 1 checks SKIPPED: .*{why}")
+        self.assertEqual(self.run_lab("--short", ADVEE_PEERS="required", **environment)[0], 2)
 
     def test_no_qemu(self):
         self.check("good", "true", short=True)

@@ -1,7 +1,7 @@
 //! The bounds of [`sim::check`], from the configuration: the robot that is checked is the one that is built.
 
 use crate::config::{CanDriver, Config, ConfigError};
-use crate::topology::Place;
+use crate::place::Place;
 use base::Duration;
 use drivers::canbus;
 use sim::check::Limits;

@@ -1,16 +1,13 @@
-//! The live host, the configuration, the topology of the robot, and the tools of the command line.
+//! A robot's folder: its configuration, and the modules, ports and processes that it describes.
 //!
-//! The one crate that may open, sleep, spawn and ask the time.
+//! [`config`] reads the files strictly, [`topology`] makes modules and ports of them, for the live host and for virtual
+//! time; [`recording`] does the same from what a run recorded.
+#![forbid(unsafe_code)]
 
 pub mod checks;
-pub mod cli;
 pub mod config;
-pub mod live;
-pub mod log_repair;
 pub mod map_file;
-mod orders;
-pub mod plot;
+pub mod place;
 pub mod recording;
-pub mod run_folder;
+pub mod scene;
 pub mod topology;
-pub mod web;

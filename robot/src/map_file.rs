@@ -35,7 +35,7 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
 ///
 /// # Errors
 /// What stands in it is too far apart for one map.
-pub fn of_world(world: &sim::world::World) -> Result<Map, String> {
+pub fn of_world(world: &simulator::world::World) -> Result<Map, String> {
     let flat = |point: &navitools::Point| (point.x, point.y);
     let walls = world.walls.iter().map(|wall| (flat(&wall.a), flat(&wall.b))).collect::<Vec<_>>();
     let columns = world.columns.iter().map(|column| (flat(&column.centre), column.radius)).collect::<Vec<_>>();

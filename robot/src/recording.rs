@@ -5,33 +5,24 @@
 //! `sim.toml` and its world, whose beacons are the robot's map. Data sheets of drives are checked when a module is made
 //! and say nothing about what it does; they are left out.
 
-use crate::config::{self, Config, ConfigError, Node};
-use crate::live::recorder::Inputs;
-use crate::topology::{self, Made, Place};
-use crate::web;
+use crate::config::{self, Config, ConfigError};
+use crate::place::Place;
+use crate::scene;
+use crate::topology::{self, Made};
 use base::Duration;
+use host::recorder::Inputs;
+use host::runs::{MODULES, OVERRIDES, ROBOT, SET, SIM, WORLD};
 use logger::Attachment;
-use logger::read::Index;
-use module::record::Header;
 use module::{Shell, State};
-use sim::world::World;
-use std::fs::{self, File};
-use std::io::{self, Read, Seek, SeekFrom};
+use record::Header;
+use settings::Node;
+use simulator::world::World;
+use std::fs;
 use std::path::{Path, PathBuf};
+use web::center::Scene;
 
 /// Where a process finds the folder of its run.
 pub const VARIABLE: &str = "ADVEE_LOG";
-/// Names of texts in a header.
-pub(crate) const ROBOT: &str = "robot.toml";
-pub(crate) const SIM: &str = "sim.toml";
-pub(crate) const MODULES: &str = "modules.toml";
-pub(crate) const WORLD: &str = "world.toml";
-/// Name of the texts that are overrides.
-pub const SET: &str = "--set";
-/// The overrides of a run, one a line.
-pub(crate) const OVERRIDES: &str = "overrides.txt";
-/// A configuration is not longer than this, bytes.
-const TEXT_MAX: u64 = 1 << 20;
 /// What the host decided: [`Made`].
 const WIRE_TIME: &str = "wire_time";
 const SEED: &str = "seed";
@@ -91,45 +82,6 @@ pub fn attachments(place: &Place, made: Made) -> Vec<Attachment> {
     files.chain(others).map(attachment).collect()
 }
 
-/// The files of a run, in order; the one file that is named; none.
-pub(crate) fn log_files(run: &Path) -> Vec<PathBuf> {
-    if run.is_file() {
-        return if run.extension().is_some_and(|ending| ending == "mcap") { vec![run.into()] } else { Vec::new() };
-    }
-    let number = |path: &Path| {
-        let name = path.file_name()?.to_str()?;
-        name.strip_prefix("log_")?.strip_suffix(".mcap")?.parse::<u64>().ok()
-    };
-    let entries = fs::read_dir(run).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
-    let mut files: Vec<(u64, PathBuf)> = entries.filter_map(|path| Some((number(&path)?, path))).collect();
-    files.sort();
-    files.into_iter().map(|(_, path)| path).collect()
-}
-
-/// A file, what is in it, and of its attachments the texts that were not known yet.
-pub(crate) fn open_log(path: &Path, texts: &mut Vec<(String, String)>) -> io::Result<(File, Index)> {
-    let mut file = File::open(path)?;
-    let index = Index::read(&mut file, &mut |_, _| ())?;
-    let names = [ROBOT, MODULES, SIM, WORLD, OVERRIDES];
-    for attachment in index.attachments.iter().filter(|attachment| names.contains(&attachment.name.as_str())) {
-        if attachment.data_len <= TEXT_MAX && texts.iter().all(|(name, _)| *name != attachment.name) {
-            let mut bytes = Vec::new();
-            file.seek(SeekFrom::Start(attachment.data_offset))?;
-            (&mut file).take(attachment.data_len).read_to_end(&mut bytes)?;
-            texts.push((attachment.name.clone(), String::from_utf8_lossy(&bytes).into_owned()));
-        }
-    }
-    Ok((file, index))
-}
-
-/// The configuration that is attached to a log, as recorded inputs have theirs.
-pub(crate) fn attached(texts: Vec<(String, String)>) -> Header {
-    let (overrides, mut texts): (Vec<_>, Vec<_>) = texts.into_iter().partition(|(name, _)| name == OVERRIDES);
-    let sets = overrides.iter().flat_map(|(_, text)| text.lines()).filter(|line| !line.trim().is_empty());
-    texts.extend(sets.map(|line| (SET.into(), line.into())));
-    Header { program: String::new(), module: String::new(), wanted: State::Run, texts }
-}
-
 /// This program, as it stands in a header.
 #[must_use]
 pub fn program() -> String {
@@ -173,6 +125,14 @@ pub fn world(header: &Header) -> Result<Option<World>, ConfigError> {
     header.text(WORLD).map(|_| parsed_world(header, &sets)).transpose()
 }
 
+/// How a recorded robot is shown, where its log carries what it needs.
+#[must_use]
+pub fn scene(header: &Header) -> Option<Scene> {
+    let config = config(header, &header.texts(SET)).ok()?;
+    let world = world(header).ok()?;
+    Some(scene::of(&topology::mapped(&config.robot, world.as_ref()), world.as_ref(), None))
+}
+
 fn parsed_world(header: &Header, sets: &[String]) -> Result<World, ConfigError> {
     config::parsed_world(node(header, WORLD)?, Path::new(WORLD), sets)
 }
@@ -192,61 +152,9 @@ fn made(header: &Header) -> Result<Made, ConfigError> {
     })
 }
 
-/// Makes the folder of a run that begins now: `YYYY_MM_DD_HH_MM_SS`, in UTC. Where another run has that name it is the
-/// next free second's.
-pub fn make_run(folder: &Path, wall_ns: u64) -> io::Result<PathBuf> {
-    fs::create_dir_all(folder)?;
-    let first = wall_ns / 1_000_000_000;
-    for second in first..first + 60 {
-        let run = folder.join(run_name(second));
-        match fs::create_dir(&run) {
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            result => return result.map(|()| run),
-        }
-    }
-    Err(io::ErrorKind::AlreadyExists.into())
-}
-
-/// The name of a second since the UNIX epoch.
-pub(crate) fn run_name(second: u64) -> String {
-    let (mut days, time) = (second / 86_400, second % 86_400);
-    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
-    let mut year = 1970;
-    while days >= 365 + u64::from(leap(year)) {
-        days -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let lengths = [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
-    let mut month = 0;
-    while days >= lengths[month] {
-        days -= lengths[month];
-        month += 1;
-    }
-    let (hour, minute, second) = (time / 3600, time / 60 % 60, time % 60);
-    format!("{year:04}_{:02}_{:02}_{hour:02}_{minute:02}_{second:02}", month + 1, days + 1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_run_is_named_by_its_second() {
-        assert_eq!(run_name(0), "1970_01_01_00_00_00");
-        assert_eq!(run_name(951_782_399), "2000_02_28_23_59_59");
-        assert_eq!(run_name(951_782_400), "2000_02_29_00_00_00");
-        assert_eq!(run_name(1_767_225_599), "2025_12_31_23_59_59");
-        assert_eq!(run_name(4_107_542_400), "2100_03_01_00_00_00");
-    }
-
-    #[test]
-    fn two_runs_of_one_second_have_two_folders() {
-        let folder = std::env::temp_dir().join(format!("advee-runs-{}", std::process::id()));
-        let runs = [1, 1, 2].map(|second| make_run(&folder, second * 1_000_000_000).unwrap());
-        let names = runs.map(|run| run.file_name().unwrap().to_string_lossy().into_owned());
-        fs::remove_dir_all(&folder).unwrap();
-        assert_eq!(names, ["1970_01_01_00_00_01", "1970_01_01_00_00_02", "1970_01_01_00_00_03"]);
-    }
 
     #[test]
     fn every_module_is_made_again_of_what_its_file_begins_with() {

@@ -1,51 +1,35 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
-use crate::cli;
 use crate::config::{
     self, CanBus, CanDriver, CanInterface, Config, ConfigError, I2cBus, I2cChip, I2cPlace, Joystick, JoystickDevice,
     ModuleEntry, Robot, Rs485Bus, Rs485Driver, SIMULATOR,
 };
-use crate::live::limits::Limits;
-use crate::live::ports::{GamepadPlace, PortConfig, TerminalConfig};
-use crate::live::processes::{Launch, Start};
-use crate::live::{HostConfig, beats};
 use crate::map_file;
+use crate::place::{self, Place};
 use crate::recording;
-use crate::web::center::{Scene, authority, command};
-use crate::web::{self, Web};
-use base::Duration;
+use crate::scene;
+use ::host::limits::Limits;
+use ::host::ports::{GamepadPlace, PortConfig, TerminalConfig};
+use ::host::processes::{Launch, LinesFrom, Start};
+use ::host::{HostConfig, beats};
+use base::{Duration, Level};
 use canopen::eds::Eds;
 use drivers::{auxiliary, canbus, joydev, power, rs485a, rs485b};
 use i2c::max6615::{self, fields::Frequency};
 use logger::ros::{self, RobotScene, Sensor, Translator};
-use module::record::{Recorder, Sink};
 use module::{Module, PortSpec, Shell, ShellConfig, State};
 use navitools::{Point, Pose};
+use record::{Recorder, Sink};
 use rs485::crc::Crc8;
 use sim::host::{self, Virtual};
-use sim::world::{Beacon, World};
+use simulator::world::{Beacon, World};
 use std::ffi::OsString;
 use std::net::SocketAddrV4;
 use std::path::PathBuf;
 use std::process::Command;
 use watchdog::Watchdog;
-
-/// Where a robot is to be found; what every process of it is told.
-#[derive(Clone, Debug)]
-pub struct Place {
-    /// The configuration folder.
-    pub config: PathBuf,
-    /// The run folder.
-    pub run_dir: PathBuf,
-    /// The LCM bus.
-    pub lcm_url: String,
-    /// Overrides of `robot.toml`.
-    pub sets: Vec<String>,
-    /// The simulated robot.
-    pub sim: bool,
-    /// Its world; none: the hall.
-    pub world: Option<PathBuf>,
-}
+use web::Web;
+use web::center::{authority, command};
 
 /// Makes the module `name` in its shell, to start in `wanted`, and says where its host finds what it needs.
 pub fn module(place: &Place, name: &str, wanted: State) -> Result<(Shell, HostConfig), ConfigError> {
@@ -164,7 +148,7 @@ pub(crate) fn shell_in(
         logger::NAME => Box::new(logger(place, robot, made)),
         SIMULATOR if place.sim => {
             let usual = simulator(world.unwrap_or_default(), robot, made.wire_time);
-            Box::new(sim::Simulator::new(sim::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
+            Box::new(simulator::Simulator::new(simulator::Config { seed: made.seed.unwrap_or(usual.seed), ..usual }))
         }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
         _ => {
@@ -174,11 +158,19 @@ pub(crate) fn shell_in(
     let mut shell = ShellConfig::new(name);
     shell.wanted = wanted;
     shell.report_from = config.robot.report_from;
+    (shell.print_from, shell.send_from) = levels(config, name);
     if name == watchdog::NAME {
         shell.obeys_all = false;
         shell.end_within = WATCHDOG_END;
     }
     Ok(Shell::new(shell, module))
+}
+
+/// Configured lowest levels of a module's texts and reports that are printed, and that are sent.
+fn levels(config: &Config, name: &str) -> (Option<Level>, Option<Level>) {
+    let entry = config.modules.iter().find(|module| module.name == name);
+    let (print, send) = entry.map_or((None, None), |entry| (entry.print_from, entry.send_from));
+    (print.or(config.robot.print_from), send.or(config.robot.send_from))
 }
 
 fn without_logger(config: &Config) -> Config {
@@ -373,7 +365,7 @@ fn watchdog(config: &Config) -> watchdog::Config {
 /// How the watchdog's host starts a module: our own executable with our own arguments, unless the list says otherwise.
 fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
     let own = std::env::current_exe().map_err(|error| ConfigError(vec![format!("own executable: {error}")]))?;
-    let (place, modules) = (place.clone(), config.modules.clone());
+    let (place, modules, config) = (place.clone(), config.modules.clone(), config.clone());
     let run_dir = Some(place.run_dir.clone());
     let divides = modules.iter().any(|module| module.memory_max.is_some() || module.cpu_max.is_some());
     let rt_priority = modules.iter().filter_map(|module| module.rt_priority).max().map(|highest| highest + 1);
@@ -396,7 +388,9 @@ fn launcher(place: &Place, config: &Config) -> Result<Launch, ConfigError> {
         };
         command.args(args);
         let foreign = entry.is_some_and(|entry| entry.command.is_some());
-        Start { command, limits: entry.map(limits).unwrap_or_default(), foreign }
+        let ((print, send), usual) = (levels(&config, name), LinesFrom::default());
+        let lines_from = LinesFrom { print: print.unwrap_or(usual.print), send: send.unwrap_or(usual.send) };
+        Start { command, limits: entry.map(limits).unwrap_or_default(), foreign, lines_from }
     };
     Ok(Launch { start: Box::new(start), run_dir, divides, rt_priority })
 }
@@ -444,7 +438,7 @@ pub fn crc(crc: config::Crc) -> Crc8 {
 /// Where runs have their folders.
 #[must_use]
 pub fn log_folder(place: &Place, robot: &Robot) -> PathBuf {
-    let folder = robot.log.folder.as_ref().map_or_else(cli::log_folder, |folder| place.config.join(folder));
+    let folder = robot.log.folder.as_ref().map_or_else(place::log_folder, |folder| place.config.join(folder));
     std::path::absolute(&folder).unwrap_or(folder)
 }
 
@@ -469,7 +463,7 @@ fn logger(place: &Place, robot: &Robot, made: Made) -> logger::Logger {
         keep_free_bytes: log.keep_free_bytes,
         keep_runs_bytes: log.keep_runs_bytes,
     };
-    logger::Logger::new(config, Translator::new(scene(robot)))
+    logger::Logger::new(config, Translator::new(robot_scene(robot)))
 }
 
 /// `driver_rs485a`: the bus `a`.
@@ -488,10 +482,10 @@ fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
         let timeout = Duration::from_secs_f64(node.timeout_s);
         Ok(rs485a::Node { name: node.name.clone(), address: node.address, kind, rate_hz: node.rate_hz, timeout })
     };
-    let rangers = |rangers: &[config::Ranger]| {
+    let rangers = |rangers: &[config::Ranger], beam: f64| {
         let ranger = |ranger: &config::Ranger| {
             let config::Ranger { id, board, channel, x, y, theta } = *ranger;
-            rs485a::Ranger { id, board, channel, x, y, theta }
+            rs485a::Ranger { id, board, channel, x, y, theta, beam }
         };
         rangers.iter().map(ranger).collect()
     };
@@ -500,8 +494,8 @@ fn rs485a(robot: &Robot) -> Result<rs485a::Rs485a, ConfigError> {
         baud: bus.baud,
         crc: crc(bus.crc),
         nodes: bus.nodes.iter().map(node).collect::<Result<_, _>>()?,
-        srfs: rangers(&robot.srfs),
-        irs: rangers(&robot.irs),
+        srfs: rangers(&robot.srfs, robot.sensors.srf08.beam_rad),
+        irs: rangers(&robot.irs, Sensor::GP2Y0A41.field_of_view),
         wheels: rs485a::Wheels {
             wheelbase_m: robot.geometry.wheelbase_m,
             track_m: robot.geometry.track_m,
@@ -538,9 +532,10 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
 fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Option<&World>) -> web::Settings {
     // A map that cannot be read is the planner's to tell.
     let map = robot.planner.map.as_ref().and_then(|file| map_file::load(&place.config.join(file)).ok());
-    let simulated = |world: &World| sim::Simulator::offered(simulator(world.clone(), robot, Made::LIVE.wire_time));
+    let simulated =
+        |world: &World| simulator::Simulator::offered(simulator(world.clone(), robot, Made::LIVE.wire_time));
     let faults = world.map(simulated).unwrap_or_default();
-    let route = |route: &sim::world::Route| {
+    let route = |route: &simulator::world::Route| {
         let points = route.waypoints.iter().map(|at| [at.x, at.y]).collect();
         command::Route { name: route.name.clone(), points, looped: route.looped }
     };
@@ -551,8 +546,9 @@ fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Op
         lcm_url: place.lcm_url.clone(),
         web: robot.web.clone(),
         config: place.config.clone(),
-        scene: scene(robot),
-        center: Scene::of(robot, world, map.as_ref()).with_faults(faults),
+        scene: robot_scene(robot),
+        center: scene::of(robot, world, map.as_ref()).with_faults(faults),
+        recorded: recording::scene,
         critical: modules.iter().filter(|module| module.critical).map(|module| module.name.clone()).collect(),
         logs: log_folder(place, robot),
         run: place.run_dir.clone(),
@@ -561,7 +557,7 @@ fn web_settings(place: &Place, modules: &[ModuleEntry], robot: &Robot, world: Op
 }
 
 /// What is shown of the robot and no message says.
-fn scene(robot: &Robot) -> RobotScene {
+fn robot_scene(robot: &Robot) -> RobotScene {
     let geometry = &robot.geometry;
     let (rear, front) = (-geometry.rear_overhang_m, geometry.length_m - geometry.rear_overhang_m);
     let half = geometry.width_m / 2.0;
@@ -570,7 +566,7 @@ fn scene(robot: &Robot) -> RobotScene {
         name: robot.name.clone(),
         outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
         beacons: robot.beacons.iter().map(beacon).collect(),
-        sonar: Sensor::SRF08,
+        sonar: Sensor::srf08(robot.sensors.srf08.beam_rad),
         infrared: Sensor::GP2Y0A41,
     }
 }
@@ -774,6 +770,7 @@ fn planner(place: &Place, robot: &Robot, world: Option<&World>) -> Result<planne
             lateral_acceleration: limits.lateral_acceleration_mps2,
         },
         manners: robot.planner.manners(),
+        sonar_beam: robot.sensors.srf08.beam_rad,
         map,
     }))
 }
@@ -829,43 +826,43 @@ fn steering(robot: &Robot, bus: &CanBus) -> Option<canbus::SteeringConfig> {
 }
 
 /// `simulator`: every serial bus with its boards, the robot's body, a world.
-fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> sim::Config {
+fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> simulator::Config {
     if world.beacons.is_empty() {
         let beacon = |beacon: &config::Beacon| Beacon { id: beacon.id, at: Point { x: beacon.x, y: beacon.y } };
         world.beacons = robot.beacons.iter().map(beacon).collect();
     }
     let geometry = robot.geometry;
     let can = robot.can.iter().find_map(drives);
-    let parameters = sim::body::Parameters {
+    let parameters = simulator::body::Parameters {
         wheelbase: geometry.wheelbase_m,
         track: geometry.track_m,
         overhang_rear: geometry.rear_overhang_m,
         overhang_front: geometry.length_m - geometry.rear_overhang_m - geometry.wheelbase_m,
         width: geometry.width_m,
         wheel_radius: geometry.wheel_radius_m,
-        gear: can.as_ref().map_or(sim::body::Parameters::default().gear, |(_, gear)| *gear),
+        gear: can.as_ref().map_or(simulator::body::Parameters::default().gear, |(_, gear)| *gear),
         encoder_counts: f64::from(geometry.ticks_per_turn),
         steering_rate: robot.limits.steering_rate_radps,
-        errors: sim::body::Errors::usual(),
-        ..sim::body::Parameters::default()
+        errors: simulator::body::Errors::usual(),
+        ..simulator::body::Parameters::default()
     };
-    let serial = robot.rs485.iter().map(|bus| sim::SerialConfig {
+    let serial = robot.rs485.iter().map(|bus| simulator::SerialConfig {
         bus: format!("rs485.{}", bus.name),
         baud: bus.baud,
         crc: crc(bus.crc),
         real: bus.offered().is_none(),
         boards: bus.nodes.iter().map(|node| board(robot, node)).collect(),
     });
-    let i2c = robot.i2c.iter().map(|bus| sim::I2cConfig {
+    let i2c = robot.i2c.iter().map(|bus| simulator::I2cConfig {
         bus: format!("i2c.{}", bus.name),
         hz: bus.hz,
         fans: bus.chips.iter().filter_map(|chip| Some((chip.name.clone(), address(chip).ok()?))).collect(),
     });
-    let w1 = robot.w1.as_ref().map(|w1| sim::W1Config {
+    let w1 = robot.w1.as_ref().map(|w1| simulator::W1Config {
         bus: W1_BUS.into(),
         thermometers: w1.sensors.iter().map(|sensor| (sensor.id, sensor.name.clone())).collect(),
     });
-    sim::Config {
+    simulator::Config {
         world,
         parameters,
         can: can.map(|(can, _)| can),
@@ -874,7 +871,8 @@ fn simulator(mut world: World, robot: &Robot, wire_time: bool) -> sim::Config {
         w1,
         gamepad: robot.joystick.as_ref().filter(|joystick| is_simulated(joystick)).map(|_| JOYSTICK.into()),
         wire_time,
-        ..sim::Config::default()
+        sonar: simulator::sonar::Sonar { beam: robot.sensors.srf08.beam_rad, ..simulator::sonar::Sonar::default() },
+        ..simulator::Config::default()
     }
 }
 
@@ -884,39 +882,41 @@ fn is_simulated(joystick: &Joystick) -> bool {
 }
 
 /// A CAN bus with both drives on it, and the gear of the propulsion.
-fn drives(bus: &CanBus) -> Option<(sim::CanConfig, f64)> {
+fn drives(bus: &CanBus) -> Option<(simulator::CanConfig, f64)> {
     let (propulsion, gear) = bus.nodes.iter().find_map(|node| match node.driver {
         CanDriver::Epos { gear } => Some((node.id, gear)),
         CanDriver::Icla { .. } => None,
     })?;
     let (steering, gearing) = bus.nodes.iter().find_map(|node| match node.driver {
         CanDriver::Icla { gear, counts_per_turn, .. } => {
-            Some((node.id, sim::boards::icla::Gearing { counts_per_turn, gear }))
+            Some((node.id, simulator::boards::icla::Gearing { counts_per_turn, gear }))
         }
         CanDriver::Epos { .. } => None,
     })?;
     let (bus, bitrate) = (format!("can.{}", bus.name), bus.bitrate);
-    Some((sim::CanConfig { bus, bitrate, propulsion, steering, gearing }, gear))
+    Some((simulator::CanConfig { bus, bitrate, propulsion, steering, gearing }, gear))
 }
 
-fn board(robot: &Robot, node: &config::Rs485Node) -> sim::BoardConfig {
+fn board(robot: &Robot, node: &config::Rs485Node) -> simulator::BoardConfig {
     let kind = match node.driver {
-        Rs485Driver::So1 => sim::BoardKind::So1,
-        Rs485Driver::Sbs1 => sim::BoardKind::Sbs1(sim::boards::sbs1::Sbs1Config::default()),
+        Rs485Driver::So1 => simulator::BoardKind::So1,
+        Rs485Driver::Sbs1 => simulator::BoardKind::Sbs1(simulator::boards::sbs1::Sbs1Config::default()),
         Rs485Driver::Psc1 => {
-            let battery = sim::boards::battery::BatteryConfig::default();
-            sim::BoardKind::Psc1(robot.power.as_ref().map_or(battery, |power| sim::boards::battery::BatteryConfig {
-                capacity_ah: power.capacity_ah,
-                cells: power.cells,
-                ..battery
+            let battery = simulator::boards::battery::BatteryConfig::default();
+            simulator::BoardKind::Psc1(robot.power.as_ref().map_or(battery, |power| {
+                simulator::boards::battery::BatteryConfig {
+                    capacity_ah: power.capacity_ah,
+                    cells: power.cells,
+                    ..battery
+                }
             }))
         }
-        Rs485Driver::Sd1 => sim::BoardKind::Sd1(sim::boards::sd1::Sd1Config {
+        Rs485Driver::Sd1 => simulator::BoardKind::Sd1(simulator::boards::sd1::Sd1Config {
             srfs: by_channel(&robot.srfs, node.address, |ranger| Pose::new(ranger.x, ranger.y, ranger.theta)),
             irs: by_channel(&robot.irs, node.address, |ranger| Point { x: ranger.x, y: ranger.y }),
         }),
     };
-    sim::BoardConfig { name: node.name.clone(), address: node.address, kind }
+    simulator::BoardConfig { name: node.name.clone(), address: node.address, kind }
 }
 
 /// A board's rangers in the order of their channels. A channel without a ranger takes the place of the one before it:
@@ -960,7 +960,7 @@ mod tests {
         let place = shipped(true);
         let mut config = Config::load(&place.config, true, &[]).unwrap();
         let mut with = |sheet: &str| {
-            let sheet = Path::new(env!("CARGO_MANIFEST_DIR")).join("../busses/canopen/eds").join(sheet);
+            let sheet = Path::new(env!("CARGO_MANIFEST_DIR")).join("../buses/canopen/eds").join(sheet);
             config.robot.can[0].nodes[1].eds = Some(sheet);
             shell(&place, &config, canbus::NAME, State::Run, Made::LIVE).map(|_| ()).map_err(|error| error.to_string())
         };
@@ -1001,7 +1001,7 @@ mod tests {
         };
         let terminal = |path: &str| {
             let plain = TerminalConfig::new(path.into(), 115_200);
-            PortConfig::Terminal(TerminalConfig { transport: config::Transport::Parity, ..plain })
+            PortConfig::Terminal(TerminalConfig { transport: ::host::ports::Transport::Parity, ..plain })
         };
         assert_eq!(side("driver_rs485a", "/dev/ttyLAB1"), [terminal("/dev/ttyLAB0")]);
         assert!(side(SIMULATOR, "/dev/ttyLAB1").contains(&terminal("/dev/ttyLAB1")));

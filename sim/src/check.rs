@@ -1,10 +1,10 @@
-//! Rules that hold in every simulated step, whatever breaks: always on, fed by what a virtual machine tells its observers.
+//! Rules that hold in every simulated step, whatever fails: always on, fed by the news of a virtual machine.
 //!
 //! [`Checkers::observe`] takes every [`News`] with its moment; the first rule that is broken is kept as a [`Violation`].
 //! A rule is a file with its source and its bound. All are judged by what passes on the wires, what processes were
-//! served, and how the body moves; none trusts a module's own word where there is another witness. What the driver of the
-//! drives knows is what it was served ([`News::Heard`]): so late messages, lost ones and a driver that is served late need
-//! no allowances. Deterministic; allocates for a new module, process or source only.
+//! served, and how the body moves; none trusts a module's own word where there is another witness. What the driver of
+//! the drives knows is what it was served ([`News::Heard`]): so late messages, lost ones and a driver that is served
+//! late need no allowances. Deterministic; allocates for a new module, process or source only.
 //!
 //! Knows no module by name: [`Limits`] has the names, and the bounds of the robot's configuration.
 
@@ -63,15 +63,15 @@ pub struct Limits {
     pub speed: f64,
     /// A command beyond this is refused, rad.
     pub steering_angle: f64,
-    /// What a manual source gets at most, m/s.
+    /// Limit of manual sources, m/s.
     pub speed_manual: f64,
-    /// What the planner gets at most, m/s.
+    /// Limit of the planner, m/s.
     pub speed_autonomous: f64,
     /// m/s².
     pub quick_stop: f64,
     /// A command lives this long.
     pub ttl: Duration,
-    /// There is a power controller that tells of the PAUSE line.
+    /// True if a power controller reports the PAUSE line.
     pub pause_line: bool,
     /// The longest delay between a death and a restart.
     pub restart_max: Duration,
@@ -80,11 +80,11 @@ pub struct Limits {
 /// A rule was broken.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Violation {
-    /// When that was seen.
+    /// Time when that was seen.
     pub at: Instant,
     /// Which: the name of its file.
     pub rule: &'static str,
-    /// How, in one line.
+    /// Description, in one line.
     pub what: String,
 }
 
@@ -115,7 +115,7 @@ impl Times {
     }
 }
 
-/// What a rule says: nothing, or how it was broken.
+/// Verdict of a rule: fulfilled, or the violation.
 type Verdict = Result<(), String>;
 
 /// All rules.
@@ -165,7 +165,7 @@ impl Checkers {
         self.violation.as_ref()
     }
 
-    /// How many set-points made the robot move: a run in which nothing moves shows nothing.
+    /// Number of set-points that moved the robot: a run without motion proves nothing.
     #[must_use]
     pub fn setpoints(&self) -> u64 {
         self.setpoints
@@ -182,12 +182,12 @@ impl Checkers {
         self.wanted.calm(now);
     }
 
-    /// Calm is over.
+    /// Ends the calm.
     pub fn chaos(&mut self) {
         self.wanted.chaos();
     }
 
-    /// Takes what the machine tells its observers. After the first violation nothing more is judged.
+    /// Takes a news. After the first violation nothing more is judged.
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         if self.violation.is_some() {
             return;
@@ -260,7 +260,7 @@ impl Checkers {
             return Ok(());
         };
         if left_over || now.since(facts.driver.started) <= facts.slack(now) {
-            // Or its process died: what it had handed over still leaves.
+            // Or its process died: frames that it handed over are still sent.
             return Ok(());
         }
         self.setpoints += 1;
@@ -307,7 +307,7 @@ impl Checkers {
 
     fn on_command(&mut self, now: Instant, pid: u32, command: &common::CmdState) {
         let Some(to) = State::from_value(command.state) else { return };
-        // What the watchdog commands only repeats what somebody wanted.
+        // Commands of the watchdog only repeat earlier ones.
         let watchdog = self.facts.life(&self.facts.limits.watchdog).and_then(|life| life.pid) == Some(pid);
         self.wanted.on_command(now, &command.module, to);
         self.restarts.on_command(&command.module);

@@ -1,14 +1,16 @@
 //! Robot-hours from a scenario and a seed: the whole robot, things that break, an operator, and rules that must hold.
 //!
 //! A soak is a row of episodes. Each is a robot that starts anew, with a seed that follows from the soak's and its own
-//! number: so they can be run in any order, by anybody, and one of them can be repeated alone. In an episode chaos and calm
-//! take turns; the faults are drawn before it begins ([`draw`]), so that some of them can be left out ([`shrink`]).
+//! number: so they can be run in any order, by anybody, and one of them can be repeated alone. In an episode chaos and
+//! calm take turns; the faults are drawn before it begins ([`draw`]), so that some of them can be left out
+//! ([`shrink`]).
 //!
 //! ```text
 //! scenario, seed, number --draw--> faults --episode--> outcome --Report::add--> report
 //! ```
 //!
-//! Knows no module by name: those are in the scenario and in [`Limits`]. Runs in one thread; reads no clock and no file.
+//! Knows no module by name: those are in the scenario and in [`Limits`]. Runs in one thread; reads no clock and no
+//! file.
 
 mod chaos;
 mod figures;
@@ -29,13 +31,13 @@ pub use shrink::shrink;
 
 use crate::check::Checkers;
 use crate::host::{self, News, Virtual};
-use crate::random::Random;
-use crate::world::World;
 use base::{Duration, Fault as Code, Instant, Ticker};
 use chaos::Chaos;
 use figures::Meter;
 use messages::Message;
 use operator::Operator;
+use simulator::Random;
+use simulator::world::World;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -11,9 +11,9 @@
 //
 // One loop serves the bus, timers and the module's own descriptors, and beats; all handlers are called from it and must
 // come back soon: one that takes 200 ms is a hang. Around them the loop announces the state each second and on change,
-// obeys state commands by the table, reports a fault once and its end once, ends at TERMINATE, at SIGTERM, and when the
-// watchdog that started it is gone for good. Needs what the official lcm-gen makes of messages/*.lcm, and liblcm 1.3.1
-// or later; advee.py is the same in Python.
+// obeys state commands by the table, reports a fault once and its end once and lists the active ones, ends at
+// TERMINATE, at SIGTERM, and when the watchdog that started it is gone for good. Needs what the official lcm-gen makes
+// of messages/*.lcm, and liblcm 1.3.1 or later; advee.py is the same in Python.
 #pragma once
 
 #include <algorithm>
@@ -40,6 +40,7 @@
 #include <utility>
 #include <vector>
 #include "common/cmd_state_t.hpp"
+#include "common/data_faults_t.hpp"
 #include "common/data_state_t.hpp"
 #include "common/error_t.hpp"
 
@@ -49,6 +50,8 @@ constexpr double ANNOUNCE = 1.0; // s between two announcements
 constexpr double BEAT = 0.05;    // s between two beats
 constexpr double LOOK = 0.5;     // s between two looks for the watchdog
 constexpr int ORPHANED = 6;      // looks without its CM_DATA_PROCESSES: it is gone, and none came in its place
+constexpr std::size_t FAULTS_MAX = 256; // active faults in a list; further ones are not reported
+constexpr std::size_t TEXT_MAX = 512;   // bytes of a subject or a message in a list
 constexpr int BURST = 64;        // messages taken in one turn of the loop, so that a flood delays nothing else for long
 
 // Exit codes: a class plus a number 0 to 16.
@@ -239,8 +242,9 @@ public:
     int run()
     {
         try {
-            announce();
-            every(ANNOUNCE, [this] { announce(); });
+            const auto all = [this] { announce(), list(timestamp()); };
+            all();
+            every(ANNOUNCE, all);
             Beat beat = beats.thread("main");
             while (code < 0) {
                 beat();
@@ -323,13 +327,26 @@ protected:
         enter(State::Error);
     }
 
-    // Reports a fault, once until clear(). Its number, 0x8001 or above, means one thing for good; `subject` tells faults
-    // of one number apart, where several things can have it.
+    // Reports a fault, once until clear(). Its number, 0x8001 or above, means one thing for good; `subject` tells
+    // faults of one number apart, where several things can have it. Raised again it is listed with the new severity and
+    // text.
     void fault(int number, Kind kind, Severity severity, const std::string &text, const std::string &subject = "",
                const char *file = __builtin_FILE(), int line = __builtin_LINE())
     {
-        if (faults.emplace(std::make_pair(number, subject), kind).second)
-            report(number, kind, severity, text, false, file, line);
+        const auto key = std::make_pair(number, subject);
+        const auto active = faults.find(key);
+        const std::int64_t since = timestamp();
+        if (active != faults.end()) {
+            const bool news = active->second.severity != severity;
+            active->second.severity = severity;
+            active->second.message = text;
+            if (news)
+                list(since);
+        } else if (faults.size() < FAULTS_MAX) {
+            faults.emplace(key, Active{kind, severity, since, text});
+            list(since);
+            report(number, kind, severity, text, since, false, file, line);
+        }
     }
 
     // The fault stands no more: says so, if it was reported.
@@ -339,15 +356,18 @@ protected:
         const auto found = faults.find({number, subject});
         if (found == faults.end())
             return;
-        report(number, found->second, Severity::Notice, text, false, file, line);
+        const Kind kind = found->second.kind;
         faults.erase(found);
+        const std::int64_t at = timestamp();
+        list(at);
+        report(number, kind, Severity::Notice, text, at, false, file, line);
     }
 
     // Reports why it cannot go on, and ends with this exit code, or that of the kind. The watchdog starts it again.
     void fatal(int number, Kind kind, const std::string &text, int exit = 0, const char *file = __builtin_FILE(),
                int line = __builtin_LINE())
     {
-        report(number, kind, Severity::Error, text, true, file, line);
+        report(number, kind, Severity::Error, text, timestamp(), true, file, line);
         code = exit ? exit : kind == Kind::Resource ? RESOURCE : kind == Kind::Device ? DEVICE : OTHER;
     }
 
@@ -368,6 +388,14 @@ private:
     struct Timer {
         double due, period;
         std::function<void()> handler;
+    };
+
+    // What is known of an active fault: as it was raised last, and when it was first.
+    struct Active {
+        Kind kind;
+        Severity severity;
+        std::int64_t since;
+        std::string message;
     };
 
     // A channel and who wants it.
@@ -452,7 +480,8 @@ private:
             return;
         if (command.state < 0 || command.state > int(State::Pause)) {
             report(COMMAND_FORBIDDEN, Kind::Unknown, Severity::Warning,
-                   "command from " + command.source + " refused: " + std::to_string(command.state) + " is no state");
+                   "command from " + command.source + " refused: " + std::to_string(command.state) + " is no state",
+                   timestamp());
         } else if (to == State::Terminate) {
             end();
         } else if (allows(current, to, manual)) {
@@ -465,7 +494,8 @@ private:
         } else {
             report(COMMAND_FORBIDDEN, Kind::Unknown, Severity::Warning,
                    std::string(manual ? "manual " : "") + "command " + name_of(to) + " from " + command.source +
-                       " refused in " + name_of(current));
+                       " refused in " + name_of(current),
+                   timestamp());
         }
     }
 
@@ -485,12 +515,40 @@ private:
         publish("CM_DATA_STATE", message);
     }
 
-    void report(int number, Kind kind, Severity severity, const std::string &text, bool fatal = false,
+    // Says which faults are active; before the report of the same moment, which so is known by its subject.
+    void list(std::int64_t at)
+    {
+        common::data_faults_t message;
+        message.timestamp = at;
+        message.module = name;
+        for (const auto &active : faults) {
+            common::fault_t fault;
+            fault.number = active.first.first;
+            fault.subject = clipped(active.first.second);
+            fault.severity = std::int8_t(active.second.severity);
+            fault.since = active.second.since;
+            fault.message = clipped(active.second.message);
+            message.faults.push_back(fault);
+        }
+        message.count = std::int32_t(message.faults.size());
+        publish("CM_DATA_FAULTS", message);
+    }
+
+    // The beginning of a text, where it is too long for a list; no character of it is cut in two.
+    static std::string clipped(const std::string &text)
+    {
+        std::size_t end = std::min(text.size(), TEXT_MAX);
+        while (end < text.size() && end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80)
+            --end;
+        return text.substr(0, end);
+    }
+
+    void report(int number, Kind kind, Severity severity, const std::string &text, std::int64_t at, bool fatal = false,
                 const char *file = __builtin_FILE(), int line = __builtin_LINE())
     {
         const char *base = std::strrchr(file, '/');
         common::error_t message;
-        message.timestamp = timestamp();
+        message.timestamp = at;
         message.module = name;
         message.number = number;
         message.message = text;
@@ -508,7 +566,7 @@ private:
     std::vector<std::unique_ptr<Timer>> timers;
     std::vector<pollfd> polled;
     std::vector<std::unique_ptr<std::function<void()>>> handlers;
-    std::map<std::pair<int, std::string>, Kind> faults;
+    std::map<std::pair<int, std::string>, Active> faults;
     State current = State::Init, before_error = State::Init, wanted;
     bool lost = false; // what the module said last of its device
     int unheard = 0;   // looks for the watchdog since it was heard

@@ -13,7 +13,7 @@
 
 One loop serves the bus, timers and the module's own descriptors, and beats; all handlers are called from it and must come
 back soon: one that takes 200 ms is a hang. Around them the loop announces the state each second and on change, obeys state
-commands by the table, reports a fault once and its end once, ends at TERMINATE, at SIGTERM, and when the watchdog that
+commands by the table, reports a fault once and its end once and lists the active ones, ends at TERMINATE, at SIGTERM, and when the watchdog that
 started it is gone for good. What the official lcm-gen makes of messages/*.lcm is looked for in PYTHONPATH and in the folder
 `types` beside this file. Needs Python 3.9 and the package lcm; advee.hpp is the same in C++.
 """
@@ -32,12 +32,14 @@ import traceback
 import lcm
 
 sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "types"))
-from common import cmd_state_t, data_state_t, error_t  # noqa: E402
+from common import cmd_state_t, data_faults_t, data_state_t, error_t, fault_t  # noqa: E402
 
 ANNOUNCE = 1.0              # s between two announcements
 BEAT = 0.05                 # s between two beats
 LOOK = 0.5                  # s between two looks for the watchdog
 ORPHANED = 6                # looks without its CM_DATA_PROCESSES: it is gone, and none came in its place
+FAULTS_MAX = 256            # active faults in a list; further ones are not reported
+TEXT_MAX = 512              # bytes of a subject or a message in a list
 BURST = 64                  # messages taken in one turn of the loop, so that a flood delays nothing else for long
 
 # Exit codes: a class plus a number 0 to 16.
@@ -77,6 +79,11 @@ _EPOCH_NS = time.time_ns() - time.monotonic_ns()
 def timestamp():
     """Now, in µs since 1970, for messages: no step of the clock turns it back."""
     return (_EPOCH_NS + time.monotonic_ns()) // 1000
+
+
+def _clipped(text):
+    """The beginning of a text, where it is too long for a list."""
+    return text.encode()[:TEXT_MAX].decode(errors="ignore").replace("\0", " ")
 
 
 class _Arguments(argparse.ArgumentParser):
@@ -221,19 +228,29 @@ class Module:
 
     def fault(self, number, kind, severity, text, subject=""):
         """Reports a fault, once until clear(). Its number, 0x8001 or above, means one thing for good; `subject` tells
-        faults of one number apart, where several things can have it."""
-        if (number, subject) not in self._faults:
-            self._faults[number, subject] = kind
-            self._report(number, kind, severity, text)
+        faults of one number apart, where several things can have it. Raised again it is listed with the new severity and
+        text."""
+        active = self._faults.get((number, subject))
+        if active is not None:
+            news, active["severity"], active["message"] = active["severity"] != severity, severity, text
+            if news:
+                self._list(timestamp())
+        elif len(self._faults) < FAULTS_MAX:
+            since = timestamp()
+            self._faults[number, subject] = {"kind": kind, "severity": severity, "since": since, "message": text}
+            self._list(since)
+            self._report(number, kind, severity, text, since)
 
     def clear(self, number, text, subject=""):
         """The fault stands no more: says so, if it was reported."""
         if (number, subject) in self._faults:
-            self._report(number, self._faults.pop((number, subject)), Severity.NOTICE, text)
+            now, kind = timestamp(), self._faults.pop((number, subject))["kind"]
+            self._list(now)
+            self._report(number, kind, Severity.NOTICE, text, now)
 
     def fatal(self, number, kind, text, code=None):
         """Reports why it cannot go on, and ends with this exit code, or that of the kind. The watchdog starts it again."""
-        self._report(number, kind, Severity.ERROR, text, fatal=True)
+        self._report(number, kind, Severity.ERROR, text, timestamp(), fatal=True)
         self._code = code or {Kind.RESOURCE: RESOURCE, Kind.DEVICE: DEVICE}.get(kind, OTHER)
 
     def end(self):
@@ -256,8 +273,8 @@ class Module:
             signal.signal(number, lambda *_: None)
         self.watch(woken.fileno(), lambda: self.end() if set(asked) & set(woken.recv(64)) else None)
         try:
-            self._announce()
-            self.every(ANNOUNCE, self._announce)
+            self._announce_all()
+            self.every(ANNOUNCE, self._announce_all)
             beat = self.beats.thread("main")
             while self._code is None:
                 beat()
@@ -318,25 +335,41 @@ class Module:
         elif command.state in list(State):
             manner = "manual " if command.manual else ""
             self._report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING, f"{manner}command "
-                         f"{State(command.state).name} from {command.source} refused in {self.state.name}")
+                         f"{State(command.state).name} from {command.source} refused in {self.state.name}", timestamp())
         else:
             self._report(COMMAND_FORBIDDEN, Kind.UNKNOWN, Severity.WARNING,
-                         f"command from {command.source} refused: {command.state} is no state")
+                         f"command from {command.source} refused: {command.state} is no state", timestamp())
 
     def _enter(self, state):
         self.state = state
         self._announce()
         self.on_state(state)
 
+    def _announce_all(self):
+        self._announce()
+        self._list(timestamp())
+
+    def _list(self, now):
+        """Says which faults are active; before the report of the same moment, which so is known by its subject."""
+        message = data_faults_t()
+        message.timestamp, message.module = now, self.name
+        for (number, subject), active in sorted(self._faults.items()):
+            fault = fault_t()
+            fault.number, fault.subject, fault.severity = number, _clipped(subject), active["severity"]
+            fault.since, fault.message = active["since"], _clipped(active["message"])
+            message.faults.append(fault)
+        message.count = len(message.faults)
+        self.publish("CM_DATA_FAULTS", message)
+
     def _announce(self):
         message = data_state_t()
         message.timestamp, message.module, message.state = timestamp(), self.name, self.state
         self.publish("CM_DATA_STATE", message)
 
-    def _report(self, number, kind, severity, text, fatal=False):
+    def _report(self, number, kind, severity, text, now, fatal=False):
         caller = sys._getframe(2)
         message = error_t()
-        message.timestamp, message.module, message.number, message.message = timestamp(), self.name, number, text
+        message.timestamp, message.module, message.number, message.message = now, self.name, number, text
         message.fatal, message.type, message.severity = fatal, kind, severity
         message.file, message.line = os.path.basename(caller.f_code.co_filename), caller.f_lineno
         self.publish("CM_EVENT_ERROR", message)

@@ -9,7 +9,7 @@ pub enum Id {
     Extended(u32),
 }
 
-/// One data or remote frame; at most 8 data bytes.
+/// A data or remote frame; at most 8 data bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Frame {
     id: Id,
@@ -64,13 +64,13 @@ impl Frame {
         self.id
     }
 
-    /// Whether it is a remote frame (it asks for data and carries none).
+    /// True if it is a remote frame (it asks for data and carries none).
     #[must_use]
     pub fn is_remote(&self) -> bool {
         self.remote
     }
 
-    /// The data length code: bytes carried, or asked for by a remote frame.
+    /// Data length code: bytes carried, or requested by a remote frame.
     #[must_use]
     pub fn dlc(&self) -> u8 {
         self.len
@@ -151,7 +151,7 @@ const CRC: [u16; 256] = {
 struct LevelRun(u8);
 
 impl LevelRun {
-    /// What follows from a bit; 8 is added for a bit that is stuffed behind it: the opposite, and the first of its run.
+    /// State after a bit; 8 is added if a bit is stuffed after it: the opposite, and the first of its run.
     const fn take(self, bit: u8) -> u8 {
         match (bit == self.0 >> 2, self.0 & 3) {
             (false, _) => bit << 2,
@@ -161,7 +161,7 @@ impl LevelRun {
     }
 }
 
-/// What follows from eight bits, of each level and run.
+/// State after eight bits, for each level and run.
 static STUFF: [[u8; 256]; 8] = {
     let mut table = [[0; 256]; 8];
     let mut cell = 0;
@@ -205,10 +205,10 @@ impl BusState {
     }
 }
 
-/// How a controller is.
+/// State of a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
-    /// Its state.
+    /// State.
     pub state: BusState,
     /// Transmit error counter.
     pub transmit_errors: u8,
@@ -216,16 +216,16 @@ pub struct Health {
     pub receive_errors: u8,
 }
 
-/// What a controller tells beside frames.
+/// Notice of a controller beside frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Notice {
-    /// Its state or its counters changed.
+    /// State or its counters changed.
     Health(Health),
-    /// A frame was sent and nobody acknowledged it: the controller is alone on its bus, or cut off from it.
+    /// A frame was sent and not acknowledged: the controller is alone on its bus, or cut off.
     NoAcknowledge,
-    /// So many frames had an error on the wire since the last such notice.
+    /// Number of frames with an error on the wire since the last such notice.
     Errors(u32),
-    /// So many received frames found no room since the last such notice.
+    /// Number of received frames lost for want of room since the last such notice.
     Lost(u32),
 }
 

@@ -1,7 +1,7 @@
-//! A gamepad or joystick as Linux's event interface tells of it: what it has, and what happens to that.
+//! A gamepad or joystick in the terms of Linux's event interface: its axes and buttons, and their events.
 //!
-//! Codes are those of `linux/input-event-codes.h`, ranges those of `struct input_absinfo` (`linux/input.h`). What the
-//! axes and buttons are for stands in the kernel's `Documentation/input/gamepad.rst`.
+//! Codes are those of `linux/input-event-codes.h`, ranges those of `struct input_absinfo` (`linux/input.h`). The
+//! purpose of axes and buttons is described in the kernel's `Documentation/input/gamepad.rst`.
 
 use alloc::boxed::Box;
 use heapless::{String, Vec};
@@ -24,9 +24,9 @@ pub struct Axis {
     pub max: i32,
     /// Changes up to this are noise.
     pub fuzz: i32,
-    /// So far around the middle it counts as in the middle.
+    /// Half width of the dead zone around the middle.
     pub flat: i32,
-    /// Where it is.
+    /// Present value.
     pub value: i32,
 }
 
@@ -35,11 +35,11 @@ pub struct Axis {
 pub struct Button {
     /// `BTN_…`
     pub code: u16,
-    /// Whether it is held.
+    /// True if it is held.
     pub pressed: bool,
 }
 
-/// What a device is and how it is, in full.
+/// Full description and state of a device.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Device {
     name: String<NAME_MAX>,
@@ -83,19 +83,19 @@ impl Device {
         true
     }
 
-    /// What it calls itself.
+    /// Name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its axes.
+    /// Axes.
     #[must_use]
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// Its buttons.
+    /// Buttons.
     #[must_use]
     pub fn buttons(&self) -> &[Button] {
         &self.buttons
@@ -107,7 +107,7 @@ impl Device {
         self.axes.iter().find(|axis| axis.code == code)
     }
 
-    /// Whether the button of a code is held; none when it has no such button.
+    /// True if the button of a code is held; none when it has no such button.
     #[must_use]
     pub fn button(&self, code: u16) -> Option<bool> {
         self.buttons.iter().find(|button| button.code == code).map(|button| button.pressed)
@@ -128,32 +128,32 @@ impl Device {
     }
 }
 
-/// What a gamepad's port tells.
+/// Event of a gamepad's port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
-    /// It is there, and so it is: after it was plugged in, and after events were lost, when the kernel is asked anew.
+    /// Present, with its full state: after plugging in, and after lost events, when the kernel is asked again.
     Found(&'a Device),
-    /// It was unplugged, or there is none.
+    /// Unplugged, or absent.
     Gone,
     /// An axis has moved.
     Axis {
         /// `ABS_…`
         code: u16,
-        /// Where to.
+        /// New value.
         value: i32,
     },
     /// A button was pressed or let go.
     Button {
         /// `BTN_…`
         code: u16,
-        /// Whether it is held.
+        /// True if it is held.
         pressed: bool,
     },
-    /// What was told since the last frame happened at once (`SYN_REPORT`).
+    /// Events since the last frame happened at once (`SYN_REPORT`).
     Frame,
 }
 
-/// The same, to be kept: what a simulated gamepad tells on its end of the wire.
+/// Owned event: the output of a simulated gamepad.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// [`Input::Found`]
@@ -164,14 +164,14 @@ pub enum Event {
     Axis {
         /// `ABS_…`
         code: u16,
-        /// Where to.
+        /// New value.
         value: i32,
     },
     /// [`Input::Button`]
     Button {
         /// `BTN_…`
         code: u16,
-        /// Whether it is held.
+        /// True if it is held.
         pressed: bool,
     },
     /// [`Input::Frame`]
@@ -179,7 +179,7 @@ pub enum Event {
 }
 
 impl Event {
-    /// As a port tells it.
+    /// Borrowed event of a port.
     #[must_use]
     pub fn as_input(&self) -> Input<'_> {
         match *self {
@@ -204,7 +204,7 @@ impl From<Input<'_>> for Event {
     }
 }
 
-/// What was told of a device so far, so that one who comes later can be told where it stands.
+/// Applies an event to the kept state, so that a late reader gets the full state.
 pub fn keep(device: &mut Option<Box<Device>>, event: &Event) {
     match (event, device) {
         (Event::Found(found), device) => *device = Some(found.clone()),
@@ -270,7 +270,7 @@ fn name_of(list: &[(&'static str, u16)], code: u16) -> Option<&'static str> {
     list.iter().find(|(_, own)| *own == code).map(|(name, _)| *name)
 }
 
-/// Whether a button is one of a gamepad or joystick: not a key, nor a button of a mouse, a tablet or a touch screen.
+/// True if a button is one of a gamepad or joystick: not a key, nor a button of a mouse, a tablet or a touch screen.
 #[must_use]
 pub const fn is_button(code: u16) -> bool {
     matches!(code, BTN_0..=0x10F | BTN_TRIGGER..=BTN_THUMBR | BTN_DPAD_UP..=BTN_DPAD_RIGHT | 0x2C0..=0x2E7)

@@ -30,7 +30,7 @@ impl Address {
         self.0
     }
 
-    /// Whether UM10204 table 3 keeps it for other things than a chip: 0x00..=0x07 and 0x78..=0x7F.
+    /// True if UM10204 table 3 keeps it for other things than a chip: 0x00..=0x07 and 0x78..=0x7F.
     #[must_use]
     pub const fn reserved(self) -> bool {
         self.0 < 0x08 || self.0 > 0x77
@@ -49,15 +49,15 @@ impl fmt::Display for Address {
     }
 }
 
-/// What a transfer reads after what it wrote.
+/// Read part of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Read {
-    /// Nothing: the transfer is a write.
+    /// No read: the transfer is a write.
     None,
-    /// So many bytes, at most [`MAX`].
+    /// Number of bytes, at most [`MAX`].
     Exactly(u8),
-    /// A block of SMBus: the first byte says how many follow, 1..=32, then come `extra` more (1: a PEC). Another
-    /// length ends the transfer after that byte, which is then all that was read; Linux calls it `I2C_M_RECV_LEN`.
+    /// SMBus block: the first byte gives the number that follows, 1..=32, then `extra` more (1: a PEC). Another length
+    /// ends the transfer after that byte, which is then all that is read; Linux: `I2C_M_RECV_LEN`.
     Block {
         /// Bytes behind the block, at most 3.
         extra: u8,
@@ -72,33 +72,33 @@ pub enum Read {
 pub struct Transfer {
     /// The chip.
     pub address: Address,
-    /// What is written to it.
+    /// Bytes to write.
     pub write: Bytes,
-    /// What is read from it then.
+    /// Read after the write.
     pub read: Read,
 }
 
 impl Transfer {
-    /// Whether anything is read, by a part of the transfer with the read bit.
+    /// True if anything is read, by a part of the transfer with the read bit.
     #[must_use]
     pub fn reads(&self) -> bool {
         self.read != Read::None
     }
 
-    /// Whether the first address byte has the read bit: nothing is written before.
+    /// True if the first address byte has the read bit: nothing is written before.
     #[must_use]
     pub fn begins_with_read(&self) -> bool {
         self.reads() && self.write.is_empty()
     }
 }
 
-/// What was read, empty after a write; or why not.
+/// Bytes read, empty after a write; or the error.
 pub type Outcome = Result<Bytes, Error>;
 
 /// Why a transfer failed. In each case but [`Error::Arbitration`] the master has ended it with a STOP if it could.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Error {
-    /// Nobody acknowledged the address.
+    /// Address not acknowledged.
     NoAddress,
     /// A byte written was not acknowledged.
     NoData {
@@ -111,7 +111,7 @@ pub enum Error {
     Stretched,
     /// SDA is held low, even after nine clocks; or SCL is.
     Stuck,
-    /// The adapter said something else.
+    /// Other error of the adapter.
     Other,
 }
 

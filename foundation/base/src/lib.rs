@@ -1,4 +1,4 @@
-//! Words that everybody uses: monotonic time, what travels on the busses, error reports, bounded queues.
+//! Words that everybody uses: monotonic time and deadlines, what travels on the buses, error reports, bounded queues.
 //!
 //! Knows no clock, no port and no protocol. Needs an allocator for the text of a [`Report`] only.
 #![no_std]
@@ -7,6 +7,7 @@
 extern crate alloc;
 
 pub mod can;
+mod deadlines;
 pub mod gamepad;
 pub mod i2c;
 mod queue;
@@ -16,6 +17,7 @@ pub mod store;
 mod time;
 pub mod w1;
 
+pub use deadlines::{Deadlines, Key, earliest};
 pub use queue::Queue;
-pub use report::{Fault, Kind, Location, Report, Severity};
+pub use report::{Fault, Kind, Level, Location, Report, Severity};
 pub use time::{Duration, Epoch, Instant, Ticker};

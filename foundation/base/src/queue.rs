@@ -36,19 +36,19 @@ impl<T, const N: usize> Queue<T, N> {
         self.items.front()
     }
 
-    /// How many items wait.
+    /// Number of items that wait.
     #[must_use]
     pub fn len(&self) -> usize {
         self.items.len()
     }
 
-    /// Whether nothing waits.
+    /// True if nothing waits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.items.is_empty()
     }
 
-    /// Whether the next push would be refused.
+    /// True if the next push would be refused.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.items.is_full()
@@ -59,7 +59,7 @@ impl<T, const N: usize> Queue<T, N> {
         self.items.clear();
     }
 
-    /// How many items were refused since the start.
+    /// Number of items refused since the start.
     #[must_use]
     pub fn dropped(&self) -> u32 {
         self.dropped

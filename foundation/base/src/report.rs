@@ -16,6 +16,54 @@ pub enum Severity {
     Error = 2,
 }
 
+impl Severity {
+    /// The equivalent level of a text.
+    #[must_use]
+    pub const fn level(self) -> Level {
+        match self {
+            Self::Notice => Level::Info,
+            Self::Warning => Level::Warning,
+            Self::Error => Level::Error,
+        }
+    }
+}
+
+/// Level of a line of text. Values are those of `common.event_text_t`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(i8)]
+pub enum Level {
+    /// Details that help to find a defect.
+    Debug = 0,
+    /// News.
+    Info = 1,
+    /// Something is not as it should be; the work goes on.
+    Warning = 2,
+    /// Work that was asked for is not being done.
+    Error = 3,
+}
+
+impl Level {
+    /// All levels, in order of their values.
+    pub const ALL: [Self; 4] = [Self::Debug, Self::Info, Self::Warning, Self::Error];
+
+    /// The level of a value on the wire; none for other values.
+    #[must_use]
+    pub fn from_value(value: i8) -> Option<Self> {
+        Self::ALL.into_iter().find(|level| *level as i8 == value)
+    }
+
+    /// Its name as people write it: `WARNING`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Debug => "DEBUG",
+            Self::Info => "INFO",
+            Self::Warning => "WARNING",
+            Self::Error => "ERROR",
+        }
+    }
+}
+
 /// What a report is about. Values are those of `common.error_t`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(i8)]
@@ -42,7 +90,7 @@ macro_rules! faults {
             /// All of them, in order of their numbers.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
-            /// Its name as it stands in `docs/faults.md`.
+            /// Name as it stands in `docs/faults.md`.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$name => stringify!($name)),* }
@@ -127,6 +175,8 @@ faults! {
     NameClaimed = 0x0305, Unknown;
     /// A module was started again and again: told once, not each time.
     RestartStorm = 0x0306, Unknown;
+    /// A module has no process: which of its faults are active is not known (only on `CM_DATA_FAULTS`).
+    ModuleDown = 0x0307, Unknown;
 
     /// A simulated fault was asked for that the simulator does not know.
     FaultUnknown = 0x0401, Unknown;
@@ -192,7 +242,7 @@ pub struct Report {
     pub severity: Severity,
     /// One line for people: what, where, what is done about it.
     pub message: String,
-    /// Whether the module ends because of it.
+    /// True if the module ends because of it.
     pub fatal: bool,
     /// Where in the source it was made.
     pub location: Location,
@@ -203,7 +253,7 @@ pub struct Report {
 pub struct Location {
     /// The file, from the root of the checkout.
     pub file: Cow<'static, str>,
-    /// Its line, from 1.
+    /// Line, from 1.
     pub line: u32,
 }
 

@@ -1,7 +1,7 @@
 //! A folder that one writes log files into: the words between the logger, hosts and their disks.
 //!
-//! Disks are slow at times and full at others. So what is asked is answered later, in order, and what was written is safe
-//! from a power cut only when an answer to a request with `sync` has come.
+//! Disks are slow at times and full at others. So what is asked is answered later, in order, and what was written is
+//! safe from a power cut only when an answer to a request with `sync` has come.
 
 use alloc::string::String;
 use alloc::sync::Arc;
@@ -16,11 +16,12 @@ pub enum Request {
         /// `2026_11_22_09_24_06/log_000.mcap`
         name: String,
     },
-    /// Appends to the file that was made last: all of it, or on failure nothing, as far as the machine can take it back.
+    /// Appends to the file that was made last: all of it, or on failure nothing, as far as the machine can take it
+    /// back.
     Append {
         /// What.
         bytes: Arc<Vec<u8>>,
-        /// Whether this and everything before it is to survive a power cut once the answer has come.
+        /// True if this and everything before it is to survive a power cut once the answer has come.
         sync: bool,
     },
     /// Removes a file, or a folder of files with all that is in it.
@@ -54,7 +55,7 @@ pub enum Answer {
 /// A folder or a file at the top of the folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// The bytes in it, those of a folder together.
     pub bytes: u64,
@@ -81,7 +82,7 @@ impl fmt::Display for Trouble {
     }
 }
 
-/// Whether a name is one that a [`Request`] may have.
+/// True if a name is one that a [`Request`] may have.
 #[must_use]
 pub fn is_name(name: &str) -> bool {
     let part = |part: &str| {

@@ -39,6 +39,14 @@ impl Instant {
     pub const fn since(self, earlier: Self) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
+
+    /// The first moment after `now` that lies a whole number of periods (each at least 1 ns) after this one, which
+    /// has come.
+    pub(crate) fn next_on_grid(self, now: Self, period: Duration) -> Self {
+        let period = nanos(period).max(1);
+        let missed = now.since(self).as_nanos() as u64 / period;
+        Self(self.0.saturating_add(period.saturating_mul(missed.saturating_add(1))))
+    }
 }
 
 const fn nanos(duration: Duration) -> u64 {
@@ -115,9 +123,7 @@ impl Ticker {
         if now < self.next {
             return false;
         }
-        let period = nanos(self.period);
-        let missed = now.since(self.next).as_nanos() as u64 / period;
-        self.next = Instant(self.next.0.saturating_add(period.saturating_mul(missed + 1)));
+        self.next = self.next.next_on_grid(now, self.period);
         true
     }
 }

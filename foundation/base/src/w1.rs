@@ -1,8 +1,9 @@
-//! 1-Wire: which devices are on a bus and what its thermometers say; the words between drivers, hosts and the simulator.
+//! 1-Wire: which devices are on a bus and what its thermometers say; the words between drivers, hosts and the
+//! simulator.
 //!
 //! Who drives the line is the host's affair: on Linux the kernel's `w1_therm`, whose files a live host reads. A 64-bit
-//! ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel calls a device by the
-//! first two: `28-0316a2795bff`.
+//! ROM code is family, 48 bits of serial number and a check (Maxim application note 27); the kernel calls a device by
+//! the first two: `28-0316a2795bff`.
 
 use core::fmt;
 
@@ -37,13 +38,13 @@ impl Rom {
         (self.0 >> 48) as u8
     }
 
-    /// Whether it is a thermometer that `w1_therm` knows: DS18S20, DS1822, DS18B20, DS1825, DS28EA00.
+    /// True if it is a thermometer that `w1_therm` knows: DS18S20, DS1822, DS18B20, DS1825, DS28EA00.
     #[must_use]
     pub const fn is_thermometer(self) -> bool {
         matches!(self.family(), 0x10 | 0x22 | 0x28 | 0x3B | 0x42)
     }
 
-    /// Its number within the family.
+    /// Number within the family.
     #[must_use]
     pub const fn serial(self) -> u64 {
         self.0 & ((1 << 48) - 1)

@@ -60,9 +60,9 @@ pub enum Kind {
 /// A value of an enum.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Value {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its number.
+    /// Number.
     pub number: i32,
     /// The comment before it, line by line.
     pub doc: Vec<String>,
@@ -71,9 +71,9 @@ pub struct Value {
 /// A constant of a struct. It takes no part in fingerprint or encoding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Constant {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its type; never `byte`, `boolean` or `string`.
+    /// Type; never `byte`, `boolean` or `string`.
     pub ty: Primitive,
     /// The value as written.
     pub text: String,
@@ -95,9 +95,9 @@ pub enum Literal {
 /// A member of a struct.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Member {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its type, or its elements'.
+    /// Type, or its elements'.
     pub ty: MemberType,
     /// Dimensions, outermost first; none for a scalar.
     pub dims: Vec<Dim>,
@@ -108,13 +108,13 @@ pub struct Member {
 }
 
 impl Member {
-    /// Whether any dimension is variable.
+    /// True if any dimension is variable.
     #[must_use]
     pub fn is_variable(&self) -> bool {
         self.dims.iter().any(|dim| dim.size == Size::Variable)
     }
 
-    /// How many elements all dimensions make together; `None` when one is variable.
+    /// Number of elements all dimensions make together; `None` when one is variable.
     pub(crate) fn fixed_count(&self) -> Option<usize> {
         self.dims.iter().try_fold(1_usize, |product, dim| match dim.size {
             Size::Fixed(count) => Some(product.saturating_mul(count)),
@@ -135,13 +135,13 @@ pub enum MemberType {
 /// A dimension of an array.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dim {
-    /// How many elements.
+    /// Number of elements.
     pub size: Size,
     /// What the fingerprint takes in: a literal or a constant's value as written, or the length member's name.
     pub text: String,
 }
 
-/// How many elements a dimension has.
+/// Number of elements a dimension has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
     /// So many.
@@ -183,7 +183,7 @@ impl Primitive {
         })
     }
 
-    /// Its name in the language.
+    /// Name in the language.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

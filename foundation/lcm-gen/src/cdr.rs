@@ -1,9 +1,9 @@
 //! Messages as ROS 2 encodes them: LCM bytes into CDR, without values in between.
 //!
-//! A [`Plan`] is compiled once from a type of a [`Schema`]: steps that take so many bytes of the message, turn what is in
-//! them around, and append it where ROS 2 expects it. What comes out is little-endian CDR (OMG CORBA 3.0, 15.3; as DDS
-//! wraps it: `00 01 00 00` in front, which does not count for the alignment) of the type that [`ros2`](crate::ros2) gives
-//! the same name.
+//! A [`Plan`] is compiled once from a type of a [`Schema`]: steps that take so many bytes of the message, turn what is
+//! in them around, and append it where ROS 2 expects it. What comes out is little-endian CDR (OMG CORBA 3.0, 15.3; as
+//! DDS wraps it: `00 01 00 00` in front, which does not count for the alignment) of the type that [`ros2`](crate::ros2)
+//! gives the same name.
 //!
 //! A message is read as if somebody wanted to harm the reader, exactly as [`dynamic`](crate::dynamic) reads it: what is
 //! refused there is refused here. Nothing is allocated but what the output takes.
@@ -81,8 +81,8 @@ impl Plans {
         Self { bodies: plan::bodies(schema), index: names.collect() }
     }
 
-    /// By LCM's name with package. `None` also for a type that holds itself, at any depth, which ROS 2 does not have, and
-    /// for one beyond [`LENGTHS_MAX`].
+    /// By LCM's name with package. `None` also for a type that holds itself, at any depth, which ROS 2 does not have,
+    /// and for one beyond [`LENGTHS_MAX`].
     #[must_use]
     pub fn get(&self, lcm_name: &str) -> Option<Plan<'_>> {
         let body = &self.bodies[*self.index.get(lcm_name)?];

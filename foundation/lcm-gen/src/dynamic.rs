@@ -1,8 +1,8 @@
 //! Messages of types that are known from their `.lcm` files only: decoded and encoded without generated code.
 //!
-//! A message names its type by its fingerprint. [`Types::decode`] holds the bytes against the type, as strictly and with
-//! the same bounds as generated code does, and lends a [`Message`]: a view that is read without any further error, as
-//! a [`Value`] or, with the feature `serde`, straight into any format. [`Type::encode`] is the way back.
+//! A message names its type by its fingerprint. [`Types::decode`] holds the bytes against the type, as strictly and
+//! with the same bounds as generated code does, and lends a [`Message`]: a view that is read without any further error,
+//! as a [`Value`] or, with the feature `serde`, straight into any format. [`Type::encode`] is the way back.
 //!
 //! ```
 //! use lcm_gen::{Schema, dynamic::{Missing, Types, Value}};
@@ -16,7 +16,7 @@
 //! let mut bytes = Vec::new();
 //! types.get("demo.scan_t").unwrap().encode(&scan, Missing::Refuse, &mut bytes).unwrap();
 //!
-//! let message = types.decode(&bytes).unwrap();
+//! let message = types.decode(&bytes).unwrap().unwrap();
 //! assert_eq!(message.ty().name(), "demo.scan_t");
 //! assert_eq!(message.value().get("sensor"), Some(&Value::Text("front".into())));
 //! ```
@@ -24,7 +24,7 @@
 //! Members appear as in generated code: a length member that is the outermost dimension of an array is the array's
 //! length and nothing else, so it is left out.
 
-pub(crate) mod check;
+mod check;
 pub(crate) mod cursor;
 mod encode;
 mod error;
@@ -34,18 +34,14 @@ pub(crate) mod table;
 mod value;
 
 use crate::Schema;
+use lcm::codec::Reader;
 use std::collections::BTreeMap;
 use table::{Struct, table};
 
 pub use encode::Missing;
-pub use error::{DecodeError, EncodeError, Why};
+pub use error::{EncodeError, Why};
+pub use lcm::codec::{DecodeError, MAX_DEPTH, MAX_EMPTY};
 pub use value::Value;
-
-/// How deep values of a recursive type may nest, in both directions; as in `lcm::codec`.
-pub const MAX_DEPTH: usize = 64;
-
-/// How many elements that take no bytes a message may announce in all; as in `lcm::codec`.
-pub const MAX_EMPTY: usize = 65_536;
 
 /// The longest message that [`Type::encode`] makes, bytes: no receiver takes more (`lcm/lcm_udpm.c`).
 pub const MESSAGE_MAX: usize = 1 << 28;
@@ -90,18 +86,15 @@ impl Types {
         (0..self.structs.len()).map(|index| Type { types: self, index })
     }
 
-    /// Finds the message's type by its fingerprint, and holds the bytes against it.
+    /// Finds the message's type by its fingerprint, and holds the bytes against it. `None`: no type has it, or there is
+    /// none.
     ///
     /// # Errors
-    /// The type is not known, or `bytes` are anything but one message of it.
-    pub fn decode<'a>(&'a self, bytes: &'a [u8]) -> Result<Message<'a>, DecodeError> {
-        let found = fingerprint(bytes).ok_or(DecodeError::Truncated { needed: 8, left: bytes.len() })?;
-        self.by_fingerprint(found).ok_or(DecodeError::Unknown { found })?.decode(bytes)
+    /// `bytes` are anything but one message of the type.
+    pub fn decode<'a>(&'a self, bytes: &'a [u8]) -> Option<Result<Message<'a>, DecodeError>> {
+        let fingerprint = u64::from_be_bytes(*bytes.first_chunk()?);
+        Some(self.by_fingerprint(fingerprint)?.decode(bytes))
     }
-}
-
-fn fingerprint(bytes: &[u8]) -> Option<u64> {
-    bytes.first_chunk().map(|bytes| u64::from_be_bytes(*bytes))
 }
 
 /// One of [`Types`].
@@ -128,7 +121,7 @@ impl<'a> Type<'a> {
         self.table().fingerprint
     }
 
-    /// Whether it has a member of that name and primitive type, not an array: `("timestamp", Primitive::Int64)`.
+    /// True if it has a member of that name and primitive type, not an array: `("timestamp", Primitive::Int64)`.
     #[must_use]
     pub fn has(self, member: &str, ty: crate::Primitive) -> bool {
         let is = |field: &table::Field| {
@@ -142,13 +135,8 @@ impl<'a> Type<'a> {
     /// # Errors
     /// `bytes` are anything but one message of this type.
     pub fn decode(self, bytes: &'a [u8]) -> Result<Message<'a>, DecodeError> {
-        let (head, body) = bytes.split_at_checked(8).ok_or(DecodeError::Truncated { needed: 8, left: bytes.len() })?;
-        let (expected, found) = (self.fingerprint(), fingerprint(head).unwrap_or_default());
-        if expected != found {
-            return Err(DecodeError::Fingerprint { expected, found });
-        }
-        check::body(self.types, self.table(), body)?;
-        Ok(Message { ty: self, body })
+        check::body(self.types, self.table(), Reader::of(bytes, self.fingerprint())?)?;
+        Ok(Message { ty: self, body: &bytes[8..] })
     }
 
     /// Appends the message that says `value`, fingerprint and body, to `out`.
@@ -178,7 +166,7 @@ pub struct Message<'a> {
 }
 
 impl<'a> Message<'a> {
-    /// Its type.
+    /// Type.
     #[must_use]
     pub fn ty(&self) -> Type<'a> {
         self.ty

@@ -43,7 +43,7 @@ pub struct Types {
 struct Entry {
     package: String,
     short: String,
-    /// Its own constants and fields.
+    /// Own constants and fields.
     text: String,
     /// What its fields lead to, in order of the schema; `None` when that leads back to one of them.
     needs: Option<Vec<usize>>,

@@ -8,7 +8,8 @@ use crate::{Definition, Error, File, Kind, Member, MemberType, Primitive, Size, 
 const MESSAGE_MAX: usize = 1 << 28;
 /// How deep types may nest, each dimension of an array counted too: decoders follow them on the stack.
 const NESTING_MAX: usize = 64;
-/// How many steps all fingerprints may take: types that hold each other cost as many as there are ways through them.
+/// Maximum number of steps all fingerprints may take: types that hold each other cost as many as there are ways through
+/// them.
 const STEPS_MAX: u32 = 1 << 20;
 
 /// Definitions in which every name has a meaning and every type a finite size.
@@ -88,7 +89,7 @@ impl Schema {
         self.index.get(name).map(|&i| self.min_sizes[i])
     }
 
-    /// Whether all values take the same number of bytes: no strings, no variable arrays, anywhere inside.
+    /// True if all values take the same number of bytes: no strings, no variable arrays, anywhere inside.
     #[must_use]
     pub fn is_fixed(&self, name: &str) -> bool {
         let mut members = self.parts(name).flat_map(Definition::members);
@@ -106,7 +107,7 @@ impl Schema {
         parts.map(|&part| &self.definitions[part])
     }
 
-    /// Whether values of the type can hold, at any depth, values of the same type.
+    /// True if values of the type can hold, at any depth, values of the same type.
     #[must_use]
     pub fn is_recursive(&self, name: &str) -> bool {
         self.index.get(name).is_some_and(|i| self.reach[*i].contains(i))
@@ -196,8 +197,8 @@ impl Schema {
         Ok(full)
     }
 
-    /// How many levels a type has below `parents` others. One that is open already counts none: how deep values of types
-    /// that hold themselves go, decoding bounds.
+    /// How many levels a type has below `parents` others. One that is open already counts none: how deep values of
+    /// types that hold themselves go, decoding bounds.
     fn depth(&self, i: usize, parents: usize, depths: &mut [Option<usize>]) -> Result<usize, Error> {
         if let Some(depth) = depths[i] {
             return Ok(depth);

@@ -33,10 +33,9 @@
 //! point.encode(&mut message).unwrap();
 //! assert_eq!((message.len(), Point::decode(&message)), (8 + 14, Ok(point)));
 //! ```
-//!
-//! Stricter than liblcm when decoding, since the bytes come from a network: counts are held against the bytes that are
-//! left before anything is allocated, recursion is bounded, strings must be strings, nothing may be left over. The
-//! memory that a message may cost stays within a constant factor of its size.
+//! Decoding is stricter than in liblcm, since the bytes come from a network: counts are compared with the remaining
+//! bytes before anything is allocated, recursion is bounded, strings are validated, and excess bytes are an error. The
+//! memory used for a message is bounded by a constant multiple of its size.
 
 mod elements;
 mod error;
@@ -50,16 +49,15 @@ pub use fixed::Fixed;
 pub use reader::Reader;
 pub use writer::Writer;
 
-/// What generated code calls them, so that it needs no `extern crate alloc`.
+/// Re-exported for generated code, so that it needs no `extern crate alloc`.
 #[doc(no_inline)]
 pub use alloc::{string::String, vec::Vec};
 
-/// How deep values of a recursive type may nest, in both directions. Types that are not recursive are as deep as
-/// their definition, which no message can change.
+/// Maximum nesting depth of recursive types, in both directions. The depth of other types is fixed by their definition.
 pub const MAX_DEPTH: usize = 64;
 
-/// How many elements that take no bytes (empty structs, rows of length 0) a message may announce in all: such counts
-/// cannot be held against the bytes that are left.
+/// Maximum number of elements that take no bytes (empty structs, rows of length 0) a message may announce in all: such
+/// counts cannot be held against the bytes that are left.
 pub const MAX_EMPTY: usize = 65_536;
 
 /// Fewest bytes of an encoded string: its length and the final NUL.
@@ -67,7 +65,7 @@ pub const STRING_MIN: usize = 5;
 
 /// A type of the LCM type language; implemented by generated code.
 pub trait Type: Sized {
-    /// What stands in front of every encoded message of this type.
+    /// Fingerprint in front of every encoded message of this type.
     const FINGERPRINT: u64;
 
     /// The name in the definition, with its package: `common.data_state_t`.
@@ -76,7 +74,7 @@ pub trait Type: Sized {
     /// Fewest bytes that a body takes.
     const MIN_SIZE: usize;
 
-    /// How many bytes the members take, without a fingerprint.
+    /// Number of bytes the members take, without a fingerprint.
     fn body_size(&self) -> usize;
 
     /// Writes the members, without a fingerprint, as in a nested value: `body_size` bytes, unless it fails.
@@ -91,7 +89,7 @@ pub trait Type: Sized {
     /// When the bytes are not such a value; see [`DecodeError`].
     fn decode_body(r: &mut Reader<'_>) -> Result<Self, DecodeError>;
 
-    /// How many bytes the message takes, with its fingerprint.
+    /// Number of bytes the message takes, with its fingerprint.
     fn encoded_size(&self) -> usize {
         8 + self.body_size()
     }
@@ -168,7 +166,7 @@ pub fn fingerprint(message: &[u8]) -> Option<u64> {
     message.first_chunk().map(|bytes| u64::from_be_bytes(*bytes))
 }
 
-/// Whether a NUL is among the bytes; eight at a time, since most strings are too short for `memchr` to pay.
+/// True if a NUL is among the bytes; eight at a time, since most strings are too short for `memchr` to pay.
 #[inline]
 fn has_nul(bytes: &[u8]) -> bool {
     const LOW: u64 = 0x0101_0101_0101_0101;

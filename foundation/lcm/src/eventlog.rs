@@ -12,13 +12,10 @@
 //! | 20 | 4 | length of the channel, 1 to [`CHANNEL_MAX`] |
 //! | 24 | 4 | length of the data, not negative |
 //! | 28 | | channel without NUL, data |
-//!
-//! The word [`SYNC`] may stand in data too. An event is one when its lengths are possible and the file ends after it, or
-//! the next one begins. What is none is skipped, up to the next event, and counted; the official reader stops there. An
-//! event that the end of the file cuts short is the end.
-//!
-//! Appending goes on with the numbers where the log ended. The official library begins anew at 0, so in its files a
-//! number may come twice.
+//! The word [`SYNC`] may occur in data too. An event is valid if its lengths are possible and it is followed by the end
+//! of the file or the next event. Invalid bytes are skipped up to the next event, and counted; the official reader
+//! stops there. An event truncated by the end of the file ends the log.
+//! Appending continues the numbers of the log. The official library restarts at 0, so numbers may repeat in its files.
 
 mod writer;
 
@@ -32,20 +29,20 @@ pub const SYNC: u32 = 0xEDA1_DA01;
 pub const HEADER: usize = 28;
 /// Longest channel in a log; on the bus they are shorter.
 pub const CHANNEL_MAX: usize = 999;
-/// Longest data that a [`Reader`] takes if nothing else is said: no message is larger.
+/// Default limit of an event's data in a [`Reader`]: the longest message.
 pub const DATA_MAX: usize = crate::udpm::MESSAGE_MAX as usize;
 
-/// How much is read at once, at least.
+/// Least number of bytes of a read.
 const CHUNK: usize = 64 << 10;
-/// How far from the end the last event is looked for first.
+/// Distance from the end at which the search for the last event begins, bytes.
 const TAIL: u64 = 64 << 10;
 
-/// One event.
+/// An event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event<'a> {
-    /// Its number; rises by one, where nobody has appended to the log with the official library.
+    /// Number; increases by one, unless the official library has appended to the log.
     pub number: i64,
-    /// When it was received, µs since 1970.
+    /// Time of reception, µs since 1970.
     pub timestamp_us: i64,
     /// The message's channel.
     pub channel: &'a str,
@@ -53,7 +50,7 @@ pub struct Event<'a> {
     pub payload: &'a [u8],
 }
 
-/// What was not an event. Everything only grows.
+/// Counters of bytes that were no events; they only grow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
     /// Events read.
@@ -66,12 +63,12 @@ pub struct Stats {
     pub truncated: u64,
 }
 
-/// Where a log ends.
+/// End of a log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tail {
     /// The byte after the last whole event.
     pub end: u64,
-    /// Number of that event; `None`: there is none.
+    /// Number of that event; `None` in a log without events.
     pub number: Option<i64>,
 }
 
@@ -94,28 +91,28 @@ pub struct Tail {
 pub struct Reader<R> {
     inner: R,
     data_max: usize,
-    /// What was read lies in `start..end`, and `buffer[0]` is byte `offset` of the log.
+    /// Unread bytes are `start..end`; `buffer[0]` is byte `offset` of the log.
     buffer: Vec<u8>,
     start: usize,
     end: usize,
     offset: u64,
-    /// There is no more to read.
+    /// True at the end of the input.
     eof: bool,
-    /// Length of the event at `start`, which nobody has taken yet.
+    /// Length of the event at `start`, if it has been found and not taken yet.
     found: Option<usize>,
-    /// Where the last event ended, and where the first thing after it begins that the end of the log cuts short.
+    /// End of the last event, and start of the truncated remainder after it.
     event_end: u64,
     cut: Option<u64>,
     stats: Stats,
 }
 
 impl<R: Read> Reader<R> {
-    /// Reads from where `inner` stands. It is read in large pieces and need not be buffered.
+    /// Reads from the current position of `inner`, in large pieces: it need not be buffered.
     pub fn new(inner: R) -> Self {
         Self::with_limit(inner, DATA_MAX)
     }
 
-    /// Like [`Reader::new`]; what says to be an event with more than `data_max` bytes of data is taken for none.
+    /// A reader with another limit: an event with more than `data_max` bytes of data is invalid.
     pub fn with_limit(inner: R, data_max: usize) -> Self {
         Self {
             inner,
@@ -158,12 +155,12 @@ impl<R: Read> Reader<R> {
         Ok(event(&self.buffer[self.start..self.start + len]))
     }
 
-    /// The byte of the log at which the next event begins, or is looked for; 0 is where `inner` stood at first.
+    /// Byte of the log at which the next event begins, or is searched for; 0 is the initial position of `inner`.
     pub fn position(&self) -> u64 {
         self.offset + self.start as u64
     }
 
-    /// What was read so far.
+    /// Counters so far.
     pub fn stats(&self) -> &Stats {
         &self.stats
     }
@@ -187,7 +184,7 @@ impl<R: Read> Reader<R> {
                 self.start += 1;
                 continue;
             }
-            // A sync word follows, or the end, or too few bytes to tell.
+            // A sync word follows, or the end, or too few bytes to decide.
             if self.fill(len + 4)? && self.word(len) != SYNC {
                 self.start += 1;
                 continue;
@@ -230,7 +227,7 @@ impl<R: Read> Reader<R> {
         Some(HEADER + channel + data)
     }
 
-    /// How far it is from `start` to what may be the next sync word, at least 1.
+    /// Distance from `start` to the next possible sync word, at least 1.
     fn to_next_sync(&self) -> usize {
         let [first, ..] = SYNC.to_be_bytes();
         let rest = &self.buffer[self.start + 1..self.end];
@@ -247,7 +244,7 @@ impl<R: Read> Reader<R> {
             if self.eof {
                 return Ok(false);
             }
-            // Only when at least half of it is used up: each byte is moved once, whatever the log says of lengths.
+            // Compacts only when half of the buffer is used up: each byte is moved at most once.
             if self.start >= self.end - self.start {
                 self.buffer.copy_within(self.start..self.end, 0);
                 self.offset += self.start as u64;
@@ -268,11 +265,11 @@ impl<R: Read> Reader<R> {
 }
 
 impl<R: Read + Seek> Reader<R> {
-    /// Goes on with the first event of `timestamp_us` (µs since 1970) or later, found by bisection: in a log whose
-    /// timestamps do not only rise it is one after which they are later.
+    /// Continues with the first event of `timestamp_us` (µs since 1970) or later, found by bisection; in a log whose
+    /// timestamps are not monotonic, with one after which they are later.
     ///
     /// # Errors
-    /// Reading or seeking failed; the reader then stands anywhere.
+    /// Reading or seeking failed; the position is undefined then.
     pub fn seek_to_timestamp(&mut self, timestamp_us: i64) -> io::Result<()> {
         let stats = self.stats;
         let (mut low, mut high) = (0, self.inner.seek(SeekFrom::End(0))?);
@@ -289,10 +286,10 @@ impl<R: Read + Seek> Reader<R> {
         Ok(())
     }
 
-    /// Where the log ends; read from behind, so that it takes no longer for a long one. Reading goes on at the start.
+    /// End of the log, read from behind: the duration does not depend on its length. Reading continues at the start.
     ///
     /// # Errors
-    /// Reading or seeking failed; the reader then stands anywhere.
+    /// Reading or seeking failed; the position is undefined then.
     pub fn tail(&mut self) -> io::Result<Tail> {
         let stats = self.stats;
         let len = self.inner.seek(SeekFrom::End(0))?;

@@ -1,29 +1,28 @@
-//! Which datagrams the kernel hands to a process: a classic BPF program over channel names.
+//! Socket filter: a classic BPF program over channel names decides which datagrams the kernel passes to a process.
 //!
 //! Without it each process on the bus is woken for each message, wanted or not. With it what is not wanted costs its
 //! reader nothing. The program sees the datagram from its UDP header on; a load beyond the end drops the datagram, so
 //! the names are compared in order of their length. It passes
-//!
 //! - short messages and first fragments on the wanted channels, and LCM's self test;
-//! - later fragments, which name no channel, unless they are our own and nobody here wants those;
-//! - what is not LCM's, to be counted.
+//! - later fragments, which carry no channel name, except our own if this process does not want them;
+//! - datagrams that are not LCM's, to be counted.
 //!
 //! Source: Linux `Documentation/networking/filter.rst`.
 
 use crate::udpm::{CHANNEL_MAX, FRAGMENT_MAGIC, SHORT_MAGIC};
 use core::net::SocketAddrV4;
 
-/// On this channel a subscriber of `liblcm` hears itself, once, to see that the bus works.
+/// Channel on which a subscriber of `liblcm` receives a message of its own, once, to test the bus.
 pub const SELF_TEST: &str = "LCM_SELF_TEST";
 
-/// One instruction, as in `linux/filter.h`.
+/// An instruction, as in `linux/filter.h`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Instruction {
     /// Operation.
     pub code: u16,
-    /// How many to skip if true.
+    /// Instructions to skip if true.
     pub jt: u8,
-    /// How many to skip if false.
+    /// Instructions to skip if false.
     pub jf: u8,
     /// Operand.
     pub k: u32,
@@ -44,14 +43,14 @@ const JGE: u16 = 0x35;
 const RET: u16 = 0x06;
 
 const ALL: u32 = u32::MAX;
-/// Where the IP header begins (`SKF_NET_OFF`), and the source address in it.
+/// Offset of the IP header (`SKF_NET_OFF`), and of the source address in it.
 const IP_SOURCE: u32 = 0xfff0_0000 + 12;
 const SOURCE_PORT: u32 = 0;
 /// Behind the 8 bytes of UDP.
 const MAGIC: u32 = 8;
 const FRAGMENT_NUMBER: u32 = 8 + 16;
 const CHANNEL: u32 = 8 + 8;
-/// How much later the channel comes in a first fragment.
+/// Additional offset of the channel in a first fragment.
 const FRAGMENT_MORE: u32 = 12;
 /// UDP's header, LCM's, and the NUL of an empty name.
 const SHORT_MIN: u32 = 8 + 8 + 1;
@@ -104,7 +103,7 @@ pub fn program(names: &[&str], own: SocketAddrV4, own_fragments: bool) -> Option
     (program.len() <= LENGTH_MAX).then_some(program)
 }
 
-/// Passes the datagram if the name and its NUL stand at [`CHANNEL`] + X; else goes on.
+/// Passes the datagram if name and NUL are at [`CHANNEL`] + X; else continues.
 fn compare(program: &mut Vec<Instruction>, name: &str) {
     let bytes: Vec<u8> = name.bytes().chain([0]).collect();
     let mut loads: Vec<(u16, usize, u32)> = Vec::new();
@@ -137,7 +136,7 @@ mod tests {
     const OWN: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 40_000);
     const OTHER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 40_001);
 
-    /// What the kernel would do: whether the program passes this payload of a UDP datagram.
+    /// Simulates the kernel: true if the program passes this payload of a UDP datagram.
     fn passes(program: &[Instruction], from: SocketAddrV4, payload: &[u8]) -> bool {
         let mut udp = Vec::from(from.port().to_be_bytes());
         udp.extend([0; 6]);

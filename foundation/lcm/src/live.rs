@@ -47,18 +47,18 @@ pub struct RealtimeNanos(pub i64);
 /// A message, valid until the next call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Received<'a> {
-    /// Its channel, at most 63 bytes.
+    /// Channel, at most 63 bytes.
     pub channel: &'a str,
-    /// Its payload.
+    /// Payload.
     pub payload: &'a [u8],
-    /// When the kernel received it.
+    /// Time when the kernel received it.
     pub at: RealtimeNanos,
 }
 
 /// Why a message was not published.
 #[derive(Debug)]
 pub enum PublishError {
-    /// It cannot be sent: a wrong name, or too long.
+    /// Cannot be sent: invalid channel name, or too long.
     Encode(EncodeError),
     /// The kernel has no room for it now; counted in [`Stats::send_refused`].
     Busy,
@@ -98,11 +98,12 @@ impl fmt::Display for SubscribeError {
 
 impl std::error::Error for SubscribeError {}
 
-/// A process's place on the bus: publishes, subscribes, receives. Hears its own messages where it subscribes to them.
+/// A process's place on the bus: publishes, subscribes, receives. It receives its own messages where it subscribes to
+/// them.
 #[derive(Debug)]
 pub struct Lcm(Provider);
 
-/// Each has the methods of [`Lcm`].
+/// Providers; each has the methods of [`Lcm`].
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant, reason = "a process has one or two, nobody keeps a list of them")]
 enum Provider {
@@ -129,7 +130,7 @@ impl Lcm {
     /// received.
     ///
     /// # Errors
-    /// The machine refuses a socket or a file, or has not even a loopback interface; the text says what was tried.
+    /// The system refuses a socket or a file, or has no loopback interface; the text names the failed call.
     pub fn new(url: &Url) -> io::Result<Self> {
         let provider = match url {
             Url::Udpm(url) => Provider::Udpm(Udpm::new(url)?),
@@ -165,7 +166,7 @@ impl Lcm {
         provider!(&mut self.0, it => it.subscribe(pattern, queue))
     }
 
-    /// Ends a subscription; false when there is none such.
+    /// Ends a subscription; false if it does not exist.
     pub fn unsubscribe(&mut self, id: SubscriptionId) -> bool {
         provider!(&mut self.0, it => it.unsubscribe(id))
     }
@@ -207,19 +208,19 @@ impl Lcm {
         if ready { Ok(true) } else { wait(self.as_fd(), timeout) }
     }
 
-    /// How many messages the limit of a subscription has cost; `None` when there is none such.
+    /// Number of messages lost to the limit of a subscription; `None` if it does not exist.
     #[must_use]
     pub fn dropped(&self, id: SubscriptionId) -> Option<u64> {
         provider!(&self.0, it => it.dropped(id))
     }
 
-    /// What became of all messages so far.
+    /// Counters of all messages.
     #[must_use]
     pub fn stats(&self) -> &Stats {
         provider!(&self.0, it => it.stats())
     }
 
-    /// What was rejected so far, by kind: at most one of each.
+    /// Rejected datagrams by kind, at most one entry of each.
     #[must_use]
     pub fn rejections(&self) -> &[Rejections] {
         match &self.0 {
@@ -248,14 +249,14 @@ impl Lcm {
 }
 
 impl AsFd for Lcm {
-    /// Readable when [`Lcm::recv`] has something to do; then call that until `None`, since messages may wait that the
-    /// descriptor does not tell of again. It is the same descriptor before and after the first subscription.
+    /// Readable if [`Lcm::recv`] has work to do; call that until `None`, since messages may wait that the descriptor
+    /// does not signal again. The descriptor is the same before and after the first subscription.
     fn as_fd(&self) -> BorrowedFd<'_> {
         provider!(&self.0, it => it.as_fd())
     }
 }
 
-/// Whether a message can be sent at all.
+/// True if a message can be sent at all.
 fn check(channel: &str, payload: &[u8]) -> Result<(), PublishError> {
     let message = crate::udpm::Message::new(0, channel, payload, crate::udpm::DATAGRAM_MAX);
     message.map(drop).map_err(PublishError::Encode)
@@ -273,7 +274,7 @@ fn wait(fd: BorrowedFd<'_>, timeout: Duration) -> io::Result<bool> {
     }
 }
 
-/// Says what was tried when a system call failed.
+/// Names the failed system call in its error.
 fn context(what: impl fmt::Display) -> impl FnOnce(Errno) -> io::Error {
     move |errno| {
         let error = io::Error::from(errno);

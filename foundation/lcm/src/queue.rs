@@ -7,27 +7,27 @@ use crate::subscription::{Queue, SubscriptionId, Subscriptions};
 use std::collections::VecDeque;
 use std::mem;
 
-/// How many emptied messages are kept to be filled again.
+/// Maximum number of empty messages kept for reuse.
 const SPARE_MAX: usize = 64;
 /// Larger ones are given back to the system.
 const SPARE_SIZE: usize = 4096;
-/// How many channels [`Queue::Last`] follows: a new name costs a publisher one datagram.
+/// Maximum number of channels [`Queue::Last`] follows: a new name costs a publisher one datagram.
 pub const LAST_MAX: usize = 1024;
 
 /// A message that waits, or has just been taken.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Waiting {
-    /// Its channel.
+    /// Channel.
     pub channel: String,
-    /// Its payload.
+    /// Payload.
     pub payload: Vec<u8>,
-    /// When it was received, ns since 1970.
+    /// Time of reception, ns since 1970.
     pub at: i64,
     holders: Vec<SubscriptionId>,
 }
 
 impl Waiting {
-    /// What it costs beside its payload, roughly: an empty message is not free.
+    /// Approximate cost of a message beside its payload, bytes.
     const OVERHEAD: usize = 128;
 
     fn cost(&self) -> usize {
@@ -39,7 +39,7 @@ impl Waiting {
 #[derive(Debug)]
 pub struct Line {
     entries: VecDeque<Waiting>,
-    /// What all of them cost.
+    /// Total cost, bytes.
     bytes: usize,
     bytes_max: usize,
     dropped: u64,
@@ -55,26 +55,26 @@ impl Line {
         Self { entries: VecDeque::new(), bytes: 0, bytes_max, dropped: 0, spare: Vec::new(), taken: Waiting::default() }
     }
 
-    /// How many messages wait.
+    /// Number of messages that wait.
     #[must_use]
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// How many messages the limits have cost, all subscriptions together.
+    /// Number of messages the limits have cost, all subscriptions together.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Whether none does.
+    /// True if none does.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Puts a message at the end of the line, if a subscription wants it and has room; makes that room where its limit
-    /// says so. False: nobody wanted it.
+    /// Appends a message, if a subscription wants it and has room; makes that room by its limit. False if no
+    /// subscription wants it.
     pub fn push(&mut self, subscriptions: &mut Subscriptions, channel: &str, payload: &[u8], at: i64) -> bool {
         let mut entry = self.spare.pop().unwrap_or_default();
         entry.holders.clear();
@@ -143,7 +143,7 @@ impl Line {
         while self.release(id, |_| true) {}
     }
 
-    /// The oldest message that `id` holds and that is `such`: no longer held by it. False: there is none.
+    /// Releases the oldest message held by `id` for which `such` is true. False if there is none.
     fn release(&mut self, id: SubscriptionId, such: impl Fn(&Waiting) -> bool) -> bool {
         let mut entries = self.entries.iter_mut().enumerate();
         let Some((index, entry)) = entries.find(|(_, entry)| entry.holders.contains(&id) && such(entry)) else {

@@ -1,22 +1,21 @@
 //! Large messages from their fragments, in any order, within limits on memory and time.
-//!
-//! Every sender can announce what it likes, so: memory is taken as data comes, not as announced; a fragment that came
-//! twice counts once; what is given up is counted. Once fragment 0 has named a channel that nobody wants, the rest of
-//! the message costs nothing but a look at its header.
+//! Senders may announce anything, so memory is allocated as data arrives, not as announced; a duplicate fragment counts
+//! once; dropped messages are counted. Once fragment 0 has named an unwanted channel, the rest of the message costs
+//! only a look at its header.
 
-use crate::udpm::{self, DATAGRAM_MAX, Datagram, Fragment, MESSAGE_MAX};
+use crate::udpm::{self, DATAGRAM_MAX, Datagram, MESSAGE_MAX};
 use core::net::SocketAddrV4;
 use core::ops::Range;
 use std::mem;
 
-/// What incomplete messages may cost.
+/// Limits of incomplete messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// How many there may be at a time.
+    /// Maximum number of them.
     pub messages: usize,
-    /// How many bytes all of them may hold; at least one message of [`MESSAGE_MAX`] and a datagram fit.
+    /// Number of bytes all of them may hold; at least one message of [`MESSAGE_MAX`] and a datagram fit.
     pub bytes: usize,
-    /// How long after its last fragment a message is given up, ns.
+    /// Time after its last fragment at which a message is dropped, ns.
     pub age_ns: i64,
 }
 
@@ -34,12 +33,12 @@ impl Buffer {
     /// Room for two datagrams, so that a message a little larger than one needs no other.
     const SIZE: usize = 2 * DATAGRAM_MAX;
 
-    /// Where a datagram is put.
+    /// Buffer for the next datagram.
     pub fn room(&mut self) -> &mut [u8] {
         &mut self.0[..DATAGRAM_MAX]
     }
 
-    /// What was put there.
+    /// Content of the buffer.
     #[must_use]
     pub fn bytes(&self, range: Range<usize>) -> &[u8] {
         &self.0[range]
@@ -67,17 +66,34 @@ impl Default for Buffer {
     }
 }
 
-/// What became of a fragment.
+/// Result of a fragment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// It was the last one missing: the message is in [`Reassembly::complete`].
+    /// Completes its message: it is in [`Reassembly::complete`].
     Complete,
     /// Others are missing.
     Incomplete,
-    /// It says that nobody wants its message.
+    /// Belongs to a message on an unwanted channel, which it names.
     Unwanted,
-    /// It belongs to a message that is complete, unwanted or given up, or it came twice.
+    /// Belongs to a message that is complete, unwanted or dropped, or is a duplicate.
     Needless,
+}
+
+/// A fragment of a wanted message; its data are still in the datagram.
+struct Piece {
+    /// Sender and sequence number of the message.
+    key: (SocketAddrV4, u32),
+    /// Index of the message with this key, where there is one.
+    known: Option<usize>,
+    /// Payload bytes and fragments of the message.
+    total: usize,
+    count: u16,
+    number: u16,
+    /// Channel of the message, in its fragment 0.
+    channel: Option<String>,
+    /// Bytes of the datagram that are data, and their place in the payload.
+    data: Range<usize>,
+    offset: usize,
 }
 
 /// A message, of which fragments are missing or none is.
@@ -88,7 +104,7 @@ struct Partial {
     total: usize,
     channel: Option<String>,
     buffer: Buffer,
-    /// Where the payload begins in the buffer.
+    /// Start of the payload in the buffer.
     start: usize,
     /// A bit for each fragment: of the first 64, and of the others.
     seen: (u64, Vec<u64>),
@@ -96,17 +112,22 @@ struct Partial {
     missing: u16,
     /// Payload bytes that came.
     held: usize,
-    /// When its last fragment came.
+    /// Time when its last fragment came.
     touched: i64,
 }
 
 impl Partial {
-    /// Whether it announces the same message.
-    fn agrees(&self, fragment: &Fragment<'_>) -> bool {
-        (self.total, self.count) == (fragment.total as usize, fragment.count)
+    /// Sender and sequence number.
+    fn key(&self) -> (SocketAddrV4, u32) {
+        (self.from, self.sequence)
     }
 
-    /// Puts a piece where it belongs; [`Fragment`] has made sure that it lies within the message.
+    /// True if the piece announces the same message.
+    fn agrees(&self, piece: &Piece) -> bool {
+        (self.total, self.count) == (piece.total, piece.count)
+    }
+
+    /// Puts a piece where it belongs; [`udpm::Fragment`] has made sure that it lies within the message.
     fn put(&mut self, place: usize, data: &[u8]) {
         let place = self.start + place;
         self.buffer.grow(place + data.len(), self.start + self.total);
@@ -130,15 +151,15 @@ impl Partial {
 /// A message that is complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Complete<'a> {
-    /// Its channel.
+    /// Channel.
     pub channel: &'a str,
-    /// Its payload.
+    /// Payload.
     pub payload: &'a [u8],
 }
 
-/// How many messages are remembered as done.
+/// Maximum number of messages that are remembered as done.
 const DONE_MAX: usize = 64;
-/// How many buffers wait to be used again, each of at most [`SPARE_SIZE`] bytes.
+/// Maximum number of buffers kept for reuse, each of at most [`SPARE_SIZE`] bytes.
 const SPARE_MAX: usize = 2;
 const SPARE_SIZE: usize = 1 << 20;
 
@@ -186,8 +207,8 @@ impl Reassembly {
         Self { limits, ..Self::default() }
     }
 
-    /// Takes the fragment that the first `len` bytes of `datagram` are, received at `at` (ns, on any scale). The first
-    /// one of a message takes the buffer over and leaves another one there.
+    /// Takes the fragment in the first `len` bytes of `datagram`, received at `at` (ns, on any scale). The first one of
+    /// a message takes the buffer over and leaves another one.
     pub fn insert(
         &mut self,
         at: i64,
@@ -197,11 +218,30 @@ impl Reassembly {
         wants: impl FnOnce(&str) -> bool,
     ) -> Outcome {
         self.expire(at);
-        let Ok(Datagram::Fragment(fragment)) = udpm::decode(&datagram.0[..len]) else { return Outcome::Needless };
+        let piece = match self.validate(from, &datagram.0[..len], wants) {
+            Ok(piece) => piece,
+            Err(outcome) => return outcome,
+        };
+        let Some(index) = self.place(at, piece, datagram) else { return Outcome::Needless };
+        if self.partials[index].missing > 0 {
+            self.keep_limits();
+            return Outcome::Incomplete;
+        }
+        self.finish(index)
+    }
+
+    /// Checks that a datagram is a fragment of a message that is wanted and not done; else what it is.
+    fn validate(
+        &mut self,
+        from: SocketAddrV4,
+        datagram: &[u8],
+        wants: impl FnOnce(&str) -> bool,
+    ) -> Result<Piece, Outcome> {
+        let Ok(Datagram::Fragment(fragment)) = udpm::decode(datagram) else { return Err(Outcome::Needless) };
         let key = (from, fragment.sequence);
-        let known = self.partials.iter().position(|partial| (partial.from, partial.sequence) == key);
+        let known = self.partials.iter().position(|partial| partial.key() == key);
         if known.is_none() && self.done.contains(key) {
-            return Outcome::Needless;
+            return Err(Outcome::Needless);
         }
         if fragment.channel.is_some_and(|channel| !wants(channel)) {
             if let Some(index) = known {
@@ -209,58 +249,74 @@ impl Reassembly {
                 self.recycle(partial.buffer);
             }
             self.done.push(key);
-            return Outcome::Unwanted;
+            return Err(Outcome::Unwanted);
         }
-        // Another message under the same number: its sender has begun anew.
-        let other = known.filter(|&index| !self.partials[index].agrees(&fragment));
-        let Fragment { sequence, total, count, number, .. } = fragment;
-        let channel = fragment.channel.map(String::from);
-        let (data, place) = (len - fragment.data.len()..len, fragment.offset as usize);
-        if let Some(index) = other {
-            self.give_up(index);
-        }
-        let index = match known {
-            Some(index) if other.is_none() => {
+        Ok(Piece {
+            key,
+            known,
+            total: fragment.total as usize,
+            count: fragment.count,
+            number: fragment.number,
+            channel: fragment.channel.map(String::from),
+            data: datagram.len() - fragment.data.len()..datagram.len(),
+            offset: fragment.offset as usize,
+        })
+    }
+
+    /// Puts a piece into its message, which it may begin; the index of the message, or `None` for a duplicate.
+    fn place(&mut self, at: i64, piece: Piece, datagram: &mut Buffer) -> Option<usize> {
+        let index = match piece.known {
+            Some(index) if self.partials[index].agrees(&piece) => {
                 let partial = &mut self.partials[index];
-                if !partial.note(number) {
-                    return Outcome::Needless;
+                if !partial.note(piece.number) {
+                    return None;
                 }
-                partial.put(place, &datagram.0[data.clone()]);
+                partial.put(piece.offset, &datagram.0[piece.data.clone()]);
                 index
             }
-            _ => {
-                let mut partial = Partial {
-                    from,
-                    sequence,
-                    total: total as usize,
-                    channel: None,
-                    buffer: self.spare.pop().unwrap_or_default(),
-                    start: data.start,
-                    seen: (0, vec![0; usize::from(count).saturating_sub(1) / 64]),
-                    count,
-                    missing: count,
-                    held: 0,
-                    touched: at,
-                };
-                partial.note(number);
-                match place {
-                    0 => mem::swap(&mut partial.buffer, datagram),
-                    _ => partial.put(place, &datagram.0[data.clone()]),
-                }
-                self.partials.push(partial);
-                self.partials.len() - 1
+            // Another message with the same number: its sender has restarted.
+            Some(index) => {
+                self.give_up(index);
+                self.begin(&piece, datagram)
             }
+            None => self.begin(&piece, datagram),
         };
         let partial = &mut self.partials[index];
-        partial.channel = channel.or_else(|| partial.channel.take());
-        partial.held += data.len();
+        partial.channel = piece.channel.or_else(|| partial.channel.take());
+        partial.held += piece.data.len();
         partial.touched = at;
-        if partial.missing > 0 {
-            self.keep_limits();
-            return Outcome::Incomplete;
+        Some(index)
+    }
+
+    /// Begins a message with one of its pieces; its index.
+    fn begin(&mut self, piece: &Piece, datagram: &mut Buffer) -> usize {
+        let &Piece { key: (from, sequence), total, count, number, ref data, offset, .. } = piece;
+        let mut partial = Partial {
+            from,
+            sequence,
+            total,
+            channel: None,
+            buffer: self.spare.pop().unwrap_or_default(),
+            start: data.start,
+            seen: (0, vec![0; usize::from(count).saturating_sub(1) / 64]),
+            count,
+            missing: count,
+            held: 0,
+            touched: 0,
+        };
+        partial.note(number);
+        match offset {
+            0 => mem::swap(&mut partial.buffer, datagram),
+            _ => partial.put(offset, &datagram.0[data.clone()]),
         }
-        self.done.push(key);
+        self.partials.push(partial);
+        self.partials.len() - 1
+    }
+
+    /// Completes a message of which all fragments have come.
+    fn finish(&mut self, index: usize) -> Outcome {
         let partial = self.partials.swap_remove(index);
+        self.done.push(partial.key());
         if partial.held != partial.total || partial.buffer.0.len() < partial.start + partial.total {
             // All fragments that were announced, and yet not all bytes: some came more than once, others never.
             self.given_up += 1;
@@ -290,7 +346,7 @@ impl Reassembly {
         Some(Complete { channel: channel.as_deref()?, payload: buffer.0.get(*start..start + total)? })
     }
 
-    /// How many messages were given up: too old, or too much beside others.
+    /// Number of messages that were given up: too old, or too much beside others.
     #[must_use]
     pub fn given_up(&self) -> u64 {
         self.given_up

@@ -22,19 +22,19 @@ use crate::udpm::{self, Datagram, DecodeError};
 use core::fmt;
 use core::net::SocketAddrV4;
 
-/// What became of the messages. Everything only grows.
+/// Counters of messages; they only grow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
     /// Messages on subscribed channels.
     pub received: u64,
-    /// Messages that reached this process on channels that nobody here subscribed to.
+    /// Messages received on channels without subscription.
     pub unwanted: u64,
     /// Datagrams that are not LCM's; the newest is in `last_rejected`.
     pub malformed: u64,
     /// Messages of which some fragments came and others did not.
     pub incomplete: u64,
-    /// Messages missing in the sequence numbers of their publishers, wherever they were lost; those that
-    /// `kernel_dropped` counts are among them. See [`Receiver::sources`] for when that can be told.
+    /// Messages missing in the sequence numbers of their publishers, wherever they were lost, including those in
+    /// `kernel_dropped`. See [`Receiver::sources`] for when this is known.
     pub lost: u64,
     /// Datagrams that the kernel dropped because the receive buffer was full, as of the last one received. While the
     /// kernel filters channels, unwanted ones that came in the same moment are among them.
@@ -52,18 +52,18 @@ pub struct Stats {
 /// A datagram that was dropped for what it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected {
-    /// Who sent it.
+    /// Sender.
     pub from: SocketAddrV4,
-    /// What is wrong with it.
+    /// Defect.
     pub why: DecodeError,
 }
 
-/// All rejected datagrams of one kind.
+/// Rejected datagrams of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejections {
     /// The newest.
     pub last: Rejected,
-    /// How many so far.
+    /// Number of them so far.
     pub count: u64,
 }
 
@@ -73,14 +73,14 @@ impl fmt::Display for Rejected {
     }
 }
 
-/// Where a message that was received stands.
+/// Place of a received message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// In the datagram, from here to its end.
     Datagram {
-        /// Where the payload begins.
+        /// Start of the payload.
         start: usize,
-        /// Where it ends.
+        /// End of the payload.
         end: usize,
     },
     /// In the receiver, where its fragments were put together.
@@ -97,7 +97,7 @@ pub struct Receiver {
     /// Sequence numbers of datagrams received before are not looked at; ns since 1970. `None`: of none.
     whole_since: Option<i64>,
     announced: Option<SocketAddrV4>,
-    /// One for each kind that came.
+    /// One entry for each kind that occurred.
     rejections: Vec<Rejections>,
     /// The counters; a transport adds its own.
     pub stats: Stats,
@@ -112,18 +112,18 @@ impl Receiver {
         Pattern::new(pattern).map(|pattern| self.subscriptions.add(pattern, queue))
     }
 
-    /// Ends a subscription; false when there is none such.
+    /// Ends a subscription; false if it does not exist.
     pub fn unsubscribe(&mut self, id: SubscriptionId) -> bool {
         self.subscriptions.remove(id)
     }
 
-    /// What is wanted.
+    /// Subscriptions.
     #[must_use]
     pub fn subscriptions(&self) -> &Subscriptions {
         &self.subscriptions
     }
 
-    /// What is wanted, for a line of waiting messages.
+    /// Subscriptions, for a queue of waiting messages.
     pub fn subscriptions_mut(&mut self) -> &mut Subscriptions {
         &mut self.subscriptions
     }
@@ -133,19 +133,19 @@ impl Receiver {
         (self.sources, self.whole_since) = (Sources::default(), Some(at));
     }
 
-    /// From now on the kernel passes only some of the datagrams, and sequence numbers tell nothing.
+    /// To be called when the kernel filters datagrams: sequence numbers have gaps then.
     pub fn hears_some(&mut self) {
         (self.sources, self.whole_since) = (Sources::default(), None);
     }
 
-    /// Those who publish, with their losses; empty while only some datagrams are heard.
+    /// Publishers with their losses; empty while the kernel filters datagrams.
     #[must_use]
     pub fn sources(&self) -> &[Source] {
         self.sources.as_slice()
     }
 
-    /// Takes in the datagram that is the first `len` bytes of `buffer`, received at `at`, ns since 1970. Returns where
-    /// a wanted message stands that it brought.
+    /// Takes the datagram in the first `len` bytes of `buffer`, received at `at`, ns since 1970. Returns the place of
+    /// the wanted message that it completes, if any.
     pub fn handle_rx(&mut self, at: i64, from: SocketAddrV4, buffer: &mut Buffer, len: usize) -> Option<Place> {
         let decoded = udpm::decode(&buffer.room()[..len]);
         if let Ok(datagram) = &decoded
@@ -216,7 +216,7 @@ impl Receiver {
         self.reassembly.bytes()
     }
 
-    /// Who sent LCM's self test since the last call: a process that has just subscribed.
+    /// Sender of LCM's self test since the last call: a process that has just subscribed.
     pub fn take_announced(&mut self) -> Option<SocketAddrV4> {
         self.announced.take()
     }
@@ -230,7 +230,7 @@ impl Receiver {
         }
     }
 
-    /// What was rejected so far, by kind.
+    /// Rejected datagrams so far, by kind.
     #[must_use]
     pub fn rejections(&self) -> &[Rejections] {
         &self.rejections

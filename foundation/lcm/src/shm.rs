@@ -1,9 +1,8 @@
 //! The local shared-memory bus: contexts of one host and user exchange messages through memory, beside plain LCM.
-//!
-//! Every context has a station, a file in a folder of `/dev/shm` that belongs to the bus: a ring with what it has
-//! published, and whether it sleeps and what it wants. Publishing writes to the own ring and rings the bells of those
-//! that sleep and want the channel; receiving reads the rings of all. Datagrams go out only while somebody may listen
-//! who is not in the folder; a context takes a publisher that has a station from its ring and drops its datagrams.
+//! Every context has a station, a file in the folder of the bus in `/dev/shm`: a ring with its published messages, its
+//! subscriptions, and its sleep state. Publishing writes to the own ring and wakes the sleeping contexts that want the
+//! channel; receiving reads the rings of all. Datagrams are sent only while a process outside the folder may be
+//! listening; a context reads a publisher with a station from its ring and drops its datagrams.
 //!
 //! | file | knows |
 //! |---|---|

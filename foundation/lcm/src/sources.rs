@@ -2,7 +2,7 @@
 
 use core::net::SocketAddrV4;
 
-/// How many publishers are followed; of more, the one silent for longest is forgotten.
+/// Maximum number of publishers that are followed; of more, the one silent for longest is forgotten.
 pub const SOURCES_MAX: usize = 64;
 /// A jump by more than this is another publisher at the same address, not a loss.
 const JUMP_MAX: u32 = 1 << 20;
@@ -12,14 +12,14 @@ const LATE_MAX: u32 = 64;
 /// A publisher: one context of one process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Source {
-    /// Its address.
+    /// Address.
     pub from: SocketAddrV4,
     /// Datagrams of it that came.
     pub datagrams: u64,
     /// Messages of it that are missing.
     pub lost: u64,
     next: u32,
-    /// Value of [`Sources::heard`] when it was last heard.
+    /// Value of [`Sources::heard`] at its last message.
     last: u64,
 }
 
@@ -31,7 +31,7 @@ pub struct Sources {
 }
 
 impl Sources {
-    /// All that are followed.
+    /// All publishers that are followed.
     #[must_use]
     pub fn as_slice(&self) -> &[Source] {
         &self.entries

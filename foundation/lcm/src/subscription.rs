@@ -22,7 +22,7 @@ pub struct Pattern(Kind);
 enum Kind {
     All,
     Literal(Box<str>),
-    /// What is before a final `.*`: the common pattern, and a tenth of an expression's time.
+    /// Part before a final `.*`: the common pattern, at a tenth of the cost of an expression.
     Prefix(Box<str>),
     Regex(Regex),
 }
@@ -32,7 +32,7 @@ enum Kind {
 pub struct PatternError {
     /// The pattern as given.
     pub pattern: String,
-    /// What is wrong with it.
+    /// Defect of the expression.
     pub why: String,
 }
 
@@ -77,7 +77,7 @@ impl Pattern {
         }
     }
 
-    /// Whether `channel` is one of the set.
+    /// True if `channel` is one of the set.
     #[must_use]
     pub fn matches(&self, channel: &str) -> bool {
         match &self.0 {
@@ -89,15 +89,15 @@ impl Pattern {
     }
 }
 
-/// What becomes of a subscription's messages while nobody takes them.
+/// Queueing of a subscription's messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Queue {
-    /// They wait in the transport's own buffer, as many as it holds; the newest are lost when it is full.
+    /// In the transport's own buffer; when it is full the newest are lost.
     #[default]
     Transport,
-    /// So many wait, and what comes then is lost: `liblcm`'s way.
+    /// At most this number; further messages are lost, as in `liblcm`.
     Oldest(usize),
-    /// So many wait, and for what comes then the oldest is lost.
+    /// At most this number; for each further message the oldest is lost.
     Newest(usize),
     /// The last one of each channel waits, of at most [`LAST_MAX`](crate::queue::LAST_MAX) channels; for more, the
     /// oldest is lost.
@@ -108,21 +108,21 @@ pub enum Queue {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SubscriptionId(u32);
 
-/// One subscription.
+/// A subscription.
 #[derive(Clone, Debug)]
 pub struct Subscription {
     id: SubscriptionId,
     pattern: Pattern,
-    /// What becomes of its messages while nobody takes them.
+    /// Queueing of its messages.
     pub(crate) queue: Queue,
-    /// How many messages wait for it.
+    /// Number of messages that wait for it.
     pub(crate) waiting: usize,
-    /// How many its limit has cost.
+    /// Number of messages lost to its limit.
     pub(crate) dropped: u64,
 }
 
 impl Subscription {
-    /// Its name.
+    /// Name.
     #[must_use]
     pub fn id(&self) -> SubscriptionId {
         self.id
@@ -152,25 +152,25 @@ impl Subscriptions {
         self.entries.len() < before
     }
 
-    /// Whether there are none.
+    /// True if there are no subscriptions.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Whether any of them wants `channel`.
+    /// True if any of them wants `channel`.
     #[must_use]
     pub fn wants(&self, channel: &str) -> bool {
         self.entries.iter().any(|entry| entry.pattern.matches(channel))
     }
 
-    /// Whether all messages wait in the transport's buffer alone.
+    /// True if all messages wait in the transport's buffer alone.
     #[must_use]
     pub fn unlimited(&self) -> bool {
         self.entries.iter().all(|entry| entry.queue == Queue::Transport)
     }
 
-    /// How many messages the limit of a subscription has cost; `None`: there is none such.
+    /// Number of messages lost to the limit of a subscription; `None` if it does not exist.
     #[must_use]
     pub fn dropped(&self, id: SubscriptionId) -> Option<u64> {
         self.entries.iter().find(|entry| entry.id == id).map(|entry| entry.dropped)
@@ -182,13 +182,13 @@ impl Subscriptions {
         self.entries.iter().map(|entry| entry.pattern.name()).collect()
     }
 
-    /// Whether one of them has `channel` as its plain name.
+    /// True if one of them has `channel` as its plain name.
     #[must_use]
     pub fn names_it(&self, channel: &str) -> bool {
         self.entries.iter().any(|entry| entry.pattern.name() == Some(channel))
     }
 
-    /// Those that want `channel`.
+    /// Subscriptions that match `channel`.
     pub(crate) fn matching(&mut self, channel: &str) -> impl Iterator<Item = &mut Subscription> {
         self.entries.iter_mut().filter(move |entry| entry.pattern.matches(channel))
     }

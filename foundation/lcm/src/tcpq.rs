@@ -1,4 +1,4 @@
-//! TCPQ: LCM over TCP, through a [`hub`] that relays. Here the wire: what stands in a connection's two streams.
+//! TCPQ: LCM over TCP, through a relaying [`hub`]. This file: the wire format of a connection's two streams.
 //!
 //! All words are 32 bits, unsigned and big-endian. Source: LCM 1.5.3, `lcm/lcm_tcpq.c` (the client) and
 //! `lcm-java/lcm/lcm/TCPService.java` (the hub); there is no other description.
@@ -13,10 +13,8 @@
 //! | publish | 1, length and bytes of the channel (no NUL), length and bytes of the payload |
 //! | subscribe | 2, length and bytes of a regular expression |
 //! | unsubscribe | 3, the same expression |
-//!
-//! A stream has no place at which one could start anew, so what is no message ends the connection; the official hub
-//! skips it a word at a time. Like that hub, this one takes clients that do not say hello, and any version. Lengths
-//! are limited, which they are not there.
+//! A stream cannot be resynchronized, so a malformed message ends the connection; the official hub skips it word by
+//! word. As in that hub, clients without a hello, and any version, are accepted. Lengths are limited, unlike there.
 //!
 //! ```
 //! use lcm::tcpq::{Decoder, Message, Peer, subscribe};
@@ -43,7 +41,7 @@ pub use outbox::Outbox;
 pub const CLIENT_MAGIC: u32 = 0x2876_17fb;
 /// A hub's first word.
 pub const HUB_MAGIC: u32 = 0x2876_17fa;
-/// The second word of both; nobody looks at it.
+/// Second word of both; ignored by receivers.
 pub const VERSION: u32 = 0x0100;
 /// Longest channel or expression in bytes that a stream goes on after.
 pub const TEXT_MAX: usize = 1024;
@@ -63,37 +61,37 @@ pub enum Peer {
     Hub,
 }
 
-/// One message of a stream.
+/// Message of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
     /// The first one.
     Hello {
-        /// Of the sender, usually [`VERSION`].
+        /// Version of the sender, usually [`VERSION`].
         version: u32,
     },
-    /// A message for whom it may concern.
+    /// Publishes a message.
     Publish {
         /// At most [`CHANNEL_MAX`] bytes; may be empty.
         channel: &'a str,
         /// May be empty.
         payload: &'a [u8],
-        /// The message as it stands in the stream.
+        /// Encoded message.
         wire: &'a [u8],
     },
     /// From now on the channels that match this.
     Subscribe(&'a str),
-    /// No longer.
+    /// Removes a subscription.
     Unsubscribe(&'a str),
-    /// A message that nobody can use; the stream goes on after it.
+    /// Unusable message; the stream continues after it.
     Unusable(Unusable),
 }
 
-/// What is wrong with a message that can be skipped.
+/// Defect of a message that can be skipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unusable {
     /// A channel of `len` bytes, more than [`CHANNEL_MAX`].
     ChannelTooLong {
-        /// Its length in bytes.
+        /// Length in bytes.
         len: usize,
     },
     /// A channel or an expression that is not UTF-8.
@@ -103,18 +101,18 @@ pub enum Unusable {
 /// Why a stream is not TCPQ's, or no longer. The connection cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecodeError {
-    /// It does not begin as a hub's.
+    /// Wrong magic of a hub.
     Magic(u32),
     /// The next message is of no known type.
     Type(u32),
     /// A channel or an expression longer than [`TEXT_MAX`].
     TextTooLong {
-        /// Its length in bytes.
+        /// Length in bytes.
         len: u32,
     },
     /// A payload above the limit.
     MessageTooLong {
-        /// Its length in bytes.
+        /// Length in bytes.
         len: u32,
         /// The limit.
         max: usize,
@@ -143,7 +141,7 @@ pub struct Decoder {
     message_max: usize,
     begun: bool,
     buffer: Vec<u8>,
-    /// Where the message is that was handed out last, and where the next one begins.
+    /// Start of the message returned last, and start of the next one.
     current: usize,
     next: usize,
 }
@@ -190,13 +188,13 @@ impl Decoder {
         }
     }
 
-    /// Whether [`Decoder::next_message`] has something to say.
+    /// True if [`Decoder::next_message`] returns a message or an error.
     #[must_use]
     pub fn is_ready(&self) -> bool {
         !matches!(parse(&self.buffer[self.next..], self.from, self.begun, self.message_max), Err(Stop::More))
     }
 
-    /// How many bytes it holds that were not handed out.
+    /// Number of bytes it holds that were not handed out.
     #[must_use]
     pub fn waiting(&self) -> usize {
         self.buffer.len() - self.next
@@ -238,7 +236,7 @@ fn parse(input: &[u8], from: Peer, begun: bool, message_max: usize) -> Result<(M
 
 const NOT_UTF8: Message<'_> = Message::Unusable(Unusable::NotUtf8);
 
-/// What is left to read.
+/// Remaining bytes.
 struct Rest<'a>(&'a [u8]);
 
 impl<'a> Rest<'a> {
@@ -262,7 +260,7 @@ impl<'a> Rest<'a> {
     }
 }
 
-/// What each end sends first.
+/// First bytes sent by each end.
 #[must_use]
 pub fn hello(from: Peer) -> [u8; 8] {
     let magic = match from {
@@ -275,8 +273,8 @@ pub fn hello(from: Peer) -> [u8; 8] {
     bytes
 }
 
-/// What stands in front of the payload of a published message; `channel` is at most [`CHANNEL_MAX`] bytes, the payload
-/// less than 4 GiB.
+/// Header before the payload of a published message; `channel` is at most [`CHANNEL_MAX`] bytes, the payload less than
+/// 4 GiB.
 #[must_use]
 pub fn publish_header(channel: &str, payload_len: usize) -> Vec<u8> {
     let mut out = text(PUBLISH, channel);

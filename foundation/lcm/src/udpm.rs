@@ -33,12 +33,13 @@ pub const CHANNEL_MAX: usize = 63;
 pub const SHORT_MAX: usize = 65_499;
 /// Largest datagram: what IPv4 carries in one UDP packet.
 pub const DATAGRAM_MAX: usize = 65_507;
-/// Smallest datagram that [`Message::new`] splits into: what IPv4 promises to carry, 576 bytes, without its header and UDP's.
+/// Smallest datagram that [`Message::new`] splits into: what IPv4 promises to carry, 576 bytes, without its header and
+/// UDP's.
 pub const DATAGRAM_MIN: usize = 548;
 /// Largest message that receivers accept, in payload bytes; `liblcm` draws the same line.
 pub const MESSAGE_MAX: u32 = 1 << 28;
 
-/// Where the channel name of a short message begins.
+/// Offset of the channel name in a short message.
 pub(crate) const CHANNEL_AT: usize = SHORT_HEADER;
 
 const SHORT_HEADER: usize = 8;
@@ -51,7 +52,7 @@ pub struct Short<'a> {
     pub sequence: u32,
     /// At most [`CHANNEL_MAX`] bytes; may be empty.
     pub channel: &'a str,
-    /// Whatever follows; may be empty.
+    /// Payload; may be empty.
     pub payload: &'a [u8],
 }
 
@@ -62,19 +63,19 @@ pub struct Fragment<'a> {
     pub sequence: u32,
     /// Payload bytes of the whole message, at most [`MESSAGE_MAX`].
     pub total: u32,
-    /// Where `data` belongs in the payload.
+    /// Offset of `data` in the payload.
     pub offset: u32,
     /// Which fragment this is, from 0.
     pub number: u16,
-    /// How many there are, at least 1.
+    /// Number of them.
     pub count: u16,
     /// The channel, which fragment 0 alone carries.
     pub channel: Option<&'a str>,
-    /// This piece of the payload.
+    /// Piece of the payload.
     pub data: &'a [u8],
 }
 
-/// One datagram, understood.
+/// A decoded datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Datagram<'a> {
     /// A whole message.
@@ -124,7 +125,7 @@ pub enum DecodeError {
     },
     /// A fragment reaches beyond the end of its message.
     BeyondEnd {
-        /// Where its data would end.
+        /// End of its data.
         end: u64,
         /// The announced size.
         total: u32,
@@ -132,7 +133,7 @@ pub enum DecodeError {
 }
 
 impl DecodeError {
-    /// Its name, without what differs from datagram to datagram.
+    /// Name, without what differs from datagram to datagram.
     #[must_use]
     pub const fn kind(&self) -> &'static str {
         match self {

@@ -43,18 +43,18 @@ pub const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 76, 67);
 pub const PORT: u16 = 7667;
 /// The default port of a TCPQ hub.
 pub const TCPQ_PORT: u16 = 7700;
-/// The receive buffer asked for when the URL names none, in bytes. The kernel's default of 208 KiB overflows while a
-/// process waits for its turn on a busy processor.
+/// Default receive buffer, bytes. The kernel's default of 208 KiB overflows while a process waits for its turn on a
+/// busy processor.
 pub const RECV_BUF_SIZE: usize = 2 << 20;
 
-/// Where the bus is and how to join it.
+/// A bus, and how to join it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Url {
     /// UDP multicast.
     Udpm(Udpm),
     /// A hub that is reached by TCP.
     Tcpq(SocketAddrV4),
-    /// This context alone.
+    /// Within this context only.
     Memq,
     /// An event log.
     File(File),
@@ -71,7 +71,7 @@ pub struct Udpm {
     pub ttl: u8,
     /// Bytes to ask the kernel for as receive buffer.
     pub recv_buf_size: usize,
-    /// The network interface to use; `None`: what the routing table says, and `lo`.
+    /// Network interface to use; `None`: by the routing table, and `lo`.
     pub interface: Option<Interface>,
     /// The shared-memory bus beside it.
     pub shm: Shm,
@@ -86,7 +86,7 @@ pub enum Interface {
     Address(Ipv4Addr),
 }
 
-/// Whether programs of one host and user exchange messages through shared memory.
+/// True if programs of one host and user exchange messages through shared memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shm {
     /// Never.
@@ -99,25 +99,25 @@ pub enum Shm {
 /// An event log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct File {
-    /// Its path; not empty.
+    /// Path; not empty.
     pub path: String,
-    /// What is done with it.
+    /// Playback or recording.
     pub mode: Mode,
 }
 
-/// What is done with an event log.
+/// Use of an event log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mode {
-    /// Its events are received.
+    /// Events are received.
     Play {
         /// Against the recorded pace; 0 is as fast as possible. Finite, not negative.
         speed: f64,
         /// Events before this one are skipped, µs since 1970.
         start: Option<i64>,
     },
-    /// What is published is written to it; what it was is lost.
+    /// Records published messages; earlier content is lost.
     Write,
-    /// What is published is written to its end.
+    /// Records published messages at the end.
     Append,
 }
 
@@ -172,7 +172,7 @@ impl Url {
     }
 }
 
-/// One `key=value`.
+/// An option `key=value`.
 struct Opt<'a> {
     text: &'a str,
     pair: (&'a str, &'a str),

@@ -30,7 +30,7 @@ impl Ackermann {
         Motion { translation: speed, rotation: speed * self.curvature(steering) }
     }
 
-    /// The steering angle of a motion; `None` where it stands or turns on the spot, which no steering angle does.
+    /// Steering angle of a motion; `None` at standstill and for rotation on the spot, which no steering angle gives.
     #[must_use]
     pub fn steering_of(&self, motion: Motion) -> Option<f64> {
         (motion.translation != 0.0).then(|| self.steering(motion.rotation / motion.translation))

@@ -20,7 +20,7 @@ impl Curve {
         curve
     }
 
-    /// Its pieces in the order of driving; a straight line is an arc of curvature 0.
+    /// Pieces in order; a straight line is an arc of curvature 0.
     #[must_use]
     pub fn arcs(&self) -> &[Arc] {
         &self.arcs[..usize::from(self.count)]
@@ -32,13 +32,13 @@ impl Curve {
         self.arcs().iter().map(|arc| libm::fabs(arc.length)).sum()
     }
 
-    /// How often it changes between forwards and reverse.
+    /// Number of changes between forwards and reverse.
     #[must_use]
     pub fn cusps(&self) -> usize {
         self.arcs().windows(2).filter(|pair| (pair[0].length < 0.0) != (pair[1].length < 0.0)).count()
     }
 
-    /// Where it ends, begun at `start`.
+    /// End pose of a curve begun at `start`.
     #[must_use]
     pub fn end(&self, start: Pose) -> Pose {
         self.arcs().iter().fold(start, |pose, arc| pose.along(arc.motion()))

@@ -67,7 +67,7 @@ fn shortest(from: Pose, to: Pose, radius: f64) -> Word {
     best
 }
 
-/// The angle in [0, 2π); what rounding has made a whole turn is none.
+/// The angle in [0, 2π); a full turn by rounding is zero.
 fn turn(angle: f64) -> f64 {
     let turn = angle - 2.0 * PI * libm::floor(angle / (2.0 * PI));
     if turn > 2.0 * PI - ROUNDING { 0.0 } else { turn }

@@ -27,7 +27,7 @@ pub use reeds_shepp::{reeds_shepp, reeds_shepp_length, reeds_shepp_words};
 /// The motion of the rear axle's middle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// Along the robot's x axis, m/s (or m, where it stands for a way travelled).
+    /// Velocity along the robot's x axis, m/s (or distance, m, of a motion step).
     pub translation: f64,
     /// Counter-clockwise, rad/s (or rad).
     pub rotation: f64,

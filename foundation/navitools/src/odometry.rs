@@ -46,7 +46,8 @@ impl SteeredWheels {
     }
 }
 
-/// Ticks (of both wheels together) from which on their difference tells a turn; below it the last curvature stands.
+/// Ticks (of both wheels together) from which their difference determines the curvature; below it the last curvature is
+/// kept.
 const TICKS_FOR_A_TURN: i32 = 256;
 
 /// Integrates the counts of both wheels to a path and a heading.
@@ -113,7 +114,8 @@ impl Odometry {
         }
     }
 
-    /// The counters were lost (the board was reset, or silent for longer than half a wrap): the next ones start anew.
+    /// To be called after a loss of the counters (a reset of the board, or silence longer than half a wrap): the next
+    /// ones start again.
     pub fn lost(&mut self) {
         self.counts = None;
     }

@@ -20,7 +20,7 @@ impl Point {
     }
 }
 
-/// Where a frame's origin is and where its x axis points, seen from another frame: `world_from_robot`.
+/// Origin and x axis of a frame in another frame: `world_from_robot`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// m.
@@ -38,7 +38,7 @@ impl Pose {
         Self { x, y, theta: Angle::new(theta) }
     }
 
-    /// Its origin.
+    /// Origin.
     #[must_use]
     pub fn point(self) -> Point {
         Point { x: self.x, y: self.y }

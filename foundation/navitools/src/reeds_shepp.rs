@@ -74,7 +74,7 @@ impl Word {
     }
 }
 
-/// Where the last turning circle's centre is, seen from the first one's, and what the formulas take from it.
+/// Centre of the last turning circle relative to the first one's, and terms derived from it.
 struct Centres {
     distance: f64,
     direction: f64,
@@ -86,7 +86,7 @@ impl Centres {
     }
 }
 
-/// What the formulas for circles of the same sense (L…L) need of the distance between them.
+/// Terms for circles of the same sense (L…L).
 struct Same {
     /// 8.1: the straight piece.
     straight: f64,
@@ -107,7 +107,7 @@ impl Same {
     }
 }
 
-/// The same for circles of opposite sense (L…R).
+/// Terms for circles of opposite sense (L…R).
 struct Opposite {
     /// 8.2: the straight piece and its angle.
     straight: Option<(f64, f64)>,
@@ -146,7 +146,7 @@ impl Opposite {
     }
 }
 
-/// How a base word is turned into its images.
+/// Images of a base word.
 #[derive(Clone, Copy)]
 struct Image {
     timeflip: bool,

@@ -1,15 +1,15 @@
-//! Where one stands, from the bearings of three known points (ToTal: Pierlot, Van Droogenbroeck 2014).
+//! Pose from the bearings of three known points (ToTal: Pierlot, Van Droogenbroeck 2014).
 
 use crate::{Angle, Point, Pose};
 use core::f64::consts::FRAC_PI_2;
 
-/// A cotangent beyond this is one of two points in line with the observer; the method stands the cut.
+/// Bound of cotangents: beyond it two points are in line with the observer, and the method tolerates the cut.
 const COTANGENT_MAX: f64 = 1e8;
 
 /// A pose from three bearings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
-    /// Of the frame in which the bearings were taken.
+    /// Pose of the frame in which the bearings were measured.
     pub pose: Pose,
     /// The determinant D, m²: an error of the bearings makes one of the position in proportion to 1/|D|. Zero is the
     /// circle through the three points, on which there is no solution.

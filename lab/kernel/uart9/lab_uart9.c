@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-2.0
 /*
- * Serial ports on simulated EIA-485 busses.
+ * Serial ports on simulated EIA-485 buses.
  *
- * busses * ports ports, /dev/ttyLAB0 on, that many to a bus: what one sends all others of its bus
+ * buses * ports ports, /dev/ttyLAB0 on, that many to a bus: what one sends all others of its bus
  * receive, in the time that it takes on a wire.  Each character carries a ninth bit, made from the
  * sender's termios (PARENB, PARODD, CMSPAR) and judged by the receiver's.  So mark and space
  * parity, INPCK, PARMRK, rates that differ, collisions and breaks pass through the kernel's own
@@ -24,7 +24,7 @@
 #include <linux/tty_flip.h>
 
 #define DRIVER_NAME	"lab_uart9"
-#define BUSSES_MAX	8
+#define BUSES_MAX	8
 #define PORTS_MAX	8
 
 /* What may be wrong with a received character: the bits of read_status_mask. */
@@ -34,17 +34,17 @@
 /* In ignore_status_mask: nothing is received at all. */
 #define STATUS_DEAF	BIT(3)
 
-static unsigned int busses = 1;
-module_param(busses, uint, 0444);
-MODULE_PARM_DESC(busses, "number of busses [1]");
+static unsigned int buses = 1;
+module_param(buses, uint, 0444);
+MODULE_PARM_DESC(buses, "number of buses [1]");
 
 static unsigned int ports = 4;
 module_param(ports, uint, 0444);
 MODULE_PARM_DESC(ports, "ports of each bus [4]");
 
-static bool full[BUSSES_MAX];
+static bool full[BUSES_MAX];
 module_param_array(full, bool, NULL, 0444);
-MODULE_PARM_DESC(full, "which busses have a pair of wires each way [none]");
+MODULE_PARM_DESC(full, "which buses have a pair of wires each way [none]");
 
 struct uart9_bus {
 	/* Guards what a character on the wire and its receivers share.  Taken inside port.lock. */
@@ -444,7 +444,7 @@ static int uart9_probe(struct platform_device *pdev)
 	unsigned int line;
 	int error;
 
-	for (line = 0; line < busses * ports; line++) {
+	for (line = 0; line < buses * ports; line++) {
 		error = uart9_add_port(pdev, line);
 		if (error) {
 			uart9_remove_ports(line);
@@ -456,7 +456,7 @@ static int uart9_probe(struct platform_device *pdev)
 
 static int uart9_remove(struct platform_device *pdev)
 {
-	uart9_remove_ports(busses * ports);
+	uart9_remove_ports(buses * ports);
 	return 0;
 }
 
@@ -469,7 +469,7 @@ static void uart9_free(void)
 {
 	unsigned int i;
 
-	for (i = 0; i < busses; i++)
+	for (i = 0; i < buses; i++)
 		kfree(all[i].ports);
 	kfree(all);
 }
@@ -478,10 +478,10 @@ static int uart9_alloc(void)
 {
 	unsigned int i;
 
-	all = kcalloc(busses, sizeof(*all), GFP_KERNEL);
+	all = kcalloc(buses, sizeof(*all), GFP_KERNEL);
 	if (!all)
 		return -ENOMEM;
-	for (i = 0; i < busses; i++) {
+	for (i = 0; i < buses; i++) {
 		spin_lock_init(&all[i].lock);
 		all[i].full = full[i];
 		all[i].ports = kcalloc(ports, sizeof(*all[i].ports), GFP_KERNEL);
@@ -497,12 +497,12 @@ static int __init uart9_init(void)
 {
 	int error;
 
-	if (!busses || busses > BUSSES_MAX || ports < 2 || ports > PORTS_MAX)
+	if (!buses || buses > BUSES_MAX || ports < 2 || ports > PORTS_MAX)
 		return -EINVAL;
 	error = uart9_alloc();
 	if (error)
 		return error;
-	uart9_driver.nr = busses * ports;
+	uart9_driver.nr = buses * ports;
 	error = uart_register_driver(&uart9_driver);
 	if (error)
 		goto free;
@@ -532,4 +532,4 @@ module_init(uart9_init);
 module_exit(uart9_exit);
 
 MODULE_LICENSE("GPL");
-MODULE_DESCRIPTION("Serial ports on simulated 9-bit EIA-485 busses");
+MODULE_DESCRIPTION("Serial ports on simulated 9-bit EIA-485 buses");

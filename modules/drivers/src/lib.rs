@@ -1,4 +1,4 @@
-//! Modules that drive the robot's busses: a folder each. They know their devices and their messages, and have never
+//! Modules that drive the robot's buses: a folder each. They know their devices and their messages, and have never
 //! heard of each other, of ports' names or of processes.
 #![forbid(unsafe_code)]
 

@@ -3,7 +3,7 @@
 //!
 //! In STOP it asks nothing. It works while one board at least answers: a lost one is reported, all lost is an ERROR.
 
-use base::{Duration, Fault, Instant, Severity, Ticker};
+use base::{Duration, Fault, Instant, Severity, Ticker, earliest};
 use messages::lowlevel::{DataBus, Node};
 use module::{Actions, Input, PortId, PortSpec, State};
 use rs485::boards::{GET_VERSION, Implausible, Instruction, Version};
@@ -372,7 +372,7 @@ impl Line {
 
     pub fn poll_timeout(&self) -> Option<Instant> {
         let turn = if self.asks() && self.master.is_idle() { self.schedule.next() } else { None };
-        [self.master.poll_timeout(), turn, Some(self.statistics.next())].into_iter().flatten().min()
+        earliest([self.master.poll_timeout(), turn, Some(self.statistics.next())])
     }
 
     pub fn is_lost(&self, address: u8) -> bool {

@@ -155,7 +155,7 @@ impl<B> Rig<B> {
                     news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
                 }
                 Action::State(state) => news.push(state.to_string()),
-                Action::Note(line) => news.push(line.clone()),
+                Action::Note(_, line) => news.push(line.clone()),
                 _ => return true,
             }
             false

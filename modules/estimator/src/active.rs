@@ -1,14 +1,14 @@
-//! Which beacons the scanner shall look for: it takes a few at once, and a sweep is shared among them.
+//! Selection of the active beacons: the scanner takes a few at once, and a sweep is shared among them.
 
 use crate::filter::Beacon;
 use navitools::Pose;
 
-/// Others must fix the pose this much better (as the determinant of the information) before they are taken: a scanner
-/// that is told others loses a sweep.
-const BETTER: f64 = 1.5;
+/// Least gain, as the ratio of the determinants of information, that justifies a change: the scanner loses a sweep by
+/// it.
+const INFORMATION_GAIN_MIN: f64 = 1.5;
 
-/// The numbers of at most `most` beacons, in the order of the map: those that fix a robot at `pose` best, of those in
-/// `range`; without a pose all in turns. `before` are those that are active.
+/// Numbers of at most `most` beacons, in the order of the map: within `range` (m), those with the most information on a
+/// robot at `pose`; without a pose, all in rotation. `before` are the beacons active now.
 pub fn choose(
     beacons: &[Beacon],
     most: usize,
@@ -29,7 +29,7 @@ pub fn choose(
     let mut information = [[1e-4, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-4]];
     while chosen.len() < most {
         let rest = (0..beacons.len()).filter(|place| !chosen.contains(place));
-        // Those out of sight come last, the nearest of them first.
+        // Beacons out of range come last, the nearest first.
         let value = |place: usize| {
             let distance = pose.point().distance(beacons[place].at);
             if distance <= range { determinant(&with(&information, &beacons[place], pose)) } else { -distance }
@@ -44,14 +44,14 @@ pub fn choose(
         determinant(&seen.fold([[1e-4, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-4]], |sum, b| with(&sum, b, pose)))
     };
     let (old, new) = (sum(&mut active.iter().copied()), sum(&mut chosen.iter().map(|place| &beacons[*place])));
-    if active.len() == most && new < BETTER * old {
+    if active.len() == most && new < INFORMATION_GAIN_MIN * old {
         return active.iter().map(|beacon| beacon.id).collect();
     }
     chosen.sort_unstable();
     chosen.into_iter().map(|place| beacons[place].id).collect()
 }
 
-/// The information of a pose with a bearing of this beacon.
+/// Information on the pose after a bearing of this beacon.
 fn with(information: &[[f64; 3]; 3], beacon: &Beacon, pose: Pose) -> [[f64; 3]; 3] {
     let (dx, dy) = (beacon.at.x - pose.x, beacon.at.y - pose.y);
     let square = (dx * dx + dy * dy).max(0.25);

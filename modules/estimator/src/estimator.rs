@@ -1,14 +1,14 @@
 //! The module: messages in, `ML_DATA_ESTIMATE` out.
 //!
-//! Takes    `LL_DATA_ODO` (20 Hz), `LL_DATA_BEACONS` (each sighting at its own instant), `LL_DATA_MOTION` (what the
-//!          drives do, where the odometry is silent or stuck), `ML_CMD_ESTIMATE` (the pose by hand)
-//! Gives    `ML_DATA_ESTIMATE` 20 times a second, predicted to that moment; `LL_DATA_ACTIVE_BEACONS` every five seconds
-//! Silence  without odometry it goes by the drives, and by nothing without them: never better than COARSE then
-//! States   in PAUSE and STOP it keeps its state and goes on following; in STOP it says nothing
+//! Takes    `LL_DATA_ODO` (20 Hz), `LL_DATA_BEACONS` (each bearing at its own instant), `LL_DATA_MOTION` (motion of the
+//!          drives, while the odometry is silent or stuck), `ML_CMD_ESTIMATE` (a pose set by hand)
+//! Gives    `ML_DATA_ESTIMATE` at 20 Hz, predicted to the present; `LL_DATA_ACTIVE_BEACONS` every five seconds
+//! Silence  without odometry the drives count, without them nothing does: at most COARSE then
+//! States   in PAUSE and STOP it goes on estimating; in STOP it publishes nothing
 
 use crate::active;
 use crate::filter::{self, Filter, Noise, Quality, Refused};
-use crate::ways::{Source, Ways};
+use crate::motion_source::{MotionSources, Source};
 use base::{Duration, Epoch, Fault, Instant, Severity, Ticker};
 use messages::lowlevel::{DataActiveBeacons, DataBeacons, DataMotion, DataOdo};
 use messages::middlelevel::{CmdEstimate, DataEstimate};
@@ -19,25 +19,25 @@ use navitools::Pose;
 /// The module's name.
 pub const NAME: &str = "estimator";
 const PERIOD: Duration = Duration::from_millis(50);
-/// Which beacons are active is told this often, in periods.
-const ACTIVE_EVERY: u32 = 100;
-/// A stamp and the moment its message came differ by less than this, or their makers' clocks do not agree.
-const AGREES: Duration = Duration::from_millis(150);
-/// The drives' wheels slip and the steering has play.
-const BY_DRIVES: Noise = Noise { along_per_m: 0.05, along_per_s: 0.03, turn_per_m: 0.05, turn_per_s: 0.02 };
-/// One of both is wrong, and bearings decide.
-const IN_CONFLICT: Noise = Noise { along_per_m: 0.3, along_per_s: 0.2, turn_per_m: 0.2, turn_per_s: 0.1 };
+/// Periods between two publications of the active beacons.
+const ACTIVE_BEACONS_PERIODS: u32 = 100;
+/// Greatest difference between a time stamp and the time of reception; beyond it the sender's clock is another one.
+const CLOCK_DIFFERENCE_MAX: Duration = Duration::from_millis(150);
+/// Noise of the drives' motion: wheels slip and the steering has play.
+const DRIVES_NOISE: Noise = Noise { along_per_m: 0.05, along_per_s: 0.03, turn_per_m: 0.05, turn_per_s: 0.02 };
+/// Noise while odometry and drives contradict each other: bearings decide.
+const CONFLICT_NOISE: Noise = Noise { along_per_m: 0.3, along_per_s: 0.2, turn_per_m: 0.2, turn_per_s: 0.1 };
 
 /// Configuration of the module.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Of the filter, with the map of beacons.
+    /// Configuration of the filter, with the map of beacons.
     pub filter: filter::Config,
-    /// Between the axles, m.
+    /// Wheelbase, m.
     pub wheelbase_m: f64,
-    /// Between the front wheels, m.
+    /// Track width of the front axle, m.
     pub track_m: f64,
-    /// What the scanner takes at once.
+    /// Maximum number of beacons that the scanner takes at once.
     pub active_max: usize,
 }
 
@@ -46,35 +46,35 @@ pub struct Config {
 pub struct Estimator {
     config: Config,
     filter: Filter,
-    ways: Ways,
+    sources: MotionSources,
     tick: Option<Ticker>,
     ticks: u32,
     active: Vec<i32>,
     source: Source,
     silent: bool,
-    /// Whether a pose was ever known, and whether that is told to be lost.
+    /// True if a pose was ever known, and if its loss has been reported.
     known: bool,
     lost: bool,
-    /// Doubts that are told.
+    /// Number of doubts reported.
     doubted: u64,
     bad: bool,
     unknown: Vec<i32>,
 }
 
 impl Estimator {
-    /// A module that has not started.
+    /// Makes the module.
     ///
     /// # Errors
-    /// When the configuration cannot be.
+    /// The configuration is inconsistent.
     pub fn new(config: Config) -> Result<Self, filter::ConfigError> {
         Ok(Self {
             filter: Filter::new(config.filter.clone())?,
-            ways: Ways::new(config.wheelbase_m, config.track_m),
+            sources: MotionSources::new(config.wheelbase_m, config.track_m),
             config,
             tick: None,
             ticks: 0,
             active: Vec::new(),
-            source: Source::Nobody,
+            source: Source::None,
             silent: false,
             known: false,
             lost: false,
@@ -86,7 +86,7 @@ impl Estimator {
 
     fn on_odo(&mut self, at: Instant, odo: &DataOdo, out: &mut Actions) {
         let at = moment(out.epoch(), odo.timestamp, at);
-        let rates = self.ways.on_odo(at, odo);
+        let rates = self.sources.on_odo(at, odo);
         self.judge_source(at, out);
         if self.source == Source::Wheels {
             let taken = self.filter.odometry(at, rates);
@@ -96,22 +96,22 @@ impl Estimator {
 
     fn on_motion(&mut self, at: Instant, motion: &DataMotion, out: &mut Actions) {
         let at = moment(out.epoch(), motion.timestamp, at);
-        self.ways.on_motion(at, motion);
+        self.sources.on_motion(at, motion);
         self.judge_source(at, out);
-        let (source, rates) = self.ways.source(at);
+        let (source, rates) = self.sources.source(at);
         let noise = match source {
-            Source::Drives => BY_DRIVES,
-            Source::DrivesAgainstWheels => IN_CONFLICT,
-            Source::Wheels | Source::Nobody => return,
+            Source::Drives => DRIVES_NOISE,
+            Source::DrivesAgainstWheels => CONFLICT_NOISE,
+            Source::Wheels | Source::None => return,
         };
-        if self.ways.has_begun() && at > self.filter.at() {
+        if self.sources.has_begun() && at > self.filter.at() {
             let taken = self.filter.way(at, rates, noise);
             self.judge(taken, "drives", out);
         }
     }
 
     fn on_beacons(&mut self, at: Instant, beacons: &DataBeacons, out: &mut Actions) {
-        // The ages are by one clock, whatever that is; only the newest moment is taken from ours.
+        // Ages are differences on the sender's clock; only the newest instant is mapped to ours.
         let said = moment(out.epoch(), beacons.timestamp, at);
         for beacon in &beacons.beacons {
             let age_us = beacons.timestamp.saturating_sub(beacon.timestamp);
@@ -147,14 +147,14 @@ impl Estimator {
         }
     }
 
-    /// What ways are by; a change is told.
+    /// Selects the motion source and reports a change.
     fn judge_source(&mut self, now: Instant, out: &mut Actions) {
-        let (source, _) = self.ways.source(now);
+        let (source, _) = self.sources.source(now);
         let before = std::mem::replace(&mut self.source, source);
-        if before == source || !self.ways.has_begun() {
+        if before == source || !self.sources.has_begun() {
             return;
         }
-        let silent = matches!(source, Source::Drives | Source::Nobody);
+        let silent = matches!(source, Source::Drives | Source::None);
         if silent && !self.silent {
             let why = "silent: the estimate goes on by what the drives say, if they do";
             out.raise(Severity::Error, Fault::OdometrySilent, "odometry", why);
@@ -172,11 +172,11 @@ impl Estimator {
 
     fn on_tick(&mut self, now: Instant, out: &mut Actions) {
         self.judge_source(now, out);
-        if self.source == Source::Nobody && self.ways.has_begun() {
+        if self.source == Source::None && self.sources.has_begun() {
             self.filter.blind(now);
         }
         let mut estimate = self.filter.estimate(now);
-        // A pose that was given up for another at once is told to be lost once: nobody drives on from there by itself.
+        // A pose replaced at once by another is reported lost once, so that nothing drives on from there by itself.
         let doubted = self.filter.counts().doubted;
         if std::mem::replace(&mut self.doubted, doubted) < doubted && estimate.quality >= Quality::Coarse {
             estimate.quality = Quality::Searching;
@@ -190,13 +190,13 @@ impl Estimator {
         let (theta, level) = (theta.radians(), quality as i8);
         out.publish(DataEstimate { timestamp, x, y, theta, speed, rotation, covariance, quality: level });
         self.tell(quality, out);
-        if self.ticks.is_multiple_of(ACTIVE_EVERY) {
+        if self.ticks.is_multiple_of(ACTIVE_BEACONS_PERIODS) {
             self.choose(now, (quality >= Quality::Coarse).then_some(estimate.pose), out);
         }
         self.ticks = self.ticks.wrapping_add(1);
     }
 
-    /// That a pose that was known is lost, and that it is known again.
+    /// Reports the loss of a known pose, and its recovery.
     fn tell(&mut self, quality: Quality, out: &mut Actions) {
         let knows = quality >= Quality::Coarse;
         if self.known && !knows && !self.lost {
@@ -211,7 +211,7 @@ impl Estimator {
     }
 
     fn choose(&mut self, now: Instant, pose: Option<Pose>, out: &mut Actions) {
-        let (beacons, turn) = (&self.config.filter.beacons, (self.ticks / ACTIVE_EVERY) as usize);
+        let (beacons, turn) = (&self.config.filter.beacons, (self.ticks / ACTIVE_BEACONS_PERIODS) as usize);
         if beacons.is_empty() {
             return;
         }
@@ -221,11 +221,13 @@ impl Estimator {
     }
 }
 
-/// The moment of a stamp, by our clock; where its maker's clock is another one, the moment it came.
+/// Instant of a time stamp on our clock; the time of reception if the sender's clock is another one.
 fn moment(epoch: Epoch, timestamp: i64, came: Instant) -> Instant {
     let stamp = timestamp.checked_sub(epoch.offset_us).and_then(|us| u64::try_from(us).ok());
     let stamp = stamp.map(|us| Instant::from_nanos(us.saturating_mul(1000)));
-    stamp.filter(|stamp| came.since(*stamp) <= AGREES && stamp.since(came) <= AGREES).unwrap_or(came)
+    stamp
+        .filter(|stamp| came.since(*stamp) <= CLOCK_DIFFERENCE_MAX && stamp.since(came) <= CLOCK_DIFFERENCE_MAX)
+        .unwrap_or(came)
 }
 
 impl Module for Estimator {

@@ -1,8 +1,8 @@
-//! Where the robot may be, when nothing is known: from the bearings of the last seconds.
+//! Global localization: finds the pose from the bearings of the last seconds, without a prior.
 //!
-//! Odometry carries what was seen before to now. Each three bearings of different beacons allow a pose
-//! ([`navitools::resection`]); all bearings vote for each, and one is believed when its votes hardly fit together by
-//! chance, and all others together are two hundred times less probable (docs/facts/robot.md 3.3).
+//! Odometry carries older bearings to the present. Each three bearings of different beacons give a candidate pose
+//! ([`navitools::resection`]), and all bearings vote on it. A candidate is accepted when its votes are unlikely to
+//! agree by chance and all rivals together are two hundred times less likely (docs/facts/robot.md 3.3).
 
 use crate::filter::Config;
 use crate::trail::{Place, Trail};
@@ -10,106 +10,106 @@ use base::{Duration, Instant};
 use core::f64::consts::{PI, TAU};
 use navitools::{Angle, Point, Pose, resection, wrap};
 
-/// What is older does not vote.
-pub const WINDOW: Duration = Duration::from_secs(6);
-/// Nor more than so many.
-pub const KEPT: usize = 40;
-/// The newest of them that triples are made of.
-const IN_TRIPLES: usize = 14;
-/// Poses that are looked at closely.
-const CLOSELY: usize = 8;
-/// A vote is wild with this probability; more than it is: a wild one must not tip the scales.
-const WILD: f64 = 0.1;
-/// All others together are no more probable than this part of a believed pose.
-const OTHERS: f64 = 5e-3;
-/// A vote that is for a pose as probably as this counts among those that carry it.
-const SURELY: f64 = 0.98;
-/// A wild bearing fits a pose as probably as this.
-const ACCIDENT: f64 = 0.02;
-/// The votes of a believed pose fit together by chance no more probably than this.
-const BY_CHANCE: f64 = 2e-3;
-/// Without the votes of one beacon a pose is known well that is known to this, m.
-const SHARP_REST: f64 = 1.5;
-/// Nobody knows the delay better, s.
-const DELAY_MIN: f64 = 1e-3;
-/// Delays that are tried differ by this, s.
-const DELAYS: f64 = 0.2;
-/// Poses nearer than this, m and rad, are the same.
-const SAME: (f64, f64) = (0.6, 0.25);
-/// What a delay makes of a pose, m/s and rad/s.
-const DELAYED: (f64, f64) = (1.0, 0.7);
-/// A pose is not believed unless the votes fix it to this, m and rad.
-const SHARP: (f64, f64) = (0.85, 0.15);
-/// Near the circle through three beacons their pose is no candidate, m².
-const D_MIN: f64 = 0.05;
+/// Bearings older than this are ignored.
+pub const BEARING_WINDOW: Duration = Duration::from_secs(6);
+/// Newest bearings that the search uses.
+pub const BEARINGS_MAX: usize = 40;
+/// Newest bearings that triples are formed from.
+const TRIPLE_BEARINGS: usize = 14;
+/// Candidate poses that are refined.
+const REFINED_CANDIDATES: usize = 8;
+/// Prior probability that a bearing is an outlier; deliberately too high, so that no single outlier decides.
+const OUTLIER_PRIOR: f64 = 0.1;
+/// Greatest likelihood of all rivals together, relative to an accepted pose.
+const RIVAL_LIKELIHOOD_MAX: f64 = 5e-3;
+/// Least inlier probability of a vote that counts as support of a pose.
+const INLIER_PROBABILITY_MIN: f64 = 0.98;
+/// Probability that an outlier fits a given pose.
+const OUTLIER_FIT_PROBABILITY: f64 = 0.02;
+/// Greatest probability that the votes of an accepted pose agree by chance.
+const CHANCE_PROBABILITY_MAX: f64 = 2e-3;
+/// Greatest position deviation, m, at which a pose counts as known without the votes of one beacon.
+const LEAVE_ONE_OUT_DEVIATION_MAX: f64 = 1.5;
+/// Lower bound of the delay's standard deviation, s.
+const DELAY_SIGMA_MIN: f64 = 1e-3;
+/// Distance between the delays that are tried, s.
+const DELAY_STEP: f64 = 0.2;
+/// Poses closer than this, m and rad, are the same.
+const SAME_POSE: (f64, f64) = (0.6, 0.25);
+/// Widening of `SAME_POSE` per second of difference in delay, m/s and rad/s.
+const SAME_POSE_PER_DELAY: (f64, f64) = (1.0, 0.7);
+/// Greatest deviations of an accepted pose, m and rad.
+const POSE_DEVIATION_MAX: (f64, f64) = (0.85, 0.15);
+/// Least distance measure from the circle through three beacons, where resection is singular, m².
+const CIRCLE_DISTANCE_MIN: f64 = 0.05;
 
-/// A bearing for the search.
+/// A bearing of a known beacon.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
-    /// Its stamp.
+pub struct Bearing {
+    /// Time stamp as received, later than the measurement by the unknown delay.
     pub stamp: Instant,
-    /// The beacon's place in the map.
+    /// Index of the beacon in the map.
     pub beacon: usize,
-    /// Where that is, m.
+    /// Position of the beacon, m.
     pub place: Point,
-    /// As measured, rad.
+    /// Measured direction in the sensor frame, rad.
     pub bearing: f64,
 }
 
-/// What was found.
+/// A pose found by the search.
 #[derive(Clone, Copy, Debug)]
-pub struct Found {
-    /// The robot at the trail's end.
+pub struct Fix {
+    /// Pose of the robot at the trail's end.
     pub pose: Pose,
-    /// Of x, y, theta, the delay given.
+    /// Covariance of x, y, θ, conditional on the delay; m², m rad, rad².
     pub covariance: [[f64; 3]; 3],
-    /// From the bearings to their stamps, s, and the deviation of that.
+    /// Delay from measurement to time stamp and its standard deviation, s.
     pub delay: (f64, f64),
-    /// By how much x, y, theta are more for each s more of it.
-    pub by_delay: [f64; 3],
+    /// Derivative of x, y, θ by the delay, m/s and rad/s.
+    pub d_pose_d_delay: [f64; 3],
 }
 
-/// A bearing, carried to now as if it was late by the delay that is tried.
+/// A bearing, carried to the present under the delay that is tried.
 #[derive(Clone, Copy)]
 struct Vote {
     beacon: usize,
     place: Point,
-    /// The sensor then, seen from the robot now.
+    /// Sensor position at the measurement, in the robot frame of the present, m.
     sensor: Point,
-    /// The direction then, seen from the robot now.
+    /// Direction of the beacon at the measurement, in the robot frame of the present, rad.
     direction: f64,
-    /// How both change with each s more of delay, m/s and rad/s.
+    /// Derivatives of both by the delay, m/s and rad/s.
     earlier: (Point, f64),
-    /// rad², and m² across.
+    /// Variance of the direction, rad², and of the position across it, m².
     variance: f64,
-    across: f64,
+    position_variance: f64,
 }
 
-/// What is looked for: the pose at the trail's end, and the delay beyond the one that is tried, s.
+/// Unknowns of the search: the pose at the trail's end, and the delay beyond the one that is tried, s.
 #[derive(Clone, Copy)]
-struct Guess {
+struct Hypothesis {
     pose: Pose,
     delay: f64,
 }
 
-/// Searches; `seen` in order of time, `trail` is the way by odometry up to now. The sensor is turned by `turn`, and its
-/// bearings are late by `delay`, with its deviation. `own` is what is believed now, if anything: it is a rival.
-/// `share` of all bearings must be for what is found.
+/// Searches for the pose. `seen` is ordered by time; `trail` is the odometry up to the present; `turn` is the mounting
+/// angle of the sensor, rad; `delay` the delay of bearings with its standard deviation, s. `own`, the present estimate
+/// if there is one, competes as a rival. At least the fraction `share` of all bearings must support the result.
 pub fn search(
     config: &Config,
-    seen: &[Seen],
+    seen: &[Bearing],
     trail: &Trail,
     turn: f64,
     delay: (f64, f64),
     own: Option<Pose>,
     share: f64,
-) -> Option<Found> {
+) -> Option<Fix> {
     let mut best: Vec<Candidate> = Vec::new();
     let mut votes = Vec::with_capacity(seen.len());
     for tried in delays(delay) {
         votes.clear();
         votes.extend(seen.iter().rev().filter_map(|seen| carry(config, seen, trail, turn, tried)));
-        let prior = (delay.0 - tried, delay.1.max(DELAY_MIN));
+        let prior = (delay.0 - tried, delay.1.max(DELAY_SIGMA_MIN));
         for mut candidate in candidates(config, &votes, own, share, prior) {
             candidate.delay += tried;
             match best.iter_mut().find(|other| candidate.is_same(other)) {
@@ -123,54 +123,54 @@ pub fn search(
     let first = *best.first()?;
     let others: f64 = best[1..].iter().map(|other| libm::exp(other.score - first.score)).sum();
     let (variance, covariance) = (first.covariance[3][3], first.covariance);
-    let by_delay = core::array::from_fn(|row| covariance[row][3] / variance);
+    let d_pose_d_delay = core::array::from_fn(|row| covariance[row][3] / variance);
     let given =
         |row: usize, column: usize| covariance[row][column] - covariance[row][3] * covariance[column][3] / variance;
     let given = core::array::from_fn(|row| core::array::from_fn(|column| given(row, column)));
     let (position, heading) = crate::filter::deviations(&given);
-    let sharp = position <= SHARP.0 && heading <= SHARP.1;
+    let sharp = position <= POSE_DEVIATION_MAX.0 && heading <= POSE_DEVIATION_MAX.1;
     let delay = (first.delay, libm::sqrt(variance));
-    (others <= OTHERS && sharp && first.is_carried).then_some(Found {
+    (others <= RIVAL_LIKELIHOOD_MAX && sharp && first.is_supported).then_some(Fix {
         pose: first.pose,
         covariance: given,
         delay,
-        by_delay,
+        d_pose_d_delay,
     })
 }
 
-/// The delays to try: where that is not known well they are many.
+/// Delays to try: the more, the less well the delay is known.
 fn delays((mean, deviation): (f64, f64)) -> impl Iterator<Item = f64> {
-    let most = libm::ceil(2.0 * deviation / DELAYS - 0.5).clamp(0.0, 4.0) as i32;
-    (0..=most).map(move |number| mean + f64::from(number) * DELAYS)
+    let most = libm::ceil(2.0 * deviation / DELAY_STEP - 0.5).clamp(0.0, 4.0) as i32;
+    (0..=most).map(move |number| mean + f64::from(number) * DELAY_STEP)
 }
 
-/// A pose that votes are for.
+/// A candidate pose.
 #[derive(Clone, Copy)]
 struct Candidate {
-    /// The logarithm of how probable it is, with all that is as good nearby.
+    /// Logarithm of its evidence: the likelihood integrated over the neighbourhood.
     score: f64,
     pose: Pose,
-    /// Of x, y, theta and the delay.
+    /// Covariance of x, y, θ and the delay.
     covariance: [[f64; 4]; 4],
     delay: f64,
-    is_carried: bool,
+    is_supported: bool,
 }
 
 impl Candidate {
-    /// Whether both are one pose, seen with other delays: the robot was where it was that much earlier.
+    /// True if both are one pose under different delays.
     fn is_same(&self, other: &Self) -> bool {
         let apart = (self.delay - other.delay).abs();
         let turned = (self.pose.theta - other.pose.theta).radians().abs();
-        self.pose.point().distance(other.pose.point()) < SAME.0 + apart * DELAYED.0
-            && turned < SAME.1 + apart * DELAYED.1
+        self.pose.point().distance(other.pose.point()) < SAME_POSE.0 + apart * SAME_POSE_PER_DELAY.0
+            && turned < SAME_POSE.1 + apart * SAME_POSE_PER_DELAY.1
     }
 }
 
 fn candidates(config: &Config, votes: &[Vote], own: Option<Pose>, share: f64, prior: (f64, f64)) -> Vec<Candidate> {
-    let mut rough: Vec<(f64, Pose)> = Vec::with_capacity(CLOSELY + 1);
-    for (a, one) in votes.iter().enumerate().take(IN_TRIPLES) {
-        for (b, two) in votes.iter().enumerate().take(IN_TRIPLES).skip(a + 1) {
-            for three in votes.iter().take(IN_TRIPLES).skip(b + 1) {
+    let mut rough: Vec<(f64, Pose)> = Vec::with_capacity(REFINED_CANDIDATES + 1);
+    for (a, one) in votes.iter().enumerate().take(TRIPLE_BEARINGS) {
+        for (b, two) in votes.iter().enumerate().take(TRIPLE_BEARINGS).skip(a + 1) {
+            for three in votes.iter().take(TRIPLE_BEARINGS).skip(b + 1) {
                 if one.beacon != two.beacon && two.beacon != three.beacon && three.beacon != one.beacon {
                     try_triple(config, votes, &[*one, *two, *three], prior.1, &mut rough);
                 }
@@ -178,23 +178,23 @@ fn candidates(config: &Config, votes: &[Vote], own: Option<Pose>, share: f64, pr
         }
     }
     let closely = |(_, pose): (f64, Pose)| {
-        let mut guess = Guess { pose, delay: 0.0 };
-        for wider in [4.0, 2.0] {
-            guess = refine(config, votes, guess, wider, prior).map_or(guess, |(guess, ..)| guess);
+        let mut guess = Hypothesis { pose, delay: 0.0 };
+        for inflation in [4.0, 2.0] {
+            guess = refine(config, votes, guess, inflation, prior).map_or(guess, |(guess, ..)| guess);
         }
         let (guess, covariance, volume) = refine(config, votes, guess, 1.0, prior)?;
         let off = (guess.delay - prior.0) / prior.1;
         let score = score(config, votes, guess, 0.0) - 0.5 * off * off + volume;
-        let is_carried = is_carried(config, votes, guess, share, prior);
-        let within = guess.delay.abs() < DELAYS || prior.1 < DELAYS;
-        within.then_some(Candidate { score, pose: guess.pose, covariance, delay: guess.delay, is_carried })
+        let is_supported = is_supported(config, votes, guess, share, prior);
+        let within = guess.delay.abs() < DELAY_STEP || prior.1 < DELAY_STEP;
+        within.then_some(Candidate { score, pose: guess.pose, covariance, delay: guess.delay, is_supported })
     };
     rough.extend(own.map(|pose| (0.0, pose)));
     rough.into_iter().filter_map(closely).collect()
 }
 
-/// A bearing as it is seen from the trail's end; `None` when it is beyond the trail.
-fn carry(config: &Config, seen: &Seen, trail: &Trail, turn: f64, delay: f64) -> Option<Vote> {
+/// Carries a bearing to the trail's end; `None` when it lies outside the trail.
+fn carry(config: &Config, seen: &Bearing, trail: &Trail, turn: f64, delay: f64) -> Option<Vote> {
     let now = trail.last();
     let place = |delay: f64| {
         let late = Duration::from_secs_f64(delay.abs());
@@ -204,13 +204,13 @@ fn carry(config: &Config, seen: &Seen, trail: &Trail, turn: f64, delay: f64) -> 
     let then = place(delay)?;
     let own = from(then);
     let sensor = own * config.mount;
-    let earlier = place(delay + DELAYS / 2.0).map_or((Point::default(), 0.0), |then| {
-        let (other, per_s) = (from(then), 2.0 / DELAYS);
+    let earlier = place(delay + DELAY_STEP / 2.0).map_or((Point::default(), 0.0), |then| {
+        let (other, per_s) = (from(then), 2.0 / DELAY_STEP);
         let there = other * config.mount;
         let moved = Point { x: (there.x - sensor.x) * per_s, y: (there.y - sensor.y) * per_s };
         (moved, (other.theta - own.theta).radians() * per_s)
     });
-    // Deviations of bearings are about what they are said to be; their lasting part does not average out.
+    // The correlated part of the bearing noise does not average out.
     let bearing = libm::sqrt(1.0 + 2.5 * config.lasting) * config.bearing;
     Some(Vote {
         beacon: seen.beacon,
@@ -219,27 +219,27 @@ fn carry(config: &Config, seen: &Seen, trail: &Trail, turn: f64, delay: f64) -> 
         direction: wrap(own.theta.radians() + turn + seen.bearing),
         earlier,
         variance: bearing * bearing + (now.turn - then.turn).max(0.0),
-        across: (now.along - then.along).max(0.0) + 0.0025,
+        position_variance: (now.along - then.along).max(0.0) + 0.0025,
     })
 }
 
-/// A triple's pose joins the candidates, if it is among the best and no better one is there already. What the delay is
-/// beyond the tried one, with this deviation, is left open.
+/// Adds the pose of a triple to the candidates, if it is among the best and not a duplicate of a better one. `delay`:
+/// the standard deviation of the delay beyond the tried one, s.
 fn try_triple(config: &Config, votes: &[Vote], triple: &[Vote; 3], delay: f64, candidates: &mut Vec<(f64, Pose)>) {
     let bearings = triple.map(|vote| Angle::new(vote.direction));
     let Some(fix) = resection::three_bearings(triple.map(|vote| vote.place), bearings) else { return };
-    if fix.d.abs() < D_MIN {
+    if fix.d.abs() < CIRCLE_DISTANCE_MIN {
         return;
     }
-    // That was for a sensor in one place; it was in three, so the pose is put right a few times.
+    // Resection assumes one sensor position; the three bearings have three, so the pose is refined.
     let middle = Point {
         x: triple.iter().map(|vote| vote.sensor.x).sum::<f64>() / 3.0,
         y: triple.iter().map(|vote| vote.sensor.y).sum::<f64>() / 3.0,
     };
     let pose = fix.pose * Pose { x: -middle.x, y: -middle.y, theta: Angle::ZERO };
-    let mut guess = Guess { pose, delay: 0.0 };
+    let mut guess = Hypothesis { pose, delay: 0.0 };
     for _ in 0..3 {
-        match refine(config, triple, guess, 1e6, (0.0, DELAY_MIN)) {
+        match refine(config, triple, guess, 1e6, (0.0, DELAY_SIGMA_MIN)) {
             Some((better, ..)) => guess = better,
             None => return,
         }
@@ -249,7 +249,7 @@ fn try_triple(config: &Config, votes: &[Vote], triple: &[Vote; 3], delay: f64, c
     if !(pose.x.abs() < 1e6 && pose.y.abs() < 1e6 && triple.iter().all(|v| pose.point().distance(v.place) < inside)) {
         return;
     }
-    let own = score(config, votes, guess, delay.min(DELAYS / 3.0));
+    let own = score(config, votes, guess, delay.min(DELAY_STEP / 3.0));
     if let Some(place) = candidates.iter().position(|(_, other)| is_same(pose, *other)) {
         if candidates[place].0 >= own {
             return;
@@ -258,17 +258,17 @@ fn try_triple(config: &Config, votes: &[Vote], triple: &[Vote; 3], delay: f64, c
     }
     let place = candidates.partition_point(|(other, _)| *other >= own);
     candidates.insert(place, (own, pose));
-    candidates.truncate(CLOSELY);
+    candidates.truncate(REFINED_CANDIDATES);
 }
 
-/// Whether two poses are one for the search.
+/// True if the search treats two poses as one.
 pub fn is_same(one: Pose, other: Pose) -> bool {
-    one.point().distance(other.point()) < SAME.0 && (one.theta - other.theta).radians().abs() < SAME.1
+    one.point().distance(other.point()) < SAME_POSE.0 && (one.theta - other.theta).radians().abs() < SAME_POSE.1
 }
 
-/// What a vote says of a guess: its residual, rad, the variance of that, and its derivatives by x, y, theta, delay.
-fn residual(vote: &Vote, guess: Guess) -> (f64, f64, [f64; 4]) {
-    let ((moved, turned), Guess { pose, delay }) = (vote.earlier, guess);
+/// Residual of a vote under a hypothesis, rad, its variance, rad², and its derivatives by x, y, θ and delay.
+fn residual(vote: &Vote, guess: Hypothesis) -> (f64, f64, [f64; 4]) {
+    let ((moved, turned), Hypothesis { pose, delay }) = (vote.earlier, guess);
     let then = Point { x: vote.sensor.x + delay * moved.x, y: vote.sensor.y + delay * moved.y };
     let sensor = pose * then;
     let (dx, dy) = (vote.place.x - sensor.x, vote.place.y - sensor.y);
@@ -277,45 +277,46 @@ fn residual(vote: &Vote, guess: Guess) -> (f64, f64, [f64; 4]) {
     let (by_x, by_y) = (dy / square, -dx / square);
     let by_theta = by_x * (pose.y - sensor.y) + by_y * (sensor.x - pose.x) - 1.0;
     let (sin, cos) = pose.theta.sin_cos();
-    let by_delay = by_x * (cos * moved.x - sin * moved.y) + by_y * (sin * moved.x + cos * moved.y) - turned;
-    (residual, vote.variance + vote.across / square, [by_x, by_y, by_theta, by_delay])
+    let d_pose_d_delay = by_x * (cos * moved.x - sin * moved.y) + by_y * (sin * moved.x + cos * moved.y) - turned;
+    (residual, vote.variance + vote.position_variance / square, [by_x, by_y, by_theta, d_pose_d_delay])
 }
 
-/// How probably a vote is for a guess, and the density of that, by 1/turn. `delay` is the deviation of the guess's.
-fn agreement(config: &Config, vote: &Vote, guess: Guess, wider: f64, delay: f64) -> (f64, f64) {
+/// Probability that a vote is an inlier of a hypothesis, and the likelihood of the vote, per turn. `delay`: standard
+/// deviation of the hypothesis's delay, s.
+fn agreement(config: &Config, vote: &Vote, guess: Hypothesis, inflation: f64, delay: f64) -> (f64, f64) {
     let (residual, variance, by) = residual(vote, guess);
-    let variance = variance * wider + by[3] * by[3] * delay * delay;
+    let variance = variance * inflation + by[3] * by[3] * delay * delay;
     let in_range = guess.pose.point().distance(vote.place) <= config.range + 2.0;
     let density = libm::exp(-0.5 * residual * residual / variance) / libm::sqrt(TAU * variance);
-    let own = if in_range { (1.0 - WILD) * density * TAU } else { 0.0 };
-    (own / (own + WILD), own + WILD)
+    let own = if in_range { (1.0 - OUTLIER_PRIOR) * density * TAU } else { 0.0 };
+    (own / (own + OUTLIER_PRIOR), own + OUTLIER_PRIOR)
 }
 
-/// The logarithm of how likely the votes are.
-fn score(config: &Config, votes: &[Vote], guess: Guess, delay: f64) -> f64 {
+/// Log-likelihood of all votes.
+fn score(config: &Config, votes: &[Vote], guess: Hypothesis, delay: f64) -> f64 {
     votes.iter().map(|vote| libm::log(agreement(config, vote, guess, 1.0, delay).1)).sum()
 }
 
-/// One step of Gauss and Newton with all votes weighed by how they agree, and the delay by what is known of it (mean and
-/// deviation); the covariance, and the logarithm of its volume.
+/// One Gauss-Newton step over all votes, weighted by their inlier probability, with a prior on the delay (mean and
+/// standard deviation, s); returns the new hypothesis, its covariance, and the logarithm of the covariance's volume.
 fn refine(
     config: &Config,
     votes: &[Vote],
-    guess: Guess,
-    wider: f64,
+    guess: Hypothesis,
+    inflation: f64,
     prior: (f64, f64),
-) -> Option<(Guess, [[f64; 4]; 4], f64)> {
+) -> Option<(Hypothesis, [[f64; 4]; 4], f64)> {
     let (mut information, mut sum) = ([[0.0; 4]; 4], [0.0; 4]);
     let known = 1.0 / (prior.1 * prior.1);
     (information[3][3], sum[3]) = (known, known * (prior.0 - guess.delay));
     for vote in votes {
-        // Whoever is so generous weighs nothing.
-        let right = if wider > 100.0 { 1.0 } else { agreement(config, vote, guess, wider, 0.0).0 };
+        // An inflation beyond 100 means: no weighting.
+        let inlier = if inflation > 100.0 { 1.0 } else { agreement(config, vote, guess, inflation, 0.0).0 };
         let (residual, variance, by) = residual(vote, guess);
         for row in 0..4 {
-            sum[row] += right * by[row] * residual / variance;
+            sum[row] += inlier * by[row] * residual / variance;
             for column in 0..4 {
-                information[row][column] += right * by[row] * by[column] / variance;
+                information[row][column] += inlier * by[row] * by[column] / variance;
             }
         }
     }
@@ -323,75 +324,85 @@ fn refine(
     let by = |row: usize| (0..4).map(|column| covariance[row][column] * sum[column]).sum::<f64>();
     let (dx, dy, turn) = (by(0), by(1), by(2));
     let pose = Pose { x: guess.pose.x + dx, y: guess.pose.y + dy, theta: guess.pose.theta + turn };
-    // Steps beyond this are nonsense of nearly singular votes.
+    // Larger steps come from nearly singular votes.
     (libm::hypot(dx, dy) < 50.0 && turn.abs() < PI)
-        .then(|| (Guess { pose, delay: guess.delay + by(3) }, covariance, volume))
+        .then(|| (Hypothesis { pose, delay: guess.delay + by(3) }, covariance, volume))
 }
 
-/// Whether enough votes, and this share of them, carry a pose: three bearings fit somewhere always.
-fn is_carried(config: &Config, votes: &[Vote], guess: Guess, share: f64, prior: (f64, f64)) -> bool {
+/// True if enough votes, and this fraction of them, support a pose: any three bearings fit some pose.
+fn is_supported(config: &Config, votes: &[Vote], guess: Hypothesis, share: f64, prior: (f64, f64)) -> bool {
     let mut each = vec![0i32; config.beacons.len()];
     let mut half = 0;
     for vote in votes {
-        let right = agreement(config, vote, guess, 1.0, 0.0).0;
-        each[vote.beacon] += i32::from(right > SURELY);
-        half += u32::from(right > 0.5);
+        let inlier = agreement(config, vote, guess, 1.0, 0.0).0;
+        each[vote.beacon] += i32::from(inlier > INLIER_PROBABILITY_MIN);
+        half += u32::from(inlier > 0.5);
     }
     f64::from(half) >= share * votes.len() as f64
-        && by_chance(&each) + by_one(config, votes, guess, prior, &each) <= BY_CHANCE
+        && chance_probability(&each) + single_beacon_probability(config, votes, guess, prior, &each)
+            <= CHANCE_PROBABILITY_MAX
 }
 
-/// How probably votes for a pose, so many of each beacon, are there by chance: those of two beacons are right, which
-/// leaves a circle, and a wild one fits somewhere on it; any other wild one fits only by accident.
-fn by_chance(each: &[i32]) -> f64 {
+/// Probability that the supporting votes, counted for each beacon, agree by chance: with the votes of two beacons
+/// correct the pose lies on a circle, the first outlier fits somewhere on it, and each further one fits only by
+/// accident.
+fn chance_probability(each: &[i32]) -> f64 {
     let all: i32 = each.iter().sum();
     let pairs = each.iter().enumerate().flat_map(|(place, one)| each[..place].iter().map(move |other| one + other));
-    if each.iter().filter(|count| **count > 0).count() < 3 { 1.0 } else { pairs.map(|pair| wild(all - pair)).sum() }
+    if each.iter().filter(|count| **count > 0).count() < 3 { 1.0 } else { pairs.map(|pair| outliers(all - pair)).sum() }
 }
 
-/// So many wild bearings fit, the first of them anyhow.
-fn wild(count: i32) -> f64 {
-    libm::pow(WILD / (1.0 - WILD) * ACCIDENT, f64::from(count)) / ACCIDENT
+/// Probability that this number of outliers fit, the first of them always.
+fn outliers(count: i32) -> f64 {
+    libm::pow(OUTLIER_PRIOR / (1.0 - OUTLIER_PRIOR) * OUTLIER_FIT_PROBABILITY, f64::from(count))
+        / OUTLIER_FIT_PROBABILITY
 }
 
-/// How probably a pose is there by the wild votes of one beacon, where it is not known well without them.
-fn by_one(config: &Config, votes: &[Vote], guess: Guess, prior: (f64, f64), each: &[i32]) -> f64 {
+/// Probability that a pose rests on outliers of a single beacon, summed over the beacons without whose votes the pose
+/// is not well known.
+fn single_beacon_probability(
+    config: &Config,
+    votes: &[Vote],
+    guess: Hypothesis,
+    prior: (f64, f64),
+    each: &[i32],
+) -> f64 {
     let mut sum = 0.0;
     for beacon in (0..each.len()).filter(|beacon| each[*beacon] > 0) {
         let mut information = [[0.0; 4]; 4];
         information[3][3] = 1.0 / (prior.1 * prior.1);
         let mut own = None;
         for vote in votes {
-            let right = agreement(config, vote, guess, 1.0, 0.0).0;
+            let inlier = agreement(config, vote, guess, 1.0, 0.0).0;
             let (_, variance, by) = residual(vote, guess);
             if vote.beacon == beacon {
-                own = own.or((right > SURELY).then_some((by, variance)));
+                own = own.or((inlier > INLIER_PROBABILITY_MIN).then_some((by, variance)));
                 continue;
             }
             for row in 0..4 {
                 for column in 0..4 {
-                    information[row][column] += right * by[row] * by[column] / variance;
+                    information[row][column] += inlier * by[row] * by[column] / variance;
                 }
             }
         }
         let (Some((rest, _)), Some((by, variance))) = (inverse(&information), own) else {
-            sum += wild(each[beacon]);
+            sum += outliers(each[beacon]);
             continue;
         };
         let (position, _) =
             crate::filter::deviations(&core::array::from_fn(|row| core::array::from_fn(|c| rest[row][c])));
-        if position > SHARP_REST {
+        if position > LEAVE_ONE_OUT_DEVIATION_MAX {
             let spread: f64 =
                 (0..4).map(|row| (0..4).map(|column| by[row] * rest[row][column] * by[column]).sum::<f64>()).sum();
-            sum += wild(each[beacon]) * (5.0 * libm::sqrt(spread + variance) / TAU).min(1.0);
+            sum += outliers(each[beacon]) * (5.0 * libm::sqrt(spread + variance) / TAU).min(1.0);
         }
     }
     sum
 }
 
-/// The inverse of a symmetric matrix, and half the logarithm of its determinant; `None` if it has (nearly) none.
+/// Inverse of a symmetric matrix, and minus half the logarithm of its determinant; `None` if it is (nearly) singular.
 fn inverse<const N: usize>(m: &[[f64; N]; N]) -> Option<([[f64; N]; N], f64)> {
-    // Of the matrix with ones on its diagonal, by Gauss and Jordan.
+    // Gauss-Jordan elimination, scaled to a unit diagonal.
     let scale: [f64; N] = core::array::from_fn(|row| 1.0 / libm::sqrt(m[row][row]));
     let mut left: [[f64; N]; N] =
         core::array::from_fn(|row| core::array::from_fn(|column| m[row][column] * scale[row] * scale[column]));

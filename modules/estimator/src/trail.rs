@@ -1,50 +1,50 @@
-//! The way of the last seconds by odometry alone.
+//! Dead-reckoned trajectory of the last seconds.
 
 use base::{Duration, Instant};
 use navitools::{Motion, Pose};
 use std::collections::VecDeque;
 
-/// What is older is forgotten.
-const KEPT: Duration = Duration::from_secs(8);
+/// Length of the trail.
+const TRAIL: Duration = Duration::from_secs(8);
 
-/// Where odometry alone was, from anywhere, and how its variances added up.
+/// A dead-reckoned pose in an arbitrary frame, with accumulated variances.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Place {
     pub at: Instant,
     pub pose: Pose,
-    /// m².
+    /// Variance along the path, m².
     pub along: f64,
-    /// rad².
+    /// Variance of the heading, rad².
     pub turn: f64,
 }
 
-/// The last places.
+/// Poses in order of time.
 #[derive(Debug, Default)]
 pub struct Trail(VecDeque<Place>);
 
 impl Trail {
-    /// Goes on to `at` by a way with these variances.
+    /// Appends a motion step up to `at` with its variances.
     pub fn push(&mut self, at: Instant, way: Motion, along: f64, turn: f64) {
         let last = self.last();
         let pose = last.pose.along(way);
         self.0.push_back(Place { at, pose, along: last.along + along, turn: last.turn + turn });
-        while self.0.front().is_some_and(|first| at.since(first.at) > KEPT) {
+        while self.0.front().is_some_and(|first| at.since(first.at) > TRAIL) {
             self.0.pop_front();
         }
     }
 
-    /// Where it ends.
+    /// Newest pose.
     pub fn last(&self) -> Place {
         self.0.back().copied().unwrap_or_default()
     }
 
-    /// Where it was; `None` beyond its ends.
+    /// Interpolated pose at `at`; `None` outside the trail.
     pub fn at(&self, at: Instant) -> Option<Place> {
         let after = self.0.partition_point(|place| place.at < at);
         let (end, begin) = (self.0.get(after)?, self.0.get(after.checked_sub(1)?)?);
         let part = at.since(begin.at).as_secs_f64() / end.at.since(begin.at).as_secs_f64();
         let between = |begin: f64, end: f64| begin + part * (end - begin);
-        // A step is short: its chord is its arc.
+        // Steps are short: chord and arc are equal.
         let turned = (end.pose.theta - begin.pose.theta).radians() * part;
         let (x, y) = (between(begin.pose.x, end.pose.x), between(begin.pose.y, end.pose.y));
         let pose = Pose { x, y, theta: begin.pose.theta + turned };

@@ -12,9 +12,11 @@ pub mod read;
 pub mod recover;
 mod ring;
 pub mod ros;
+mod run_name;
 #[cfg(test)]
 mod tests;
 
 pub use config::{Attachment, Compression, Config};
 pub use file::{TYPES, types};
 pub use logger::{Logger, NAME};
+pub use run_name::run_name;

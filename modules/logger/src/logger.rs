@@ -16,7 +16,7 @@ use crate::names;
 use crate::ring::Ring;
 use crate::ros::Translator;
 use base::store::Answer;
-use base::{Duration, Epoch, Fault, Instant, Severity, Ticker};
+use base::{Deadlines, Duration, Epoch, Fault, Instant, Severity, earliest};
 use mcap::{McapError, McapResult};
 use messages::common::{CmdLog, DataLog};
 use messages::{Channel, Message};
@@ -34,6 +34,18 @@ const LOSSES_OVER: Duration = Duration::from_secs(5);
 const MARKS_MAX: usize = 64;
 const MARK_BYTES: usize = 4096;
 
+base::deadlines! {
+    /// What the logger waits for; what the disk waits for is in [`Disk`].
+    enum Timer {
+        /// The open chunk is closed: [`CHUNK_FOR`] after its oldest message. Set while a chunk is open.
+        Chunk,
+        /// The loss of messages is over. Set while it is reported.
+        Losses,
+        /// `CM_DATA_LOG` is published. Set from the start on.
+        Publish,
+    }
+}
+
 /// The module.
 pub struct Logger {
     config: Config,
@@ -46,18 +58,15 @@ pub struct Logger {
     allowed: bool,
     run: Option<Run>,
     file: Option<File>,
-    /// The oldest message of the chunk that is open, and how many there are.
-    chunk_since: Option<Instant>,
+    deadlines: Deadlines<Timer>,
+    /// Messages in the open chunk.
     chunk_messages: u64,
     marks: Vec<(u64, String)>,
     /// Messages that are missing in the file, and from which log time on; to be noted in it.
     gap: Option<(u64, u64)>,
-    /// When a message was lost last, as long as that is not over.
-    lost_at: Option<Instant>,
     /// Whether messages are dropped until half of what waits is written.
     choked: bool,
     log_time: u64,
-    tick: Option<Ticker>,
     told: Option<(bool, String)>,
     refused: bool,
 }
@@ -86,14 +95,12 @@ impl Logger {
             allowed: true,
             run: None,
             file: None,
-            chunk_since: None,
+            deadlines: Deadlines::new(),
             chunk_messages: 0,
             marks: Vec::new(),
             gap: None,
-            lost_at: None,
             choked: false,
             log_time: 0,
-            tick: None,
             told: None,
             refused: false,
             config,
@@ -132,7 +139,9 @@ impl Logger {
         if let Some(run) = &mut self.run {
             run.dropped += messages;
         }
-        if self.lost_at.replace(now).is_none() {
+        let first = !self.deadlines.is_set(Timer::Losses);
+        self.deadlines.set(Timer::Losses, now + LOSSES_OVER);
+        if first {
             let why = "messages are lost: the disk takes them too slowly, or not at all";
             out.raise(Severity::Warning, Fault::LogLost, "log", why);
         }
@@ -173,12 +182,19 @@ impl Logger {
             Ok(()) | Err(McapError::TooManyChannels) => {}
             Err(error) => written = Err(error),
         });
-        self.chunk_since.get_or_insert(at);
-        self.chunk_messages += 1;
         let full = file.chunk_is_full();
+        self.open_chunk(at);
+        self.chunk_messages += 1;
         self.broken(written, out);
         if full {
             self.cut(now, out);
+        }
+    }
+
+    /// Opens a chunk whose oldest message was received at `at`, unless one is open.
+    fn open_chunk(&mut self, at: Instant) {
+        if !self.deadlines.is_set(Timer::Chunk) {
+            self.deadlines.set(Timer::Chunk, at + CHUNK_FOR);
         }
     }
 
@@ -195,7 +211,8 @@ impl Logger {
     }
 
     fn hand_over(&mut self, now: Instant, taken: McapResult<Vec<u8>>, out: &mut Actions) {
-        let oldest = self.chunk_since.take().unwrap_or(now);
+        let oldest = self.deadlines.get(Timer::Chunk).map_or(now, |due| due - CHUNK_FOR);
+        self.deadlines.clear(Timer::Chunk);
         let messages = std::mem::take(&mut self.chunk_messages);
         match taken {
             Ok(bytes) => self.disk.append(bytes, oldest, messages),
@@ -253,7 +270,7 @@ impl Logger {
             Err(error) => self.broken(Err(error), out),
         }
         // What stands before the first message is worth a place on the disk at once.
-        self.chunk_since = Some(now);
+        self.deadlines.set(Timer::Chunk, now + CHUNK_FOR);
     }
 
     /// The file that was waited for is there: it begins with what was heard last.
@@ -307,7 +324,7 @@ impl Logger {
     fn mark(&mut self, now: Instant, time: u64, text: &str, out: &mut Actions) {
         if let Some(file) = &mut self.file {
             let marked = file.note("mark", [("time", time.to_string()), ("text", text.to_owned())]);
-            self.chunk_since.get_or_insert(now);
+            self.open_chunk(now);
             self.broken(marked, out);
         }
     }
@@ -337,7 +354,7 @@ impl Logger {
 
     fn forget(&mut self, now: Instant, lost: u64, out: &mut Actions) {
         self.file = None;
-        self.chunk_since = None;
+        self.deadlines.clear(Timer::Chunk);
         let lost = lost + std::mem::take(&mut self.chunk_messages);
         let time = self.log_time;
         self.lose(now, time, lost, out);
@@ -345,8 +362,8 @@ impl Logger {
 
     /// Does what is due.
     fn go_on(&mut self, now: Instant, out: &mut Actions) {
-        let due = |since: Instant| since + CHUNK_FOR <= now || self.disk.sync_is_due(now);
-        if self.chunk_since.is_some_and(due) {
+        let sync = self.deadlines.is_set(Timer::Chunk) && self.disk.sync_is_due(now);
+        if self.deadlines.is_due(Timer::Chunk, now) || sync {
             self.cut(now, out);
         }
         self.ask(now, out);
@@ -366,8 +383,7 @@ impl Logger {
 
     /// Faults begin and end.
     fn judge(&mut self, now: Instant, out: &mut Actions) {
-        if self.lost_at.is_some_and(|at| at + LOSSES_OVER <= now) {
-            self.lost_at = None;
+        if self.deadlines.take(Timer::Losses, now) {
             let why = format!("no message lost for {} s", LOSSES_OVER.as_secs());
             out.clear(Fault::LogLost, "log", why);
         }
@@ -391,8 +407,8 @@ impl Logger {
         let name = self.run.as_ref().map_or("", |run| &*run.name);
         let changed =
             self.told.as_ref().is_none_or(|(recording, run)| *recording != self.file.is_some() || run != name);
-        let due = self.tick.as_mut().is_some_and(|tick| tick.due(now));
-        if self.tick.is_none() || !(changed || due) {
+        let due = self.deadlines.tick(Timer::Publish, now, PERIOD);
+        if !self.deadlines.is_set(Timer::Publish) || !(changed || due) {
             return;
         }
         self.told = Some((self.file.is_some(), name.to_owned()));
@@ -463,7 +479,7 @@ impl Module for Logger {
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
-            Event::Start => self.tick = Some(Ticker::new(now, PERIOD)),
+            Event::Start => self.deadlines.set(Timer::Publish, now),
             Event::Heard { at, channel, data } => self.on_heard(now, at, channel, data, out),
             Event::Message { at, message: Message::CmCmdLog(command) } => self.on_command(now, at, command, out),
             Event::Port { input, .. } => self.on_port(now, &input, out),
@@ -474,10 +490,7 @@ impl Module for Logger {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let chunk = self.chunk_since.map(|since| since + CHUNK_FOR);
-        let losses = self.lost_at.map(|at| at + LOSSES_OVER);
-        let tick = self.tick.as_ref().map(Ticker::next);
-        [chunk, losses, tick, self.disk.poll_timeout()].into_iter().flatten().min()
+        earliest([self.deadlines.next(), self.disk.poll_timeout()])
     }
 
     fn finished(&self) -> bool {

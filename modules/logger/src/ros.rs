@@ -12,6 +12,7 @@
 //! left out and counted.
 
 mod kinds;
+mod robot;
 mod scene;
 mod standard;
 mod state;
@@ -31,51 +32,8 @@ use state::State;
 use topics::Topics;
 
 pub use kinds::Kind;
-pub use topics::{TOPICS_MAX, Topic};
-
-/// What the scene shows of the robot and no message says.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct RobotScene {
-    /// The robot's name; in diagnostics the hardware's.
-    pub name: String,
-    /// Corners of its outline, robot frame, m, in order.
-    pub outline: Vec<[f64; 2]>,
-    /// Beacons in the map.
-    pub beacons: Vec<Beacon>,
-    /// What a sonar can see.
-    pub sonar: Sensor,
-    /// What an infrared range finder can see.
-    pub infrared: Sensor,
-}
-
-/// A beacon in the map.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Beacon {
-    /// Its number.
-    pub id: i32,
-    /// Position in the map, m.
-    pub x: f64,
-    /// Position in the map, m.
-    pub y: f64,
-}
-
-/// What a range finder can see; zeros where nobody knows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sensor {
-    /// Width of its beam, rad.
-    pub field_of_view: f64,
-    /// Nearest thing that it measures, m.
-    pub min: f64,
-    /// Farthest thing that it measures, m.
-    pub max: f64,
-}
-
-impl Sensor {
-    /// The sonar SRF-08 (`docs/facts/robot.md` 2.1).
-    pub const SRF08: Self = Self { field_of_view: 0.96, min: 0.03, max: 6.0 };
-    /// The infrared range finder GP2Y0A41SK0F (`docs/facts/robot.md` 2.2); its beam is a line.
-    pub const GP2Y0A41: Self = Self { field_of_view: 0.0, min: 0.04, max: 0.3 };
-}
+pub use robot::{Beacon, RobotScene, Sensor};
+pub use topics::{Sink, TOPICS_MAX, Topic};
 
 /// Why a message has no form in ROS 2. It is to be kept as it is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -111,9 +69,6 @@ pub const STANDARD_MAX: usize = 1 << 20;
 
 /// How much memory is kept from one message to the next, bytes.
 const BUFFER_KEPT: usize = 1 << 20;
-
-/// Who takes what comes out: the topic, and the message as CDR.
-pub type Sink<'a> = dyn FnMut(&Topic, &[u8]) + 'a;
 
 /// Translates messages; knows which topics there are.
 #[derive(Clone, Debug)]

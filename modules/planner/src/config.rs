@@ -12,6 +12,8 @@ pub struct Config {
     pub limits: Limits,
     /// How it behaves.
     pub manners: Manners,
+    /// Full opening angle of a sonar's beam where the message does not have it (`LL_DATA_SRFS`), rad.
+    pub sonar_beam: f64,
     /// Walls and what else is known to stand; none: the floor is taken as free, and the sonars say what is not.
     pub map: Option<Map>,
 }

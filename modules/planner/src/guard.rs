@@ -136,11 +136,15 @@ impl Ahead {
 }
 
 /// The speed that the nearest echo in the direction of travel allows, confirmed or not: who is that near is approached
-/// slowly. What the map has is kept clear of by the path, and may be passed nearer.
+/// slowly. What the map has is kept clear of by the path, and may be passed nearer. 0 where sonars look that way and
+/// nothing is known of any.
 #[must_use]
 pub fn sudden(now: Instant, forward: bool, obstacles: &Obstacles, config: &Config) -> f64 {
     let (limits, manners) = (&config.limits, &config.manners);
-    let near = obstacles.echoes(now, forward).filter(|echo| echo.distance < SUDDEN);
+    if obstacles.is_blind(now, forward, &config.body) {
+        return 0.0;
+    }
+    let near = obstacles.echoes(now, forward, &config.body).filter(|echo| echo.distance < SUDDEN);
     let speed = |echo: Echoed| {
         let keep = if echo.mapped { MAPPED } else { manners.stop_distance / 2.0 };
         let speed = stopping_speed(echo.distance - keep, echo.closing, limits, manners);

@@ -3,6 +3,7 @@
 
 mod config;
 pub mod goal;
+pub mod goal_state;
 pub mod guard;
 pub mod map;
 pub mod mission;
@@ -10,6 +11,7 @@ pub mod obstacles;
 pub mod path;
 pub mod people;
 mod planner;
+pub mod ranges;
 pub mod route;
 pub mod search;
 pub mod senses;

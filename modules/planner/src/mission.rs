@@ -5,13 +5,15 @@
 //! that is driven once fails after so many attempts; a loop waits on, and goes on to its next waypoint where it can.
 
 use crate::config::Config;
-use crate::goal::{Goal, Status, Waypoint};
+use crate::goal::{Goal, Waypoint};
+use crate::goal_state::{GoalState, Hindrance};
 use crate::guard::{self, Ahead};
 use crate::obstacles::Obstacles;
 use crate::route::{Progress, Route, Ways};
 use crate::track::{Motion, Track};
 use base::{Duration, Instant};
-use navitools::{Point, Pose};
+use messages::Hold;
+use navitools::Pose;
 use std::collections::VecDeque;
 use std::mem;
 
@@ -105,8 +107,7 @@ pub struct Mission {
     bumped: bool,
     id: i32,
     waypoint: usize,
-    status: Status,
-    words: String,
+    state: GoalState,
     /// The track is another one.
     replanned: bool,
 }
@@ -127,8 +128,7 @@ impl Default for Mission {
             bumped: false,
             id: 0,
             waypoint: 0,
-            status: Status::Idle,
-            words: "there is no goal".into(),
+            state: GoalState::NoGoal,
             replanned: false,
         }
     }
@@ -140,15 +140,14 @@ impl Mission {
         let kept = if goal.waypoints.len() <= KEPT { vec![None; goal.waypoints.len()] } else { Vec::new() };
         let (trace, bumped) = (mem::take(&mut self.trace), self.bumped);
         *self = Self { id: goal.id, kept, trace, bumped, goal: Some(goal), replanned: true, ..Self::default() };
-        self.say(Status::Driving, "looks for a way".into());
+        self.state = GoalState::Planning;
     }
 
     /// There is no goal any more, and why.
-    pub fn end(&mut self, id: i32, status: Status, words: String) {
+    pub fn end(&mut self, id: i32, state: GoalState) {
         let waypoint = self.waypoint;
         let trace = mem::take(&mut self.trace);
-        *self = Self { id, waypoint, trace, replanned: true, ..Self::default() };
-        self.say(status, words);
+        *self = Self { id, waypoint, trace, state, replanned: true, ..Self::default() };
     }
 
     /// The robot was stopped by others, or put elsewhere: a way is looked for anew when it may drive.
@@ -176,10 +175,17 @@ impl Mission {
         self.goal.is_some()
     }
 
-    /// The goal's number, the waypoint, how it fares, and the same in words.
+    /// The goal's number, the waypoint, and how it fares.
     #[must_use]
-    pub fn status(&self) -> (i32, usize, Status, &str) {
-        (self.id, self.waypoint, self.status, &self.words)
+    pub fn status(&self) -> (i32, usize, &GoalState) {
+        (self.id, self.waypoint, &self.state)
+    }
+
+    /// The cause for which a robot that may drive does not, with its subject; `None` while it drives.
+    #[must_use]
+    pub fn hold(&self) -> Option<(Hold, String)> {
+        let stands = matches!(self.doing, Doing::Nothing | Doing::Thinking { .. });
+        self.state.hold().or_else(|| stands.then_some((Hold::Planning, String::new())))
     }
 
     /// The way to the last waypoint, m; NaN when there is none, or it is not known.
@@ -210,16 +216,10 @@ impl Mission {
         self.unseen = false;
     }
 
-    fn say(&mut self, status: Status, words: String) {
-        (self.status, self.words) = (status, words);
-    }
-
     fn say_driving(&mut self) {
         if let Some(goal) = &self.goal {
-            let loops = if goal.looped { ", for ever" } else { "" };
-            let words = format!("drives to waypoint {} of {}{loops}", goal.next + 1, goal.waypoints.len());
             self.waypoint = goal.next;
-            self.say(Status::Driving, words);
+            self.state = GoalState::Driving { to: goal.next, of: goal.waypoints.len(), looped: goal.looped };
         }
     }
 
@@ -283,7 +283,7 @@ impl Mission {
                 }
                 self.set_out(poses, sight);
             }
-            Progress::NoWay { why, forever } => self.no_way(sight, ways, &why, forever && !around),
+            Progress::NoWay { why, forever } => self.no_way(sight, ways, why, forever && !around),
         }
     }
 
@@ -311,11 +311,11 @@ impl Mission {
         }
     }
 
-    fn no_way(&mut self, sight: &Sight<'_>, ways: &Ways, why: &str, forever: bool) {
+    fn no_way(&mut self, sight: &Sight<'_>, ways: &Ways, why: Hindrance, forever: bool) {
         let Some(goal) = &self.goal else { return };
-        let (id, number) = (goal.id, goal.next);
+        let (id, to) = (goal.id, goal.next);
         if forever {
-            return self.end(id, Status::Failed, format!("cannot reach waypoint {}: {why}", number + 1));
+            return self.end(id, GoalState::CannotReach(to, why));
         }
         if self.is_enough(sight, why) {
             return;
@@ -323,12 +323,12 @@ impl Mission {
         if !self.attempts.is_multiple_of(2) && self.back_out(sight, ways) {
             return;
         }
-        self.say(Status::Blocked, format!("waits for a way to waypoint {}: {why}", number + 1));
+        self.state = GoalState::NoPath { to, why };
         self.doing = Doing::Waiting { since: sight.now, gone: None };
     }
 
     /// One more attempt. Whether it was the last: then a goal has failed; a loop goes on with its next waypoint.
-    fn is_enough(&mut self, sight: &Sight<'_>, why: &str) -> bool {
+    fn is_enough(&mut self, sight: &Sight<'_>, why: Hindrance) -> bool {
         self.attempts += 1;
         let Some(goal) = self.goal.as_mut().filter(|_| self.attempts >= sight.config.manners.attempts) else {
             return false;
@@ -338,8 +338,8 @@ impl Mission {
             (self.attempts, self.nearest) = (0, f64::INFINITY);
             return false;
         }
-        let (id, words) = (goal.id, format!("gave up waypoint {}: {why}", goal.next + 1));
-        self.end(id, Status::Failed, words);
+        let (id, waypoint) = (goal.id, goal.next);
+        self.end(id, GoalState::GaveUp(waypoint, why));
         true
     }
 
@@ -364,12 +364,12 @@ impl Mission {
             return Motion { speed: 0.0, ..command };
         }
         if allowed <= 0.0 && stands {
-            self.say_blocked();
+            self.say_blocked(sight);
             self.doing = Doing::Waiting { since: sight.now, gone: None };
             return Motion { speed: 0.0, ..command };
         }
         if self.is_stuck(sight, command) {
-            self.no_way(sight, ways, "it was told to drive and does not move", false);
+            self.no_way(sight, ways, Hindrance::NotMoving, false);
             return Motion { speed: 0.0, ..command };
         }
         let next = self.think_ahead(sight, ways, next);
@@ -461,11 +461,10 @@ impl Mission {
                 self.doing = Doing::Nothing;
                 self.say_driving();
             }
-            None if goal.looped => self.say(Status::Reached, "stands at the only waypoint of its loop".into()),
+            None if goal.looped => self.state = GoalState::AtLoop,
             None => {
-                let words = format!("reached waypoint {}, the last", number + 1);
                 let id = goal.id;
-                self.end(id, Status::Reached, words);
+                self.end(id, GoalState::Reached(number));
             }
         }
     }
@@ -478,15 +477,16 @@ impl Mission {
             return self.reached(goal.next);
         }
         let off = at.distance(sight.robot.point());
-        self.no_way(sight, ways, &format!("the robot came to stand {off:.2} m beside it"), false);
+        self.no_way(sight, ways, Hindrance::Beside(off), false);
     }
 
-    fn say_blocked(&mut self) {
-        let words = match self.ahead.first() {
-            Some((_, Point { x, y })) => format!("waits for whoever stands in the way at {x:.1}, {y:.1}"),
-            None => "waits for whoever stands near".into(),
+    fn say_blocked(&mut self, sight: &Sight<'_>) {
+        let forward = self.track.forward().unwrap_or(true);
+        self.state = match self.ahead.first() {
+            _ if sight.obstacles.is_blind(sight.now, forward, &sight.config.body) => GoalState::Blind { forward },
+            Some((_, at)) => GoalState::InTheWay(at),
+            None => GoalState::SomebodyNear,
         };
-        self.say(Status::Blocked, words);
     }
 
     fn wait(&mut self, sight: &Sight<'_>, ways: &mut Ways, since: Instant, gone: Option<Instant>) {
@@ -499,7 +499,7 @@ impl Mission {
         }
         let patience = sight.config.manners.patience * f64::from((1 + self.attempts / 2).min(WAITS_MAX));
         if waited >= patience && gone.is_none() {
-            if self.is_enough(sight, "something stands in the way") {
+            if self.is_enough(sight, Hindrance::InTheWay) {
                 return;
             }
             // A way around may begin nearer to somebody than the robot goes: then it makes room first.
@@ -534,7 +534,7 @@ impl Mission {
             self.track = Track::default();
             return false;
         }
-        self.say(Status::Blocked, "backs out".into());
+        self.state = GoalState::BackingOut;
         (self.replanned, self.stuck) = (true, None);
         self.doing = Doing::Backing { blocked: None };
         true

@@ -1,14 +1,16 @@
 //! What the sonars say stands around the robot: cells of 5 cm, in the frame of the map.
 //!
-//! A sonar hears the nearest echo in its cone, not where in the cone it came from. So an echo puts an arc of suspicion
+//! Each reading counts from the instant at which its sonar fired, once, however often it is sent; one that is not known
+//! frees nothing and suspects nothing. A sonar hears the nearest echo in its cone, not where in the cone it came from. So an echo puts an arc of suspicion
 //! at its distance, less what other cones have just found free; space nearer than the echo is free. Silence frees only
 //! what even a leg would have been heard in, and only within the specular limit (docs/facts/robot.md 2.1, 4.3). A cell
 //! counts when it was suspected twice within about a second: one crosstalk is no obstacle. What is not heard again is
 //! forgotten. Clothes swallow sound: beyond a metre that a cone did not hear somebody says little.
 
+use crate::config::Body;
 use crate::people::{Heard, People, Person};
+use crate::ranges::{self, BELIEVED, Mount, SONARS_MAX, Sounding};
 use base::{Duration, Instant};
-use messages::lowlevel::Range;
 use navitools::{Point, Pose};
 use std::mem;
 
@@ -20,10 +22,14 @@ const SIDE: i32 = 160;
 const REACH: f64 = 2.5;
 /// Silence frees to here, m: a leg would have been heard.
 const SILENT_REACH: f64 = 2.0;
-/// Half of a sonar's beam, rad: 55° at -6 dB.
-const HALF_BEAM: f64 = 0.48;
-/// cos² of the specular limit, 25°: within it of the axis a smooth wall that stands square to the sound would be heard.
-const COS2_SPECULAR: f64 = 0.8214;
+/// The specular limit, 25°, rad: within it of the axis a smooth wall that stands square to the sound would be heard.
+const SPECULAR: f64 = 0.4363;
+/// Of what a cone frees, this share of its width was seen.
+const SEEN_SHARE: f64 = 0.9;
+/// A cone carves the arc of another that was fired within this time.
+const TOGETHER: Duration = Duration::from_millis(300);
+/// Two readings of a sonar are of one thing, and say how fast it comes nearer, when they follow within this time, s.
+const FOLLOWS: (f64, f64) = (0.05, 0.6);
 /// An echo's distance is known to this, m: noise, a reading's age and the pose.
 const BLUR: f64 = 0.10;
 /// What a suspicion counts, and how much makes an obstacle: two.
@@ -44,8 +50,6 @@ const CONFIRM_WITHIN: Duration = Duration::from_secs(1);
 const PATCH: f64 = 0.25;
 /// Patches along an edge.
 const PATCHES: i32 = 32;
-/// Sonars that are listened to.
-const SONARS_MAX: usize = 32;
 /// Suspected cells that are remembered.
 const HITS_MAX: usize = 2000;
 /// Nobody walks faster, m/s (ISO 13855).
@@ -75,12 +79,14 @@ struct Cell {
 /// What one sonar heard last.
 #[derive(Clone, Copy, Debug, Default)]
 struct Echo {
-    at: Instant,
+    /// Its number.
+    sonar: i32,
+    /// When it fired; none: nothing has been known of it.
+    at: Option<Instant>,
     /// m; none: nothing.
     distance: Option<f64>,
     closing: f64,
-    /// Where it looks in the robot's frame, rad.
-    theta: f64,
+    mount: Mount,
     /// The map says what was heard.
     mapped: bool,
     /// The reading before was about the same.
@@ -92,7 +98,7 @@ struct Echo {
 /// An echo in a direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Echoed {
-    /// m from the sonar.
+    /// From the end of the body that drives there, m.
     pub distance: f64,
     /// How fast it comes nearer by itself, m/s.
     pub closing: f64,
@@ -102,14 +108,30 @@ pub struct Echoed {
     pub again: bool,
 }
 
-/// A cone at the moment of its reading.
+/// Where a sonar was when it fired.
+#[derive(Clone, Copy, Debug)]
+pub struct Fired {
+    /// What it measured.
+    pub sounding: Sounding,
+    /// Where the robot was.
+    pub robot: Pose,
+    /// How fast the robot went, m/s.
+    pub speed: f64,
+}
+
+/// The cone of a sonar's last reading.
 #[derive(Debug)]
 struct Cone {
-    /// Its number in the message.
-    sonar: usize,
+    sonar: i32,
+    at: Instant,
+    /// It has not been counted before.
+    is_new: bool,
     from: Point,
     cos: f64,
     sin: f64,
+    half_beam: f64,
+    /// Of its opening where it frees: cos², and the tangent.
+    clear: (f64, f64),
     echo: Option<f64>,
     /// Free up to here, m.
     free: f64,
@@ -122,7 +144,7 @@ impl Cone {
         let (dx, dy) = (point.x - self.from.x, point.y - self.from.y);
         let along = dx * self.cos + dy * self.sin;
         let d2 = dx * dx + dy * dy;
-        let frees = along > 0.0 && d2 < self.free * self.free && along * along >= COS2_SPECULAR * d2;
+        let frees = along > 0.0 && d2 < self.free * self.free && along * along >= self.clear.0 * d2;
         match frees {
             true if d2 < NEAR * NEAR => FREE_NEAR,
             true => FREE_FAR,
@@ -172,130 +194,157 @@ impl Obstacles {
         *self = Self::default();
     }
 
-    /// Takes a round of the sonars received at `now`. `robot` is where the robot was when they were fired, `speed` how
-    /// fast it went, m/s; `footprint(point)` tells points of the robot's frame that it covers, `mapped(point)` those
-    /// of the map near which an echo is no news.
+    /// Takes a round of the sonars at `now`; a reading that was taken before is not taken again. `robot` is where the
+    /// robot was when the last of them fired; `footprint(point)` tells points of the robot's frame that it covers,
+    /// `mapped(point)` those of the map near which an echo is no news.
     pub fn update(
         &mut self,
         now: Instant,
         robot: Pose,
-        speed: f64,
-        srfs: &[Range],
+        round: &[Fired],
         footprint: impl Fn(Point) -> bool,
         mapped: impl Fn(Point) -> bool,
     ) {
-        self.listen(now, robot, speed, srfs);
+        self.listen(&round[..round.len().min(SONARS_MAX)]);
         let cones = mem::take(&mut self.cones);
+        let new = || cones.iter().filter(|cone| cone.is_new);
         let inverse = robot.inverse();
         let near = CELL * f64::from(SIDE) / 2.0 - CELL;
         self.keep(|cell| {
             let at = middle(cell.place);
             let limit = if cell.evidence < CONFIRMED { CONFIRM_WITHIN } else { DECAY };
-            let freed = cones.iter().map(|cone| cone.frees(at)).max().unwrap_or(0);
+            let freed = new().map(|cone| cone.frees(at)).max().unwrap_or(0);
             cell.evidence = cell.evidence.saturating_sub(freed);
             let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
             cell.evidence > 0 && now.since(cell.heard) < limit && inside && !footprint(inverse * at)
         });
-        for (number, cone) in cones.iter().enumerate() {
-            self.look(now, cone);
-            self.suspect(now, number, &cones, |point| footprint(inverse * point), &mapped);
-        }
         self.round.clear();
-        self.round.extend(cones.iter().map(|cone| Heard {
-            from: cone.from,
-            axis: (cone.cos, cone.sin),
-            echo: cone.echo,
-            mapped: self.echoes[cone.sonar].mapped,
-        }));
-        self.people.update(now, &self.round, |point| footprint(inverse * point));
+        for cone in new() {
+            self.look(cone);
+            let mapped = self.suspect(cone, &cones, |point| footprint(inverse * point), &mapped);
+            self.round.push(Heard {
+                at: cone.at,
+                from: cone.from,
+                axis: (cone.cos, cone.sin),
+                spread: libm::tan(cone.half_beam),
+                echo: cone.echo,
+                mapped,
+            });
+        }
+        self.round.sort_by_key(|heard| heard.at);
+        self.people.update(&self.round, |point| footprint(inverse * point));
         self.cones = cones;
     }
 
-    fn listen(&mut self, now: Instant, robot: Pose, speed: f64, srfs: &[Range]) {
-        let srfs = &srfs[..srfs.len().min(SONARS_MAX)];
-        self.echoes.resize(srfs.len(), Echo::default());
-        self.cones.clear();
-        for (sonar, (range, last)) in srfs.iter().zip(&mut self.echoes).enumerate() {
-            let mount = [range.x, range.y, range.theta];
-            if mount.iter().any(|value| !value.is_finite() || value.abs() > 10.0) {
-                *last = Echo::default();
+    fn listen(&mut self, round: &[Fired]) {
+        let is_there = |sonar: i32| round.iter().any(|fired| fired.sounding.id == sonar);
+        self.echoes.retain(|echo| is_there(echo.sonar));
+        self.cones.retain(|cone| is_there(cone.sonar));
+        self.cones.iter_mut().for_each(|cone| cone.is_new = false);
+        for Fired { sounding, robot, speed } in round {
+            let Sounding { id: sonar, at, mount, heard } = *sounding;
+            let number = self.echoes.iter().position(|echo| echo.sonar == sonar).unwrap_or_else(|| {
+                self.echoes.push(Echo { sonar, ..Echo::default() });
+                self.echoes.len() - 1
+            });
+            let last = &mut self.echoes[number];
+            last.mount = mount;
+            let distance = match heard {
+                ranges::Heard::Echo(distance) => Some(distance),
+                ranges::Heard::Silent | ranges::Heard::NoEcho => None,
+                ranges::Heard::Unknown => continue,
+            };
+            if last.at.is_some_and(|last| at <= last) {
                 continue;
             }
-            let distance =
-                (range.valid && range.distance > 0.0 && range.distance.is_finite()).then_some(range.distance);
-            let dt = now.since(last.at).as_secs_f64();
+            let dt = last.at.map_or(f64::INFINITY, |last| at.since(last).as_secs_f64());
             let closing = match (last.distance, distance) {
-                (Some(before), Some(after)) if dt > 0.05 && dt < 0.6 => {
-                    let closing = (before - after) / dt - speed * libm::cos(range.theta);
+                (Some(before), Some(after)) if dt > FOLLOWS.0 && dt < FOLLOWS.1 => {
+                    let closing = (before - after) / dt - speed * libm::cos(mount.theta);
                     // A jump is another thing that is heard, not one that runs.
                     if (CLOSING_LEAST..2.0 * WALKING).contains(&closing) { closing.min(WALKING) } else { 0.0 }
                 }
                 _ => 0.0,
             };
             let same = |(before, after): (f64, f64)| (before - after).abs() < SAME;
-            let again = dt < 0.6 && last.distance.zip(distance).is_some_and(same);
+            let again = dt < FOLLOWS.1 && last.distance.zip(distance).is_some_and(same);
             // Walls do not go away: one that a single reading misses is still there, and the robot nearer to it.
-            let nearer = |before: f64| before - speed * libm::cos(range.theta) * dt;
-            let held = last.distance.filter(|_| last.mapped && dt < 0.6).map(nearer);
-            *last = Echo { at: now, distance, closing, theta: range.theta, mapped: false, again, held };
-            let pose = robot * Pose::new(range.x, range.y, range.theta);
+            let nearer = |before: f64| before - speed * libm::cos(mount.theta) * dt;
+            let held = last.distance.filter(|_| last.mapped && dt < FOLLOWS.1).map(nearer);
+            *last = Echo { sonar, at: Some(at), distance, closing, mount, mapped: false, again, held };
+            let pose = *robot * Pose::new(mount.at.x, mount.at.y, mount.theta);
             let (sin, cos) = pose.theta.sin_cos();
-            let free = distance.map_or(SILENT_REACH, |distance| (distance - BLUR).min(REACH));
-            self.cones.push(Cone { sonar, from: pose.point(), cos, sin, echo: distance, free, closing });
-        }
-    }
-
-    /// The space that a cone found free was seen.
-    fn look(&mut self, now: Instant, cone: &Cone) {
-        for tan in [-0.42, -0.21, 0.0, 0.21, 0.42] {
-            let steps = (cone.free / PATCH) as i32;
-            for step in 0..=steps {
-                let along = f64::from(step) * PATCH;
-                let (x, y) = (along * (cone.cos - tan * cone.sin), along * (cone.sin + tan * cone.cos));
-                let patch = place(Point { x: cone.from.x + x, y: cone.from.y + y }, PATCH);
-                self.seen[slot(patch, PATCHES)] = (patch, now);
+            let half_beam = mount.beam / 2.0;
+            let clear = half_beam.min(SPECULAR);
+            let clear = (libm::cos(clear) * libm::cos(clear), libm::tan(clear));
+            let free = match heard {
+                ranges::Heard::Echo(distance) => (distance - BLUR).min(REACH),
+                ranges::Heard::Silent => SILENT_REACH,
+                ranges::Heard::NoEcho | ranges::Heard::Unknown => 0.0,
+            };
+            let (from, echo) = (pose.point(), distance);
+            let cone = Cone { sonar, at, is_new: true, from, cos, sin, half_beam, clear, echo, free, closing };
+            match self.cones.iter_mut().find(|cone| cone.sonar == sonar) {
+                Some(last) => *last = cone,
+                None => self.cones.push(cone),
             }
         }
     }
 
-    /// Suspects the arc that an echo may have come from.
+    /// The space that a cone found free was seen when it fired.
+    fn look(&mut self, cone: &Cone) {
+        for share in [-1.0, -0.5, 0.0, 0.5, 1.0] {
+            let tan = share * SEEN_SHARE * cone.clear.1;
+            let steps = if cone.free > 0.0 { (cone.free / PATCH) as i32 } else { -1 };
+            for step in 0..=steps {
+                let along = f64::from(step) * PATCH;
+                let (x, y) = (along * (cone.cos - tan * cone.sin), along * (cone.sin + tan * cone.cos));
+                let patch = place(Point { x: cone.from.x + x, y: cone.from.y + y }, PATCH);
+                let seen = &mut self.seen[slot(patch, PATCHES)];
+                if seen.0 != patch || seen.1 < cone.at {
+                    *seen = (patch, cone.at);
+                }
+            }
+        }
+    }
+
+    /// Suspects the arc that an echo may have come from; true if the map says what it came from.
     fn suspect(
         &mut self,
-        now: Instant,
-        number: usize,
+        cone: &Cone,
         cones: &[Cone],
         footprint: impl Fn(Point) -> bool,
         mapped: &impl Fn(Point) -> bool,
-    ) {
-        let cone = &cones[number];
-        let Some(distance) = cone.echo.filter(|distance| *distance <= REACH) else { return };
-        let count = libm::ceil(HALF_BEAM * distance / CELL).max(1.0) as i32;
+    ) -> bool {
+        let Some(distance) = cone.echo.filter(|distance| *distance <= REACH) else { return false };
+        let count = libm::ceil(cone.half_beam * distance / CELL).max(1.0) as i32;
         let point = |step: i32| {
-            let angle = f64::from(step) * HALF_BEAM / f64::from(count);
-            // Four digits of sine and cosine are finer than a cell.
-            let (sin, cos) = (angle - angle * angle * angle / 6.0, 1.0 - angle * angle / 2.0);
+            let (sin, cos) = libm::sincos(f64::from(step) * cone.half_beam / f64::from(count));
             let (along, across) = (distance * cos, distance * sin);
             Point {
                 x: cone.from.x + along * cone.cos - across * cone.sin,
                 y: cone.from.y + along * cone.sin + across * cone.cos,
             }
         };
-        // The map says what was heard.
         if (-count..=count).any(|step| mapped(point(step))) {
-            self.echoes[cone.sonar].mapped = true;
-            return;
+            if let Some(echo) = self.echoes.iter_mut().find(|echo| echo.sonar == cone.sonar) {
+                echo.mapped = true;
+            }
+            return true;
         }
+        let other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < TOGETHER;
         let mut last = None;
         for step in -count..=count {
             let at = point(step);
             let cell = place(at, CELL);
-            let carved = cones.iter().enumerate().any(|(other, cone)| other != number && cone.frees(at) == FREE_NEAR);
+            let carved = cones.iter().filter(other).any(|cone| cone.frees(at) == FREE_NEAR);
             if last == Some(cell) || carved || footprint(at) {
                 continue;
             }
             last = Some(cell);
-            self.add(now, cell, cone.closing);
+            self.add(cone.at, cell, cone.closing);
         }
+        false
     }
 
     /// Who is around at `now`.
@@ -303,18 +352,18 @@ impl Obstacles {
         self.people.around(now)
     }
 
-    fn add(&mut self, now: Instant, place: (i32, i32), closing: f64) {
+    fn add(&mut self, heard: Instant, place: (i32, i32), closing: f64) {
         let slot = slot(place, SIDE);
         match self.index[slot].checked_sub(1) {
             Some(number) => {
                 let cell = &mut self.cells[usize::from(number)];
                 if cell.place == place {
-                    *cell =
-                        Cell { evidence: (cell.evidence + SUSPICION).min(EVIDENCE_MAX), heard: now, closing, ..*cell };
+                    let evidence = (cell.evidence + SUSPICION).min(EVIDENCE_MAX);
+                    *cell = Cell { evidence, heard: heard.max(cell.heard), closing, ..*cell };
                 }
             }
             None if self.cells.len() < HITS_MAX => {
-                self.cells.push(Cell { place, evidence: SUSPICION, heard: now, closing });
+                self.cells.push(Cell { place, evidence: SUSPICION, heard, closing });
                 self.index[slot] = self.cells.len() as u16;
             }
             None => {}
@@ -350,19 +399,38 @@ impl Obstacles {
         which == patch && now.since(at) <= age
     }
 
-    /// What sonars looking forward, or back, heard within the last second. One reading is enough here: who is near is
-    /// braked for at once.
-    pub fn echoes(&self, now: Instant, forward: bool) -> impl Iterator<Item = Echoed> + '_ {
-        let looks = move |theta: f64| if forward { theta.abs() < 0.6 } else { theta.abs() > 2.5 };
-        let fresh = move |echo: &&Echo| looks(echo.theta) && now.since(echo.at) < Duration::from_secs(1);
-        let told = |echo: &Echo| {
-            let Echo { distance, closing, mapped, again, held, .. } = *echo;
-            let heard = distance.map(|distance| Echoed { distance, closing, mapped, again });
-            let held = held.map(|distance| Echoed { distance, closing: 0.0, mapped: true, again: true });
+    /// What sonars that look where the robot's front drives, or its rear, heard as long as that is believed. One reading
+    /// is enough here: who is near is braked for at once.
+    pub fn echoes(&self, now: Instant, forward: bool, body: &Body) -> impl Iterator<Item = Echoed> + '_ {
+        let body = *body;
+        let fresh = move |echo: &&Echo| echo.is_believed(now) && echo.mount.looks(forward, &body);
+        let told = move |echo: &Echo| {
+            let Echo { distance, closing, mapped, again, held, mount, .. } = *echo;
+            let behind = mount.behind(forward, &body);
+            let heard = distance.map(|distance| Echoed { distance: distance - behind, closing, mapped, again });
+            let held = held.map(|held| Echoed { distance: held - behind, closing: 0.0, mapped: true, again: true });
             [heard, held]
         };
         self.echoes.iter().filter(fresh).flat_map(told).flatten()
     }
+
+    /// True if there are sonars that look where the robot's front drives, or its rear, and nothing is known of any.
+    #[must_use]
+    pub fn is_blind(&self, now: Instant, forward: bool, body: &Body) -> bool {
+        let mut looking = self.echoes.iter().filter(|echo| echo.mount.looks(forward, body)).peekable();
+        looking.peek().is_some() && !looking.any(|echo| echo.is_believed(now))
+    }
+}
+
+impl Echo {
+    fn is_believed(&self, now: Instant) -> bool {
+        self.at.is_some_and(|at| now.since(at) < BELIEVED)
+    }
+}
+
+/// Time between two instants.
+fn apart(a: Instant, b: Instant) -> Duration {
+    a.since(b).max(b.since(a))
 }
 
 fn place(point: Point, size: f64) -> (i32, i32) {
@@ -381,6 +449,7 @@ fn slot((x, y): (i32, i32), side: i32) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::lowlevel::{DataRanges, Reading};
 
     const FRONT: [(f64, f64, f64); 3] = [(0.75, 0.15, 0.4363), (0.75, 0.0, 0.0), (0.75, -0.15, -0.4363)];
 
@@ -388,25 +457,36 @@ mod tests {
         (-0.15..=0.75).contains(&point.x) && point.y.abs() <= 0.30
     }
 
-    /// Readings of the three front sonars.
-    fn round(distances: [f64; 3]) -> Vec<Range> {
-        let range = |(id, ((x, y, theta), distance)): (usize, ((f64, f64, f64), f64))| Range {
-            id: id as i32,
-            x,
-            y,
-            theta,
-            distance,
-            valid: distance.is_finite(),
+    const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
+
+    fn echo(distance: f64) -> ranges::Heard {
+        if distance.is_nan() { ranges::Heard::Silent } else { ranges::Heard::Echo(distance) }
+    }
+
+    /// Readings of the three front sonars of a robot that stands at the origin.
+    fn fired(at: Instant, heard: [ranges::Heard; 3]) -> Vec<Fired> {
+        let fired = |(id, ((x, y, theta), heard)): (usize, ((f64, f64, f64), ranges::Heard))| {
+            let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };
+            Fired { sounding: Sounding { id: id as i32, at, mount, heard }, robot: Pose::default(), speed: 0.0 }
         };
-        FRONT.into_iter().zip(distances).enumerate().map(range).collect()
+        FRONT.into_iter().zip(heard).enumerate().map(fired).collect()
     }
 
     struct Bench(Obstacles, Instant);
 
     impl Bench {
         fn hear(&mut self, distances: [f64; 3]) {
+            self.take(distances.map(echo));
+        }
+
+        fn take(&mut self, heard: [ranges::Heard; 3]) {
             self.1 += Duration::from_millis(250);
-            self.0.update(self.1, Pose::default(), 0.0, &round(distances), covers, |point| point.x > 4.0);
+            self.again(heard);
+        }
+
+        /// Without a new measurement.
+        fn again(&mut self, heard: [ranges::Heard; 3]) {
+            self.0.update(self.1, Pose::default(), &fired(self.1, heard), covers, |point| point.x > 4.0);
         }
 
         fn count(&self) -> usize {
@@ -494,9 +574,75 @@ mod tests {
         for _ in 0..4 {
             bench.1 += Duration::from_millis(250);
             let wall = |point: Point| (point.x - 2.75).abs() < 0.1;
-            bench.0.update(bench.1, Pose::default(), 0.0, &round([2.2, 2.0, 2.2]), covers, wall);
+            let fired = fired(bench.1, [2.2, 2.0, 2.2].map(echo));
+            bench.0.update(bench.1, Pose::default(), &fired, covers, wall);
         }
         assert_eq!(bench.count(), 0);
+    }
+
+    #[test]
+    fn a_sonar_of_which_nothing_is_known_frees_nothing_and_sees_nothing() {
+        let silent = ranges::Heard::Silent;
+        for (unknown, kept) in [(ranges::Heard::Unknown, true), (ranges::Heard::NoEcho, true), (silent, false)] {
+            let mut bench = bench();
+            bench.hear([f64::NAN, 1.0, f64::NAN]);
+            bench.hear([f64::NAN, 1.0, f64::NAN]);
+            let before = bench.count();
+            for _ in 0..6 {
+                bench.take([unknown; 3]);
+            }
+            assert!(before > 0 && (bench.count() == before) == kept, "{unknown:?}: {} of {before}", bench.count());
+            let ahead = Point { x: 2.0, y: 0.1 };
+            assert_eq!(bench.0.seen_within(bench.1, ahead, Duration::from_secs(1)), !kept, "{unknown:?}");
+            assert_eq!(bench.0.is_blind(bench.1, true, &BODY), unknown == ranges::Heard::Unknown);
+            assert!(!bench.0.is_blind(bench.1, false, &BODY), "no sonar looks back");
+        }
+    }
+
+    #[test]
+    fn what_was_heard_last_is_braked_for_while_nothing_newer_is_known() {
+        let mut bench = bench();
+        bench.hear([f64::NAN, 0.5, f64::NAN]);
+        bench.take([ranges::Heard::Unknown; 3]);
+        assert_eq!(bench.0.echoes(bench.1, true, &BODY).map(|echo| echo.distance).next(), Some(0.5));
+        assert!(!bench.0.is_blind(bench.1, true, &BODY));
+        bench.1 += Duration::from_secs(1);
+        assert_eq!(bench.0.echoes(bench.1, true, &BODY).next(), None);
+        assert!(bench.0.is_blind(bench.1, true, &BODY));
+    }
+
+    #[test]
+    fn a_reading_that_is_sent_again_is_no_second_one() {
+        let mut bench = bench();
+        let heard = [f64::NAN, 1.0, f64::NAN].map(echo);
+        bench.take(heard);
+        for _ in 0..5 {
+            bench.again(heard);
+        }
+        assert_eq!(bench.count(), 0, "one echo is no obstacle");
+        assert!(bench.0.echoes(bench.1, true, &BODY).all(|echo| !echo.again));
+        bench.take(heard);
+        assert!(bench.count() > 0);
+    }
+
+    #[test]
+    fn a_narrow_beam_suspects_and_frees_no_more_than_itself() {
+        let width = |beam: f64| {
+            let mut bench = bench();
+            for _ in 0..2 {
+                bench.1 += Duration::from_millis(250);
+                let mount = Mount { at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam };
+                let sounding = Sounding { id: 0, at: bench.1, mount, heard: ranges::Heard::Echo(2.0) };
+                let fired = [Fired { sounding, robot: Pose::default(), speed: 0.0 }];
+                bench.0.update(bench.1, Pose::default(), &fired, covers, |_| false);
+            }
+            let beside = Point { x: 2.2, y: 0.45 };
+            let seen = bench.0.seen_within(bench.1, beside, Duration::from_secs(1));
+            (bench.0.hits().map(|hit| hit.at.y.abs()).fold(0.0, f64::max), seen)
+        };
+        let (wide, narrow) = (width(0.96), width(0.2));
+        assert!(wide.0 > 0.85 && wide.1, "{wide:?}");
+        assert!(narrow.0 < 0.25 && !narrow.1, "{narrow:?}");
     }
 
     #[test]
@@ -504,9 +650,9 @@ mod tests {
         let mut bench = bench();
         bench.hear([f64::NAN, 2.0, f64::NAN]);
         bench.hear([f64::NAN, 1.75, f64::NAN]);
-        let echo = bench.0.echoes(bench.1, true).next().unwrap();
+        let echo = bench.0.echoes(bench.1, true, &BODY).next().unwrap();
         assert!((echo.distance - 1.75).abs() < 1e-9 && (echo.closing - 1.0).abs() < 1e-9, "{echo:?}");
-        assert_eq!(bench.0.echoes(bench.1, false).next(), None);
+        assert_eq!(bench.0.echoes(bench.1, false, &BODY).next(), None);
     }
 
     #[test]
@@ -527,10 +673,22 @@ mod tests {
         for x in wild {
             for theta in wild {
                 for distance in wild {
-                    let range = Range { id: 7, x, y: x, theta, distance, valid: true };
+                    let reading = Reading {
+                        id: 7,
+                        x,
+                        y: x,
+                        theta,
+                        distance,
+                        status: Reading::MEASURED,
+                        beam: x,
+                        ..Default::default()
+                    };
                     bench.1 += Duration::from_millis(10);
                     let pose = Pose::new(x.clamp(-1e9, 1e9), 0.0, 0.0);
-                    bench.0.update(bench.1, pose, 0.0, &vec![range; 40], covers, |_| false);
+                    let message = DataRanges { timestamp: 0, readings: vec![reading; 40] };
+                    let fired = |sounding| Fired { sounding, robot: pose, speed: 0.0 };
+                    let round: Vec<Fired> = ranges::of_ranges(bench.1, &message).into_iter().map(fired).collect();
+                    bench.0.update(bench.1, pose, &round, covers, |_| false);
                 }
             }
         }

@@ -5,22 +5,20 @@
 //! clothes swallow sound beyond a metre (docs/facts/robot.md 2.1). One echo is nobody yet: crosstalk and noise make some
 //! in every round. Whoever is not heard any more is forgotten within seconds, and where he may have gone grows.
 
-use crate::senses::READING_AGE;
-use base::{Duration, Instant};
+use crate::ranges::BELIEVED;
+use base::Instant;
 use navitools::Point;
 
 /// As many are followed.
 const MOST: usize = 24;
 /// A leg is heard to here, m.
 const REACH: f64 = 2.5;
-/// Half of a beam, rad, and the tangent of it.
-const TAN_BEAM: f64 = 0.52;
 /// From the leg that is heard to the middle of whoever stands on it, m.
 const INSIDE: f64 = 0.12;
 /// Deviation of a distance: noise, which leg it was, and a reading's age while he walks, m.
 const ALONG: f64 = 0.13;
-/// Deviation of the place across the beam, for each metre of distance, and at least, m.
-const ACROSS: f64 = 0.22;
+/// Deviation of the place across the beam as a share of half the beam's width there, and at least, m.
+const ACROSS: f64 = 0.4226;
 const ACROSS_LEAST: f64 = 0.08;
 /// How people change their velocity: its variance grows by so much a second, m²/s³.
 const RESTLESS: f64 = 0.6;
@@ -53,10 +51,14 @@ const LATE: f64 = 1.0;
 /// What one sonar heard in a round.
 #[derive(Clone, Copy, Debug)]
 pub struct Heard {
+    /// When it fired.
+    pub at: Instant,
     /// Where it was.
     pub from: Point,
     /// Where it looked: cosine and sine.
     pub axis: (f64, f64),
+    /// Tangent of half the beam's opening.
+    pub spread: f64,
     /// m; none: nothing.
     pub echo: Option<f64>,
     /// The map says what was heard.
@@ -92,7 +94,7 @@ struct Track {
 #[derive(Debug)]
 pub struct People {
     tracks: Vec<Track>,
-    /// When the sonars were heard last.
+    /// When the last sonar fired.
     at: Instant,
 }
 
@@ -103,10 +105,26 @@ impl Default for People {
 }
 
 impl People {
-    /// A round of the sonars, received at `now`; `covered` tells where the robot itself stands.
-    pub fn update(&mut self, now: Instant, round: &[Heard], covered: impl Fn(Point) -> bool) {
-        let dt = now.since(self.at).as_secs_f64();
-        self.at = now;
+    /// A round of the sonars, in order of their instants; `covered` tells where the robot itself stands.
+    pub fn update(&mut self, round: &[Heard], covered: impl Fn(Point) -> bool) {
+        for heard in round {
+            self.go_on(heard.at);
+            self.hear(heard);
+        }
+        self.tracks.retain(|track| track.likely >= FORGOTTEN && track.sigma() <= ANYWHERE && !covered(track.at()));
+        self.unite();
+        for track in &mut self.tracks {
+            track.sure = track.likely >= if track.sure { DOUBTED } else { SOMEBODY };
+        }
+    }
+
+    /// Everybody goes on as he goes until `at`, and is less likely there the longer that is.
+    fn go_on(&mut self, at: Instant) {
+        let dt = at.since(self.at).as_secs_f64();
+        if dt <= 0.0 {
+            return;
+        }
+        self.at = at;
         if dt > LATE {
             self.tracks.clear();
         }
@@ -114,14 +132,6 @@ impl People {
         for track in &mut self.tracks {
             track.go_on(dt);
             track.likely *= fade;
-        }
-        for heard in round {
-            self.hear(heard);
-        }
-        self.tracks.retain(|track| track.likely >= FORGOTTEN && track.sigma() <= ANYWHERE && !covered(track.at()));
-        self.unite();
-        for track in &mut self.tracks {
-            track.sure = track.likely >= if track.sure { DOUBTED } else { SOMEBODY };
         }
     }
 
@@ -173,8 +183,8 @@ impl People {
 
     /// Everybody who is there, or may be, as he is at `now`.
     pub fn around(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
-        let late = (now.since(self.at) + READING_AGE).as_secs_f64();
-        let fresh = now.since(self.at) <= Duration::from_secs(1);
+        let late = now.since(self.at);
+        let (fresh, late) = (late <= BELIEVED, late.as_secs_f64());
         let likely = move |track: &&Track| fresh && track.likely >= MAYBE;
         self.tracks.iter().filter(likely).map(move |track| {
             let mut track = *track;
@@ -205,7 +215,7 @@ impl Echo {
         let dx = heard.from.x + middle * cos - track.mean[0];
         let dy = heard.from.y + middle * sin - track.mean[1];
         let (along, across) = (dx * cos + dy * sin, dy * cos - dx * sin);
-        let (near, wide) = noise(distance);
+        let (near, wide) = noise(distance, heard.spread);
         let spread = (track.variance(cos, sin) + near, track.variance(-sin, cos) + wide);
         Self { distance, along, across, spread, off: along * along / spread.0 + across * across / spread.1 }
     }
@@ -216,8 +226,8 @@ impl Echo {
 }
 
 /// Variances of a place that was heard, along the beam and across it, m².
-fn noise(distance: f64) -> (f64, f64) {
-    let across = ACROSS_LEAST + ACROSS * distance;
+fn noise(distance: f64, spread: f64) -> (f64, f64) {
+    let across = ACROSS_LEAST + ACROSS * spread * distance;
     (ALONG * ALONG, across * across)
 }
 
@@ -226,7 +236,7 @@ impl Track {
         let (cos, sin) = heard.axis;
         let middle = distance + INSIDE;
         let mean = [heard.from.x + middle * cos, heard.from.y + middle * sin, 0.0, 0.0];
-        let (near, wide) = noise(distance);
+        let (near, wide) = noise(distance, heard.spread);
         let mut covariance = [[0.0; 4]; 4];
         covariance[0][0] = near * cos * cos + wide * sin * sin;
         covariance[1][1] = near * sin * sin + wide * cos * cos;
@@ -287,7 +297,7 @@ impl Track {
 
     fn is_heard(&mut self, heard: &Heard, echo: &Echo) {
         let (cos, sin) = heard.axis;
-        let (near, wide) = noise(echo.distance);
+        let (near, wide) = noise(echo.distance, heard.spread);
         self.correct((cos, sin), echo.along, near);
         self.correct((-sin, cos), echo.across, wide);
         // How much likelier such an echo is of him than of nobody.
@@ -306,12 +316,12 @@ impl Track {
         if along <= 0.0 || along > REACH || hidden {
             return;
         }
-        let off = across / (TAN_BEAM * along);
+        let off = across / (heard.spread * along);
         if off.abs() >= 1.0 {
             return;
         }
         // Less so where it is not known whether he is in the beam.
-        let wide = (TAN_BEAM * along) * (TAN_BEAM * along);
+        let wide = (heard.spread * along) * (heard.spread * along);
         let within = wide / (wide + self.variance(-sin, cos));
         let miss = 1.0 - within * (1.0 - 0.5 * off * off) * sure(along - INSIDE);
         self.likely = self.likely * miss / (self.likely * miss + 1.0 - self.likely);
@@ -327,14 +337,20 @@ fn sure(distance: f64) -> f64 {
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
     use super::*;
+    use base::Duration;
+
+    /// A sonar at the origin that heard nothing.
+    fn heard(at: Instant, axis: (f64, f64)) -> Heard {
+        Heard { at, from: Point::default(), axis, spread: 0.52, echo: None, mapped: false }
+    }
 
     /// Three sonars that look ahead, side by side, and what they hear of somebody at a place.
-    fn round(at: Option<Point>) -> Vec<Heard> {
+    fn round(now: Instant, at: Option<Point>) -> Vec<Heard> {
         let sonar = |angle: f64| {
             let (sin, cos) = libm::sincos(angle);
             let within = at.filter(|at| (libm::atan2(at.y, at.x) - angle).abs() < 0.48);
             let echo = within.map(|at| libm::hypot(at.x, at.y) - INSIDE);
-            Heard { from: Point::default(), axis: (cos, sin), echo, mapped: false }
+            Heard { echo, ..heard(now, (cos, sin)) }
         };
         [-0.44, 0.0, 0.44].map(sonar).to_vec()
     }
@@ -345,7 +361,7 @@ mod tests {
         for n in 0..rounds {
             now = Instant::from_millis(10_000) + Duration::from_millis(250 * n);
             let time = 0.25 * n as f64;
-            people.update(now, &round(Some(Point { x: at.x + vx * time, y: at.y + vy * time })), |_| false);
+            people.update(&round(now, Some(Point { x: at.x + vx * time, y: at.y + vy * time })), |_| false);
         }
         now
     }
@@ -353,21 +369,21 @@ mod tests {
     #[test]
     fn one_echo_may_be_of_nobody_and_two_are_of_somebody() {
         let mut people = People::default();
-        let heard = |echo| Heard { from: Point::default(), axis: (1.0, 0.0), echo, mapped: false };
         let now = Instant::from_millis(10_000);
-        people.update(now, &[heard(Some(1.5))], |_| false);
+        let then = now + Duration::from_millis(250);
+        people.update(&[Heard { echo: Some(1.5), ..heard(now, (1.0, 0.0)) }], |_| false);
         assert!(!people.around(now).next().unwrap().sure);
-        people.update(now + Duration::from_millis(250), &[heard(Some(1.4))], |_| false);
-        let person = people.around(now + Duration::from_millis(250)).next().unwrap();
+        people.update(&[Heard { echo: Some(1.4), ..heard(then, (1.0, 0.0)) }], |_| false);
+        let person = people.around(then).next().unwrap();
         assert!(person.sure && (person.at.x - 1.5).abs() < 0.25, "{person:?}");
     }
 
     #[test]
     fn what_the_map_has_is_nobody() {
         let mut people = People::default();
-        let wall = Heard { from: Point::default(), axis: (1.0, 0.0), echo: Some(1.0), mapped: true };
         let now = Instant::from_millis(10_000);
-        people.update(now, &[wall; 4], |_| false);
+        let wall = Heard { echo: Some(1.0), mapped: true, ..heard(now, (1.0, 0.0)) };
+        people.update(&[wall; 4], |_| false);
         assert_eq!(people.around(now).count(), 0);
     }
 
@@ -391,7 +407,7 @@ mod tests {
             let mut rounds = 0;
             while people.around(now).any(|person| person.sure) {
                 now += Duration::from_millis(250);
-                people.update(now, &round(None), |_| false);
+                people.update(&round(now, None), |_| false);
                 rounds += 1;
             }
             rounds
@@ -409,10 +425,10 @@ mod tests {
             let heard = |k: usize| {
                 let (sin, cos) = libm::sincos((n * 7 + k * 31) as f64);
                 let from = Point { x: (k % 5) as f64 - 2.0, y: (k % 3) as f64 - 1.0 };
-                Heard { from, axis: (cos, sin), echo: Some(0.1 + (k % 24) as f64 / 10.0), mapped: false }
+                Heard { from, echo: Some(0.1 + (k % 24) as f64 / 10.0), ..super::tests::heard(now, (cos, sin)) }
             };
             let round: Vec<Heard> = (0..32).map(heard).collect();
-            people.update(now, &round, |_| false);
+            people.update(&round, |_| false);
             assert!(people.tracks.len() <= MOST);
             assert!(people.around(now).all(|person| person.at.x.is_finite() && person.sigma.is_finite()));
         }

@@ -1,17 +1,19 @@
 //! The module around it: what it hears, when it acts, what it says.
 
 use crate::config::Config;
-use crate::goal::{Goal, Status};
+use crate::goal::Goal;
+use crate::goal_state::GoalState;
 use crate::mission::{Mission, Sight};
-use crate::obstacles::Obstacles;
+use crate::obstacles::{Fired, Obstacles};
+use crate::ranges::{self, Sounding};
 use crate::route::Ways;
-use crate::senses::{Senses, Taken};
+use crate::senses::{Senses, Taken, Wait};
 use crate::track::Motion;
-use base::{Duration, Fault, Instant, Severity, Ticker};
-use messages::lowlevel::{CmdMotion, DataSrfs, EventStop};
+use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
+use messages::lowlevel::CmdMotion;
 use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, DataPlan};
-use messages::{Channel, Message};
-use module::{Actions, Event, Module, State};
+use messages::{Channel, Message, StopSource};
+use module::{Actions, Event, Holds, Module, Standing, State};
 
 /// The module's name, and the source of its motion.
 pub const NAME: &str = "planner";
@@ -24,6 +26,18 @@ const TELL: Duration = Duration::from_millis(200);
 const SHOW: Duration = Duration::from_secs(1);
 /// After the last motion zero is commanded so often before it falls silent: one may be lost.
 const ZEROS: u32 = 10;
+
+base::deadlines! {
+    /// Periodic work, from the start on.
+    enum Timer {
+        /// A turn of the control loop.
+        Control,
+        /// `ML_DATA_GOAL` is published.
+        Goal,
+        /// `ML_DATA_PLAN` and `ML_DATA_OBSTACLES` are published.
+        Scene,
+    }
+}
 
 /// The module.
 pub struct Planner {
@@ -40,12 +54,12 @@ pub struct Planner {
     bad: bool,
     /// It drove by itself at the last step.
     drove: bool,
-    /// Why it does not drive, in words.
-    waits: Option<String>,
-    told: (i32, usize, Status, String),
-    control: Ticker,
-    tell: Ticker,
-    show: Ticker,
+    /// Why it does not drive, the weightiest first.
+    waits: Vec<Wait>,
+    holds: Holds,
+    /// Goal, waypoint, status and text as published last.
+    told: (i32, usize, i8, String),
+    deadlines: Deadlines<Timer>,
 }
 
 impl Planner {
@@ -62,11 +76,10 @@ impl Planner {
             zeros: 0,
             bad: false,
             drove: false,
-            waits: None,
-            told: (0, 0, Status::Idle, String::new()),
-            control: Ticker::new(Instant::NEVER, CONTROL),
-            tell: Ticker::new(Instant::NEVER, TELL),
-            show: Ticker::new(Instant::NEVER, SHOW),
+            waits: Vec::new(),
+            holds: Holds::default(),
+            told: (0, 0, DataGoal::IDLE, String::new()),
+            deadlines: Deadlines::new(),
         }
     }
 
@@ -75,13 +88,21 @@ impl Planner {
         match message {
             Message::MlDataEstimate(estimate) => self.on_estimate(at, estimate, out),
             Message::LlDataMotion(motion) => self.senses.on_motion(at, motion),
+            Message::LlDataHold(holds) => self.senses.on_hold(at, holds),
             Message::LlEventStop(stop) => {
                 self.senses.on_stop(stop);
-                if let Some(front) = bumper(stop) {
+                let source = StopSource::from_name(&stop.source);
+                if let Some(front) = source.is_front_bumper().filter(|_| stop.engaged) {
                     self.mission.bump(front);
                 }
             }
-            Message::LlDataSrfs(srfs) => self.on_sonars(now, at, srfs),
+            Message::LlDataRanges(ranges) => {
+                self.senses.on_ranges(at);
+                self.on_soundings(now, &ranges::of_ranges(at, ranges));
+            }
+            Message::LlDataSrfs(srfs) if self.senses.lacks_ranges(at) => {
+                self.on_soundings(now, &ranges::of_srfs(at, srfs, self.config.sonar_beam));
+            }
             Message::MlCmdGoal(goal) => self.on_goal(goal, out),
             _ => {}
         }
@@ -111,25 +132,32 @@ impl Planner {
         }
     }
 
-    fn on_sonars(&mut self, now: Instant, at: Instant, srfs: &DataSrfs) {
-        self.senses.on_sonars(at);
-        let Some(fired) = self.senses.when_fired(at) else { return };
+    fn on_soundings(&mut self, now: Instant, soundings: &[Sounding]) {
+        self.senses.on_soundings(soundings);
+        let fired = |sounding: &Sounding| {
+            let located = self.senses.when_fired(sounding.at)?;
+            Some(Fired { sounding: *sounding, robot: located.pose, speed: located.moved.translation })
+        };
+        let Some(round) = soundings.iter().map(fired).collect::<Option<Vec<_>>>() else { return };
+        let known = soundings.iter().filter(|sounding| sounding.is_known());
+        let newest = known.map(|sounding| sounding.at).max().unwrap_or(now);
+        let Some(last) = self.senses.when_fired(newest) else { return };
         let (body, ways) = (&self.config.body, &self.ways);
         // The pose may be off by so much to either side.
-        let slack = 0.10 + 2.0 * fired.sigma.min(0.2);
-        let speed = fired.moved.translation;
+        let slack = 0.10 + 2.0 * last.sigma.min(0.2);
+        let robot = last.pose;
         let mapped = |point| ways.is_mapped(point, slack);
-        self.obstacles.update(now, fired.pose, speed, &srfs.srfs, |point| body.covers(point, 0.0), mapped);
+        self.obstacles.update(now, robot, &round, |point| body.covers(point, 0.0), mapped);
         self.mission.look(now, &self.obstacles, &self.config);
     }
 
     fn on_goal(&mut self, command: &CmdGoal, out: &mut Actions) {
         match Goal::of(command) {
             Ok(Some(goal)) => self.mission.begin(goal),
-            Ok(None) => self.mission.end(command.id, Status::Cancelled, "cancelled: there is no goal".into()),
+            Ok(None) => self.mission.end(command.id, GoalState::Cancelled),
             Err(why) => {
                 out.report(Severity::Warning, Fault::GoalRefused, "", format!("goal {} refused: {why}", command.id));
-                self.mission.end(command.id, Status::Failed, format!("refused: {why}"));
+                self.mission.end(command.id, GoalState::Refused(why));
             }
         }
     }
@@ -143,8 +171,10 @@ impl Planner {
     fn control(&mut self, now: Instant, out: &mut Actions) {
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
-        self.waits = self.senses.objection(now, NAME);
-        let drives = wants && self.waits.is_none();
+        // Blind ahead it does not drive back either: from there it could not go on.
+        let blind = self.obstacles.is_blind(now, true, &self.config.body);
+        self.waits = self.senses.waits(now, NAME, blind);
+        let drives = wants && self.waits.is_empty();
         if self.drove && !drives {
             self.mission.interrupt();
         }
@@ -189,29 +219,48 @@ impl Planner {
         if sane { Motion { speed, steering } } else { Motion { speed: 0.0, steering: 0.0 } }
     }
 
+    /// What keeps a goal from being driven to.
+    fn waits(&self) -> &[Wait] {
+        if self.mission.has_goal() { &self.waits } else { &[] }
+    }
+
+    fn publish_holds(&mut self, now: Instant, out: &mut Actions) {
+        let mut holds = std::mem::take(&mut self.holds);
+        let waits = self.waits();
+        // Of a goal that nothing keeps from being driven to, the mission knows what it does about it.
+        let own = self.mission.hold().filter(|_| waits.is_empty());
+        let own = own.as_ref().map(|(hold, subject)| Standing::new(*hold, subject));
+        let waits =
+            waits.iter().map(|wait| Standing { hold: wait.hold, subject: &wait.subject, latched: wait.latched });
+        holds.publish(now, NAME, waits.chain(own), out);
+        self.holds = holds;
+    }
+
     fn tell(&mut self, now: Instant, out: &mut Actions) {
-        let (id, waypoint, status, words) = self.mission.status();
-        let words = self.waits.as_deref().filter(|_| self.mission.has_goal()).unwrap_or(words);
-        let told = (self.told.0, self.told.1, self.told.2, self.told.3.as_str());
-        let changed = (id, waypoint, status, words) != told;
-        if !(self.tell.due(now) | changed) {
+        self.publish_holds(now, out);
+        let (id, waypoint, state) = self.mission.status();
+        let message = self.waits().first().map_or_else(|| state.to_string(), |wait| wait.message(NAME));
+        let told = (id, waypoint, state.status() as i8, message);
+        let changed = told != self.told;
+        if !(self.deadlines.tick(Timer::Goal, now, TELL) | changed) {
             return;
         }
+        if changed {
+            self.told = told;
+        }
+        let (id, waypoint, status, message) = &self.told;
         out.publish(DataGoal {
             timestamp: out.timestamp(now),
-            id,
-            waypoint: waypoint as i32,
-            status: status as i8,
+            id: *id,
+            waypoint: *waypoint as i32,
+            status: *status,
             remaining: self.mission.remaining(),
-            message: words.into(),
+            message: message.clone(),
         });
-        if changed {
-            self.told = (id, waypoint, status, words.into());
-        }
     }
 
     fn show(&mut self, now: Instant, out: &mut Actions) {
-        let due = self.show.due(now);
+        let due = self.deadlines.tick(Timer::Scene, now, SHOW);
         if self.mission.take_replanned() | due {
             let (x, y) = self.mission.path();
             out.publish(DataPlan { timestamp: out.timestamp(now), x, y });
@@ -223,30 +272,33 @@ impl Planner {
     }
 }
 
-/// Whether a bumper in front is pressed, 1 to 4, or one behind.
-fn bumper(stop: &EventStop) -> Option<bool> {
-    let number: u32 = stop.source.strip_prefix("bumper").filter(|_| stop.engaged)?.parse().ok()?;
-    Some(number <= 4)
-}
-
 impl Module for Planner {
     fn subscriptions(&self) -> &[Channel] {
-        &[Channel::MlDataEstimate, Channel::LlDataMotion, Channel::LlDataSrfs, Channel::LlEventStop, Channel::MlCmdGoal]
+        &[
+            Channel::MlDataEstimate,
+            Channel::LlDataMotion,
+            Channel::LlDataHold,
+            Channel::LlDataRanges,
+            Channel::LlDataSrfs,
+            Channel::LlEventStop,
+            Channel::MlCmdGoal,
+        ]
     }
 
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => {
-                self.control = Ticker::new(now, CONTROL);
-                self.tell = Ticker::new(now, TELL);
-                self.show = Ticker::new(now, SHOW);
+                for timer in [Timer::Control, Timer::Goal, Timer::Scene] {
+                    self.deadlines.set(timer, now);
+                }
+                self.holds.start(now);
                 out.working();
             }
             Event::Message { at, message } => self.on_message(now, at, message, out),
             Event::State(state) => self.senses.state = Some(state),
             Event::Timer | Event::Port { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
-        if self.control.due(now) && self.is_busy() {
+        if self.deadlines.tick(Timer::Control, now, CONTROL) && self.is_busy() {
             self.control(now, out);
         }
         self.tell(now, out);
@@ -254,8 +306,12 @@ impl Module for Planner {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let control = if self.is_busy() { self.control.next() } else { Instant::NEVER };
-        [control, self.tell.next(), self.show.next()].into_iter().min()
+        let mut due = self.deadlines;
+        // While there is nothing to control the loop keeps its grid, and wakes nobody.
+        if !self.is_busy() {
+            due.clear(Timer::Control);
+        }
+        earliest([due.next(), Some(self.holds.next())])
     }
 }
 

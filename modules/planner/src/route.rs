@@ -2,6 +2,7 @@
 
 use crate::config::{Body, Config};
 use crate::goal::Waypoint;
+use crate::goal_state::Hindrance;
 use crate::map::{Field, Frame, Map, Obstacle, Unknown};
 use crate::obstacles::Obstacles;
 use crate::path::Path;
@@ -43,8 +44,8 @@ pub enum Progress {
     Found(Vec<(Pose, bool)>),
     /// There is none.
     NoWay {
-        /// In words.
-        why: String,
+        /// What is in the way.
+        why: Hindrance,
         /// As the map is there never will be.
         forever: bool,
     },
@@ -137,7 +138,7 @@ impl Route {
     /// Looks on for a few milliseconds. An answer is given once more when asked again.
     pub fn advance(&mut self, ways: &mut Ways) -> Progress {
         let Some(field) = (if self.around { &ways.live } else { &ways.still }) else {
-            return Progress::NoWay { why: "the floor between is too large".into(), forever: true };
+            return Progress::NoWay { why: Hindrance::FloorTooLarge, forever: true };
         };
         if self.over {
             return Progress::Going;
@@ -155,7 +156,7 @@ impl Route {
             Status::NoWay(why) => {
                 self.over = true;
                 let forever = matches!(why, NoWay::GoalBlocked | NoWay::Unreachable | NoWay::Invalid);
-                Progress::NoWay { why: why.to_string(), forever }
+                Progress::NoWay { why: Hindrance::Search(why), forever }
             }
         }
     }

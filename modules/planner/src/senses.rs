@@ -1,22 +1,23 @@
 //! What the planner knows of the robot from others: where it is, how it moves, and what stands against driving.
 
+use crate::goal_state::FRONT;
+use crate::ranges::{BELIEVED, Sounding};
 use base::{Duration, Instant};
-use messages::lowlevel::{DataMotion, EventStop};
+use messages::lowlevel::{DataHold, DataMotion, EventStop};
 use messages::middlelevel::DataEstimate;
+use messages::{Hold, MOTION_MODULE, StopSource};
 use module::State;
 use navitools::{Motion as Moved, Pose};
 use std::collections::VecDeque;
 
 /// An estimate that is older is none: the same as `driver_canbus` has.
 const ESTIMATE_OLD: Duration = Duration::from_millis(200);
-/// `LL_DATA_MOTION` comes at 20 Hz.
+/// `LL_DATA_MOTION` comes at 20 Hz, `LL_DATA_HOLD` at 5 Hz.
 const MOTION_OLD: Duration = Duration::from_millis(500);
-/// Sonars come at 4 Hz.
-const SONARS_OLD: Duration = Duration::from_secs(1);
-/// Poses are kept so long: a sonar's reading is at most 0.3 s old.
-const HISTORY: Duration = Duration::from_millis(600);
-/// How old a reading is on average when it arrives: half of a poll, the slot, and the bus.
-pub(crate) const READING_AGE: Duration = Duration::from_millis(170);
+/// Poses are kept longer than readings of the sonars are believed.
+const HISTORY: Duration = Duration::from_millis(1200);
+/// `LL_DATA_SRFS` is not listened to for this long after `LL_DATA_RANGES`, which comes at least each second.
+const RANGES_GONE: Duration = Duration::from_millis(1500);
 /// An estimator whose time went back for this long was started anew.
 const STARTED_ANEW: Duration = Duration::from_secs(1);
 /// The estimate has jumped: the robot was put elsewhere, or found itself; m and rad.
@@ -58,8 +59,14 @@ pub struct Senses {
     /// Of the last estimate that was taken, and when.
     stamp: Option<(i64, Instant)>,
     motion: Option<(Instant, DataMotion)>,
-    paused: Option<String>,
+    /// What stands against motion, by `driver_canbus`.
+    holds: Option<(Instant, DataHold)>,
+    /// Source of PAUSE, with its name as it was reported.
+    paused: Option<(StopSource, String)>,
+    /// When the newest reading of a sonar was fired.
     sonars: Option<Instant>,
+    /// When `LL_DATA_RANGES` came last.
+    ranges: Option<Instant>,
 }
 
 impl Senses {
@@ -106,14 +113,33 @@ impl Senses {
         self.motion = sane.then(|| (at, motion.clone()));
     }
 
-    /// The PAUSE line.
-    pub fn on_stop(&mut self, stop: &EventStop) {
-        self.paused = stop.engaged.then(|| stop.source.clone());
+    /// What stands against motion.
+    pub fn on_hold(&mut self, at: Instant, holds: &DataHold) {
+        if holds.is_of_motion() {
+            self.holds = Some((at, holds.clone()));
+        }
     }
 
-    /// A round of the sonars, whatever they heard.
-    pub fn on_sonars(&mut self, at: Instant) {
-        self.sonars = Some(at);
+    /// The PAUSE line.
+    pub fn on_stop(&mut self, stop: &EventStop) {
+        self.paused = stop.engaged.then(|| (StopSource::from_name(&stop.source), stop.source.clone()));
+    }
+
+    /// Readings of the sonars.
+    pub fn on_soundings(&mut self, soundings: &[Sounding]) {
+        let newest = soundings.iter().filter(|sounding| sounding.is_known()).map(|sounding| sounding.at).max();
+        self.sonars = self.sonars.max(newest);
+    }
+
+    /// `LL_DATA_RANGES` came.
+    pub fn on_ranges(&mut self, at: Instant) {
+        self.ranges = Some(at);
+    }
+
+    /// True if `LL_DATA_RANGES` does not come, and the view of 2011 has to do.
+    #[must_use]
+    pub fn lacks_ranges(&self, at: Instant) -> bool {
+        self.ranges.is_none_or(|last| at.since(last) >= RANGES_GONE)
     }
 
     /// Where the robot is at `now`.
@@ -123,11 +149,9 @@ impl Senses {
         Some(Located { pose: last.pose_at(now), at: now, ..*last })
     }
 
-    /// Where the robot was when sonars were fired whose readings were received at `at`.
+    /// Where the robot was when a sonar was fired.
     #[must_use]
-    pub fn when_fired(&self, at: Instant) -> Option<Located> {
-        let back = at.since(Instant::ZERO + READING_AGE);
-        let fired = Instant::ZERO + back;
+    pub fn when_fired(&self, fired: Instant) -> Option<Located> {
         let before = self.estimates.iter().rev().find(|known| known.at <= fired).or(self.estimates.front())?;
         Some(Located { pose: before.pose_at(fired), at: fired, ..*before })
     }
@@ -142,53 +166,99 @@ impl Senses {
         })
     }
 
-    /// Whether `driver_canbus` does what the planner says.
+    /// All that stands against driving at `now`, the weightiest first; empty: nothing. `source`: the planner's name;
+    /// `blind`: nothing is known of the sonars that look ahead.
     #[must_use]
-    pub fn holds(&self, source: &str) -> bool {
-        self.motion.as_ref().is_some_and(|(_, motion)| motion.source == source && motion.reason.is_empty())
-    }
-
-    /// What stands against driving at `now`, in words; none: nothing.
-    #[must_use]
-    pub fn objection(&self, now: Instant, source: &str) -> Option<String> {
-        match self.state {
-            Some(State::Run) => {}
-            Some(state) => return Some(format!("{source} is in {state}")),
-            None => return Some(format!("{source} has not started")),
+    pub fn waits(&self, now: Instant, source: &str, blind: bool) -> Vec<Wait> {
+        let mut waits = Vec::new();
+        let mut add = |hold, subject: &str| waits.push(Wait::new(hold, subject));
+        if let Some(hold) = self.state.unwrap_or(State::Init).hold() {
+            add(hold, source);
         }
-        if let Some(source) = &self.paused {
-            return Some(format!("waits: PAUSE is engaged by {source}"));
+        if let Some((by, name)) = &self.paused {
+            add(by.hold(), name);
         }
         match self.quality {
             _ if self.located(now).is_some() => {}
-            None => return Some("waits for an estimate".into()),
-            Some(DataEstimate::LOST) => return Some("waits: the estimator is lost".into()),
-            Some(DataEstimate::SEARCHING) => return Some("waits: the estimator searches where the robot is".into()),
-            Some(_) => return Some("waits: the estimate is old or no number".into()),
+            None => add(Hold::NoEstimate, ""),
+            Some(DataEstimate::LOST) => add(Hold::EstimateLost, ""),
+            Some(DataEstimate::SEARCHING) => add(Hold::EstimateSearching, ""),
+            Some(_) => add(Hold::EstimateBad, ""),
         }
-        if self.sonars.is_none_or(|at| now.since(at) >= SONARS_OLD) {
-            return Some("waits: the sonars are not heard".into());
+        if self.sonars.is_none_or(|at| now.since(at) >= BELIEVED) {
+            add(Hold::SonarsSilent, "");
+        } else if blind {
+            add(Hold::SonarsUnknown, FRONT);
         }
-        let motion = self.motion.as_ref().filter(|(at, _)| now.since(*at) < MOTION_OLD);
-        let Some((_, motion)) = motion else { return Some("waits: driver_canbus is not heard".into()) };
-        if motion.reason.contains(LATCHED) {
-            return Some(format!("waits for an operator: a goal given anew, or {source} RUN by hand"));
+        self.add_driver(now, source, &mut waits);
+        waits
+    }
+
+    /// What `driver_canbus` has against it.
+    fn add_driver(&self, now: Instant, source: &str, waits: &mut Vec<Wait>) {
+        let fresh = |at: &Instant| now.since(*at) < MOTION_OLD;
+        let motion = self.motion.as_ref().filter(|(at, _)| fresh(at));
+        let holds = self.holds.as_ref().filter(|(at, _)| fresh(at));
+        let (Some((_, motion)), Some((_, list))) = (motion, holds) else {
+            waits.push(Wait::new(Hold::ModuleSilent, MOTION_MODULE));
+            return;
+        };
+        if !motion.source.is_empty() && motion.source != source && list.first() != Some(Hold::PlannerLatched) {
+            waits.push(Wait::new(Hold::OtherSource, &motion.source));
         }
-        if !motion.source.is_empty() && motion.source != source {
-            return Some(format!("waits: {} drives the robot", motion.source));
+        for (place, told) in list.holds.iter().enumerate() {
+            // A cause of a later version stands against driving all the same.
+            let hold = told.cause().unwrap_or(Hold::ModuleError);
+            if hold.is_idle() || waits.iter().any(|wait| wait.hold == hold && wait.subject == told.subject) {
+                continue;
+            }
+            // The driver's own text has the figures of its weightiest cause.
+            let text = (place == 0 && motion.timestamp >= list.timestamp).then(|| motion.reason.clone());
+            let words = text.filter(|text| !text.is_empty()).unwrap_or_else(|| told.words());
+            waits.push(Wait { hold, subject: told.subject.clone(), latched: told.latched, words });
         }
-        match motion.reason.as_str() {
-            "" if motion.source == source => None,
-            "" | NOBODY => Some("begins".into()),
-            reason => Some(format!("waits: {reason}")),
+        if waits.is_empty() && motion.source != source {
+            waits.push(Wait::new(Hold::Starting, ""));
         }
     }
 }
 
-/// Words of `driver_canbus`: the planner is latched out.
-const LATCHED: &str = "must be let go by an operator";
-/// And: it has heard of no source yet.
-const NOBODY: &str = "nobody commands the motion";
+/// A cause for which the planner does not drive.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Wait {
+    /// What.
+    pub hold: Hold,
+    /// Which module, drive or source; empty where the cause has no subject.
+    pub subject: String,
+    /// Stays until a person acts.
+    pub latched: bool,
+    words: String,
+}
+
+impl Wait {
+    fn new(hold: Hold, subject: &str) -> Self {
+        Self { hold, subject: subject.into(), latched: hold.is_latched(), words: hold.words(subject) }
+    }
+
+    /// The text of `ML_DATA_GOAL`. `source`: the planner's name.
+    #[must_use]
+    pub fn message(&self, source: &str) -> String {
+        let Self { hold, subject, words, .. } = self;
+        match hold {
+            Hold::NoEstimate => "waits for an estimate".into(),
+            Hold::Starting => "begins".into(),
+            Hold::PlannerLatched if subject == source => {
+                format!("waits for an operator: a goal given anew, or {source} RUN by hand")
+            }
+            Hold::ModuleInit | Hold::ModulePaused | Hold::ModuleStopped | Hold::ModuleError | Hold::ModuleEnding
+                if subject == source =>
+            {
+                words.clone()
+            }
+            _ => format!("waits: {words}"),
+        }
+    }
+}
 
 impl Located {
     /// Where it has come to, or came from, by going on as it moved.
@@ -203,6 +273,7 @@ impl Located {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ranges::{Heard, Mount};
 
     fn ms(ms: u64) -> Instant {
         Instant::from_millis(ms)
@@ -212,58 +283,143 @@ mod tests {
         DataEstimate { timestamp: stamp, x, speed: 1.0, quality: DataEstimate::FINE, ..Default::default() }
     }
 
+    fn holds(timestamp: i64, holds: &[(Hold, &str)]) -> DataHold {
+        let row = |&(hold, subject): &(Hold, &str)| messages::lowlevel::Hold {
+            code: hold.code(),
+            subject: subject.into(),
+            latched: hold.is_latched(),
+            since: 0,
+        };
+        DataHold { timestamp, module: MOTION_MODULE.into(), holds: holds.iter().map(row).collect() }
+    }
+
+    fn fired(at: Instant, heard: Heard) -> [Sounding; 1] {
+        [Sounding { id: 0, at, mount: Mount::default(), heard }]
+    }
+
     fn ready() -> Senses {
         let mut senses = Senses { state: Some(State::Run), ..Senses::default() };
         senses.on_estimate(ms(1000), &estimate(1, 0.0));
-        senses.on_sonars(ms(1000));
+        senses.on_soundings(&fired(ms(1000), Heard::Silent));
         senses.on_motion(ms(1000), &DataMotion { source: "planner".into(), ..Default::default() });
+        senses.on_hold(ms(1000), &holds(0, &[]));
         senses
     }
 
-    fn why(senses: &Senses, at: u64) -> String {
-        senses.objection(ms(at), "planner").unwrap_or_default()
+    /// All causes, and the text of the first.
+    fn why(senses: &Senses, at: u64) -> (Vec<(Hold, String)>, String) {
+        let waits = senses.waits(ms(at), "planner", false);
+        let text = waits.first().map_or(String::new(), |wait| wait.message("planner"));
+        (waits.into_iter().map(|wait| (wait.hold, wait.subject)).collect(), text)
+    }
+
+    fn one(hold: Hold, subject: &str, text: &str) -> (Vec<(Hold, String)>, String) {
+        (vec![(hold, subject.into())], text.into())
     }
 
     #[test]
     fn nothing_stands_against_driving_when_all_is_well() {
-        assert_eq!(why(&ready(), 1100), "");
-        assert!(ready().holds("planner"));
+        assert_eq!(why(&ready(), 1100), (vec![], String::new()));
     }
 
     #[test]
-    fn what_stands_against_driving_is_said_in_words() {
+    fn what_stands_against_driving_has_its_number_and_its_text() {
         let mut senses = ready();
         senses.state = Some(State::Pause);
-        assert_eq!(why(&senses, 1100), "planner is in PAUSE");
+        assert_eq!(why(&senses, 1100), one(Hold::ModulePaused, "planner", "planner is in PAUSE"));
         let mut senses = ready();
         senses.on_stop(&EventStop { timestamp: 0, engaged: true, source: "button".into() });
-        assert_eq!(why(&senses, 1100), "waits: PAUSE is engaged by button");
+        assert_eq!(why(&senses, 1100), one(Hold::PauseButton, "button", "waits: PAUSE is engaged by button"));
         let mut senses = ready();
         senses.on_estimate(ms(1050), &DataEstimate { quality: DataEstimate::LOST, ..estimate(2, 0.0) });
-        assert_eq!(why(&senses, 1100), "waits: the estimator is lost");
-        assert_eq!(why(&ready(), 1200), "waits: the estimate is old or no number");
+        assert_eq!(why(&senses, 1100), one(Hold::EstimateLost, "", "waits: the estimator is lost"));
+        let old = one(Hold::EstimateBad, "", "waits: the estimate is old or no number");
+        assert_eq!(why(&ready(), 1200), old);
+        let fresh = Senses { estimates: VecDeque::new(), quality: None, ..ready() };
+        assert_eq!(why(&fresh, 1100), one(Hold::NoEstimate, "", "waits for an estimate"));
         let mut senses = ready();
         senses.on_estimate(ms(2000), &estimate(3, 0.0));
-        assert_eq!(why(&senses, 2000), "waits: the sonars are not heard");
-        senses.on_sonars(ms(2000));
-        assert_eq!(why(&senses, 2000), "waits: driver_canbus is not heard");
+        senses.on_motion(ms(2000), &DataMotion { source: "planner".into(), ..Default::default() });
+        senses.on_hold(ms(2000), &holds(0, &[]));
+        assert_eq!(why(&senses, 2000), one(Hold::SonarsSilent, "", "waits: the sonars are not heard"));
+        senses.on_soundings(&fired(ms(2000), Heard::Unknown));
+        assert_eq!(why(&senses, 2000).0.len(), 1, "messages of dead sonars are no readings");
+        senses.on_soundings(&fired(ms(2000), Heard::NoEcho));
+        assert_eq!(why(&senses, 2000).0, []);
+        let silent = one(Hold::ModuleSilent, MOTION_MODULE, "waits: driver_canbus is not heard");
+        senses.on_estimate(ms(2500), &estimate(4, 0.5));
+        senses.on_motion(ms(2500), &DataMotion { source: "planner".into(), ..Default::default() });
+        assert_eq!(why(&senses, 2500), silent, "LL_DATA_HOLD is missing");
     }
 
     #[test]
-    fn a_latched_planner_waits_for_an_operator_by_name() {
+    fn all_that_stands_is_listed_each_once() {
         let mut senses = ready();
-        let says = |senses: &mut Senses, source: &str, reason: &str| {
+        senses.on_stop(&EventStop { timestamp: 0, engaged: true, source: "bumper2".into() });
+        senses.on_estimate(ms(1050), &DataEstimate { quality: DataEstimate::SEARCHING, ..estimate(2, 0.0) });
+        let stands = [(Hold::PauseBumper, "bumper2"), (Hold::DriveFault, "propulsion"), (Hold::NobodyCommands, "")];
+        senses.on_motion(ms(1050), &DataMotion::default());
+        senses.on_hold(ms(1050), &holds(0, &stands));
+        let all = [
+            (Hold::PauseBumper, "bumper2".to_owned()),
+            (Hold::EstimateSearching, String::new()),
+            (Hold::DriveFault, "propulsion".to_owned()),
+        ];
+        assert_eq!(why(&senses, 1100).0, all);
+    }
+
+    #[test]
+    fn a_latched_planner_waits_for_an_operator() {
+        let mut senses = ready();
+        let says = |senses: &mut Senses, source: &str, stands: &[(Hold, &str)], reason: &str| {
             let motion = DataMotion { source: source.into(), reason: reason.into(), ..Default::default() };
             senses.on_motion(ms(1100), &motion);
+            senses.on_hold(ms(1100), &holds(0, stands));
         };
-        says(&mut senses, "", "planner must be let go by an operator first");
-        assert_eq!(why(&senses, 1100), "waits for an operator: a goal given anew, or planner RUN by hand");
-        says(&mut senses, "web", "");
-        assert_eq!(why(&senses, 1100), "waits: web drives the robot");
-        says(&mut senses, "", "the steering is not homed");
-        assert_eq!(why(&senses, 1100), "waits: the steering is not homed");
-        says(&mut senses, "", "nobody commands the motion");
-        assert_eq!(why(&senses, 1100), "begins");
+        says(&mut senses, "", &[(Hold::PlannerLatched, "planner")], "");
+        let text = "waits for an operator: a goal given anew, or planner RUN by hand";
+        assert_eq!(why(&senses, 1100), one(Hold::PlannerLatched, "planner", text));
+        says(&mut senses, "web", &[], "");
+        assert_eq!(why(&senses, 1100), one(Hold::OtherSource, "web", "waits: web drives the robot"));
+        says(&mut senses, "", &[(Hold::NotHomed, "steering")], "the steering is not homed yet");
+        assert_eq!(why(&senses, 1100), one(Hold::NotHomed, "steering", "waits: the steering is not homed yet"));
+        // The driver's text has figures; it is passed on where it is about the same list.
+        let fault = [(Hold::DriveFault, "propulsion")];
+        says(&mut senses, "", &fault, "the propulsion drive is in fault, error code 0x2310");
+        assert_eq!(why(&senses, 1100).1, "waits: the propulsion drive is in fault, error code 0x2310");
+        senses.on_hold(ms(1100), &holds(1, &fault));
+        assert_eq!(why(&senses, 1100).1, "waits: the propulsion drive is in fault");
+        says(&mut senses, "", &[(Hold::NobodyCommands, "")], "nobody commands the motion");
+        assert_eq!(why(&senses, 1100), one(Hold::Starting, "", "begins"));
+    }
+
+    #[test]
+    fn other_sentences_for_the_same_causes_change_nothing() {
+        let mut senses = ready();
+        for (stands, source, drives) in [
+            (&[][..], "planner", true),
+            (&[(Hold::NobodyCommands, "")], "", false),
+            (&[(Hold::Homing, "x")], "", false),
+        ] {
+            for reason in ["", "nobody commands the motion", "must be let go by an operator", "reworded"] {
+                let motion = DataMotion { source: source.into(), reason: reason.into(), ..Default::default() };
+                senses.on_motion(ms(1100), &motion);
+                senses.on_hold(ms(1100), &holds(0, stands));
+                let causes = why(&senses, 1100).0;
+                assert_eq!(causes.is_empty(), drives, "{reason:?} {causes:?}");
+                let starting = causes.iter().any(|(hold, _)| *hold == Hold::Starting);
+                assert_eq!(starting, stands == [(Hold::NobodyCommands, "")], "{reason:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_cause_that_is_not_known_stands_against_driving() {
+        let mut senses = ready();
+        let mut list = holds(0, &[(Hold::Homing, "steering")]);
+        list.holds[0].code = 9999;
+        senses.on_hold(ms(1100), &list);
+        assert_eq!(why(&senses, 1100).1, "waits: cause 9999 of steering, which this version does not know");
     }
 
     #[test]
@@ -273,7 +429,7 @@ mod tests {
             senses.on_estimate(ms(1000 + 50 * n), &estimate(1 + n as i64, 0.05 * n as f64));
         }
         assert!((senses.located(ms(1340)).unwrap().pose.x - 0.34).abs() < 1e-9);
-        assert!((senses.when_fired(ms(1300)).unwrap().pose.x - 0.13).abs() < 1e-9);
+        assert!((senses.when_fired(ms(1130)).unwrap().pose.x - 0.13).abs() < 1e-9);
     }
 
     #[test]
@@ -294,5 +450,13 @@ mod tests {
         let mut senses = Senses::default();
         assert_eq!(senses.on_estimate(ms(5), &estimate(1, 3.0)), Taken::Jumped);
         assert_eq!(senses.located(ms(5)).unwrap().pose.x, 3.0);
+    }
+
+    #[test]
+    fn the_view_of_2011_is_for_where_nothing_better_comes() {
+        let mut senses = Senses::default();
+        assert!(senses.lacks_ranges(ms(0)));
+        senses.on_ranges(ms(1000));
+        assert!(!senses.lacks_ranges(ms(2499)) && senses.lacks_ranges(ms(2500)));
     }
 }

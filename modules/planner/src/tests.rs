@@ -2,11 +2,13 @@
 
 use super::*;
 use crate::config::{Body, Limits, Manners};
-use messages::lowlevel::{DataMotion, Range};
+use messages::Hold;
+use messages::lowlevel::{self, DataHold, DataMotion, DataRanges, DataSrfs, Reading};
 use messages::middlelevel::Waypoint;
 use module::bench::Bench;
 use module::{Shell, ShellConfig};
 use navitools::{Motion as Moved, Point, Pose, wrap};
+use std::ops::Range;
 
 const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
 const LIMITS: Limits = Limits {
@@ -46,7 +48,10 @@ struct Robot {
     steering: f64,
     command: Motion,
     heard: Instant,
-    reason: String,
+    /// What `driver_canbus` has against motion.
+    stands: Option<Hold>,
+    /// What the planner waits for, by its own list.
+    holds: DataHold,
     discs: Vec<(Point, f64)>,
     ticks: u64,
     blind: bool,
@@ -56,6 +61,19 @@ struct Robot {
     commands: u32,
     lost: bool,
     deaf: bool,
+    /// The drives keep their speed whatever is commanded.
+    pushed: bool,
+    /// Ticks between two messages of the ranges.
+    poll: u64,
+    /// Of these nothing is known.
+    dead: Range<usize>,
+    /// Messages are those of 2011.
+    old: bool,
+    /// What each sonar hears in its slot, and heard in its last finished one, and when it fired.
+    firing: [(i64, f64); 16],
+    heard_last: [(i64, f64); 16],
+    /// What is sensed, of all messages.
+    sensed: Vec<Point>,
 }
 
 impl Robot {
@@ -64,7 +82,7 @@ impl Robot {
     }
 
     fn on(map: Option<crate::map::Map>) -> Self {
-        let config = Config { body: BODY, limits: LIMITS, manners: Manners::default(), map };
+        let config = Config { body: BODY, limits: LIMITS, manners: Manners::default(), sonar_beam: 0.96, map };
         let shell = Shell::new(ShellConfig::new(NAME), Box::new(Planner::new(config)));
         let mut bench = Bench::new(shell);
         bench.start();
@@ -75,7 +93,8 @@ impl Robot {
             steering: 0.0,
             command: Motion::default(),
             heard: Instant::ZERO,
-            reason: String::new(),
+            stands: None,
+            holds: DataHold::default(),
             discs: Vec::new(),
             ticks: 0,
             blind: false,
@@ -84,6 +103,13 @@ impl Robot {
             commands: 0,
             lost: false,
             deaf: false,
+            pushed: false,
+            poll: 25,
+            dead: 0..0,
+            old: false,
+            firing: [(0, f64::NAN); 16],
+            heard_last: [(0, f64::NAN); 16],
+            sensed: Vec::new(),
         }
     }
 
@@ -106,14 +132,46 @@ impl Robot {
         if nearest.is_finite() && !self.blind { nearest } else { f64::NAN }
     }
 
+    fn micros(&self) -> i64 {
+        (self.bench.now().as_nanos() / 1000) as i64
+    }
+
+    /// Sonars fire in three slots of 70 ms, as a board's (docs/facts/boards.md).
+    fn fire(&mut self) {
+        if !self.ticks.is_multiple_of(7) {
+            return;
+        }
+        let turn = (self.ticks / 7 % 3) as usize;
+        for (id, &(x, y, degrees)) in SRFS.iter().enumerate() {
+            if id % 8 % 3 == (turn + 2) % 3 {
+                self.heard_last[id] = self.firing[id];
+            } else if id % 8 % 3 == turn {
+                self.firing[id] = (self.micros(), self.sonar((x, y, degrees.to_radians())));
+            }
+        }
+    }
+
+    fn reading(&self, id: usize) -> Reading {
+        let (x, y, degrees) = SRFS[id];
+        let (timestamp, distance) = self.heard_last[id];
+        let status = match distance {
+            _ if self.dead.contains(&id) || timestamp == 0 => Reading::UNKNOWN,
+            distance if distance.is_finite() => Reading::MEASURED,
+            _ => Reading::SILENT,
+        };
+        let distance = if status == Reading::MEASURED { distance } else { f64::NAN };
+        let (kind, theta) = (Reading::SONAR, degrees.to_radians());
+        Reading { timestamp, id: id as i32, kind, status, distance, x, y, theta, beam: 0.96 }
+    }
+
     fn step(&mut self) {
         let now = self.bench.now();
         let dt = STEP.as_secs_f64();
-        let obeyed = now.since(self.heard) < Duration::from_millis(250) && self.reason.is_empty();
+        let obeyed = now.since(self.heard) < Duration::from_millis(250) && self.stands.is_none();
         let aim = if obeyed { self.command } else { Motion { speed: 0.0, steering: self.steering } };
         let braking = self.speed.abs() > aim.speed.abs() || self.speed * aim.speed < 0.0;
         let most = dt * if braking { LIMITS.deceleration } else { LIMITS.acceleration };
-        self.speed += (aim.speed - self.speed).clamp(-most, most);
+        self.speed += if self.pushed { 0.0 } else { (aim.speed - self.speed).clamp(-most, most) };
         let most = dt * LIMITS.steering_rate;
         self.steering += (aim.steering - self.steering).clamp(-most, most);
         let curvature = libm::tan(self.steering) / BODY.wheelbase;
@@ -137,22 +195,33 @@ impl Robot {
         }
         if self.ticks % 5 == 1 {
             let source = if obeyed { NAME.into() } else { String::new() };
-            let reason = if obeyed || !self.reason.is_empty() {
-                self.reason.clone()
-            } else {
-                "nobody commands the motion".into()
+            // Text alone moves nothing: it is another one each time.
+            let reason = format!("text {}", self.ticks);
+            let stands = self.stands.or((!obeyed).then_some(Hold::NobodyCommands));
+            let row = |hold: Hold| lowlevel::Hold {
+                code: hold.code(),
+                subject: NAME.into(),
+                latched: hold.is_latched(),
+                since: 0,
             };
+            let (module, holds) = ("driver_canbus".into(), stands.map(row).into_iter().collect());
+            self.bench.message(DataHold { timestamp: 1, module, holds });
             let (speed, steering) = (self.speed, self.steering);
             self.bench.message(DataMotion { speed, steering, source, reason, homed: true, ..Default::default() });
         }
-        if self.ticks % 25 == 2 && !self.deaf {
-            let range = |(id, &(x, y, degrees)): (usize, &(f64, f64, f64))| {
-                let theta = degrees.to_radians();
-                let distance = self.sonar((x, y, theta));
-                Range { id: id as i32, x, y, theta, distance, valid: distance.is_finite() }
-            };
-            let srfs = SRFS.iter().enumerate().map(range).collect();
-            self.bench.message(DataSrfs { timestamp: 0, srfs });
+        self.fire();
+        if self.ticks % self.poll == 2 && !self.deaf {
+            let timestamp = self.micros();
+            let readings: Vec<Reading> = (0..SRFS.len()).map(|id| self.reading(id)).collect();
+            if self.old {
+                let range = |reading: &Reading| {
+                    let Reading { id, x, y, theta, distance, .. } = *reading;
+                    messages::lowlevel::Range { id, x, y, theta, distance, valid: distance.is_finite() }
+                };
+                self.bench.message(DataSrfs { timestamp, srfs: readings.iter().map(range).collect() });
+            } else {
+                self.bench.message(DataRanges { timestamp, readings });
+            }
         }
         self.bench.pass(STEP);
         for message in self.bench.published() {
@@ -163,6 +232,10 @@ impl Robot {
                     self.commands += 1;
                 }
                 Message::MlDataGoal(goal) => self.goal = goal,
+                Message::LlDataHold(holds) => self.holds = holds,
+                Message::MlDataObstacles(seen) => {
+                    self.sensed.extend(seen.x.iter().zip(&seen.y).map(|(&x, &y)| Point { x, y }));
+                }
                 _ => {}
             }
         }
@@ -186,11 +259,20 @@ impl Robot {
     }
 }
 
+impl Robot {
+    /// The weightiest cause that the planner publishes.
+    fn hold(&self) -> Option<Hold> {
+        assert_eq!(self.holds.module, NAME);
+        self.holds.first()
+    }
+}
+
 #[test]
 fn it_drives_to_a_goal_and_stands_there() {
     let mut robot = Robot::new();
     robot.pass(1.0);
     assert_eq!((robot.goal.status, robot.goal.message.as_str()), (DataGoal::IDLE, "there is no goal"));
+    assert!(robot.holds.is_idle(), "{:?}", robot.holds);
     assert_eq!(robot.commands, 0, "silent without a goal");
     robot.goal(&[(8.0, 3.0)], false);
     let time = robot.until(DataGoal::REACHED, 30.0);
@@ -240,7 +322,8 @@ fn who_stands_in_the_way_is_waited_for() {
     robot.discs = vec![disc(6.0, 2.0)];
     robot.goal(&[(10.0, 2.0)], false);
     robot.until(DataGoal::BLOCKED, 15.0);
-    assert!(robot.goal.message.starts_with("waits for whoever stands in the way at 5."), "{}", robot.goal.message);
+    assert_eq!(robot.hold(), Some(Hold::InTheWay));
+    assert!(robot.holds.holds[0].subject.starts_with("5."), "{:?}", robot.holds);
     assert_eq!(robot.speed, 0.0);
     let gap = 6.0 - 0.15 - (robot.pose.x + BODY.front);
     assert!((0.15..0.9).contains(&gap), "{gap}");
@@ -277,8 +360,8 @@ fn who_walks_towards_it_finds_it_standing() {
         robot.discs = vec![disc(walker, 2.0)];
         robot.step();
     }
-    // He comes to 5 cm by himself.
-    assert!(robot.nearest > 0.03, "{}", robot.nearest);
+    // He comes to 5 cm by himself, and is known by readings that are up to 0.5 s old.
+    assert!(robot.nearest > 0.01, "{}", robot.nearest);
 }
 
 /// A hall of 12 m by 6 m.
@@ -368,6 +451,7 @@ fn without_an_estimate_it_stands_and_says_so() {
     robot.lost = true;
     robot.pass(2.0);
     assert_eq!(robot.speed, 0.0);
+    assert_eq!(robot.hold(), Some(Hold::EstimateBad));
     assert_eq!(robot.goal.message, "waits: the estimate is old or no number");
     assert_eq!(robot.goal.status, DataGoal::DRIVING);
     robot.lost = false;
@@ -377,12 +461,13 @@ fn without_an_estimate_it_stands_and_says_so() {
 #[test]
 fn what_driver_canbus_says_is_passed_on() {
     let mut robot = Robot::new();
-    robot.reason = "planner must be let go by an operator first".into();
+    robot.stands = Some(Hold::PlannerLatched);
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(2.0);
     assert_eq!(robot.goal.message, "waits for an operator: a goal given anew, or planner RUN by hand");
+    assert!(robot.hold() == Some(Hold::PlannerLatched) && robot.holds.holds[0].latched, "{:?}", robot.holds);
     assert!(robot.commands > 30 && robot.command.speed == 0.0);
-    robot.reason.clear();
+    robot.stands = None;
     robot.pass(4.0);
     assert!(robot.speed > 0.5);
 }
@@ -402,6 +487,7 @@ fn in_pause_it_keeps_its_goal_and_is_silent() {
     robot.bench.message(command(State::Pause));
     robot.pass(2.0);
     assert_eq!((robot.speed, robot.goal.message.as_str()), (0.0, "planner is in PAUSE"));
+    assert_eq!(robot.hold(), Some(Hold::ModulePaused));
     let commands = robot.commands;
     robot.pass(1.0);
     assert_eq!(robot.commands, commands);
@@ -417,6 +503,76 @@ fn deaf_sonars_stop_it() {
     robot.deaf = true;
     robot.pass(3.0);
     assert_eq!((robot.speed, robot.goal.message.as_str()), (0.0, "waits: the sonars are not heard"));
+    assert_eq!(robot.hold(), Some(Hold::SonarsSilent));
+}
+
+#[test]
+fn what_is_sensed_stands_where_it_is_whatever_the_rate() {
+    for poll in [50, 25, 10, 5] {
+        let mut robot = Robot::new();
+        robot.discs = vec![disc(8.0, 2.0)];
+        (robot.speed, robot.pushed, robot.poll) = (0.8, true, poll);
+        while robot.pose.x + BODY.front < 7.2 {
+            robot.step();
+        }
+        // Cells before the disc, as its nearest point is seen from ahead.
+        let off = robot.sensed.iter().filter(|at| (at.y - 2.0).abs() < 0.1).map(|at| at.x - 7.85);
+        let off: Vec<f64> = off.collect();
+        let worst = off.iter().fold(0.0f64, |worst, off| worst.max(off.abs()));
+        assert!(off.len() > 4 && worst < 0.05, "each {poll} ticks: {worst:.3} m, {off:.3?}");
+    }
+}
+
+#[test]
+fn without_the_sonars_ahead_it_stands_until_they_are_known_again() {
+    let mut robot = Robot::new();
+    robot.goal(&[(12.0, 2.0)], false);
+    robot.pass(4.0);
+    assert!(robot.speed > 0.6, "{}", robot.speed);
+    let x = robot.pose.x;
+    robot.dead = 0..8;
+    robot.pass(10.0);
+    assert_eq!((robot.speed, robot.goal.message.as_str()), (0.0, "waits: nothing is known of the sonars at the front"));
+    assert_eq!(robot.hold(), Some(Hold::SonarsUnknown));
+    assert!(robot.pose.x - x < 0.8 * 1.3 + 0.5, "believed for a second, then braked: {} m", robot.pose.x - x);
+    robot.dead = 0..0;
+    robot.until(DataGoal::REACHED, 30.0);
+}
+
+#[test]
+fn without_the_sonars_behind_it_drives_on_and_does_not_back_out() {
+    let mut robot = Robot::on(Some(hall()));
+    robot.dead = 8..16;
+    robot.goal(&[(9.0, 2.0)], false);
+    robot.pass(2.5);
+    assert!(robot.speed > 0.6, "{}", robot.speed);
+    robot.discs = closed();
+    let mut back = 0.0f64;
+    for _ in 0..3000 {
+        robot.step();
+        back = back.min(robot.speed);
+    }
+    assert!(back > -0.01 && robot.nearest > 0.0, "{back} m/s");
+}
+
+#[test]
+fn with_the_view_of_2011_alone_it_drives_as_fast_as_where_nothing_is_seen() {
+    let mut robot = Robot::new();
+    robot.old = true;
+    robot.goal(&[(8.0, 3.0)], false);
+    let mut fastest = 0.0f64;
+    while robot.goal.status != DataGoal::REACHED {
+        robot.step();
+        fastest = fastest.max(robot.speed);
+        assert!(robot.ticks < 4000, "{:?}", robot.goal);
+    }
+    assert!((0.35..0.45).contains(&fastest), "{fastest}");
+    // And who stands in its way is waited for.
+    let mut robot = Robot::new();
+    (robot.old, robot.discs) = (true, vec![disc(6.0, 2.0)]);
+    robot.goal(&[(10.0, 2.0)], false);
+    robot.until(DataGoal::BLOCKED, 25.0);
+    assert!(robot.nearest > 0.1, "{}", robot.nearest);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! One guarded module: its process, the state that is wanted of it, and when it may be started again.
 
 use crate::{ModuleConfig, NAME};
-use base::{Duration, Instant};
+use base::{Duration, Fault, Instant, Severity};
 use messages::common;
 use module::sabotage::{self, Bug};
 use module::{Action, Actions, Cause, ProcessCommand, State};
@@ -18,8 +18,8 @@ const WINDOW: Duration = Duration::from_secs(10);
 const CROWD: u32 = 18;
 /// The host owes an answer to a spawn within this time; else it counts as failed.
 const SPAWN_PATIENCE: Duration = Duration::from_secs(5);
-/// A module that announces for so long that it is not as it is wanted did not hear the command, or the watchdog did not.
-/// Longer than its own announcements are apart: one that somebody else makes in its name is no such thing.
+/// A module that announces for so long that it is not as it is wanted did not hear the command, or the watchdog did
+/// not. Longer than its own announcements are apart: one that somebody else makes in its name is no such thing.
 const ON_ITS_WAY: Duration = Duration::from_millis(1500);
 /// What a process announced before it ended has come by now.
 const LATE_ANNOUNCEMENT: Duration = Duration::from_secs(1);
@@ -222,8 +222,9 @@ impl Guard {
         });
     }
 
-    /// It announces a state. Where that is not the wanted one for longer than a command is on its way, the command did not
-    /// reach one of the two: again the calmer of both is wanted, and commanded. True when another state is wanted now.
+    /// It announces a state. Where that is not the wanted one for longer than a command is on its way, the command did
+    /// not reach one of the two: again the calmer of both is wanted, and commanded. True when another state is wanted
+    /// now.
     pub(crate) fn agree(&mut self, now: Instant, state: State, out: &mut Actions) -> bool {
         let both = [state, self.wanted];
         if state == self.wanted || both.iter().any(|state| ![State::Run, State::Pause, State::Stop].contains(state)) {
@@ -319,6 +320,27 @@ impl Guard {
             Phase::Terminating { kill_at, .. } => kill_at,
             Phase::Down { .. } | Phase::Running { .. } => None,
         }
+    }
+
+    /// Publishes in the name of a module without a process that its faults are not known. `begun`: start of the watchdog.
+    pub(crate) fn list_faults(&self, now: Instant, begun: Instant, out: &mut Actions) {
+        if self.stranger || !matches!(self.phase, Phase::Down { .. } | Phase::Spawning { .. }) {
+            return;
+        }
+        let (severity, how) = match self.wanted == State::Terminate || !self.launched {
+            true => (Severity::Notice, "does not run, as it should be"),
+            false => (Severity::Error, "does not run"),
+        };
+        let name = &self.config.name;
+        let down = common::Fault {
+            number: i32::from(Fault::ModuleDown as u16),
+            subject: name.clone(),
+            severity: severity as i8,
+            since: out.timestamp(self.down.max(begun)),
+            message: format!("{name} {how}: which of its faults are active is not known"),
+        };
+        let (timestamp, module) = (out.timestamp(now), name.clone());
+        out.publish(common::DataFaults { timestamp, module, faults: vec![down] });
     }
 
     /// Its row in `CM_DATA_PROCESSES`.

@@ -10,7 +10,7 @@ mod guard;
 #[cfg(test)]
 mod tests;
 
-use base::{Duration, Fault, Instant, Severity, Ticker};
+use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use guard::{Guard, Phase};
 use messages::{Channel, Message, common};
 use module::sabotage::{self, Bug};
@@ -22,6 +22,8 @@ pub const NAME: &str = "watchdog";
 
 /// `CM_DATA_PROCESSES` is sent this often, and at every change.
 const PUBLISH: Duration = Duration::from_millis(100);
+/// Period of the lists in the name of modules without a process.
+const LISTS: Duration = Duration::from_secs(1);
 /// Modules are judged this often.
 const CHECK: Duration = Duration::from_millis(200);
 /// A module that others depend on has come up when it announces another state than INIT, or after this long.
@@ -76,6 +78,18 @@ pub struct ModuleConfig {
     pub critical: bool,
 }
 
+base::deadlines! {
+    /// Periodic work; the deadlines of a module are in its guard.
+    enum Timer {
+        /// `CM_DATA_PROCESSES` is published.
+        Publish,
+        /// Lists of faults of modules without a process are published.
+        Lists,
+        /// All modules are judged.
+        Check,
+    }
+}
+
 /// The watchdog.
 pub struct Watchdog {
     config: Config,
@@ -84,8 +98,7 @@ pub struct Watchdog {
     others: BTreeMap<String, Instant>,
     /// What the host was last told of the critical modules.
     health: Option<(bool, String)>,
-    publish: Ticker,
-    check: Ticker,
+    deadlines: Deadlines<Timer>,
     started: Instant,
     /// The last time it was called; what was due by then has been served.
     now: Instant,
@@ -106,8 +119,7 @@ impl Watchdog {
             guards,
             others: BTreeMap::new(),
             health: None,
-            publish: Ticker::new(Instant::NEVER, PUBLISH),
-            check: Ticker::new(Instant::NEVER, CHECK),
+            deadlines: Deadlines::new(),
             started: Instant::ZERO,
             now: Instant::ZERO,
             changed: true,
@@ -127,8 +139,9 @@ impl Watchdog {
             let message = format!("{name} ended while there was no watchdog");
             out.raise(Severity::Error, Fault::ModuleDied, name.as_str(), message);
         }
-        self.publish = Ticker::new(now + PUBLISH, PUBLISH);
-        self.check = Ticker::new(now + CHECK, CHECK);
+        self.deadlines.set(Timer::Publish, now + PUBLISH);
+        self.deadlines.set(Timer::Lists, now + LISTS);
+        self.deadlines.set(Timer::Check, now + CHECK);
     }
 
     fn on_message(&mut self, now: Instant, message: &Message, out: &mut Actions) {
@@ -288,6 +301,7 @@ impl Watchdog {
             ProcessEvent::Unstartable { module, reason } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == module) {
                     unstartable(now, guard, reason, self.config.delay_max, out);
+                    guard.list_faults(now, self.started, out);
                 }
             }
             ProcessEvent::Exited { pid, status } => self.on_exited(now, pid, status, out),
@@ -344,6 +358,7 @@ impl Watchdog {
         let asked = matches!(guard.phase, Phase::Terminating { .. });
         let delay = guard.on_down(now, self.config.delay_max);
         guard.last_exit = status.number();
+        guard.list_faults(now, self.started, out);
         if asked || self.ending {
             return;
         }
@@ -365,7 +380,7 @@ impl Watchdog {
     }
 
     fn on_timer(&mut self, now: Instant, out: &mut Actions) {
-        let check = self.check.due(now);
+        let check = self.deadlines.tick(Timer::Check, now, CHECK);
         for guard in &mut self.guards {
             match guard.phase {
                 Phase::Running { .. } if check && now.since(guard.heard) >= self.config.announce_timeout => {
@@ -390,8 +405,11 @@ impl Watchdog {
                 }
             }
         }
+        if self.deadlines.tick(Timer::Lists, now, LISTS) {
+            self.guards.iter().for_each(|guard| guard.list_faults(now, self.started, out));
+        }
         self.start_what_may(now, out);
-        if self.publish.due(now) {
+        if self.deadlines.tick(Timer::Publish, now, PUBLISH) {
             self.changed = true;
         }
     }
@@ -537,8 +555,7 @@ impl Module for Watchdog {
     fn poll_timeout(&self) -> Option<Instant> {
         // A module that waits for its dependencies, not for time, is looked at when they change and at each check.
         let guards = self.guards.iter().filter_map(Guard::poll_timeout).filter(|due| *due > self.now).min();
-        let own = self.publish.next().min(self.check.next());
-        Some(guards.map_or(own, |due| due.min(own)))
+        earliest([self.deadlines.next(), guards])
     }
 
     fn finished(&self) -> bool {

@@ -663,3 +663,51 @@ fn the_host_remembers_what_is_wanted_and_hears_how_the_critical_modules_are() {
     bench.event(Event::State(State::Terminate));
     assert_eq!(told(&mut bench), ["true: ending"]);
 }
+
+/// The lists in a module's name since the last call: when, severity, since when.
+fn lists(bench: &mut Bench, module: &str) -> Vec<(u64, i8, i64)> {
+    let list = |(at, action): (Instant, Action)| match action {
+        Action::Publish(Message::CmDataFaults(list)) if list.module == module => {
+            let [fault] = &list.faults[..] else { panic!("{list:?}") };
+            assert_eq!((fault.number, fault.subject.as_str()), (0x0307, module));
+            Some((at.as_nanos() / 1_000_000, fault.severity, fault.since / 1000))
+        }
+        _ => None,
+    };
+    bench.done().into_iter().filter_map(list).collect()
+}
+
+#[test]
+fn in_the_name_of_the_dead_it_says_that_their_faults_are_not_known() {
+    let mut bench = bench();
+    let run = |bench: &mut Bench, ms: u64| bench.pass(Instant::from_millis(ms).since(bench.now()));
+    bench.event(Event::Start);
+    for (module, pid) in [("nerves", "7"), ("eyes", "8")] {
+        feed(&mut bench, &["pid", module, pid]);
+        feed(&mut bench, &["says", module, "RUN"]);
+    }
+    run(&mut bench, 1500);
+    assert_eq!(lists(&mut bench, "nerves"), [], "it lives, and says itself what is active");
+    feed(&mut bench, &["exit", "7", "64"]);
+    let error = Severity::Error as i8;
+    assert_eq!(lists(&mut bench, "nerves"), [(1500, error, 1500)], "at once");
+    // The next process is long in coming.
+    for ms in [2500, 3600] {
+        feed(&mut bench, &["says", "eyes", "RUN"]);
+        run(&mut bench, ms);
+    }
+    assert_eq!(lists(&mut bench, "nerves"), [(2000, error, 1500), (3000, error, 1500)]);
+    feed(&mut bench, &["pid", "nerves", "9"]);
+    feed(&mut bench, &["says", "nerves", "INIT"]);
+    feed(&mut bench, &["says", "eyes", "RUN"]);
+    run(&mut bench, 5000);
+    assert_eq!(lists(&mut bench, "nerves"), []);
+    // What an operator wants down is down, and its faults are not known either.
+    feed(&mut bench, &["command", "eyes", "TERMINATE"]);
+    feed(&mut bench, &["exit", "8", "0"]);
+    let notice = Severity::Notice as i8;
+    assert_eq!(lists(&mut bench, "eyes"), [(5000, notice, 5000)]);
+    feed(&mut bench, &["says", "nerves", "INIT"]);
+    run(&mut bench, 6500);
+    assert_eq!(lists(&mut bench, "eyes"), [(6000, notice, 5000)]);
+}

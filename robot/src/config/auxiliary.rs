@@ -1,7 +1,7 @@
 //! `[i2c.<bus>]` and `[w1]`: fan controllers and thermometers.
 
-use super::reader::Table;
 use base::w1::Rom;
+use settings::Table;
 use std::path::PathBuf;
 
 /// `[i2c.<bus>]`.

@@ -1,8 +1,8 @@
 //! `[estimator]`: how well the robot measures; defaults are those of [`estimator::filter::Config`].
 
-use super::reader::Table;
 use estimator::filter::Config;
 use navitools::Point;
+use settings::Table;
 
 /// Reads the table into what the filter is told; the map of beacons is not in it.
 pub(super) fn read(mut table: Table<'_>) -> Config {

@@ -1,8 +1,8 @@
 //! `[joystick]`: where the gamepad is, and what its axes and buttons are for.
 
-use super::reader::Table;
-use super::tree::Value;
 use base::gamepad;
+use settings::Table;
+use settings::Value;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! `[log]`: what a run writes down, and where.
 
-use super::reader::Table;
 use logger::Compression;
+use settings::Table;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 

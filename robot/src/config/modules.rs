@@ -1,6 +1,7 @@
 //! `modules.toml`: the modules that the watchdog starts, in this order, and how each is treated.
 
-use super::reader::Table;
+use base::Level;
+use settings::Table;
 use std::path::PathBuf;
 
 /// One `[[modules]]`.
@@ -30,6 +31,10 @@ pub struct ModuleEntry {
     pub restart: bool,
     /// Whether the robot must not move without it; default false.
     pub critical: bool,
+    /// Lowest level of its texts and reports that are printed; none: `robot.print_from`.
+    pub print_from: Option<Level>,
+    /// Lowest level of its texts and reports that are sent; none: `robot.send_from`.
+    pub send_from: Option<Level>,
 }
 
 /// The computer's own watchdog, which resets it when the robot's critical modules are not healthy.
@@ -92,6 +97,19 @@ impl ModuleEntry {
             cpu_max: none_if_zero(table.number("cpu_max", Some(0.0), 0.0..=64.0)),
             restart: table.choice("restart", Some(true), &[("always", true), ("never", false)]),
             critical: table.boolean("critical", false),
+            print_from: level(table, "print_from"),
+            send_from: level(table, "send_from"),
         }
     }
+}
+
+/// Reads a level by name; none if the key is absent.
+pub(super) fn level(table: &mut Table<'_>, key: &'static str) -> Option<Level> {
+    let levels = [
+        ("debug", Some(Level::Debug)),
+        ("info", Some(Level::Info)),
+        ("warning", Some(Level::Warning)),
+        ("error", Some(Level::Error)),
+    ];
+    table.choice(key, Some(None), &levels)
 }

@@ -1,6 +1,6 @@
 //! `[planner]`: what stands where the robot drives, and its manners.
 
-use super::reader::Table;
+use settings::Table;
 use std::path::PathBuf;
 
 /// `[planner]`.

@@ -6,12 +6,15 @@
 use super::auxiliary::{I2cBus, W1};
 use super::joystick::Joystick;
 use super::log::Log;
+use super::modules::level;
 use super::planner::Planner;
-use super::reader::Table;
-use super::web::Web;
-use base::Severity;
+use super::sensors::Sensors;
+use base::{Level, Severity};
+use host::ports::{Direction, Transport};
+use settings::Table;
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
+use web::settings::Web;
 
 /// The robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,11 +27,15 @@ pub struct Robot {
     pub limits: Limits,
     /// Reports of at least this severity are printed, and sent on `CM_EVENT_ERROR`.
     pub report_from: Severity,
-    /// CAN busses by name.
+    /// Lowest level of texts and reports that are printed; none: `report_from` for reports, INFO for texts.
+    pub print_from: Option<Level>,
+    /// Lowest level of texts and reports that are sent; none: `report_from` for reports, INFO for texts.
+    pub send_from: Option<Level>,
+    /// CAN buses by name.
     pub can: Vec<CanBus>,
-    /// EIA-485 busses by name.
+    /// EIA-485 buses by name.
     pub rs485: Vec<Rs485Bus>,
-    /// I2C busses by name.
+    /// I2C buses by name.
     pub i2c: Vec<I2cBus>,
     /// The 1-Wire bus, where there is one.
     pub w1: Option<W1>,
@@ -36,6 +43,8 @@ pub struct Robot {
     pub srfs: Vec<Ranger>,
     /// Infrared rangers.
     pub irs: Vec<Ranger>,
+    /// What its sensors are like.
+    pub sensors: Sensors,
     /// The infrared beacons of where the robot drives.
     pub beacons: Vec<Beacon>,
     /// How well the robot measures where it is; without the beacons.
@@ -126,7 +135,7 @@ pub enum CanInterface {
     Udp {
         /// The multicast group.
         group: Ipv4Addr,
-        /// The port, which is what keeps busses apart.
+        /// The port, which is what keeps buses apart.
         port: Option<u16>,
     },
 }
@@ -207,28 +216,6 @@ pub struct Rs485Bus {
     pub raw: bool,
     /// What is on it.
     pub nodes: Vec<Rs485Node>,
-}
-
-/// How nine bits cross a serial port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Transport {
-    /// Two bytes a word.
-    TwoByte,
-    /// Mark and space parity.
-    Parity,
-}
-
-/// `rs485_direction = { … }`: when RTS lets the driver of the line talk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Direction {
-    /// RTS is high while sending, and low else; default true.
-    pub rts_on_send: bool,
-    /// RTS is high when not sending; default the opposite of `rts_on_send`.
-    pub rts_after_send: bool,
-    /// From RTS to the first start bit, 0..=100 ms; default 0.
-    pub delay_before_ms: u32,
-    /// From the last stop bit to RTS, 0..=100 ms; default 0.
-    pub delay_after_ms: u32,
 }
 
 /// `crc = { … }`, in the words of the Rocksoft model.
@@ -324,8 +311,9 @@ impl Robot {
             let name = table.text("name", None);
             let severities = [("notice", Severity::Notice), ("warning", Severity::Warning), ("error", Severity::Error)];
             let report_from = table.choice("report_from", Some(Severity::Notice), &severities);
+            let (print_from, send_from) = (level(&mut table, "print_from"), level(&mut table, "send_from"));
             table.end();
-            (name, report_from)
+            (name, report_from, print_from, send_from)
         });
         let geometry = root.table("geometry").map(Geometry::read);
         let limits = root.table("limits").map(Limits::read);
@@ -336,6 +324,7 @@ impl Robot {
         let w1 = root.table_if_any("w1").map(W1::read);
         let srfs = Ranger::read_all(&mut root, "srfs", 7, &rs485);
         let irs = Ranger::read_all(&mut root, "irs", 1, &rs485);
+        let sensors = root.table_if_any("sensors").map_or_else(Sensors::default, Sensors::read);
         let beacons = Beacon::read_all(&mut root);
         let estimator = root.table_if_any("estimator").map_or_else(Default::default, super::estimator::read);
         let power = root.table_if_any("power").map(|table| Power::read(table, &rs485));
@@ -344,11 +333,13 @@ impl Robot {
         let log = root.table_if_any("log").map_or_else(Log::default, Log::read);
         let web = root.table_if_any("web").map_or_else(Web::default, Web::read);
         root.end();
-        let (name, report_from) = robot?;
+        let (name, report_from, print_from, send_from) = robot?;
         let (geometry, limits) = (geometry?, limits?);
         Some(Self {
             name,
             report_from,
+            print_from,
+            send_from,
             geometry,
             limits,
             can,
@@ -357,6 +348,7 @@ impl Robot {
             w1,
             srfs,
             irs,
+            sensors,
             beacons,
             estimator,
             power,
@@ -395,9 +387,9 @@ impl Beacon {
 }
 
 impl Power {
-    fn read(mut table: Table<'_>, busses: &[Rs485Bus]) -> Self {
+    fn read(mut table: Table<'_>, buses: &[Rs485Bus]) -> Self {
         let bus = table.text("bus", Some("rs485.power"));
-        let line = bus.strip_prefix("rs485.").and_then(|name| busses.iter().find(|line| line.name == name));
+        let line = bus.strip_prefix("rs485.").and_then(|name| buses.iter().find(|line| line.name == name));
         if !line.is_some_and(|line| matches!(line.nodes[..], [Rs485Node { driver: Rs485Driver::Psc1, .. }])) {
             let expected = "an rs485 bus with one node, whose driver is \"psc1\"";
             if table.has("bus") { table.refuse("bus", expected) } else { table.refuse_missing("bus", expected) }
@@ -416,6 +408,12 @@ impl Power {
 }
 
 impl Geometry {
+    /// Its outline, as pictures of runs show it.
+    #[must_use]
+    pub fn footprint(&self) -> plot::Footprint {
+        plot::Footprint { length_m: self.length_m, width_m: self.width_m, rear_overhang_m: self.rear_overhang_m }
+    }
+
     fn read(mut table: Table<'_>) -> Self {
         let geometry = Self {
             wheelbase_m: table.number("wheelbase_m", None, 0.05..=5.0),
@@ -567,7 +565,7 @@ impl Rs485Bus {
             table.refuse("simulated_at", "a place other than port, where that is a device file");
         }
         let setup = table.texts("setup");
-        let direction = table.table_if_any("rs485_direction").map(Direction::read);
+        let direction = table.table_if_any("rs485_direction").map(direction);
         let low_latency = table.boolean("low_latency", false);
         let crc = table.table_if_any("crc").map_or_else(Crc::default, Crc::read);
         let raw = table.boolean("raw", false);
@@ -591,21 +589,19 @@ impl Rs485Bus {
     }
 }
 
-impl Direction {
-    fn read(mut table: Table<'_>) -> Self {
-        let rts_on_send = table.boolean("rts_on_send", true);
-        let direction = Self {
-            rts_on_send,
-            rts_after_send: table.boolean("rts_after_send", !rts_on_send),
-            delay_before_ms: table.integer("delay_before_ms", Some(0), 0..=100),
-            delay_after_ms: table.integer("delay_after_ms", Some(0), 0..=100),
-        };
-        if direction.rts_on_send == direction.rts_after_send {
-            table.refuse("rts_after_send", "the opposite of rts_on_send");
-        }
-        table.end();
-        direction
+fn direction(mut table: Table<'_>) -> Direction {
+    let rts_on_send = table.boolean("rts_on_send", true);
+    let direction = Direction {
+        rts_on_send,
+        rts_after_send: table.boolean("rts_after_send", !rts_on_send),
+        delay_before_ms: table.integer("delay_before_ms", Some(0), 0..=100),
+        delay_after_ms: table.integer("delay_after_ms", Some(0), 0..=100),
+    };
+    if direction.rts_on_send == direction.rts_after_send {
+        table.refuse("rts_after_send", "the opposite of rts_on_send");
     }
+    table.end();
+    direction
 }
 
 impl Default for Crc {
@@ -651,11 +647,11 @@ impl Rs485Node {
 }
 
 impl Ranger {
-    fn read_all(root: &mut Table<'_>, key: &'static str, channel_max: u8, busses: &[Rs485Bus]) -> Vec<Self> {
+    fn read_all(root: &mut Table<'_>, key: &'static str, channel_max: u8, buses: &[Rs485Bus]) -> Vec<Self> {
         let mut rangers: Vec<Self> = Vec::new();
         for mut item in root.tables(key) {
             let ranger = Self::read(&mut item, channel_max);
-            let mut boards = busses.iter().flat_map(|bus| &bus.nodes).filter(|node| node.driver == Rs485Driver::Sd1);
+            let mut boards = buses.iter().flat_map(|bus| &bus.nodes).filter(|node| node.driver == Rs485Driver::Sd1);
             if !boards.any(|node| node.address == ranger.board) {
                 item.refuse("board", "the address of an sd1 in rs485");
             }

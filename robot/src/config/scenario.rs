@@ -1,9 +1,9 @@
 //! A scenario of the soak, and the list of what once failed; their keys stand in `docs/soak.md`.
 
-use super::reader::{Problems, Table};
-use super::tree::{Node, Value};
-use super::{ConfigError, read};
 use base::Duration;
+use settings::{ConfigError, read};
+use settings::{Node, Value};
+use settings::{Problems, Table};
 use sim::soak::{Behaviour, Fault, Kind, Scenario};
 use std::path::Path;
 
@@ -95,7 +95,7 @@ fn operator(mut table: Table<'_>) -> Behaviour {
 fn kind(name: String, mut table: Table<'_>) -> Kind {
     let targets = table.texts("targets");
     if targets.is_empty() {
-        table.refuse_missing("targets", "a list of modules, busses, boards, drives, \"lcm\" or \"clock\"");
+        table.refuse_missing("targets", "a list of modules, buses, boards, drives, \"lcm\" or \"clock\"");
     }
     let kind = Kind {
         name,

@@ -1,6 +1,7 @@
 //! What is wrong in a configuration, and the line that says so.
 
 use super::*;
+use host::ports::{Direction, Transport};
 use std::path::PathBuf;
 
 /// The shipped folder, which every checkout has.
@@ -145,7 +146,7 @@ fn the_shipped_robot_loads_live_and_simulated() {
         "driver_joydev",
         "driver_aux",
         "planner",
-        crate::web::NAME,
+        web::NAME,
     ];
     assert_eq!(names(&live), drivers);
     assert_eq!(names(&sim)[..], [&["simulator"], &drivers[..]].concat());
@@ -169,7 +170,7 @@ fn an_unknown_key_is_refused_and_the_known_ones_are_named() {
     refused(
         "name = \"small\"",
         "name = \"small\"\ncolour = \"red\"",
-        &["robot.toml:3: robot.colour: unknown key, expected one of name, report_from"],
+        &["robot.toml:3: robot.colour: unknown key, expected one of name, report_from, print_from, send_from"],
     );
 }
 
@@ -180,7 +181,7 @@ fn an_unknown_table_is_refused() {
         "[powder]\nport = \"x\"\n[limits]",
         &[
             "robot.toml:11: powder: unknown key, expected one of robot, geometry, limits, can, rs485, i2c, w1, srfs, irs, \
-           beacons, estimator, power, joystick, planner, log, web",
+           sensors, beacons, estimator, power, joystick, planner, log, web",
         ],
     );
 }
@@ -295,6 +296,18 @@ fn a_ranger_s_board_must_exist() {
         "board = 0x10\nchannel",
         "board = 0x12\nchannel",
         &["robot.toml:35: srfs[0].board = 18: expected the address of an sd1 in rs485"],
+    );
+}
+
+#[test]
+fn the_beam_of_a_sonar_is_that_of_the_srf_08_unless_another_is_configured() {
+    let beam = |sets: &[&str]| load(ROBOT, "", sets, MODULES).map(|config| config.robot.sensors.srf08.beam_rad);
+    assert_eq!(beam(&[]), Ok(0.96));
+    assert_eq!(beam(&["sensors.srf08.beam_rad=0.5"]), Ok(0.5));
+    refused(
+        "[limits]",
+        "[sensors.srf08]\nbeam_rad = 0\n[limits]",
+        &["robot.toml:12: sensors.srf08.beam_rad = 0: expected a number from 0.05 to 3"],
     );
 }
 
@@ -465,7 +478,7 @@ fn what_is_wrong_is_one_line_whatever_stands_in_a_key_or_a_value() {
     refused(
         "name = \"small\"",
         "name = \"small\"\n\"co\\nlour\" = 1",
-        &["robot.toml:3: robot.co\\nlour: unknown key, expected one of name, report_from"],
+        &["robot.toml:3: robot.co\\nlour: unknown key, expected one of name, report_from, print_from, send_from"],
     );
     let lines = load(ROBOT, "", &["a\nb"], MODULES).unwrap_err();
     assert_eq!(lines, ["--set a\\nb: expected table.key=value"]);
@@ -480,7 +493,10 @@ fn an_override_must_be_an_assignment_to_something() {
     assert_eq!(error(".x=1"), ["--set .x=1: expected table.key=value"]);
     assert_eq!(error("robot.name.x=1"), ["--set robot.name.x=1: \"small\" has no key x"]);
     assert_eq!(error("can.main.nodes.2.id=1"), ["--set can.main.nodes.2.id=1: 2 is none of the 2 items"]);
-    assert_eq!(error("robot.nmae=x"), ["--set: robot.nmae: unknown key, expected one of name, report_from"]);
+    assert_eq!(
+        error("robot.nmae=x"),
+        ["--set: robot.nmae: unknown key, expected one of name, report_from, print_from, send_from"]
+    );
 }
 
 #[test]
@@ -516,7 +532,7 @@ fn what_a_run_writes_down_is_configured() {
 #[test]
 fn the_web_server_stays_on_this_machine_unless_it_asks_for_credentials() {
     let web = |set: &str| Config::load(&shipped(), true, &[set.into()]).map(|config| config.robot.web);
-    assert_eq!(web("robot.name=x").unwrap(), super::Web::default(), "what is shipped is the default");
+    assert_eq!(web("robot.name=x").unwrap(), web::settings::Web::default(), "what is shipped is the default");
     assert_eq!(web("web.listen=[::1]:80").unwrap().listen.port(), 80);
     for set in [
         "web.listen=0.0.0.0:8080",
@@ -541,7 +557,7 @@ fn the_web_server_stays_on_this_machine_unless_it_asks_for_credentials() {
 fn a_robot_without_a_web_server_has_no_such_module() {
     let listed = |set: &str| {
         let config = Config::load(&shipped(), true, &[set.into()]).unwrap();
-        config.modules.iter().filter(|module| module.name == crate::web::NAME).count()
+        config.modules.iter().filter(|module| module.name == web::NAME).count()
     };
     assert_eq!((listed("web.enabled=true"), listed("web.enabled=false")), (1, 0));
 }
@@ -590,20 +606,23 @@ fn a_world_s_people_are_a_number_or_a_table_and_can_be_overridden() {
         let path = Path::new("w.toml");
         super::parsed_world(Node::parse(path, &format!("start = [0, 0, 0]\n{text}")).unwrap(), path, &sets)
     };
-    let usual = sim::world::Crowd::default();
-    assert_eq!(read("people = 7", &[]).unwrap().people, sim::world::Crowd { count: 7, ..usual });
+    let usual = simulator::world::Crowd::default();
+    assert_eq!(read("people = 7", &[]).unwrap().people, simulator::world::Crowd { count: 7, ..usual });
     let table = "[people]\ncount = 9\nattentive = 0.5\n";
-    let crowd = sim::world::Crowd { count: 9, attentive: 0.5, ..usual };
+    let crowd = simulator::world::Crowd { count: 9, attentive: 0.5, ..usual };
     assert_eq!(read(table, &["limits.speed_mps=1"]).unwrap().people, crowd);
     assert_eq!(read(table, &["world.people=0"]).unwrap().people, usual);
-    assert_eq!(read(table, &["world.people.grouped=1"]).unwrap().people, sim::world::Crowd { grouped: 1.0, ..crowd });
+    assert_eq!(
+        read(table, &["world.people.grouped=1"]).unwrap().people,
+        simulator::world::Crowd { grouped: 1.0, ..crowd }
+    );
     let ConfigError(lines) = read("people = 1000", &["world.routes=3"]).unwrap_err();
     assert_eq!(lines.len(), 2, "{lines:?}");
     assert_eq!(lines[0], "w.toml:2: people = 1000: expected an integer from 0 to 200");
 }
 
 /// Every file in `conf/worlds`.
-fn shipped_worlds() -> Vec<(String, sim::world::World)> {
+fn shipped_worlds() -> Vec<(String, simulator::world::World)> {
     let folder = shipped().join("../worlds");
     let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let mut names: Vec<_> = names.filter(|path| path.extension().is_some_and(|ending| ending == "toml")).collect();

@@ -1,10 +1,10 @@
 //! A world for the simulated robot; its keys stand in `conf/worlds/README.md`.
 
-use super::reader::{Problems, Table};
-use super::tree::{Node, Value};
-use super::{ConfigError, read};
 use navitools::{Point, Pose};
-use sim::world::{Beacon, Column, Crowd, Route, Segment, World};
+use settings::{ConfigError, read};
+use settings::{Node, Value};
+use settings::{Problems, Table};
+use simulator::world::{Beacon, Column, Crowd, Route, Segment, World};
 use std::path::{Path, PathBuf};
 
 /// Coordinates are within this, m.

@@ -1,15 +1,15 @@
-//! At most one authority at a time (DESIGN 4): `LL_DATA_MOTION.source` names one that lives, which keeps the motion until
-//! it is silent, a higher priority speaks, or the robot is stopped; and the set-points are what it asks for.
+//! At most one authority at a time (DESIGN 4): `LL_DATA_MOTION.source` names one that lives, which keeps the motion
+//! until it is silent, a higher priority speaks, or the robot is stopped; and the set-points are what it asks for.
 
 use super::Verdict;
 use super::facts::{Facts, SLACK, SetPoint};
 use base::{Duration, Instant};
 use messages::lowlevel;
 
-/// Who holds the motion.
+/// Holder of the motion.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// Its number, and when it was named last.
+    /// Number, and when it was named last.
     holder: Option<(u64, Instant)>,
 }
 
@@ -21,7 +21,7 @@ impl Rule {
         }
     }
 
-    /// The driver tells who moves the robot.
+    /// Takes the driver's report of the holder.
     pub fn on_motion(&mut self, now: Instant, motion: &lowlevel::DataMotion, facts: &Facts) -> Verdict {
         let before = self.holder.take();
         if motion.source.is_empty() || !motion.reason.is_empty() || facts.is_disturbed(now) {

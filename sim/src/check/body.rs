@@ -1,21 +1,21 @@
-//! When nobody may move the robot any more it comes to a stand.
+//! A robot without permission to move comes to a standstill.
 //!
-//! Bound: 200 ms until a drive that hears nobody stops by itself, 300 ms, and the quick stop ramp; without power it rolls,
-//! and then its speed never rises.
+//! Bound: 200 ms until a drive without a master's heartbeat stops by itself, 300 ms, and the quick stop ramp; without
+//! power it coasts, and its speed never rises.
 
 use super::Verdict;
 use super::facts::Facts;
 use base::{Duration, Instant};
 
-/// Until the stop has begun, whoever begins it.
+/// Time until the stop has begun, whatever begins it.
 const BEGUN: Duration = Duration::from_millis(500);
-/// Slower than this it stands, m/s.
+/// Speed below which it counts as standing, m/s.
 const STANDS: f64 = 0.02;
 
-/// How the body moves.
+/// Motion of the body.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// The last moment at which somebody might move the robot, and the greatest speed since.
+    /// Last instant with a permission to move, and greatest speed since.
     permitted: Instant,
     speed_max: f64,
     speed: f64,

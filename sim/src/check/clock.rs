@@ -1,4 +1,4 @@
-//! Timestamps never go back on a channel of a process, whatever the wall clock does (DESIGN 5).
+//! Timestamps never decrease on a channel of a process, whatever the wall clock does (DESIGN 5).
 
 use super::Verdict;
 use messages::{Channel, Message};

@@ -1,4 +1,4 @@
-//! The robot moves only while all critical modules run and the watchdog is heard (DESIGN 4).
+//! The robot moves only while all critical modules run and the watchdog is received (DESIGN 4).
 //!
 //! No set-point once the driver was served a `CM_DATA_PROCESSES` in which one is not RUNNING, nor 250 ms after it
 //! received the last one.

@@ -1,6 +1,6 @@
 //! A drive that is lost stops the other (DESIGN 4): the propulsion does not turn while the steering is not there.
 //!
-//! No set-point 200 ms after the steering's last heartbeat, nor once it told that it is in fault or has started anew.
+//! No set-point 200 ms after the steering's last heartbeat, nor after it has reported a fault or has restarted.
 
 use super::Verdict;
 use super::facts::Facts;
@@ -12,16 +12,16 @@ const HEARTBEAT: Duration = Duration::from_millis(200);
 const BOOT_UP: u8 = 0;
 const OPERATIONAL: u8 = 5;
 
-/// What the steering told.
+/// Reports of the steering.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
     heartbeat: Instant,
-    /// It is in fault, or was not started, since.
+    /// Instant since which it is in fault, or not started.
     down: Option<Instant>,
 }
 
 impl Rule {
-    /// A frame has left the wire that is none to the propulsion.
+    /// Takes a frame that left the wire, other than those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
         let node = u16::from(facts.limits.steering);
         if id == 0x700 + node {
@@ -39,7 +39,7 @@ impl Rule {
         }
     }
 
-    /// Nobody received what the steering told.
+    /// Takes a frame of the steering that no node received.
     pub fn on_frame_lost(&mut self, id: u16, facts: &Facts) {
         let node = u16::from(facts.limits.steering);
         if [0x180 + node, 0x280 + node, 0x700 + node].contains(&id) {

@@ -10,7 +10,7 @@ use base::{Duration, Instant};
 use messages::{Message, common, middlelevel};
 use module::State;
 
-/// What the driver's queue, the bus and a frame on it may add to a decision while all is well.
+/// Delay that the driver's queue, the bus and a frame on it may add to a decision without faults.
 pub(super) const SLACK: Duration = Duration::from_millis(2);
 /// A frame grows no older in a port's queue, unless it is on the wire again and again.
 const QUEUE_AGE: Duration = Duration::from_millis(60);
@@ -50,7 +50,7 @@ impl SetPoint {
     }
 }
 
-/// What the driver was told of the PAUSE line.
+/// State of the PAUSE line as known to the driver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Pause {
     Unheard,
@@ -59,23 +59,23 @@ pub(super) enum Pause {
     Engaged(Instant),
 }
 
-/// All that.
+/// All facts.
 #[derive(Debug)]
 pub(super) struct Facts {
     pub limits: Limits,
     pub driver: Life,
-    /// All others.
+    /// All other modules.
     pub others: Names<Life>,
     pub sources: Sources,
     pub set_point: SetPoint,
     /// The state of the driver, and since when.
     pub state: (State, Instant),
     pub pause: Pause,
-    /// When the driver's last word of the PAUSE line was received.
+    /// Time when the driver's last word of the PAUSE line was received.
     pub pause_at: Instant,
-    /// When the list of processes was received, and since when a critical one has been missing in it.
+    /// Instant of the last list of processes, and since when a critical one has been missing in it.
     pub list: Option<(Instant, Option<Instant>)>,
-    /// When the last command out of limits was served.
+    /// Time when the last command out of limits was served.
     pub refused: Option<Instant>,
     /// The last stop.
     pub stopped: Instant,
@@ -85,15 +85,15 @@ pub(super) struct Facts {
     goal: Option<Instant>,
     /// The last estimate that was none of being lost.
     located: Option<Instant>,
-    /// When the estimate was told to be lost.
+    /// Instant at which the estimate was reported lost.
     lost: Instant,
     /// The bus of the drives is disturbed until then.
     disturbed: Instant,
-    /// It is cut until then, and nothing of the driver has left since.
+    /// End of a cut, if nothing of the driver has left since.
     cut: Option<Instant>,
     /// LCM is disturbed until then, or was.
     lcm: Option<Instant>,
-    /// The propulsion does not hear until then.
+    /// Instant until which the propulsion receives nothing.
     deaf: Instant,
     /// The propulsion may have no power until then: it rolls.
     rolls: Instant,
@@ -125,43 +125,43 @@ impl Facts {
         }
     }
 
-    /// How late a decision of the driver may be seen on the wire.
+    /// Latency with which a decision of the driver may appear on the wire.
     pub fn slack(&self, now: Instant) -> Duration {
         if self.is_disturbed(now) { QUEUE_AGE } else { SLACK }
     }
 
-    /// Whether the bus of the drives is disturbed, or was a moment ago.
+    /// True if the bus of the drives is disturbed, or was a moment ago.
     pub fn is_disturbed(&self, now: Instant) -> bool {
         now < self.disturbed
     }
 
-    /// Whether the bus of the drives is disturbed, or was so lately that a controller may be off yet.
+    /// True if the bus of the drives is disturbed, or was so lately that a controller may be off yet.
     pub fn was_disturbed(&self, now: Instant) -> bool {
         self.disturbed > Instant::ZERO && now < self.disturbed + OFF
     }
 
-    /// Whether this set-point is a frame that was on the wire when that was cut: a controller sends it again until
+    /// True if this set-point is a frame that was on the wire when that was cut: a controller sends it again until
     /// somebody acknowledges it, however old it is. A drive that heard nobody for 200 ms does not follow it.
     pub fn is_left_over(&mut self, now: Instant) -> bool {
         self.cut.take_if(|until| *until <= now).is_some_and(|until| now.since(until) < SLACK)
     }
 
-    /// When messages were last lost or delayed on purpose; now, while they are; none, if they never were.
+    /// Instant of the last deliberate loss or delay of messages; now, while it lasts; `None` if never.
     pub fn lcm_disturbed(&self, now: Instant) -> Option<Instant> {
         self.lcm.map(|until| until.min(now))
     }
 
-    /// Whether the propulsion may not hear what it is told.
+    /// True if the propulsion may not receive its commands.
     pub fn is_deaf(&self, now: Instant) -> bool {
         now < self.deaf
     }
 
-    /// Whether the propulsion may roll without power.
+    /// True if the propulsion may roll without power.
     pub fn may_roll(&self, now: Instant) -> bool {
         now < self.rolls
     }
 
-    /// How a module's process lives.
+    /// Life of a module's process.
     pub fn life(&self, module: &str) -> Option<&Life> {
         if module == self.limits.driver { Some(&self.driver) } else { self.others.get(module) }
     }
@@ -171,12 +171,12 @@ impl Facts {
         if source.is_planner() { self.limits.speed_autonomous } else { self.limits.speed_manual }
     }
 
-    /// Whether a source asks for this speed, or for more that is limited to it.
+    /// True if a source asks for this speed, or for more that is limited to it.
     pub fn asks(&self, now: Instant, source: &Source, speed: f64) -> bool {
         source.asks(now, self.slack(now), speed, self.limit(source))
     }
 
-    /// Whether a source has begun anew since the last stop, the planner by leave and by an estimate.
+    /// True if a source has begun again since the last stop; the planner by permission and with an estimate.
     pub fn may(&self, now: Instant, source: &Source) -> bool {
         let slack = self.slack(now);
         if source.is_planner() {
@@ -262,7 +262,7 @@ impl Facts {
 
     fn on_stop(&mut self, now: Instant, new: bool) {
         let latches = |source: &Source| {
-            // The planner's own silence does not latch it; a manual source did when it took over.
+            // The planner's own silence does not latch it out; a manual source did when it took over.
             if source.is_planner() {
                 new && source.lives(now, Duration::ZERO)
             } else {
@@ -277,7 +277,7 @@ impl Facts {
 
     fn on_heard(&mut self, now: Instant, at: Instant, message: &Message) {
         match message {
-            // Older ones say what somebody wanted then.
+            // Older commands have expired.
             Message::LlCmdMotion(command) if now.since(at) < self.limits.ttl => {
                 let Limits { speed, steering_angle, .. } = self.limits;
                 let allowed = command.speed.abs() <= speed && command.steering.abs() <= steering_angle;

@@ -3,10 +3,10 @@
 use super::Verdict;
 use messages::lowlevel;
 
-/// What the driver told last.
+/// Last report of the driver.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
-    /// The process that told it, while it is not homed.
+    /// Process that reported it, while not homed.
     unhomed: Option<u32>,
     /// A set-point since.
     moved: Option<f64>,
@@ -21,7 +21,7 @@ impl Rule {
         Ok(())
     }
 
-    /// The driver tells how it moves.
+    /// Takes the driver's motion.
     pub fn on_motion(&mut self, pid: u32, motion: &lowlevel::DataMotion) -> Verdict {
         let was = self.unhomed;
         self.unhomed = (!motion.homed).then_some(pid);

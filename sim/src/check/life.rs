@@ -8,13 +8,13 @@ use base::{Duration, Instant};
 pub(super) struct Life {
     pub pid: Option<u32>,
     pub started: Instant,
-    /// It hangs.
+    /// True while it hangs.
     hung: bool,
-    /// When it last ceased to work.
+    /// Time when it last ceased to work.
     ceased: Instant,
-    /// How late it is served.
+    /// Latency.
     pub late: Duration,
-    /// When it was last not as it should be.
+    /// Time when it was last not as it should be.
     ill: Instant,
 }
 
@@ -23,17 +23,17 @@ impl Life {
         self.pid.is_some() && !self.hung && self.late.is_zero()
     }
 
-    /// Whether it does anything, late or not.
+    /// True if it does anything, late or not.
     pub fn works(&self) -> bool {
         self.pid.is_some() && !self.hung
     }
 
-    /// When it last did anything; now, while it works.
+    /// Instant of its last activity; now, while it works.
     pub fn worked(&self, now: Instant) -> Instant {
         if self.works() { now } else { self.ceased }
     }
 
-    /// When it was last dead, hung or late; now, while it is.
+    /// Instant at which it was last dead, hung or late; now, while it is.
     pub fn ill(&self, now: Instant) -> Instant {
         if self.is_well() { self.ill } else { now }
     }

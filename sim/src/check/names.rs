@@ -11,7 +11,7 @@ impl<T> Default for Names<T> {
 }
 
 impl<T: Default> Names<T> {
-    /// That of a name, made where there is none.
+    /// Entry of a name, made if absent.
     pub fn of(&mut self, name: &str) -> &mut T {
         let place = self.0.iter().position(|(own, _)| **own == *name).unwrap_or_else(|| {
             self.0.push((name.into(), T::default()));
@@ -25,7 +25,7 @@ impl<T: Default> Names<T> {
         self.0.iter().find(|(own, _)| **own == *name).map(|(_, thing)| thing)
     }
 
-    /// All of them.
+    /// All entries.
     pub fn all(&mut self) -> impl Iterator<Item = (&str, &mut T)> {
         self.0.iter_mut().map(|(name, thing)| (&**name, thing))
     }

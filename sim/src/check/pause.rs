@@ -1,6 +1,6 @@
 //! The PAUSE line stops the robot (DESIGN 4; the bound): once the driver was served that it is engaged no
-//! set-point leaves after 20 ms, and the body's speed never rises. Where there is such a line, none leaves either before
-//! it was heard of, nor 1.2 s after it was last heard of.
+//! set-point leaves after 20 ms, and the body's speed never rises. Where there is such a line, none leaves either
+//! before it was heard of, nor 1.2 s after it was last heard of.
 
 use super::Verdict;
 use super::facts::{Facts, Pause};
@@ -28,7 +28,7 @@ pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
     }
 }
 
-/// What the robot does while PAUSE is known.
+/// Motion of the robot while PAUSE is known.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
     /// The body's speed.
@@ -56,7 +56,7 @@ impl Rule {
     /// The body was seen.
     pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
         let known = matches!(facts.pause, Pause::Engaged(since) if now.since(since) > KNOWN);
-        // A drive that does not hear goes on until its own watch of the master's heartbeat stops it.
+        // A drive that receives nothing goes on until its own time limit for the master's heartbeat.
         if !known || facts.is_deaf(now) || facts.is_disturbed(now) || !facts.driver.works() {
             self.speed = None;
             return Ok(());

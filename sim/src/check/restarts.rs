@@ -1,6 +1,6 @@
 //! No restart storm (DESIGN 6): a module that dies is started again at once, then after 100 ms, doubling up to the
-//! configured most; ten seconds of life pay off one doubling. An operator's command lifts the delay, and a watchdog that is
-//! started anew knows nothing of what was before it.
+//! configured most; ten seconds of life pay off one doubling. An operator's command lifts the delay, and a watchdog
+//! that is started anew knows nothing of what was before it.
 
 use super::Verdict;
 use super::facts::{Facts, SLACK};
@@ -9,7 +9,7 @@ use base::{Duration, Instant};
 
 /// The first delay.
 const FIRST: Duration = Duration::from_millis(100);
-/// So much life pays off one doubling.
+/// Lifetime that reduces the delay by one doubling.
 const DECAY: Duration = Duration::from_secs(10);
 
 /// A module.
@@ -17,7 +17,7 @@ const DECAY: Duration = Duration::from_secs(10);
 struct Module {
     started: Instant,
     ended: Option<Instant>,
-    /// What the next delay is at least, but for what is paid off.
+    /// Least next delay, before reductions.
     delay: Duration,
     commanded: bool,
 }
@@ -29,7 +29,7 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// Somebody commands a state.
+    /// Takes a state command.
     pub fn on_command(&mut self, module: &str) {
         match module {
             "*" => self.modules.all().for_each(|(_, module)| module.commanded = true),
@@ -42,7 +42,7 @@ impl Rule {
         self.modules.of(name).ended = Some(now);
     }
 
-    /// The watchdog begins; whoever starts it has delays of his own.
+    /// Takes the start of the watchdog, which is restarted with other delays.
     pub fn on_watchdog(&mut self) {
         self.modules.all().for_each(|(_, module)| (module.ended, module.delay) = (None, Duration::ZERO));
     }

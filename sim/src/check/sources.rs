@@ -1,4 +1,4 @@
-//! What each source of motion has said lately, as the driver was served it.
+//! Recent commands of each source of motion, as received by the driver.
 
 use super::facts::SLACK;
 use base::{Duration, Instant};
@@ -23,7 +23,7 @@ struct Said {
 /// A source.
 #[derive(Debug)]
 pub(super) struct Source {
-    /// No other source ever has this number.
+    /// Unique number of the source.
     pub id: u64,
     pub name: String,
     pub priority: i8,
@@ -42,28 +42,28 @@ impl Source {
         self.priority == lowlevel::CmdMotion::PLANNER
     }
 
-    /// When it was last heard, as it was received.
+    /// Instant of its last reception.
     fn heard(&self) -> Instant {
         self.said.back().map_or(Instant::ZERO, |said| said.at)
     }
 
-    /// When it was last served.
+    /// Instant at which it was last processed.
     pub fn served(&self) -> Instant {
         self.said.back().map_or(Instant::ZERO, |said| said.served)
     }
 
-    /// Whether its last command lives, or died no longer than `slack` ago.
+    /// True if its last command lives, or died no longer than `slack` ago.
     pub fn lives(&self, now: Instant, slack: Duration) -> bool {
         self.said.back().is_some_and(|said| now < said.at + self.ttl + slack)
     }
 
-    /// When its last command that moves the robot dies; none when it said nothing of the kind lately.
+    /// Expiry of its last command that moves the robot; `None` without a recent one.
     pub fn moves_until(&self) -> Option<Instant> {
         self.said.iter().rev().find(|said| said.speed != 0.0).map(|said| said.at + self.ttl)
     }
 
-    /// Whether it asks for this speed, or for more that is limited to it, with a command that lives and was not followed
-    /// by another longer than `slack` ago.
+    /// True if it asks for this speed, or for more that is limited to it, with a command that lives and was not
+    /// followed by another longer than `slack` ago.
     pub fn asks(&self, now: Instant, slack: Duration, speed: f64, limit: f64) -> bool {
         self.said.iter().enumerate().any(|(nth, said)| {
             let superseded = self.said.get(nth + 1).is_some_and(|next| now.since(next.served) > slack);
@@ -89,7 +89,7 @@ impl Source {
     }
 }
 
-/// All of them.
+/// All sources.
 #[derive(Debug)]
 pub(super) struct Sources {
     ttl: Duration,

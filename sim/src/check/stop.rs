@@ -1,8 +1,8 @@
 //! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (DESIGN 1.4).
 //!
 //! Begun: an RPDO4 that is a quick stop or zero, or the drive's own stop, told by its statusword or, where nobody hears
-//! that, seen by the body's speed falling. Counted from the last of faults that overlap; a hang that is over sooner is none.
-//! Judged only where a set-point moves the robot.
+//! that, seen by the body's speed falling. Counted from the last of faults that overlap; a hang that is over sooner is
+//! none. Judged only where a set-point moves the robot.
 
 use super::Verdict;
 use super::facts::{Facts, SLACK};
@@ -10,7 +10,7 @@ use base::{Duration, Instant};
 
 /// From hang or death to the stop.
 const WITHIN: Duration = Duration::from_millis(300);
-/// Slower than this it stands, m/s.
+/// Speed below which it counts as standing, m/s.
 const STANDS: f64 = 0.02;
 /// Between two looks at the body, 50 ms apart, a speed that falls falls by more, even of rolling, m/s.
 const FALLS: f64 = 0.004;
@@ -35,13 +35,13 @@ impl Lost {
     }
 }
 
-/// What is lost.
+/// Lost units.
 #[derive(Debug, Default)]
 pub(super) struct Rule {
     lost: Option<Lost>,
-    /// The propulsion told last that its operation is enabled.
+    /// True if the propulsion last reported Operation Enabled.
     enabled: bool,
-    /// The longest to a stop that was told.
+    /// Longest time to a reported stop.
     pub worst: Option<Duration>,
 }
 
@@ -61,7 +61,7 @@ impl Rule {
         self.lost.take_if(|lost| *lost.module == *module);
     }
 
-    /// A frame has left the wire that is none to the propulsion.
+    /// Takes a frame that left the wire, other than those to the propulsion.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
         let node = u16::from(facts.limits.propulsion);
         if (id == 0x180 + node || id == 0x480 + node)
@@ -75,7 +75,7 @@ impl Rule {
         }
     }
 
-    /// An RPDO4 has left the wire that does not move the robot, or the drive tells that it stops by itself.
+    /// Takes an RPDO4 that does not move the robot, or the drive's report of its own stop.
     pub fn on_still(&mut self, now: Instant, facts: &Facts) {
         if let Some(lost) = self.lost.take() {
             self.worst = self.worst.max(Some(now.since(lost.counts_from(now, facts))));

@@ -1,4 +1,5 @@
-//! STOP is never left without a manual command (DESIGN 4): not by an error, not by a crash, not by a command of a program.
+//! STOP is never left without a manual command (DESIGN 4): not by an error, not by a crash, not by a command of a
+//! program.
 //!
 //! Judged by the order in which commands were sent: an operator's way out must be newer than the way in.
 
@@ -10,18 +11,18 @@ use module::State;
 
 /// Commands of two senders may overtake each other by so much.
 const ORDER: Duration = Duration::from_millis(2);
-/// The same where LCM is disturbed.
+/// Slack while LCM is disturbed.
 const DISORDER: Duration = Duration::from_millis(200);
 
 /// A module.
 #[derive(Debug, Default)]
 struct Module {
-    /// It is in STOP, or was when its process ended.
+    /// Instant since which it is in STOP, or was when its process ended.
     stopped: Option<Instant>,
     commands: Commands,
 }
 
-/// When an operator last commanded STOP, and what leads out of it.
+/// Instants of the operator's last STOP command, and of one that leads out of it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Commands {
     into: Option<Instant>,

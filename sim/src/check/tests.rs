@@ -1,15 +1,15 @@
 //! Each rule, held and broken, by news made by hand.
+//!
+//! A script has a step a line: `+251` lets time pass, a word and its arguments make news ([`Bench::act`]). Every rule holds
+//! behind every step, but where a line ends with `! rule`: there that rule is the first to be broken.
 
 use super::*;
 use messages::{lowlevel, middlelevel, simulation};
 use module::ExitStatus;
+use std::collections::BTreeMap;
 
 const WATCHDOG: u32 = 1;
-const POWER: u32 = 2;
 const DRIVER: u32 = 3;
-const PAD: (&str, i8) = ("pad", 2);
-const SHELL: (&str, i8) = ("shell", 1);
-const PLANNER: (&str, i8) = ("planner", 0);
 
 fn limits() -> Limits {
     Limits {
@@ -32,25 +32,25 @@ fn limits() -> Limits {
     }
 }
 
-/// A machine in which all is well unless it is told otherwise.
+/// A machine in which all is well unless a script says otherwise.
 struct Bench {
     checkers: Checkers,
     now: Instant,
-    /// Who speaks each 50 ms: the watchdog, the power controller's driver, the steering.
-    watchdog: bool,
-    power: bool,
-    steering: bool,
+    /// Process of each module.
+    pids: BTreeMap<String, u32>,
+    /// Modules and drives that are quiet; the others send something every 50 ms.
+    quiet: Vec<String>,
     speed: f64,
 }
 
 impl Bench {
-    /// All modules run since a second; nobody commands.
+    /// All modules have run for a second; no source commands.
     fn new() -> Self {
         let checkers = Checkers::new(limits());
-        let now = Instant::ZERO;
-        let mut bench = Self { checkers, now, watchdog: true, power: true, steering: true, speed: 0.0 };
-        for (module, pid) in [("watchdog", WATCHDOG), ("power", POWER), ("driver", DRIVER)] {
-            bench.tell(&News::Started { module, pid });
+        let (now, pids, quiet) = (Instant::ZERO, BTreeMap::new(), Vec::new());
+        let mut bench = Self { checkers, now, pids, quiet, speed: 0.0 };
+        for module in ["watchdog", "power", "driver"] {
+            bench.start(module);
             bench.tell(&News::State { module, state: State::Run });
         }
         bench.pass(1000);
@@ -61,7 +61,12 @@ impl Bench {
         self.checkers.observe(self.now, news);
     }
 
-    /// Time passes, in which everybody says what he always says.
+    fn start(&mut self, module: &str) {
+        let pid = self.pids.get(module).map_or(self.pids.len() as u32 + 1, |last| last + 100);
+        self.pids.insert(module.into(), pid);
+        self.tell(&News::Started { module, pid });
+    }
+
     fn pass(&mut self, ms: u64) {
         let end = self.now + Duration::from_millis(ms);
         while self.now < end {
@@ -74,16 +79,23 @@ impl Bench {
     }
 
     fn usual(&mut self) {
-        if self.steering {
-            self.frame(0x702, &[5]);
+        for (who, says) in [("steering", "frame 702 05"), ("watchdog", "list power,driver"), ("power", "line free")] {
+            if !self.quiet.iter().any(|quiet| quiet == who) {
+                self.act(&says.split(' ').collect::<Vec<_>>());
+            }
         }
-        if self.watchdog {
-            self.list(&["power", "driver"]);
-        }
-        if self.power {
-            self.line(false);
-        }
-        self.truth(self.speed);
+        self.sent(0, simulation::DataTruth { speed: self.speed, ..Default::default() });
+    }
+
+    fn sent(&mut self, pid: u32, message: impl Into<Message>) {
+        self.tell(&News::Message { pid, message: &message.into() });
+    }
+
+    /// Sent, and served to the driver at once.
+    fn served(&mut self, pid: u32, message: impl Into<Message>) {
+        let message = message.into();
+        self.tell(&News::Message { pid, message: &message });
+        self.tell(&News::Heard { pid: self.pids["driver"], at: self.now, message: &message });
     }
 
     fn frame(&mut self, id: u16, data: &[u8]) {
@@ -96,710 +108,586 @@ impl Bench {
         self.frame(0x501, &[controlword, 0, rpm[0], rpm[1], rpm[2], rpm[3]]);
     }
 
-    fn drive(&mut self, mps: f64) {
-        self.set_point(0x0F, mps);
-    }
-
-    fn quick_stop(&mut self) {
-        self.set_point(0x0B, 0.0);
-    }
-
-    fn sent(&mut self, pid: u32, message: impl Into<Message>) {
-        self.tell(&News::Message { pid, message: &message.into() });
-    }
-
-    /// Sent, and served to the driver at once.
-    fn heard(&mut self, message: impl Into<Message>) {
-        let message = message.into();
-        self.tell(&News::Message { pid: 0, message: &message });
-        self.tell(&News::Heard { pid: DRIVER, at: self.now, message: &message });
-    }
-
-    fn say(&mut self, (source, priority): (&str, i8), speed: f64) {
-        let source = source.into();
-        self.heard(lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source });
-    }
-
-    /// Zero, then this: it has begun anew, and the robot moves.
-    fn begin(&mut self, source: (&str, i8), speed: f64) {
-        self.say(source, 0.0);
-        self.pass(10);
-        self.say(source, speed);
-        self.drive(speed.clamp(-0.6, 0.6));
-    }
-
-    fn list(&mut self, running: &[&str]) {
-        let row = |module: &str| common::Process {
-            module: module.into(),
-            phase: i8::from(running.contains(&module)),
-            state: State::Run as i8,
-            wanted: State::Run as i8,
-            ..common::Process::default()
-        };
-        self.rows(vec![row("power"), row("driver")]);
-    }
-
     fn rows(&mut self, processes: Vec<common::Process>) {
-        let message = Message::from(common::DataProcesses { timestamp: micros(self.now), processes });
-        self.tell(&News::Message { pid: WATCHDOG, message: &message });
-        self.tell(&News::Heard { pid: DRIVER, at: self.now, message: &message });
-    }
-
-    fn line(&mut self, engaged: bool) {
-        self.heard(lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() });
-    }
-
-    fn truth(&mut self, speed: f64) {
-        self.speed = speed;
-        self.sent(0, simulation::DataTruth { speed, ..Default::default() });
-    }
-
-    fn motion(&mut self, source: &str, homed: bool, speed_target: f64) {
-        let motion = lowlevel::DataMotion { timestamp: micros(self.now), homed, speed_target, ..Default::default() };
-        self.sent(DRIVER, lowlevel::DataMotion { source: source.into(), ..motion });
-    }
-
-    fn command(&mut self, module: &str, state: State, manual: bool) {
-        let (module, source) = (module.into(), "op".into());
-        self.heard(common::CmdState { timestamp: 0, module, state: state as i8, manual, source });
-    }
-
-    fn state(&mut self, module: &str, state: State) {
-        self.tell(&News::State { module, state });
-    }
-
-    fn exited(&mut self, module: &str, pid: u32) {
-        self.tell(&News::Exited { module, pid, status: ExitStatus::Signal(9) });
-    }
-
-    fn fault(&mut self, target: &str, fault: &str, ms: u64) {
-        self.tell(&News::Fault { target, fault, until: self.now + Duration::from_millis(ms) });
+        self.served(WATCHDOG, common::DataProcesses { timestamp: micros(self.now), processes });
     }
 
     #[track_caller]
-    fn holds(&self) {
-        assert_eq!(self.checkers.violation().map(ToString::to_string), None);
+    fn act(&mut self, words: &[&str]) {
+        match *words {
+            [] => {}
+            // Commands of motion: the robot moves; only said; received some ms ago.
+            ["begin", source, speed] => {
+                self.act(&["say", source, "0"]);
+                self.pass(10);
+                self.act(&["say", source, speed]);
+                self.set_point(0x0F, number(speed).clamp(-0.6, 0.6));
+            }
+            ["say", source, speed] => self.served(0, motion_command(source, number(speed))),
+            ["say", source, speed, ago] => {
+                let at = Instant::from_nanos(self.now.as_nanos() - ago.parse::<u64>().unwrap() * 1_000_000);
+                let message = &motion_command(source, number(speed)).into();
+                self.tell(&News::Heard { pid: DRIVER, at, message });
+            }
+            ["goal"] => {
+                let waypoints = vec![middlelevel::Waypoint::default()];
+                self.served(0, middlelevel::CmdGoal { waypoints, ..Default::default() });
+            }
+            ["estimate"] => {
+                let quality = middlelevel::DataEstimate::FINE;
+                self.served(0, middlelevel::DataEstimate { quality, ..Default::default() });
+            }
+            // On the CAN bus: set points, quick stops, anything.
+            ["drive", speed] => self.set_point(0x0F, number(speed)),
+            ["drive", controlword, speed] => self.set_point(byte(controlword), number(speed)),
+            ["stop"] => self.set_point(0x0B, 0.0),
+            ["frame", id, ref data @ ..] => {
+                let data: Vec<u8> = data.iter().map(|text| byte(text)).collect();
+                self.frame(u16::from_str_radix(id, 16).unwrap(), &data);
+            }
+            // The body, and what the driver says of it.
+            ["speed", speed] => self.speed = number(speed),
+            ["truth", speed] => {
+                self.speed = number(speed);
+                self.sent(0, simulation::DataTruth { speed: self.speed, ..Default::default() });
+            }
+            ["motion", homed, source, speed] => {
+                let (timestamp, homed, speed_target) = (micros(self.now), homed == "homed", number(speed));
+                let source = source.trim_matches('-').into();
+                let motion = lowlevel::DataMotion { timestamp, homed, speed_target, source, ..Default::default() };
+                self.sent(DRIVER, motion);
+            }
+            ["line", what] => {
+                let engaged = what == "engaged";
+                self.served(0, lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() });
+            }
+            // Processes, as the watchdog lists them and as they are.
+            ["list", running] => {
+                let row = |module: &str| row(module, running.split(',').any(|name| name == module), "RUN", "RUN");
+                self.rows(vec![row("power"), row("driver")]);
+            }
+            ["row", state, wanted] => self.rows(vec![row("power", true, state, wanted)]),
+            ["quiet", who] => self.quiet.push(who.into()),
+            ["start", module] => self.start(module),
+            ["exit", module] => {
+                let (pid, status) = (self.pids[module], ExitStatus::Signal(9));
+                self.tell(&News::Exited { module, pid, status });
+            }
+            ["hang", module] => self.tell(&News::Hung { module, pid: self.pids[module] }),
+            ["resume", module] => self.tell(&News::Resumed { module, pid: self.pids[module] }),
+            ["state", module, to] => self.tell(&News::State { module, state: state(to) }),
+            [by @ ("operator" | "program"), module, to] => {
+                let (state, manual, source) = (state(to) as i8, by == "operator", "op".into());
+                self.served(0, common::CmdState { timestamp: 0, module: module.into(), state, manual, source });
+            }
+            // What breaks.
+            ["fault", target, fault, ms] => {
+                let until = self.now + Duration::from_millis(ms.parse().unwrap());
+                self.tell(&News::Fault { target, fault, until });
+            }
+            ["dropped", whose] => self.tell(&News::Dropped { whose, count: 3 }),
+            ["calm"] => self.checkers.calm(self.now),
+            // A timestamp of a process on LL_DATA_ODO, on LL_DATA_SRFS.
+            ["odo", pid, at] => {
+                let timestamp = at.parse().unwrap();
+                self.sent(pid.parse().unwrap(), lowlevel::DataOdo { timestamp, ..Default::default() });
+            }
+            ["srfs", pid, at] => {
+                let (timestamp, srfs) = (at.parse().unwrap(), Vec::new());
+                self.sent(pid.parse().unwrap(), lowlevel::DataSrfs { timestamp, srfs });
+            }
+            _ => panic!("{words:?}"),
+        }
     }
 
     #[track_caller]
-    fn breaks(&self, rule: &str) {
-        assert_eq!(self.checkers.violation().map(|violation| violation.rule), Some(rule));
+    fn line(&mut self, line: &str) {
+        let (step, rule) = line.split_once('!').map_or((line, None), |(step, rule)| (step, Some(rule.trim())));
+        let mut words: Vec<&str> = step.split_whitespace().collect();
+        if let Some(ms) = words.first().and_then(|word| word.strip_prefix('+')) {
+            self.pass(ms.parse().unwrap());
+            words.remove(0);
+        }
+        self.act(&words);
+        let violation = self.checkers.violation();
+        assert_eq!(violation.map(|violation| violation.rule), rule, "{line}: {violation:?}");
     }
+}
+
+/// Runs a script, whose last line breaks a rule if any does.
+#[track_caller]
+fn check(script: &str) {
+    let mut bench = Bench::new();
+    for line in script.lines().map(|line| line.split('#').next().unwrap().trim()).filter(|line| !line.is_empty()) {
+        assert!(bench.checkers.violation().is_none(), "behind the last line: {line}");
+        bench.line(line);
+    }
+}
+
+fn number(text: &str) -> f64 {
+    text.parse().unwrap()
+}
+
+fn byte(text: &str) -> u8 {
+    u8::from_str_radix(text, 16).unwrap()
+}
+
+fn state(name: &str) -> State {
+    State::from_name(name).unwrap()
 }
 
 fn micros(at: Instant) -> i64 {
     at.as_nanos() as i64 / 1000
 }
 
+fn motion_command(source: &str, speed: f64) -> lowlevel::CmdMotion {
+    let priority = ["planner", "shell", "pad"].iter().position(|name| *name == source).unwrap_or(2) as i8;
+    lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source: source.into() }
+}
+
+fn row(module: &str, runs: bool, is: &str, wanted: &str) -> common::Process {
+    let (state, wanted) = (state(is) as i8, state(wanted) as i8);
+    common::Process { module: module.into(), phase: i8::from(runs), state, wanted, ..common::Process::default() }
+}
+
 #[test]
 fn a_set_point_lives_as_long_as_its_command() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.pass(251);
-    bench.drive(0.4);
-    bench.holds();
-    bench.pass(2);
-    bench.drive(0.4);
-    bench.breaks("fresh");
+    check(
+        "begin pad 0.4
+        +251 drive 0.4
+        +2 drive 0.4 ! fresh",
+    );
 }
 
 #[test]
 fn a_set_point_is_what_a_command_asks_for_or_less() {
-    for (set, well) in [(0.4, true), (0.2, true), (0.45, false), (-0.4, false)] {
-        let mut bench = Bench::new();
-        bench.begin(PAD, 0.4);
-        bench.drive(set);
-        assert_eq!(bench.checkers.violation().is_none(), well, "{set}");
-    }
-    let mut bench = Bench::new();
-    bench.begin(PAD, 1.0);
-    bench.drive(0.7);
-    bench.breaks("fresh");
+    check("begin pad 0.4 \n drive 0.4 \n drive 0.2");
+    check("begin pad 0.4 \n drive 0.45 ! fresh");
+    check("begin pad 0.4 \n drive -0.4 ! fresh");
+    check("begin pad 1.0 \n drive 0.7 ! fresh");
 }
 
 #[test]
 fn the_last_command_counts_once_it_had_time_to_reach_the_wire() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.pass(50);
-    bench.say(PAD, 0.0);
-    bench.pass(1);
-    bench.drive(0.4);
-    bench.holds();
-    bench.pass(2);
-    bench.drive(0.4);
-    bench.breaks("fresh");
+    check(
+        "begin pad 0.4
+        +50 say pad 0
+        +1 drive 0.4
+        +2 drive 0.4 ! fresh",
+    );
 }
 
 #[test]
 fn a_command_that_waited_counts_from_when_it_was_received() {
-    let mut bench = Bench::new();
-    bench.say(PAD, 0.0);
-    let at = bench.now;
-    bench.pass(200);
-    let (source, priority) = (PAD.0.into(), PAD.1);
-    let command = lowlevel::CmdMotion { timestamp: 0, speed: 0.3, steering: 0.0, priority, source };
-    bench.tell(&News::Heard { pid: DRIVER, at, message: &command.into() });
-    bench.drive(0.3);
-    bench.holds();
-    bench.pass(60);
-    bench.drive(0.3);
-    bench.breaks("fresh");
+    check(
+        "say pad 0
+        +200 say pad 0.3 200
+        drive 0.3
+        +60 drive 0.3 ! fresh",
+    );
 }
 
 #[test]
 fn an_rpdo4_is_whole_and_its_controlword_plain() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.set_point(0x1F, 0.4);
-    bench.breaks("fresh");
-    let mut bench = Bench::new();
-    bench.frame(0x501, &[0x0F, 0, 1]);
-    bench.breaks("fresh");
+    check("begin pad 0.4 \n drive 1F 0.4 ! fresh");
+    check("frame 501 0F 00 01 ! fresh");
 }
 
 #[test]
 fn who_did_not_let_go_does_not_move_the_robot_after_a_stop() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.pass(50);
-    bench.say(PAD, 0.4);
-    bench.quick_stop();
-    bench.pass(50);
-    bench.say(PAD, 0.4);
-    bench.drive(0.4);
-    bench.breaks("resumes");
+    check(
+        "begin pad 0.4
+        +50 say pad 0.4
+        stop
+        +50 say pad 0.4
+        drive 0.4 ! resumes",
+    );
 }
 
 #[test]
 fn who_let_go_moves_it_again() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.quick_stop();
-    bench.pass(50);
-    bench.begin(PAD, 0.4);
-    bench.holds();
-    bench.quick_stop();
-    // Silence is as good as zero.
-    bench.pass(300);
-    bench.say(PAD, 0.4);
-    bench.drive(0.4);
-    bench.holds();
-}
-
-fn estimate() -> middlelevel::DataEstimate {
-    middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() }
-}
-
-fn goal() -> middlelevel::CmdGoal {
-    middlelevel::CmdGoal { waypoints: vec![middlelevel::Waypoint::default()], ..Default::default() }
+    check(
+        "begin pad 0.4
+        stop
+        +50 begin pad 0.4
+        stop
+        +300 say pad 0.4   # silence is as good as zero
+        drive 0.4",
+    );
 }
 
 #[test]
 fn the_planner_needs_leave_and_an_estimate() {
-    let drive = |goal_first: bool, located: bool| {
-        let mut bench = Bench::new();
-        if goal_first {
-            bench.heard(goal());
-        }
-        if located {
-            bench.heard(estimate());
-        }
-        bench.say(PLANNER, 0.7);
-        bench.drive(0.7);
-        bench
-    };
-    drive(true, true).holds();
-    drive(false, true).breaks("resumes");
-    drive(true, false).breaks("resumes");
-    let mut bench = drive(true, true);
-    bench.pass(210);
-    bench.say(PLANNER, 0.7);
-    bench.drive(0.7);
-    bench.breaks("resumes");
+    check(
+        "goal
+        estimate
+        say planner 0.7
+        drive 0.7
+        +210 say planner 0.7
+        drive 0.7 ! resumes",
+    );
+    check("estimate \n say planner 0.7 \n drive 0.7 ! resumes");
+    check("goal \n say planner 0.7 \n drive 0.7 ! resumes");
 }
 
 #[test]
 fn the_planner_goes_on_after_its_own_silence_and_not_after_a_stop() {
-    let mut bench = Bench::new();
-    bench.heard(goal());
-    bench.heard(estimate());
-    bench.say(PLANNER, 0.7);
-    bench.drive(0.7);
-    bench.pass(250);
-    bench.quick_stop();
-    bench.pass(100);
-    bench.heard(estimate());
-    bench.say(PLANNER, 0.7);
-    bench.drive(0.7);
-    bench.holds();
-    bench.quick_stop();
-    bench.pass(10);
-    bench.say(PLANNER, 0.7);
-    bench.drive(0.7);
-    bench.breaks("resumes");
+    check(
+        "goal
+        estimate
+        say planner 0.7
+        drive 0.7
+        +250 stop
+        +100 estimate
+        say planner 0.7
+        drive 0.7
+        stop
+        +10 say planner 0.7
+        drive 0.7 ! resumes",
+    );
 }
 
 #[test]
 fn after_a_manual_take_over_the_planner_waits_for_leave() {
-    let mut bench = Bench::new();
-    bench.heard(goal());
-    bench.heard(estimate());
-    bench.say(PLANNER, 0.7);
-    bench.drive(0.7);
-    bench.begin(PAD, 0.2);
-    bench.pass(250);
-    bench.quick_stop();
-    bench.pass(100);
-    bench.heard(estimate());
-    bench.say(PLANNER, 0.7);
-    bench.drive(0.7);
-    bench.breaks("resumes");
+    check(
+        "goal
+        estimate
+        say planner 0.7
+        drive 0.7
+        begin pad 0.2
+        +250 stop
+        +100 estimate
+        say planner 0.7
+        drive 0.7 ! resumes",
+    );
 }
 
 #[test]
 fn no_set_point_leaves_20_ms_after_pause_is_known() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.power = false;
-    bench.line(true);
-    bench.pass(19);
-    bench.drive(0.4);
-    bench.holds();
-    bench.pass(2);
-    bench.drive(0.4);
-    bench.breaks("pause");
+    check(
+        "begin pad 0.4
+        quiet power
+        line engaged
+        +19 drive 0.4
+        +2 drive 0.4 ! pause",
+    );
 }
 
 #[test]
 fn under_pause_the_speed_never_rises() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.power = false;
-    bench.line(true);
-    bench.quick_stop();
-    for speed in [0.4, 0.3, 0.3, 0.2] {
-        bench.speed = speed;
-        bench.pass(50);
-        bench.holds();
-    }
-    bench.speed = 0.21;
-    bench.pass(50);
-    bench.breaks("pause");
+    check(
+        "begin pad 0.4
+        quiet power
+        line engaged
+        stop
+        speed 0.4
+        +50 speed 0.3
+        +50
+        +50 speed 0.2
+        +50 speed 0.21
+        +50 ! pause",
+    );
 }
 
 #[test]
 fn a_pause_line_that_is_not_heard_of_counts_as_engaged() {
-    let mut bench = Bench::new();
-    bench.power = false;
-    bench.pass(1190);
-    bench.begin(PAD, 0.4);
-    bench.holds();
-    bench.pass(10);
-    bench.drive(0.4);
-    bench.breaks("pause");
+    check(
+        "quiet power
+        +1190 begin pad 0.4
+        +10 drive 0.4 ! pause",
+    );
     // A driver that has just come knows nothing.
-    let mut bench = Bench::new();
-    bench.power = false;
-    bench.exited("driver", DRIVER);
-    bench.tell(&News::Started { module: "driver", pid: DRIVER });
-    bench.state("driver", State::Run);
-    bench.pass(50);
-    bench.begin(PAD, 0.4);
-    bench.breaks("pause");
+    check(
+        "quiet power
+        exit driver
+        start driver
+        state driver RUN
+        +50 begin pad 0.4 ! pause",
+    );
 }
 
 #[test]
 fn without_a_critical_module_nothing_moves() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.watchdog = false;
-    bench.list(&["driver"]);
-    bench.pass(1);
-    bench.drive(0.4);
-    bench.holds();
-    bench.pass(2);
-    bench.drive(0.4);
-    bench.breaks("critical");
+    check(
+        "begin pad 0.4
+        quiet watchdog
+        list driver
+        +1 drive 0.4
+        +2 drive 0.4 ! critical",
+    );
 }
 
 #[test]
 fn without_a_watchdog_nothing_moves() {
-    let mut bench = Bench::new();
-    bench.watchdog = false;
-    bench.pass(240);
-    bench.begin(PAD, 0.4);
-    bench.holds();
-    bench.pass(3);
-    bench.drive(0.4);
-    bench.breaks("critical");
+    check(
+        "quiet watchdog
+        +240 begin pad 0.4
+        +3 drive 0.4 ! critical",
+    );
 }
 
 #[test]
 fn a_command_out_of_limits_stops_the_robot_for_its_time_to_live() {
-    for wild in [1.3, f64::NAN] {
-        let mut bench = Bench::new();
-        bench.begin(PAD, 0.4);
-        bench.say(SHELL, wild);
-        bench.pass(3);
-        bench.drive(0.4);
-        bench.breaks("refused");
-    }
-    let mut bench = Bench::new();
-    bench.say(SHELL, 1.3);
-    bench.pass(250);
-    bench.begin(PAD, 0.4);
-    bench.holds();
+    check("begin pad 0.4 \n say shell 1.3 \n +3 drive 0.4 ! refused");
+    check("begin pad 0.4 \n say shell NaN \n +3 drive 0.4 ! refused");
+    check("say shell 1.3 \n +250 begin pad 0.4");
 }
 
 #[test]
 fn a_driver_that_does_not_run_does_not_act() {
-    for state in [State::Pause, State::Stop, State::Error] {
-        let mut bench = Bench::new();
-        bench.begin(PAD, 0.4);
-        bench.state("driver", state);
-        bench.pass(2);
-        bench.drive(0.4);
-        bench.holds();
-        bench.pass(1);
-        bench.drive(0.4);
-        bench.breaks("idle");
+    for state in ["PAUSE", "STOP", "ERROR"] {
+        check(&format!("begin pad 0.4 \n state driver {state} \n +2 drive 0.4 \n +1 drive 0.4 ! idle"));
     }
 }
 
 #[test]
 fn a_steering_that_is_lost_stops_the_propulsion() {
-    let mut bench = Bench::new();
-    bench.steering = false;
-    bench.pass(190);
-    bench.begin(PAD, 0.4);
-    bench.holds();
-    bench.pass(5);
-    bench.drive(0.4);
-    bench.breaks("drives");
+    check(
+        "quiet steering
+        +190 begin pad 0.4
+        +5 drive 0.4 ! drives",
+    );
 }
 
 #[test]
 fn a_steering_in_fault_or_started_anew_stops_the_propulsion() {
-    for (id, data) in [(0x282, [0x18, 0x02]), (0x702, [0, 0])] {
-        let mut bench = Bench::new();
-        bench.begin(PAD, 0.4);
-        bench.frame(id, &data);
-        bench.pass(1);
-        bench.drive(0.4);
-        bench.holds();
-        bench.pass(2);
-        bench.drive(0.4);
-        bench.breaks("drives");
+    for frame in ["282 18 02", "702 00 00"] {
+        check(&format!("begin pad 0.4 \n frame {frame} \n +1 drive 0.4 \n +2 drive 0.4 ! drives"));
     }
 }
 
 #[test]
 fn an_unhomed_robot_is_not_driven() {
-    let mut bench = Bench::new();
-    bench.motion("", false, 0.0);
-    bench.begin(PAD, 0.4);
-    bench.motion("pad", true, 0.4);
-    bench.holds();
-    bench.motion("", false, 0.0);
-    bench.drive(0.4);
-    bench.motion("", false, 0.0);
-    bench.breaks("homed");
-    let mut bench = Bench::new();
-    bench.motion("", false, 0.1);
-    bench.breaks("homed");
+    check(
+        "motion not_homed - 0
+        begin pad 0.4
+        motion homed pad 0.4
+        motion not_homed - 0
+        drive 0.4
+        motion not_homed - 0 ! homed",
+    );
+    check("motion not_homed - 0.1 ! homed");
 }
 
 #[test]
 fn who_holds_the_motion_keeps_it_until_it_lets_go() {
-    let contest = |first: (&str, i8), second: (&str, i8)| {
-        let mut bench = Bench::new();
-        bench.begin(first, 0.2);
-        bench.motion(first.0, true, 0.2);
-        bench.begin(second, 0.2);
-        bench.motion(second.0, true, 0.2);
-        bench
+    let contest = |first: &str, second: &str, end: &str| {
+        check(&format!(
+            "begin {first} 0.2
+            motion homed {first} 0.2
+            begin {second} 0.2
+            motion homed {second} 0.2 {end}"
+        ));
     };
-    contest(SHELL, PAD).holds();
-    contest(PAD, SHELL).breaks("authority");
-    contest(PAD, ("wheel", PAD.1)).breaks("authority");
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.2);
-    bench.motion("pad", true, 0.2);
-    bench.pass(300);
-    bench.begin(SHELL, 0.2);
-    bench.motion("shell", true, 0.2);
-    bench.holds();
-    bench.pass(300);
-    bench.motion("shell", true, 0.2);
-    bench.breaks("authority");
+    contest("shell", "pad", "");
+    contest("pad", "shell", "! authority");
+    contest("pad", "wheel", "! authority");
+    check(
+        "begin pad 0.2
+        motion homed pad 0.2
+        +300 begin shell 0.2
+        motion homed shell 0.2
+        +300 motion homed shell 0.2 ! authority",
+    );
 }
 
 #[test]
 fn set_points_are_those_of_who_holds_the_motion() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.2);
-    bench.motion("pad", true, 0.2);
-    bench.say(SHELL, 0.0);
-    bench.say(SHELL, 0.3);
-    bench.drive(0.2);
-    bench.holds();
-    bench.drive(0.3);
-    bench.breaks("authority");
+    check(
+        "begin pad 0.2
+        motion homed pad 0.2
+        say shell 0
+        say shell 0.3
+        drive 0.2
+        drive 0.3 ! authority",
+    );
 }
 
 #[test]
 fn the_stop_has_begun_300_ms_after_a_critical_module_was_lost() {
-    for lost in ["hang", "death"] {
-        let lose = |bench: &mut Bench| match lost {
-            "hang" => bench.tell(&News::Hung { module: "power", pid: POWER }),
-            _ => bench.exited("power", POWER),
-        };
-        let mut bench = Bench::new();
-        bench.begin(PAD, 0.4);
-        bench.speed = 0.4;
-        lose(&mut bench);
-        bench.pass(299);
-        bench.quick_stop();
-        bench.pass(200);
-        bench.holds();
-        let mut bench = Bench::new();
-        bench.begin(PAD, 0.4);
-        bench.speed = 0.4;
-        lose(&mut bench);
-        for _ in 0..10 {
-            bench.say(PAD, 0.4);
-            bench.pass(50);
-        }
-        bench.breaks("stop");
+    for lost in ["hang power", "exit power"] {
+        check(&format!("begin pad 0.4 \n speed 0.4 \n {lost} \n +299 stop \n +200"));
+        check(&format!("begin pad 0.4 \n speed 0.4 \n {lost} \n {} +50 ! stop", "say pad 0.4 \n +50 \n".repeat(7)));
     }
 }
 
 #[test]
 fn a_drive_that_stops_by_itself_has_begun_the_stop() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.speed = 0.4;
-    bench.pass(100);
-    bench.exited("driver", DRIVER);
-    bench.pass(260);
-    for speed in [0.4, 0.35, 0.3, 0.2, 0.1, 0.0] {
-        bench.speed = speed;
-        bench.pass(50);
-    }
-    bench.holds();
+    check(
+        "begin pad 0.4
+        speed 0.4
+        +100 exit driver
+        +260 speed 0.4
+        +50 speed 0.35
+        +50 speed 0.3
+        +50 speed 0.2
+        +50 speed 0.1
+        +50 speed 0
+        +50",
+    );
 }
 
 #[test]
 fn a_hang_that_is_over_soon_or_is_none_of_a_critical_module_is_no_loss() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.speed = 0.4;
-    bench.tell(&News::Started { module: "beacons", pid: 9 });
-    bench.exited("beacons", 9);
-    bench.tell(&News::Hung { module: "power", pid: POWER });
-    bench.pass(150);
-    bench.tell(&News::Resumed { module: "power", pid: POWER });
-    for _ in 0..10 {
-        bench.say(PAD, 0.4);
-        bench.pass(50);
-    }
-    bench.holds();
+    check(&format!(
+        "begin pad 0.4
+        speed 0.4
+        start beacons
+        exit beacons
+        hang power
+        +150 resume power
+        {}",
+        "say pad 0.4 \n +50 \n".repeat(10)
+    ));
 }
 
 #[test]
 fn a_robot_that_nobody_moves_comes_to_a_stand() {
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.speed = 0.4;
-    bench.pass(250);
-    bench.quick_stop();
-    bench.pass(700);
-    bench.holds();
-    bench.pass(200);
-    bench.breaks("body");
-    let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
-    bench.speed = 0.4;
-    bench.pass(250);
-    bench.quick_stop();
+    check(
+        "begin pad 0.4
+        speed 0.4
+        +250 stop
+        +700
+        +200 ! body",
+    );
     // Without its power stage it rolls.
-    bench.fault("propulsion", "fault", 0);
-    bench.pass(2000);
-    bench.holds();
-    bench.truth(0.43);
-    bench.breaks("body");
+    check(
+        "begin pad 0.4
+        speed 0.4
+        +250 stop
+        fault propulsion fault 0
+        +2000
+        truth 0.43 ! body",
+    );
 }
 
 #[test]
 fn what_a_driver_commanded_before_it_hung_moves_the_robot_until_the_drive_misses_it() {
-    let mut bench = Bench::new();
-    bench.pass(20);
-    bench.begin(PAD, 0.4);
-    bench.drive(0.4);
-    bench.pass(10);
-    bench.tell(&News::Hung { module: "driver", pid: DRIVER });
-    for speed in [0.05, 0.1, 0.15, 0.2] {
-        bench.speed = speed;
-        bench.pass(50);
-    }
-    bench.holds();
-    for speed in [0.15, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0] {
-        bench.speed = speed;
-        bench.pass(50);
-    }
-    bench.truth(0.1);
-    bench.breaks("body");
+    check(
+        "+20 begin pad 0.4
+        drive 0.4
+        +10 hang driver
+        speed 0.05
+        +50 speed 0.1
+        +50 speed 0.15
+        +50 speed 0.2
+        +50 speed 0.15
+        +50 speed 0.1
+        +50 speed 0
+        +250 truth 0.1 ! body",
+    );
 }
 
 #[test]
 fn stop_is_left_by_an_operator_alone() {
-    let mut bench = Bench::new();
-    bench.command("power", State::Stop, true);
-    bench.state("power", State::Stop);
-    bench.state("power", State::Error);
-    bench.state("power", State::Stop);
-    bench.pass(100);
-    bench.command("*", State::Run, true);
-    bench.state("power", State::Run);
-    bench.holds();
-    for way in [State::Run, State::Pause] {
-        let mut bench = Bench::new();
-        bench.command("power", State::Run, true);
-        bench.pass(100);
-        bench.command("power", State::Stop, true);
-        bench.state("power", State::Stop);
-        bench.command("power", way, false);
-        bench.exited("power", POWER);
-        bench.state("power", way);
-        bench.breaks("stopped");
+    check(
+        "operator power STOP
+        state power STOP
+        state power ERROR
+        state power STOP
+        +100 operator * RUN
+        state power RUN",
+    );
+    for way in ["RUN", "PAUSE"] {
+        check(&format!(
+            "operator power RUN
+            +100 operator power STOP
+            state power STOP
+            program power {way}
+            exit power
+            state power {way} ! stopped"
+        ));
     }
 }
 
 #[test]
 fn restarts_wait_for_their_delays() {
-    let start = |waits: &[u64]| {
-        let mut bench = Bench::new();
-        for (pid, wait) in (100..).zip(waits) {
-            bench.exited("power", if pid == 100 { POWER } else { pid - 1 });
-            bench.pass(*wait);
-            bench.tell(&News::Started { module: "power", pid });
-            bench.pass(10);
-        }
-        bench
+    let start = |waits: &[u64], end: &str| {
+        let starts: Vec<String> = waits.iter().map(|wait| format!("exit power \n +{wait} start power")).collect();
+        check(&format!("{} {end}", starts.join("\n +10 \n")));
     };
-    start(&[0, 100, 200, 400, 800, 1600, 2000, 2000]).holds();
-    start(&[0, 50]).breaks("restarts");
-    start(&[0, 100, 200, 300]).breaks("restarts");
-    start(&[0, 100, 200, 400, 800, 1600, 1900]).breaks("restarts");
+    start(&[0, 100, 200, 400, 800, 1600, 2000, 2000], "");
+    start(&[0, 50], "! restarts");
+    start(&[0, 100, 200, 300], "! restarts");
+    start(&[0, 100, 200, 400, 800, 1600, 1900], "! restarts");
 }
 
 #[test]
 fn life_pays_off_delays_and_an_operator_lifts_them() {
-    let mut bench = Bench::new();
-    bench.exited("power", POWER);
-    bench.tell(&News::Started { module: "power", pid: 10 });
-    bench.pass(10_000);
-    bench.exited("power", 10);
-    bench.tell(&News::Started { module: "power", pid: 11 });
-    bench.holds();
-    bench.exited("power", 11);
-    bench.command("power", State::Run, true);
-    bench.tell(&News::Started { module: "power", pid: 12 });
-    bench.holds();
+    check(
+        "exit power
+        start power
+        +10000 exit power
+        start power
+        exit power
+        operator power RUN
+        start power",
+    );
 }
 
 #[test]
 fn a_module_has_one_process() {
-    let mut bench = Bench::new();
-    bench.exited("power", POWER);
-    bench.tell(&News::Started { module: "power", pid: 10 });
-    bench.holds();
-    bench.pass(1000);
-    bench.tell(&News::Started { module: "power", pid: 11 });
-    bench.breaks("single");
+    check(
+        "exit power
+        start power
+        +1000 start power ! single",
+    );
 }
 
 #[test]
 fn timestamps_do_not_go_back_on_a_channel_of_a_process() {
-    let mut bench = Bench::new();
-    let odo = |timestamp| lowlevel::DataOdo { timestamp, ..Default::default() };
-    bench.sent(POWER, odo(100));
-    bench.sent(POWER, odo(100));
-    bench.sent(POWER, lowlevel::DataSrfs { timestamp: 50, srfs: Vec::new() });
-    bench.sent(DRIVER, odo(90));
-    bench.sent(0, odo(0));
-    bench.holds();
-    bench.sent(POWER, odo(99));
-    bench.breaks("clock");
+    check(
+        "odo 2 100
+        odo 2 100
+        srfs 2 50
+        odo 3 90
+        odo 0 0
+        odo 2 99 ! clock",
+    );
 }
 
 #[test]
 fn queues_overflow_where_something_is_broken_alone() {
-    let mut bench = Bench::new();
-    bench.fault("can", "cut", 500);
-    bench.tell(&News::Dropped { whose: "can", count: 3 });
-    bench.tell(&News::Hung { module: "power", pid: POWER });
-    bench.tell(&News::Dropped { whose: "power", count: 1 });
-    bench.holds();
+    check(
+        "fault can cut 500
+        dropped can
+        hang power
+        dropped power",
+    );
     for whose in ["can", "power"] {
-        let mut bench = Bench::new();
-        bench.pass(1000);
-        bench.tell(&News::Dropped { whose, count: 1 });
-        bench.breaks("queues");
-    }
-}
-
-fn row(state: State, wanted: State) -> common::Process {
-    common::Process {
-        module: "power".into(),
-        phase: common::Process::RUNNING,
-        state: state as i8,
-        wanted: wanted as i8,
-        ..common::Process::default()
+        check(&format!("+1000 dropped {whose} ! queues"));
     }
 }
 
 #[test]
 fn what_is_wanted_changes_by_command_alone() {
-    let mut bench = Bench::new();
-    bench.command("power", State::Pause, false);
-    bench.rows(vec![row(State::Run, State::Pause)]);
-    bench.holds();
-    bench.rows(vec![row(State::Pause, State::Stop)]);
-    bench.breaks("wanted");
+    check(
+        "program power PAUSE
+        row RUN PAUSE
+        row PAUSE STOP ! wanted",
+    );
 }
 
 #[test]
 fn in_calm_all_come_to_be_as_they_are_wanted_within_ten_seconds() {
-    let differs = |seconds: u64| {
-        let mut bench = Bench::new();
-        bench.watchdog = false;
-        bench.checkers.calm(bench.now);
-        for _ in 0..seconds * 10 {
-            bench.rows(vec![row(State::Error, State::Run)]);
-            bench.pass(100);
-        }
-        bench.rows(vec![row(State::Run, State::Run)]);
-        bench
-    };
-    differs(9).holds();
-    differs(11).breaks("wanted");
-    let mut bench = Bench::new();
-    bench.checkers.calm(bench.now);
-    bench.watchdog = false;
-    bench.pass(9_900);
-    bench.holds();
-    bench.pass(200);
-    bench.breaks("wanted");
+    let differs =
+        |seconds: usize| format!("quiet watchdog \n calm \n {}", "row ERROR RUN \n +100 \n".repeat(seconds * 10));
+    check(&format!("{} row RUN RUN", differs(9)));
+    check(&format!("{} row ERROR RUN \n +100 row ERROR RUN ! wanted", differs(10)));
+    check(
+        "calm
+        quiet watchdog
+        +9900
+        +200 ! wanted",
+    );
 }
 
 #[test]
 fn a_violation_is_one_line_and_the_first_one_stays() {
     let mut bench = Bench::new();
-    bench.begin(PAD, 0.4);
+    bench.act(&["begin", "pad", "0.4"]);
     bench.pass(300);
-    bench.drive(0.4);
+    bench.act(&["drive", "0.4"]);
     bench.pass(2000);
     let line = bench.checkers.violation().map(ToString::to_string);
     let expected = "at 1.310000 s, rule fresh: 0.400 m/s, which no living command asks for";

@@ -1,5 +1,5 @@
-//! What is wanted of a module is what somebody commanded, and in calm every module comes to be in that state within 10 s
-//! (DESIGN 6; the bound), as `CM_DATA_PROCESSES` has it, which is heard.
+//! What is wanted of a module is what somebody commanded, and in calm every module comes to be in that state within 10
+//! s (DESIGN 6; the bound), as `CM_DATA_PROCESSES` has it, which is heard.
 
 use super::Verdict;
 use super::names::Names;
@@ -14,7 +14,7 @@ const SILENT: Duration = Duration::from_secs(1);
 /// A watchdog that was held up follows a command no later.
 const FOLLOWS: Duration = Duration::from_secs(60);
 
-/// When each state was last commanded.
+/// Time when each state was last commanded.
 #[derive(Clone, Copy, Debug, Default)]
 struct Commands([Option<Instant>; State::ALL.len()]);
 
@@ -30,7 +30,7 @@ impl Commands {
 struct Module {
     wanted: Option<i8>,
     commands: Commands,
-    /// It is not as it is wanted since.
+    /// Instant since which it differs from the wanted state.
     differs: Option<Instant>,
 }
 
@@ -56,13 +56,13 @@ impl Rule {
         self.calm = None;
     }
 
-    /// Somebody commands a state.
+    /// Takes a state command.
     pub fn on_command(&mut self, now: Instant, module: &str, to: State) {
         let commands = if module == "*" { &mut self.all } else { &mut self.modules.of(module).commands };
         commands.0[to as usize] = Some(now);
     }
 
-    /// The watchdog tells of all.
+    /// Takes the watchdog's list.
     pub fn on_list(&mut self, now: Instant, pid: u32, list: &common::DataProcesses) -> Verdict {
         let new = std::mem::replace(&mut self.watchdog, pid) != pid;
         self.heard = now;
@@ -96,7 +96,7 @@ impl Rule {
     }
 }
 
-/// How long it took in calm, where it is as it is wanted again.
+/// Duration in calm until the wanted state was reached.
 fn judge(
     now: Instant,
     calm: Option<Instant>,

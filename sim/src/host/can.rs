@@ -1,5 +1,5 @@
-//! A CAN wire: exact frame lengths, arbitration, one frame at a time, and what happens when frames go wrong (ISO 11898-1):
-//! error frames, error counters, retransmission, no acknowledge, bus-off and the way back.
+//! A CAN wire: exact frame lengths, arbitration, one frame at a time, and what happens when frames go wrong (ISO
+//! 11898-1): error frames, error counters, retransmission, no acknowledge, bus-off and the way back.
 //!
 //! A port is a controller. An error is seen by all of them, as an error flag makes it: there are no local errors, and
 //! none that no CRC finds. While all is well nothing of this takes time or chance.
@@ -8,30 +8,30 @@ mod controller;
 #[cfg(test)]
 mod tests;
 
-use super::Owner;
 use super::news::Traffic;
-use crate::faults::Ailment;
-use crate::random::Random;
+use super::owner::Owner;
 use base::can::{Frame, INTERMISSION, Id, Notice, frame_bits};
 use base::{Duration, Instant};
 use controller::{Controller, Queued};
+use simulator::Random;
+use simulator::faults::Ailment;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
 /// An error flag, those of the others, which begin when they see it, and the delimiter.
 const ERROR_FRAME: u32 = 6 + 6 + 8;
-/// The same when nobody else is there.
+/// Error frame without other nodes.
 const LONE_ERROR_FRAME: u32 = 6 + 8;
-/// From the acknowledge slot to the end of a frame: what a frame lacks that nobody acknowledges.
+/// Bits from the acknowledge slot to the end of a frame, which an unacknowledged frame lacks.
 const AFTER_ACKNOWLEDGE: u32 = 8;
 /// An error-passive transmitter waits so long after the intermission.
 const SUSPEND: u32 = 8;
 /// Recessive bits to be seen before taking part again after bus-off; here an idle bus is taken for granted.
 const RECOVERY: u32 = 128 * 11;
-/// What is not a change of state is told this often at most.
+/// Shortest period of notices other than changes of state.
 const NEWS: Duration = Duration::from_millis(100);
 
-/// Base frames win over extended ones of the same first 11 bits, data over remote.
+/// Base frames win over extended ones with the same first 11 bits, data over remote.
 fn rank(frame: &Frame) -> u64 {
     let remote = u64::from(frame.is_remote());
     match frame.id() {
@@ -40,12 +40,12 @@ fn rank(frame: &Frame) -> u64 {
     }
 }
 
-/// What the wire has to tell.
+/// Event of the wire.
 #[derive(Debug, PartialEq)]
 pub(super) enum Told {
     /// A frame has left the wire, and is for all other ports that are on it.
     Frame(Owner, Frame),
-    /// A frame has left the wire, and nobody received it.
+    /// A frame has left the wire, and no node received it.
     Lost(Frame),
     /// A port is bus-off.
     Off(Owner),
@@ -55,7 +55,7 @@ pub(super) enum Told {
     Notice(Owner, Notice),
 }
 
-/// What becomes of the frame on the wire.
+/// Result of the frame on the wire.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Outcome {
     Sent,
@@ -75,13 +75,13 @@ struct Sending {
 #[derive(Debug, Default)]
 struct Segment {
     sending: Option<Sending>,
-    /// When the intermission is over.
+    /// End of the intermission.
     free: Instant,
-    /// When the next arbitration begins; frames handed over at the same moment take part.
+    /// Instant of the next arbitration; frames handed over at the same instant take part.
     start: Option<Instant>,
 }
 
-/// One wire. Each port sends its own frames in order; among the ports' first ones the lowest identifier wins.
+/// A wire. Each port sends its frames in order; among the ports' first ones the lowest identifier wins.
 #[derive(Debug)]
 pub(super) struct CanWire {
     pub bitrate: u32,
@@ -92,7 +92,7 @@ pub(super) struct CanWire {
     /// The wire itself, then for each controller its end of the cable when that is cut.
     segments: Vec<Segment>,
     told: VecDeque<Told>,
-    /// When small news are told next, and before when not.
+    /// Instant of the next minor notice, and earliest instant of one.
     news: Option<Instant>,
     quiet: Instant,
     random: Random,
@@ -100,7 +100,7 @@ pub(super) struct CanWire {
     corrupt: (Instant, u64),
     /// Frames that were begun.
     tries: u64,
-    /// The number of a frame, as [`Traffic::sent`] counts, that nobody will receive.
+    /// Number of a frame, as in [`Traffic::sent`], that no node will receive.
     lose: Option<u64>,
     /// Until then a controller that comes back goes off again.
     off: Instant,
@@ -130,7 +130,7 @@ impl CanWire {
         Duration::from_nanos(u64::from(bits) * 1_000_000_000 / u64::from(self.bitrate))
     }
 
-    /// A port of a module is opened; false while its controller is bus-off. `many`: it stands for several nodes, which
+    /// Opens a port of a module; false while its controller is bus-off. `many`: it represents several nodes, which
     /// acknowledge each other's frames.
     pub fn join(&mut self, owner: Owner, module: &Rc<str>, many: bool) -> bool {
         self.ports.push(owner);
@@ -148,7 +148,7 @@ impl CanWire {
         true
     }
 
-    /// Whether a port's controller takes part, and hears what passes on the wire.
+    /// True if a port's controller takes part, and receives the frames on the wire.
     pub fn hears(&self, now: Instant, owner: Owner) -> bool {
         self.place(owner).is_some_and(|place| self.takes_part(now, place, 0))
     }
@@ -209,7 +209,7 @@ impl CanWire {
         self.tell(now);
     }
 
-    /// What there is to tell.
+    /// Next event.
     pub fn poll_told(&mut self) -> Option<Told> {
         self.told.pop_front()
     }
@@ -224,8 +224,8 @@ impl CanWire {
                 continue;
             }
             if segment != number {
-                // Its cable was cut, or mended, while it waited. Not before it may send: two that wait so on either side
-                // would wake each other for ever.
+                // Its cable was cut, or mended, while it waited. Not before it may send: two that wait so on either
+                // side would wake each other for ever.
                 let when = now.max(controller.suspended);
                 self.kick(when, segment);
                 continue;
@@ -307,7 +307,7 @@ impl CanWire {
         });
     }
 
-    /// What the frame of one is for all others that take part.
+    /// Effect of a frame on all other controllers that take part.
     fn others(&mut self, now: Instant, number: usize, by: usize, each: fn(&mut Controller)) {
         for place in (0..self.controllers.len()).filter(|place| *place != by) {
             if self.takes_part(now, place, number) {
@@ -336,7 +336,7 @@ impl CanWire {
         self.told.push_back(Told::Back(controller.owner));
     }
 
-    /// Tells changes of state at once, the rest now and then.
+    /// Reports changes of state at once, other notices now and then.
     fn tell(&mut self, now: Instant) {
         let due = self.news.take_if(|at| *at <= now).is_some();
         for controller in &mut self.controllers {
@@ -353,8 +353,8 @@ impl CanWire {
         }
     }
 
-    /// Lets a fault come over the wire; false when that is no fault of a wire. What is done to a port is done to those
-    /// that do not stand for many nodes: the masters.
+    /// Injects a fault into the wire; false if it is none of a wire. A fault of a port hits those that represent a
+    /// single node: the masters.
     pub fn suffer(&mut self, now: Instant, ailment: Ailment, until: Instant) -> bool {
         match ailment {
             Ailment::Noise(rate) => self.noise = (until, rate),
@@ -362,7 +362,7 @@ impl CanWire {
             Ailment::Lose(nth) => self.lose = Some(self.traffic.sent.saturating_add(nth)),
             Ailment::Cut => self.cut(now, until),
             Ailment::BusOff => {
-                // Once, unless it is said how long.
+                // Momentary, unless a duration is given.
                 self.off = if until == Instant::NEVER { now } else { until };
                 self.masters(now, Self::go_off);
             }
@@ -401,7 +401,7 @@ impl CanWire {
         }
     }
 
-    /// The process is gone; what it had handed over is still sent, as the kernel does.
+    /// Removes a dead process; frames that it handed over are still sent, as by the kernel.
     pub fn close(&mut self, pid: u32) {
         self.ports.retain(|owner| owner.pid != pid);
     }

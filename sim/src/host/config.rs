@@ -2,7 +2,7 @@
 
 use base::{Duration, Epoch};
 
-/// How the virtual machine is made.
+/// Parameters of the virtual machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// The one source of chance.
@@ -21,12 +21,12 @@ pub struct Config {
     pub exit_delay: Duration,
     /// The greatest delay before a process that is kept ([`Virtual::keep`](super::Virtual::keep)) is started again.
     pub restart_delay_max: Duration,
-    /// Serial busses with a pair of wires each way.
+    /// Serial buses with a pair of wires each way.
     pub full_duplex: Vec<String>,
-    /// Whether who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
+    /// True if who sends a CAN frame receives it too (UDP does, `SocketCAN` does not).
     pub can_echo: bool,
-    /// The frame of this number, counted from 1 on each CAN bus as [`Traffic::sent`](super::Traffic::sent) counts, is
-    /// received by nobody, though its sender saw it acknowledged: what a receiver's overrun does, once.
+    /// Number of a frame, counted from 1 on each CAN bus as in [`Traffic::sent`](super::Traffic::sent), that no node
+    /// receives although it is acknowledged: one overrun of a receiver.
     pub can_loss: Option<u64>,
 }
 

@@ -1,6 +1,6 @@
 //! The wire of a gamepad: one end tells, the others hear it at once.
 
-use super::Owner;
+use super::owner::Owner;
 use base::gamepad::{self, Device, Event};
 
 /// One wire.

@@ -1,15 +1,13 @@
-//! An I2C bus: one transfer after the other, each as long as its bits take. Who emulates the chips is asked at the START
-//! and answers at once; the master hears of it when the STOP is over.
+//! An I2C bus: one transfer after the other, each as long as its bits take. Who emulates the chips is asked at the
+//! START and answers at once; the master hears of it when the STOP is over.
 
-use super::Owner;
 use super::news::Traffic;
+use super::owner::Owner;
 use base::i2c::{Error, Outcome, Transfer};
 use base::{Duration, Instant};
+use i2c::{STRETCH_MAX, duration};
 use module::OUTSTANDING;
 use std::collections::VecDeque;
-
-/// A chip that does not answer at all holds the clock; a master gives up after this (SMBus 3.2, 3.1.1.3: 25 to 35 ms).
-const GIVES_UP: Duration = Duration::from_millis(35);
 
 /// One wire.
 #[derive(Debug)]
@@ -92,7 +90,7 @@ impl I2cWire {
             Now::Nothing => self.start(now),
             Now::Asked(_, until) if *until <= now => {
                 self.stale += 1;
-                self.finish(GIVES_UP, Err(Error::Stretched))
+                self.finish(STRETCH_MAX, Err(Error::Stretched))
             }
             Now::Answered(until, outcome) if *until <= now => {
                 let outcome = outcome.clone();
@@ -107,7 +105,7 @@ impl I2cWire {
         let (_, transfer) = self.queue.front()?;
         match self.chips {
             Some(chips) => {
-                self.now = Now::Asked(now, now + GIVES_UP);
+                self.now = Now::Asked(now, now + STRETCH_MAX);
                 Some(Told::Asked(chips, transfer.clone()))
             }
             None => {
@@ -139,25 +137,6 @@ impl I2cWire {
             self.now = Now::Nothing;
         }
     }
-}
-
-/// How long a transfer that had this outcome takes on the wire.
-pub(crate) fn duration(transfer: &Transfer, outcome: &Outcome, hz: u32) -> Duration {
-    let clocks = match outcome {
-        Ok(read) => {
-            let (writes, reads) = (!transfer.begins_with_read(), transfer.reads());
-            let addresses = u64::from(writes) + u64::from(reads);
-            // START or repeated START before each address, nine clocks a byte, STOP and the time that the bus is free then.
-            addresses + 9 * (addresses + transfer.write.len() as u64 + read.len() as u64) + 2
-        }
-        Err(Error::NoAddress) => 1 + 9 + 2,
-        Err(Error::NoData { at }) => 1 + 9 * (2 + u64::from(*at)) + 2,
-        // Nine clocks that free nobody.
-        Err(Error::Stuck) => 9,
-        Err(Error::Arbitration | Error::Other) => 1 + 9,
-        Err(Error::Stretched) => return GIVES_UP,
-    };
-    Duration::from_nanos(clocks * 1_000_000_000 / u64::from(hz.max(1)))
 }
 
 #[cfg(test)]

@@ -47,17 +47,18 @@ impl Life {
         }
     }
 
-    /// Its loop goes round for the first time.
+    /// Loop goes round for the first time.
     pub fn begin(&mut self, now: Instant) {
         (self.started, self.beat) = (true, now);
     }
 
-    /// Whether it may miss a beat that is looked for.
+    /// True if it may miss a beat that is looked for.
     fn may_be_late(&self) -> bool {
         self.hung.is_some() || !self.late.is_zero()
     }
 
-    /// When it last beat. Its beats need no events: between two changes of its pace they are as regular as it is served.
+    /// When it last beat. Its beats need no events: between two changes of its pace they are as regular as it is
+    /// served.
     fn beat(&mut self, now: Instant) -> Instant {
         let period = BEAT + self.late;
         let until = self.hung.unwrap_or(now);
@@ -70,7 +71,7 @@ impl Life {
 /// A process that is started again when it dies: the watchdog, whose parent is `advee up`.
 pub(super) struct Kept {
     module: Rc<str>,
-    /// Its process; 0 when it has ended for good.
+    /// Process; 0 when it has ended for good.
     pid: u32,
     since: Instant,
     delay: Duration,

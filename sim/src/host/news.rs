@@ -21,7 +21,7 @@ pub enum News<'a> {
         pid: u32,
         /// When it was received; it may have waited since.
         at: Instant,
-        /// What.
+        /// Message.
         message: &'a Message,
     },
     /// A CAN frame has left the wire.
@@ -31,7 +31,8 @@ pub enum News<'a> {
         /// The frame.
         frame: base::can::Frame,
     },
-    /// A CAN frame has left the wire, and nobody received it ([`Config::can_loss`](super::Config::can_loss), fault `lose`).
+    /// A CAN frame has left the wire, and no node received it ([`Config::can_loss`](super::Config::can_loss), fault
+    /// `lose`).
     CanLost {
         /// The bus.
         bus: &'a str,
@@ -42,32 +43,32 @@ pub enum News<'a> {
     Words {
         /// The bus.
         bus: &'a str,
-        /// By whom.
+        /// Process.
         pid: u32,
         /// The words.
         words: &'a [Word],
     },
-    /// A transfer on an I2C bus is over.
+    /// A transfer on an I2C bus has ended.
     I2c {
         /// The bus.
         bus: &'a str,
-        /// What the master did.
+        /// Transfer.
         transfer: &'a i2c::Transfer,
-        /// What came of it.
+        /// Outcome.
         outcome: &'a i2c::Outcome,
     },
     /// A request on a 1-Wire bus is answered.
     OneWire {
         /// The bus.
         bus: &'a str,
-        /// How.
+        /// Answer.
         answer: &'a w1::Answer,
     },
     /// A module reported.
     Report {
         /// Which.
         module: &'a str,
-        /// What.
+        /// Report.
         report: &'a Report,
     },
     /// A module prints a line.
@@ -86,48 +87,48 @@ pub enum News<'a> {
     },
     /// A process was started.
     Started {
-        /// Its module.
+        /// Module.
         module: &'a str,
-        /// Its number.
+        /// Number.
         pid: u32,
     },
     /// A process ended.
     Exited {
-        /// Its module.
+        /// Module.
         module: &'a str,
-        /// Its number.
+        /// Number.
         pid: u32,
-        /// How.
+        /// Exit status.
         status: ExitStatus,
     },
     /// A process hangs from now on.
     Hung {
-        /// Its module.
+        /// Module.
         module: &'a str,
-        /// Its number.
+        /// Number.
         pid: u32,
     },
     /// A process that hung goes on; what waited for it follows.
     Resumed {
-        /// Its module.
+        /// Module.
         module: &'a str,
-        /// Its number.
+        /// Number.
         pid: u32,
     },
     /// A process crawls from now on.
     Crawls {
-        /// Its module.
+        /// Module.
         module: &'a str,
-        /// Its number.
+        /// Number.
         pid: u32,
-        /// How late it is served; zero: as usual again.
+        /// Latency; zero: normal again.
         late: Duration,
     },
-    /// A fault comes over a bus, a board, a drive, or goes.
+    /// A fault of a bus, a board or a drive begins or ends.
     Fault {
-        /// Of whom.
+        /// Target.
         target: &'a str,
-        /// Its name, as in `SIM_CMD_FAULT`.
+        /// Name, as in `SIM_CMD_FAULT`.
         fault: &'a str,
         /// Until when; [`Instant::NEVER`]: until it is taken away.
         until: Instant,
@@ -136,22 +137,23 @@ pub enum News<'a> {
     Dropped {
         /// The bus, or the module.
         whose: &'a str,
-        /// How much.
+        /// Number.
         count: u64,
     },
 }
 
-/// What has passed on a bus since the start.
+/// Traffic on a bus since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// CAN frames that left the wire, words that were put on it, transfers and requests that are over.
+    /// CAN frames that left the wire, words put on it, completed transfers and requests.
     pub sent: u64,
-    /// Transfers and requests that found a queue full; CAN frames that did, grew old in it, or were in it when the sender went bus-off.
+    /// Transfers and requests that found a queue full; CAN frames that did, grew old in it, or were in it when the
+    /// sender went bus-off.
     pub dropped: u64,
     /// CAN frames that were destroyed by an error on the wire, and are sent again; transfers that failed.
     pub errors: u64,
     /// Serial talk that began while another talked.
     pub collisions: u64,
-    /// How long the wire was taken.
+    /// Time that the wire was busy.
     pub busy: Duration,
 }

@@ -1,11 +1,11 @@
 //! A serial wire of 9-bit words, 11 bits each: who talks when, and what becomes of two who talk at once.
 
-use super::Owner;
 use super::news::Traffic;
-use crate::disturbance::garbled;
-use crate::random::Random;
+use super::owner::Owner;
 use base::Instant;
 use base::serial::Word;
+use simulator::Random;
+use simulator::disturbance::garbled;
 use std::collections::VecDeque;
 
 /// Received words are handed over when this many have come, and at the end of what was sent: as the receive FIFO of a

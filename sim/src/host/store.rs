@@ -1,12 +1,11 @@
 //! A disk with a folder of log files: requests one after the other, each as long as it takes; what was not synchronized
 //! is gone after a power cut.
 
-use super::Owner;
-use super::news::Traffic;
+use super::owner::Owner;
+use super::served::Server;
+use base::Duration;
 use base::store::{Answer, Entry, Request, Trouble, is_name};
-use base::{Duration, Instant};
-use module::OUTSTANDING;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 /// A small SD card: bytes a second, what every request takes, and what it takes until all is on the medium.
 const RATE: u64 = 40_000_000;
@@ -16,22 +15,22 @@ const SYNC: Duration = Duration::from_millis(5);
 /// A file: what is in it, and how much of that a power cut leaves.
 #[derive(Clone, Debug, Default)]
 pub struct Stored {
-    /// Its bytes.
+    /// Bytes.
     pub bytes: Vec<u8>,
-    /// So many of them are on the medium.
+    /// Number of them on the medium.
     pub durable: usize,
 }
 
-/// What the disk is, for tests to look at and to spoil.
+/// State of the disk, for tests.
 #[derive(Clone, Debug)]
 pub struct Disk {
     /// The files by their names.
     pub files: BTreeMap<String, Stored>,
     /// Bytes that it holds.
     pub capacity: u64,
-    /// So many times slower than it is.
+    /// Factor by which it is slower.
     pub slow: u32,
-    /// Nothing may be written.
+    /// True if it is read-only.
     pub read_only: bool,
 }
 
@@ -66,62 +65,41 @@ impl Disk {
     }
 }
 
-/// A disk and who has it.
+/// A disk, and the file that each port appends to.
 #[derive(Debug, Default)]
-pub(super) struct StoreWire {
-    pub ports: Vec<Owner>,
+pub(super) struct Store {
     pub disk: Disk,
-    /// The file that each port appends to.
     open: BTreeMap<(u32, u8), String>,
-    queue: VecDeque<(Owner, Request)>,
-    until: Option<Instant>,
-    pub traffic: Traffic,
 }
 
-impl StoreWire {
-    pub fn send(&mut self, now: Instant, owner: Owner, request: Request) {
-        if self.queue.iter().filter(|(own, _)| *own == owner).count() >= OUTSTANDING {
-            self.traffic.dropped += 1;
-            return;
-        }
-        self.queue.push_back((owner, request));
-        self.go_on(now);
+impl Server for Store {
+    type Request = Request;
+    type Answer = Answer;
+
+    fn duration(&self, request: &Request) -> Duration {
+        let takes = match request {
+            Request::Append { bytes, sync } => {
+                let writing = Duration::from_nanos(bytes.len() as u64 * 1_000_000_000 / RATE);
+                ACCESS + writing + if *sync { SYNC } else { Duration::ZERO }
+            }
+            Request::Create { .. } => ACCESS + SYNC,
+            Request::Remove { .. } | Request::List => ACCESS,
+        };
+        takes * self.disk.slow.max(1)
     }
 
-    fn go_on(&mut self, now: Instant) {
-        if self.until.is_none()
-            && let Some((_, request)) = self.queue.front()
-        {
-            let takes = match request {
-                Request::Append { bytes, sync } => {
-                    let writing = Duration::from_nanos(bytes.len() as u64 * 1_000_000_000 / RATE);
-                    ACCESS + writing + if *sync { SYNC } else { Duration::ZERO }
-                }
-                Request::Create { .. } => ACCESS + SYNC,
-                Request::Remove { .. } | Request::List => ACCESS,
-            };
-            let takes = takes * self.disk.slow.max(1);
-            self.traffic.busy += takes;
-            self.until = Some(now + takes);
-        }
+    fn perform(&mut self, owner: Owner, request: Request) -> Answer {
+        self.done((owner.pid, owner.port.0), request).unwrap_or_else(Answer::Failed)
     }
 
-    pub fn poll_timeout(&self) -> Option<Instant> {
-        self.until
+    /// What it wrote stays, on the medium or not yet.
+    fn gone(&mut self, pid: u32) {
+        self.open.retain(|(owner, _), _| *owner != pid);
     }
+}
 
-    /// What came of a request that is over at `now`.
-    pub fn handle_timeout(&mut self, now: Instant) -> Option<(Owner, Answer)> {
-        self.until.take_if(|until| *until <= now)?;
-        let (owner, request) = self.queue.pop_front()?;
-        self.traffic.sent += 1;
-        let answer = self.perform(owner, request).unwrap_or_else(Answer::Failed);
-        self.go_on(now);
-        Some((owner, answer))
-    }
-
-    fn perform(&mut self, owner: Owner, request: Request) -> Result<Answer, Trouble> {
-        let key = (owner.pid, owner.port.0);
+impl Store {
+    fn done(&mut self, key: (u32, u8), request: Request) -> Result<Answer, Trouble> {
         if self.disk.read_only && !matches!(request, Request::List) {
             return Err(Trouble::ReadOnly);
         }
@@ -163,28 +141,17 @@ impl StoreWire {
             file.durable = file.bytes.len();
         }
     }
-
-    /// A process is gone; what it wrote stays, on the medium or not yet.
-    pub fn gone(&mut self, pid: u32) {
-        self.ports.retain(|owner| owner.pid != pid);
-        self.open.retain(|(owner, _), _| *owner != pid);
-        // What it had asked for and was not done is not done any more.
-        let first = self.queue.front().is_some_and(|(owner, _)| owner.pid == pid);
-        self.queue.retain(|(owner, _)| owner.pid != pid);
-        if first && let Some(until) = self.until.take() {
-            // The next one begins when the disk is free.
-            self.go_on(until);
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::served::Served;
     use super::*;
+    use base::Instant;
     use module::PortId;
     use std::sync::Arc;
 
-    fn ask(wire: &mut StoreWire, request: Request) -> Answer {
+    fn ask(wire: &mut Served<Store>, request: Request) -> Answer {
         let owner = Owner { pid: 1, port: PortId(0) };
         wire.send(Instant::ZERO, owner, request);
         let over = wire.poll_timeout().unwrap();
@@ -197,26 +164,26 @@ mod tests {
 
     #[test]
     fn what_was_not_synchronized_is_gone_after_a_power_cut() {
-        let mut wire = StoreWire::default();
+        let mut wire = Served::<Store>::default();
         ask(&mut wire, Request::Create { name: "run/a".into() });
         ask(&mut wire, append(10, true));
         ask(&mut wire, append(5, false));
-        assert_eq!(wire.disk.files["run/a"].bytes.len(), 15);
-        wire.disk.cut();
-        assert_eq!(wire.disk.files["run/a"].bytes.len(), 10);
+        assert_eq!(wire.server.disk.files["run/a"].bytes.len(), 15);
+        wire.server.disk.cut();
+        assert_eq!(wire.server.disk.files["run/a"].bytes.len(), 10);
     }
 
     #[test]
     fn a_full_disk_takes_nothing_more_and_tells_what_is_there() {
-        let mut wire = StoreWire::default();
-        wire.disk.capacity = 100;
+        let mut wire = Served::<Store>::default();
+        wire.server.disk.capacity = 100;
         ask(&mut wire, Request::Create { name: "run/a".into() });
         assert_eq!(ask(&mut wire, append(60, false)), Answer::Done { free: 40 });
         assert_eq!(ask(&mut wire, append(60, false)), Answer::Failed(Trouble::Full));
         let run = Entry { name: "run".into(), bytes: 60 };
         assert_eq!(ask(&mut wire, Request::List), Answer::Listed { entries: vec![run], free: 40 });
         assert_eq!(ask(&mut wire, Request::Remove { name: "run".into() }), Answer::Done { free: 100 });
-        wire.disk.read_only = true;
+        wire.server.disk.read_only = true;
         assert_eq!(ask(&mut wire, Request::Create { name: "b".into() }), Answer::Failed(Trouble::ReadOnly));
     }
 }

@@ -1,45 +1,29 @@
 //! A 1-Wire bus as the kernel serves it: one request after the other, each as long as the slow bus takes.
 
-use super::Owner;
-use super::news::Traffic;
+use super::owner::Owner;
+use super::served::Server;
+use base::Duration;
 use base::w1::{Answer, Error, List, Request, Rom};
-use base::{Duration, Instant};
-use module::OUTSTANDING;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 /// Reset and presence, 8 bits of the search command, and 64 bits of three slots for each device.
 const SEARCH: (Duration, Duration) = (Duration::from_micros(1500), Duration::from_micros(13_440));
 /// A conversion of 12 bits, and the scratchpad to be read then.
 const CONVERSION: Duration = Duration::from_micros(765_000);
 
-/// One wire.
+/// The bus, as whoever emulates the thermometers describes it.
 #[derive(Debug, Default)]
-pub(super) struct W1Wire {
-    pub ports: Vec<Owner>,
-    /// Who emulates the thermometers.
+pub(super) struct Thermometers {
+    /// The port that emulates them.
     devices: Option<Owner>,
     there: List,
     said: BTreeMap<Rom, Result<i32, Error>>,
-    queue: VecDeque<(Owner, Request)>,
-    until: Option<Instant>,
-    pub traffic: Traffic,
 }
 
-impl W1Wire {
-    pub fn join(&mut self, owner: Owner, emulates: bool) {
-        self.ports.push(owner);
-        if emulates {
-            self.devices = Some(owner);
-        }
-    }
-
-    pub fn send(&mut self, now: Instant, owner: Owner, request: Request) {
-        if self.queue.iter().filter(|(own, _)| *own == owner).count() >= OUTSTANDING {
-            self.traffic.dropped += 1;
-            return;
-        }
-        self.queue.push_back((owner, request));
-        self.go_on(now);
+impl Thermometers {
+    /// The port `owner` emulates the thermometers from now on.
+    pub fn emulated_by(&mut self, owner: Owner) {
+        self.devices = Some(owner);
     }
 
     /// What the thermometers are from now on.
@@ -56,71 +40,54 @@ impl W1Wire {
             }
         }
     }
+}
 
-    fn go_on(&mut self, now: Instant) {
-        if self.until.is_none()
-            && let Some((_, request)) = self.queue.front()
-        {
-            let takes = match request {
-                Request::List => SEARCH.0 + SEARCH.1 * self.there.len() as u32,
-                Request::Temperature(rom) if self.there.contains(rom) => CONVERSION,
-                Request::Temperature(_) => Duration::ZERO,
-            };
-            self.traffic.busy += takes;
-            self.until = Some(now + takes);
+impl Server for Thermometers {
+    type Request = Request;
+    type Answer = Answer;
+
+    fn duration(&self, request: &Request) -> Duration {
+        match request {
+            Request::List => SEARCH.0 + SEARCH.1 * self.there.len() as u32,
+            Request::Temperature(rom) if self.there.contains(rom) => CONVERSION,
+            Request::Temperature(_) => Duration::ZERO,
         }
     }
 
-    pub fn poll_timeout(&self) -> Option<Instant> {
-        self.until
-    }
-
-    /// What came of a request that is over at `now`.
-    pub fn handle_timeout(&mut self, now: Instant) -> Option<(Owner, Answer)> {
-        self.until.take_if(|until| *until <= now)?;
-        let (owner, request) = self.queue.pop_front()?;
-        self.traffic.sent += 1;
-        let answer = match request {
+    fn perform(&mut self, _owner: Owner, request: Request) -> Answer {
+        match request {
             Request::List => Answer::List(self.there.clone()),
             Request::Temperature(rom) => {
                 let said = self.said.get(&rom).filter(|_| self.there.contains(&rom));
                 Answer::Temperature(rom, said.copied().unwrap_or(Err(Error::Absent)))
             }
-        };
-        self.go_on(now);
-        Some((owner, answer))
+        }
     }
 
-    pub fn close(&mut self, pid: u32) {
-        self.ports.retain(|owner| owner.pid != pid);
-        let first = self.queue.front().is_some_and(|(owner, _)| owner.pid == pid);
-        self.queue.retain(|(owner, _)| owner.pid != pid);
+    fn gone(&mut self, pid: u32) {
         if self.devices.take_if(|devices| devices.pid == pid).is_some() {
             self.there.clear();
             self.said.clear();
-        }
-        if first && let Some(until) = self.until.take() {
-            // The next one begins when the bus is free.
-            self.go_on(until);
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::served::Served;
     use super::*;
+    use base::Instant;
     use module::PortId;
 
     #[test]
     fn a_thermometer_takes_its_time_and_one_that_leaves_meanwhile_is_absent() {
         let [kernel, master] = [1, 2].map(|pid| Owner { pid, port: PortId(0) });
         let [rom, other] = [1, 2].map(|serial| Rom::new(0x28, serial).unwrap());
-        let mut wire = W1Wire::default();
-        wire.join(kernel, true);
-        wire.join(master, false);
-        wire.is(kernel, Answer::List([rom].into_iter().collect()));
-        wire.is(kernel, Answer::Temperature(rom, Ok(21_500)));
-        let ask = |wire: &mut W1Wire, request| {
+        let mut wire = Served::<Thermometers>::default();
+        wire.server.emulated_by(kernel);
+        wire.server.is(kernel, Answer::List([rom].into_iter().collect()));
+        wire.server.is(kernel, Answer::Temperature(rom, Ok(21_500)));
+        let ask = |wire: &mut Served<Thermometers>, request| {
             wire.send(Instant::ZERO, master, request);
             let over = wire.poll_timeout().unwrap();
             (over.as_nanos() / 1_000_000, wire.handle_timeout(over).unwrap().1)
@@ -129,7 +96,7 @@ mod tests {
         assert_eq!(ask(&mut wire, Request::Temperature(rom)), (765, Answer::Temperature(rom, Ok(21_500))));
         assert_eq!(ask(&mut wire, Request::Temperature(other)), (0, Answer::Temperature(other, Err(Error::Absent))));
         wire.send(Instant::ZERO, master, Request::Temperature(rom));
-        wire.is(kernel, Answer::List(List::new()));
+        wire.server.is(kernel, Answer::List(List::new()));
         let over = wire.poll_timeout().unwrap();
         assert_eq!(wire.handle_timeout(over), Some((master, Answer::Temperature(rom, Err(Error::Absent)))));
         wire.close(1);

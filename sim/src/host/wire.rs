@@ -1,27 +1,22 @@
-//! The wires of the machine, by the names of their busses.
+//! The wires of the machine, by the names of their buses.
 
 use super::can::CanWire;
 use super::config::Config;
 use super::gamepad::GamepadWire;
 use super::i2c::I2cWire;
 use super::news::Traffic;
+use super::owner::Owner;
 use super::serial::SerialWire;
-use super::store::StoreWire;
-use super::w1::W1Wire;
-use crate::disturbance::Disturbance;
-use crate::faults::Ailment;
-use crate::random::Random;
+use super::served::Served;
+use super::store::Store;
+use super::w1::Thermometers;
 use base::Instant;
 use base::serial::Word;
-use module::{Line, PortId};
+use module::Line;
+use simulator::Random;
+use simulator::disturbance::Disturbance;
+use simulator::faults::Ailment;
 use std::rc::Rc;
-
-/// A port of a process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Owner {
-    pub pid: u32,
-    pub port: PortId,
-}
 
 /// A wire and when it is to be served.
 pub(super) struct Wire {
@@ -39,9 +34,9 @@ pub(super) enum Kind {
     Can(CanWire),
     Serial(SerialWire),
     I2c(I2cWire),
-    OneWire(W1Wire),
+    OneWire(Served<Thermometers>),
     Gamepad(GamepadWire),
-    Store(StoreWire),
+    Store(Served<Store>),
 }
 
 impl Wire {
@@ -136,7 +131,10 @@ impl Wire {
                 true
             }
             Kind::OneWire(wire) => {
-                wire.join(owner, emulates);
+                wire.ports.push(owner);
+                if emulates {
+                    wire.server.emulated_by(owner);
+                }
                 true
             }
             Kind::Gamepad(wire) => {
@@ -157,7 +155,7 @@ impl Wire {
             Kind::Serial(wire) => wire.close(pid),
             Kind::I2c(wire) => wire.close(pid),
             Kind::OneWire(wire) => wire.close(pid),
-            Kind::Store(wire) => wire.gone(pid),
+            Kind::Store(wire) => wire.close(pid),
             Kind::Gamepad(wire) => return wire.close(pid),
         }
         false
@@ -178,9 +176,9 @@ pub(super) fn open(wires: &mut Vec<Wire>, config: &Config, bus: &str, line: Line
             Kind::Serial(SerialWire::new(baud, config.full_duplex.iter().any(|name| name == bus), random))
         }
         Line::I2c { hz } => Kind::I2c(I2cWire::new(hz)),
-        Line::OneWire => Kind::OneWire(W1Wire::default()),
+        Line::OneWire => Kind::OneWire(Served::default()),
         Line::Gamepad => Kind::Gamepad(GamepadWire::default()),
-        Line::Store => Kind::Store(StoreWire::default()),
+        Line::Store => Kind::Store(Served::default()),
     };
     let (disturbance, random) = (Disturbance::default(), Random::stream(config.seed, 17 + stream));
     wires.push(Wire { bus: bus.into(), kind, due: None, disturbance, random, told_dropped: 0 });

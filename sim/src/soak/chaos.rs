@@ -3,10 +3,10 @@
 use super::rivals;
 use super::scenario::{Phase, Scenario};
 use crate::host::Virtual;
-use crate::random::Random;
 use base::{Duration, Instant};
 use messages::{common, simulation};
 use module::State;
+use simulator::Random;
 use std::cell::Cell;
 use std::fmt;
 use std::rc::Rc;
@@ -15,26 +15,26 @@ use std::rc::Rc;
 const DISK: &str = "disk";
 /// The target of a step of the wall clock, by `value` s.
 const CLOCK: &str = "clock";
-/// Who commands states in a chaos: not the operator.
+/// Source of the chaos's state commands, distinct from the operator.
 const SOURCE: &str = "chaos";
 
-/// One fault. Its moment and its numbers are all it needs: taking another one away does not change it.
+/// A fault. Its instant and its numbers are complete: removing another fault does not change it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
-    /// When.
+    /// Instant.
     pub at: Duration,
     /// The name of its [kind](super::Kind).
     pub kind: String,
-    /// Whom it befalls.
+    /// Target.
     pub target: String,
     /// What happens. To a module: `kill`; `hang`; `crawl`, served `value` s late; `pause`, `stop`, `terminate`, a
-    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others who command the robot:
-    /// `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the names of
-    /// `SIM_CMD_FAULT`.
+    /// person's command, and `run`, one that is nobody's. To the `clock`: `step`. To the `disk`: `full`. Of others who
+    /// command the robot: `drive`, `plan`, `plan_unasked`, `plan_blind`, `engage` (see `rivals`). The rest by the names
+    /// of `SIM_CMD_FAULT`.
     pub fault: String,
-    /// How much.
+    /// Value.
     pub value: f64,
-    /// How long, s; 0: of the moment.
+    /// Duration, s; 0: momentary.
     pub lasts: f64,
 }
 
@@ -101,7 +101,7 @@ fn between((least, most): (f64, f64), random: &mut Random) -> f64 {
     least + (most - least) * random.uniform()
 }
 
-/// What is to be undone, and when.
+/// Pending end of a fault.
 #[derive(Debug)]
 enum Undo {
     Resume(u32),
@@ -109,12 +109,12 @@ enum Undo {
     Free,
 }
 
-/// The disk of an episode, shared with whoever writes to it: how many faults keep it full.
+/// Disk of an episode, shared with its writer: the number of faults that keep it full.
 #[derive(Clone, Debug, Default)]
 pub struct Disk(Rc<Cell<u32>>);
 
 impl Disk {
-    /// Whether it takes nothing at the moment.
+    /// True if it takes nothing at the moment.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.0.get() > 0
@@ -134,7 +134,7 @@ impl<'a> Chaos<'a> {
         Self { faults: faults.iter(), undo: Vec::new(), disk }
     }
 
-    /// When the next thing happens.
+    /// Instant of the next event.
     pub fn poll_timeout(&self) -> Option<Instant> {
         let next = self.faults.as_slice().first().map(|fault| Instant::ZERO + fault.at);
         self.undo.iter().map(|(at, _)| *at).chain(next).min()
@@ -143,7 +143,7 @@ impl<'a> Chaos<'a> {
     /// Does what is due at the machine's time; returns the kinds of faults that it did, in order.
     pub fn handle_timeout(&mut self, machine: &mut Virtual, mut did: impl FnMut(&Fault)) {
         let now = machine.now();
-        // What is over first: who is hung again at this moment hangs.
+        // Ends come first: a module hung again at this instant hangs.
         for (_, undo) in self.undo.extract_if(.., |(at, _)| *at <= now) {
             match undo {
                 Undo::Resume(pid) => machine.resume(pid),
@@ -159,7 +159,7 @@ impl<'a> Chaos<'a> {
         }
     }
 
-    /// False when there is nobody whom it could befall.
+    /// False if there is no target for it.
     fn befall(&mut self, machine: &mut Virtual, fault: &Fault) -> bool {
         let (now, target) = (machine.now(), fault.target.as_str());
         let over = now + Duration::from_secs_f64(fault.lasts.clamp(0.0, 1e6));

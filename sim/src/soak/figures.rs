@@ -10,9 +10,9 @@ use std::collections::BTreeMap;
 
 /// A silence that ends motion is longer than half a command's life and shorter than this.
 const SILENCE_MAX: Duration = Duration::from_secs(1);
-/// So long after calm began nothing of the chaos is left: controllers that went off are on the bus again.
+/// Time after the begin of calm at which all effects of the chaos have ended: controllers in bus-off have recovered.
 const SETTLED: Duration = Duration::from_secs(10);
-/// So long after a fault another one befalls alone.
+/// Time after a fault from which the next one counts as single.
 const AFTERMATH: Duration = Duration::from_secs(1);
 
 /// Figures of one episode, or of many.
@@ -20,9 +20,9 @@ const AFTERMATH: Duration = Duration::from_secs(1);
 pub struct Figures {
     /// Way, m.
     pub distance: f64,
-    /// How often a motion was ended by a stop: by silence, PAUSE, a fault.
+    /// Number of motions ended by a stop: by silence, PAUSE, a fault.
     pub stops: u64,
-    /// How often the body touched something.
+    /// Number of contacts of the body.
     pub contacts: u64,
     /// Goals that were reached.
     pub goals: u64,
@@ -35,7 +35,7 @@ pub struct Figures {
 pub struct Worst {
     /// From the last command to the stop on the bus, in calm.
     pub silence_to_stop: Option<Duration>,
-    /// Those that rules have a bound for.
+    /// Times that rules have a bound for.
     pub rules: Times,
     /// From the hang or death of a module to its RUN, where nothing else was wrong meanwhile or just before.
     pub loss_to_run: Option<Duration>,
@@ -58,16 +58,16 @@ impl Figures {
     }
 }
 
-/// Takes what a machine tells its observers.
+/// Observer of a machine.
 #[derive(Debug)]
 pub(super) struct Meter {
     limits: Limits,
     pub figures: Figures,
-    /// Nothing is broken on purpose, since.
+    /// Instant since which no fault is injected.
     pub calm: Option<Instant>,
     /// The set-point on the bus moves the robot.
     moves: bool,
-    /// When the last command was sent that moves it, if none that stands came after it.
+    /// Instant of the last command that moves it, unless one that stops it followed.
     commanded: Option<Instant>,
     /// Modules that are not in RUN by a fault.
     down: BTreeMap<String, Down>,
@@ -81,7 +81,7 @@ pub(super) struct Meter {
 #[derive(Debug)]
 struct Down {
     since: Instant,
-    /// Nothing else was wrong then, nor has been since.
+    /// True if no other fault was active then, nor since.
     alone: bool,
 }
 

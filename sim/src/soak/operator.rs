@@ -1,16 +1,16 @@
 //! A person who drives the robot about: sees it from outside, and commands it as a remote control does.
 //!
-//! He sends motion commands at 20 Hz with zero first, drives squares and random walks where he sees room, lets go now and
-//! then, by zero or by saying nothing, and begins anew after every stop. What stays in PAUSE or STOP he sends to RUN; a
-//! steering whose homing failed he homes again. Once there is a planner he lets that drive, too.
+//! He sends motion commands at 20 Hz with zero first, drives squares and random walks where he sees room, lets go now
+//! and then, by zero or by saying nothing, and begins anew after every stop. What stays in PAUSE or STOP he sends to
+//! RUN; a steering whose homing failed he homes again. Once there is a planner he lets that drive, too.
 
 use super::scenario::Behaviour;
 use crate::host::News;
-use crate::random::Random;
-use crate::world::World;
 use base::{Duration, Instant};
-use messages::{Message, common, lowlevel, middlelevel, simulation};
+use messages::{Hold, Message, common, lowlevel, middlelevel, simulation};
 use navitools::{Ackermann, Point, Pose};
+use simulator::Random;
+use simulator::world::World;
 
 /// He acts this often.
 pub(super) const PERIOD: Duration = Duration::from_millis(50);
@@ -55,6 +55,8 @@ pub(super) struct Operator {
     /// Sides of a square that are left.
     square: u32,
     motion: Option<lowlevel::DataMotion>,
+    /// Homing the steering failed, and is not tried again by itself.
+    homing_failed: bool,
     truth: simulation::DataTruth,
     processes: common::DataProcesses,
     /// Since when it does not do as he says.
@@ -73,6 +75,7 @@ impl Operator {
             doing: Doing::Silent(Instant::ZERO),
             square: 0,
             motion: None,
+            homing_failed: false,
             truth: simulation::DataTruth::default(),
             processes: common::DataProcesses::default(),
             disobeyed: None,
@@ -91,6 +94,7 @@ impl Operator {
         let News::Message { message, .. } = news else { return };
         match message {
             Message::LlDataMotion(motion) => self.motion = Some(motion.clone()),
+            Message::LlDataHold(list) if list.is_of_motion() => self.homing_failed = list.has(Hold::HomingFailed),
             Message::SimDataTruth(truth) => self.truth = truth.clone(),
             Message::CmDataProcesses(list) => self.processes = list.clone(),
             Message::MlDataGoal(goal) if goal.id == self.goal && matches!(self.doing, Doing::Waits(_)) => {
@@ -125,7 +129,7 @@ impl Operator {
         say(lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: SOURCE.into() }.into());
     }
 
-    /// Whether it could drive, as far as he sees.
+    /// True if it could drive, as far as he sees.
     fn may_drive(&self) -> bool {
         self.motion.as_ref().is_some_and(|motion| motion.homed)
     }
@@ -145,9 +149,7 @@ impl Operator {
             let state = common::DataState::RUN;
             say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
         }
-        // The driver's words, as a person reads them.
-        let failed = |motion: &lowlevel::DataMotion| motion.reason.starts_with("homing the steering failed");
-        if self.motion.as_ref().is_some_and(|motion| !motion.homed && failed(motion)) {
+        if self.homing_failed && self.motion.as_ref().is_some_and(|motion| !motion.homed) {
             say(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() }.into());
         }
     }

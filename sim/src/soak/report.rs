@@ -8,7 +8,7 @@ use xxhash_rust::xxh64::Xxh64;
 
 /// The sum of episodes.
 pub struct Report {
-    /// How many there were.
+    /// Number of them.
     pub episodes: u64,
     /// How long they were together.
     pub time: Duration,

@@ -2,7 +2,7 @@
 
 use base::Duration;
 
-/// A scenario; read from a file by whoever reads files.
+/// A scenario, read from a file by the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
     /// From the start of an episode's robot to its first chaos: modules come up, the steering is homed.
@@ -11,7 +11,7 @@ pub struct Scenario {
     pub chaos: Duration,
     /// and nothing breaks for so long;
     pub calm: Duration,
-    /// and so on, so many times in an episode.
+    /// and so on, this number of times in an episode.
     pub turns: u32,
     /// A message takes up to this longer than the usual latency.
     pub lcm_jitter: Duration,
@@ -21,33 +21,33 @@ pub struct Scenario {
     pub restart_delay_max: Duration,
     /// In calm the robot has moved within this time, homing not counted.
     pub moves_within: Duration,
-    /// How the operator behaves.
+    /// Behaviour of the operator.
     pub operator: Behaviour,
-    /// What can break, in the order of their names.
+    /// Possible faults, in the order of their names.
     pub kinds: Vec<Kind>,
 }
 
 /// A kind of fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kind {
-    /// Its name in reports: `process_hung`.
+    /// Name in reports: `process_hung`.
     pub name: String,
-    /// Whom it befalls, each as likely: modules, busses, boards, drives, `lcm`, `clock`.
+    /// Targets, equally likely: modules, buses, boards, drives, `lcm`, `clock`.
     pub targets: Vec<String>,
-    /// What happens, by the names of `SIM_CMD_FAULT`, and for modules and the clock of [`super::Fault`].
+    /// Fault, by the names of `SIM_CMD_FAULT`, and for modules and the clock of [`super::Fault`].
     pub fault: String,
-    /// How often in an hour of chaos.
+    /// Rate, per hour of chaos.
     pub per_hour: f64,
     /// Least and greatest value.
     pub value: (f64, f64),
-    /// How long, s, at least and at most; cut short by the end of the chaos. 0: it is of the moment.
+    /// Shortest and longest duration, s; cut by the end of the chaos. 0: momentary.
     pub lasts: (f64, f64),
 }
 
-/// How the operator behaves.
+/// Behaviour of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Behaviour {
-    /// As fast as this, m/s.
+    /// Greatest speed, m/s.
     pub speed: f64,
     /// Steers as far as this, rad.
     pub steering: f64,
@@ -55,9 +55,9 @@ pub struct Behaviour {
     pub clearance: f64,
     /// The least and greatest duration of a piece of a drive, s.
     pub leg: (f64, f64),
-    /// How often he falls silent at the end of a piece, instead of going on or commanding zero.
+    /// Probability of falling silent at the end of a piece, instead of going on or commanding zero.
     pub silence: f64,
-    /// How often he commands zero there.
+    /// Probability of commanding zero there.
     pub zero: f64,
     /// The wheelbase of what he drives, m: he knows where it will go.
     pub wheelbase: f64,
@@ -97,14 +97,14 @@ impl Default for Scenario {
     }
 }
 
-/// What an episode is in.
+/// Phase of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// The robot starts.
     Settle,
     /// Things break.
     Chaos,
-    /// Nothing breaks.
+    /// No faults.
     Calm,
 }
 
@@ -117,7 +117,7 @@ impl Scenario {
         std::iter::once((Phase::Settle, settle)).chain(turns.flat_map(pair))
     }
 
-    /// How long an episode lasts.
+    /// Duration of an episode.
     #[must_use]
     pub fn episode(&self) -> Duration {
         self.settle + (self.chaos + self.calm) * self.turns

@@ -1,4 +1,4 @@
-//! Transfers and what came of them as bytes: a datagram each on the simulator's socket, and so they stand in records.
+//! Encoding of transfers and their outcomes: a datagram each on the simulator's socket, and an entry in records.
 //! `docs/i2c.md` has the format.
 
 use super::{Address, Bytes, Error, MAX, Outcome, Read, Transfer};
@@ -33,7 +33,7 @@ pub fn transfer(transfer: &Transfer) -> Vec<u8> {
     [&[transfer.address.get(), kind, count][..], &transfer.write].concat()
 }
 
-/// Reads a transfer; none for what is none.
+/// Decodes a transfer; `None` if it is invalid.
 #[must_use]
 pub fn parse_transfer(bytes: &[u8]) -> Option<Transfer> {
     let (&[address, kind, count], write) = bytes.split_first_chunk()?;
@@ -46,7 +46,7 @@ pub fn parse_transfer(bytes: &[u8]) -> Option<Transfer> {
     Some(Transfer { address: Address::new(address)?, write: Bytes::from_slice(write).ok()?, read })
 }
 
-/// What came of it, then what was read, or which byte was refused.
+/// Encodes an outcome: its kind, then the bytes read, or the index of the refused byte.
 #[must_use]
 pub fn outcome(outcome: &Outcome) -> Vec<u8> {
     match outcome {
@@ -60,7 +60,7 @@ pub fn outcome(outcome: &Outcome) -> Vec<u8> {
     }
 }
 
-/// Reads an outcome; none for what is none.
+/// Decodes an outcome; `None` if it is invalid.
 #[must_use]
 pub fn parse_outcome(bytes: &[u8]) -> Option<Outcome> {
     Some(match bytes {

@@ -9,7 +9,7 @@ pub struct Body {
     pub fingerprint: u64,
     /// How many of its members are lengths.
     pub slots: usize,
-    /// How many elements without bytes each value shows, at least.
+    /// Number of elements without bytes each value shows, at least.
     pub empties: usize,
     /// How many lengths are in force at most while it is read; `None`: it holds itself.
     pub lengths: Option<usize>,
@@ -125,7 +125,7 @@ fn find_lengths(bodies: &mut [Body], i: usize, seen: &mut [bool]) -> Option<usiz
 }
 
 impl Array {
-    /// How many elements there are, where no message says it.
+    /// Number of elements there are, where no message says it.
     fn fixed_count(&self) -> Option<usize> {
         self.dims.iter().try_fold(1_usize, |product, len| match len {
             Len::Fixed(count) => Some(product.saturating_mul(*count)),
@@ -133,7 +133,7 @@ impl Array {
         })
     }
 
-    /// Whether ROS 2 has a sequence here: elements behind their number.
+    /// True if ROS 2 has a sequence here: elements behind their number.
     pub fn is_sequence(&self) -> bool {
         self.dims.iter().any(|len| matches!(len, Len::Slot(_)))
     }

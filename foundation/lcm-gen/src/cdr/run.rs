@@ -1,48 +1,32 @@
-//! The steps of a plan, done: bytes of LCM in, bytes of CDR out. What can be wrong with a message, and in which order it
-//! is found, is as in [`dynamic::check`](crate::dynamic).
+//! The steps of a plan, done: bytes of LCM in, bytes of CDR out. What can be wrong with a message, and in which order
+//! it is found, is as in [`dynamic::check`](crate::dynamic).
 
 use super::plan::{Array, Body, Item, Step};
 use super::writer::Writer;
 use super::{ConvertError, LENGTHS_MAX, MESSAGE_MAX};
 use crate::dynamic::table::Len;
-use crate::dynamic::{DecodeError, MAX_EMPTY, check, cursor};
+use crate::dynamic::{DecodeError, MAX_EMPTY, cursor};
+use lcm::codec::Reader;
 
 /// Converts one message with its fingerprint.
 pub fn message(bodies: &[Body], body: &Body, bytes: &[u8], out: &mut Vec<u8>) -> Result<(), ConvertError> {
-    let truncated = DecodeError::Truncated { needed: 8, left: bytes.len() };
-    let (head, rest) = bytes.split_first_chunk().ok_or(truncated)?;
-    let (expected, found) = (body.fingerprint, u64::from_be_bytes(*head));
-    if expected != found {
-        return Err(DecodeError::Fingerprint { expected, found }.into());
-    }
+    let reader = Reader::of(bytes, body.fingerprint)?;
     // Most often so much and a little for the gaps.
     out.reserve(bytes.len() + bytes.len() / 4);
-    let mut run = Run { bodies, bytes: rest, to: Writer::new(out), lengths: [0; LENGTHS_MAX], empties: MAX_EMPTY };
+    let mut run = Run { bodies, reader, to: Writer::new(out), lengths: [0; LENGTHS_MAX] };
     run.body(body, 0)?;
-    match run.bytes.len() {
-        0 => Ok(()),
-        extra => Err(DecodeError::LeftOver { extra }.into()),
-    }
+    Ok(run.reader.end()?)
 }
 
 struct Run<'a, 'o> {
     bodies: &'a [Body],
-    bytes: &'a [u8],
+    reader: Reader<'a>,
     to: Writer<'o>,
     /// The lengths in force, those of the outermost struct first.
     lengths: [usize; LENGTHS_MAX],
-    empties: usize,
 }
 
 impl<'a> Run<'a, '_> {
-    #[inline]
-    fn take(&mut self, needed: usize) -> Result<&'a [u8], DecodeError> {
-        let truncated = DecodeError::Truncated { needed, left: self.bytes.len() };
-        let (head, rest) = self.bytes.split_at_checked(needed).ok_or(truncated)?;
-        self.bytes = rest;
-        Ok(head)
-    }
-
     /// A struct whose lengths have their places from `base` on.
     fn body(&mut self, body: &'a Body, base: usize) -> Result<(), ConvertError> {
         if body.empties > MAX_EMPTY {
@@ -52,18 +36,17 @@ impl<'a> Run<'a, '_> {
         for step in &body.steps {
             match step {
                 Step::Numbers { width, count } => {
-                    let bytes = self.take(width.saturating_mul(*count))?;
+                    let bytes = self.reader.take(width.saturating_mul(*count))?;
                     self.numbers(*width, bytes);
                 }
                 Step::Booleans { count } => {
-                    let bytes = self.take(*count)?;
+                    let bytes = self.reader.take(*count)?;
                     self.booleans(bytes);
                 }
                 Step::Length { slot, ty } => {
-                    let bytes = self.take(ty.min_size())?;
+                    let bytes = self.reader.take(ty.min_size())?;
                     let count = cursor::integer(*ty, bytes);
-                    let wrong = DecodeError::Count { count, max: self.bytes.len() };
-                    self.lengths[base + slot] = usize::try_from(count).map_err(|_| wrong)?;
+                    self.lengths[base + slot] = self.reader.length(count)?;
                     self.numbers(ty.min_size(), bytes);
                 }
                 Step::Array(array) => {
@@ -123,12 +106,12 @@ impl<'a> Run<'a, '_> {
         let size = array.min.saturating_mul(count);
         match array.element {
             Item::Number { width } => {
-                let bytes = self.take(size)?;
+                let bytes = self.reader.take(size)?;
                 self.numbers(width, bytes);
                 Ok(())
             }
             Item::Boolean => {
-                let bytes = self.take(size)?;
+                let bytes = self.reader.take(size)?;
                 self.booleans(bytes);
                 Ok(())
             }
@@ -146,15 +129,11 @@ impl<'a> Run<'a, '_> {
             Item::Struct(place) if min == 0 => self.bodies[place].empties.max(1),
             _ => 1,
         };
-        check::claim(count, min, shown, self.bytes.len(), &mut self.empties)
+        self.reader.claim(count, min, shown)
     }
 
     fn string(&mut self) -> Result<(), ConvertError> {
-        let len = self.take(4)?;
-        let text = self.take(check::string_length(len, self.bytes.len())?)?;
-        check::text(text)?;
-        self.numbers(4, len);
-        self.to.out.extend_from_slice(text);
+        self.to.string(self.reader.str()?);
         Ok(())
     }
 

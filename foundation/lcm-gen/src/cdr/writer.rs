@@ -36,7 +36,7 @@ impl<'a> Writer<'a> {
         self.out.len() - self.start
     }
 
-    /// Whether only the header stands there.
+    /// True if only the header stands there.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0

@@ -237,7 +237,7 @@ fn exactly(expected: usize, found: usize) -> Outcome {
     if expected == found { Ok(()) } else { Err(Why::Length { expected, found }.into()) }
 }
 
-/// Whether a signed integer type has the value.
+/// True if a signed integer type has the value.
 fn fits(ty: Primitive, value: i64) -> bool {
     let bits = ty.integer_bits().unwrap_or(64);
     let rest = value >> (bits - 1);

@@ -16,7 +16,7 @@ pub struct Struct {
     pub fields: Vec<Field>,
     /// Of an enum: its values.
     pub values: Option<Vec<(String, i32)>>,
-    /// How many elements without bytes each value shows, at least.
+    /// Number of elements without bytes each value shows, at least.
     pub empties: usize,
 }
 
@@ -33,7 +33,7 @@ pub struct Field {
     pub fixed: Option<usize>,
     /// Fewest bytes of an element.
     pub min: usize,
-    /// Whether elements count for the depth.
+    /// True if elements count for the depth.
     pub recursive: bool,
 }
 

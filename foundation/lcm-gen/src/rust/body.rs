@@ -2,8 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::is_implicit;
-use super::names::{borrows, field, free, is_fixed_row, primitive};
+use super::names::{Scope, borrows, camel_case, field, free, has_upper_case, is_fixed_row, is_implicit, primitive};
 use crate::{Definition, Dim, Member, MemberType, Primitive, Schema, Size};
 
 /// Both bodies, and the names of their parameters.
@@ -75,7 +74,7 @@ struct Emitter<'a> {
     writer: String,
     reader: String,
     item: String,
-    /// Whether what is decoded stays in the message as far as it can.
+    /// True if what is decoded stays in the message as far as it can.
     view: bool,
 }
 
@@ -84,7 +83,7 @@ impl Emitter<'_> {
         matches!(&member.ty, MemberType::Named(name) if self.schema.is_recursive(name))
     }
 
-    /// Whether the member is a length that is a field too.
+    /// True if the member is a length that is a field too.
     fn is_explicit(&self, member: &Member) -> bool {
         let used = |dim: &Dim| dim.size == Size::Variable && dim.text == member.name;
         !is_implicit(member, self.members) && self.members.iter().any(|other| other.dims.iter().any(used))
@@ -314,4 +313,34 @@ enum Function {
     Method(String),
     /// `path(reader)`
     Path(String),
+}
+
+/// Writes the codec of a type.
+pub fn emit_type(out: &mut String, schema: &Schema, scope: &Scope, definition: &Definition, body: &Body) {
+    let (name, lcm_name) = (camel_case(&definition.short), definition.name());
+    let fingerprint = schema.fingerprint(&lcm_name).unwrap_or_default();
+    let allow = if has_upper_case(definition.members()) { "#[allow(non_snake_case)]\n" } else { "" };
+    let min_size = schema.min_size(&lcm_name).unwrap_or_default();
+    let result = scope.known("Result", "::core::result::Result");
+    let Body { writer, reader, size, encode, decode } = body;
+    let _ = write!(
+        out,
+        "
+{allow}impl codec::Type for {name} {{
+    const FINGERPRINT: u64 = 0x{fingerprint:016x};
+    const NAME: &'static str = \"{lcm_name}\";
+    const MIN_SIZE: usize = {min_size};
+
+    fn body_size(&self) -> usize {{
+{size}    }}
+
+    fn encode_body(&self, {writer}: &mut codec::Writer<'_>) -> {result}<(), codec::EncodeError> {{
+{encode}        Ok(())
+    }}
+
+    fn decode_body({reader}: &mut codec::Reader<'_>) -> {result}<Self, codec::DecodeError> {{
+{decode}    }}
+}}
+"
+    );
 }

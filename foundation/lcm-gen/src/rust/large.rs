@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use super::Serde;
 use super::names::{Scope, field};
+use super::options::Serde;
 use crate::{Member, Size};
 
-/// Whether the member is one.
+/// True if the member is one.
 pub fn is_large(member: &Member) -> bool {
     member.dims.iter().any(|dim| matches!(dim.size, Size::Fixed(33..)))
 }

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use super::definition::emit_definition;
 use super::doc::emit_doc;
-use super::names::{Scope, borrows, camel_case, field, module, view_name};
-use super::{Options, emit_definition};
+use super::names::{Scope, camel_case, field, has_view, module, view_name};
+use super::options::Options;
 use crate::{Definition, Error, Schema};
 
 fn check_names(schema: &Schema, options: &Options) -> Result<(), Error> {
@@ -30,11 +31,6 @@ fn check_names(schema: &Schema, options: &Options) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// Whether a type that borrows stands beside it.
-pub fn has_view(schema: &Schema, options: &Options, definition: &Definition) -> bool {
-    options.views && borrows(schema, &definition.name())
 }
 
 /// A package, with those below it.
@@ -85,7 +81,7 @@ impl<'a> Module<'a> {
         }
     }
 
-    /// Its own types.
+    /// Own types.
     pub fn emit_own(&self, out: &mut String, schema: &Schema, options: &Options, depth: usize) {
         let scope = Scope::new(schema, options, &self.definitions, depth);
         if !self.definitions.is_empty() {
@@ -96,7 +92,7 @@ impl<'a> Module<'a> {
         }
     }
 
-    /// Its documentation, in front of `mod`.
+    /// Documentation, in front of `mod`.
     pub fn emit_doc(&self, out: &mut String, name: &str) {
         let paragraphs: Vec<String> = self.doc.iter().map(|lines| lines.join("\n")).collect();
         let doc = if paragraphs.is_empty() { format!("Package `{name}`.") } else { paragraphs.join("\n\n") };

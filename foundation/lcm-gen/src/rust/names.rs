@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::Options;
+use super::options::Options;
 use crate::{Definition, Dim, Member, MemberType, Primitive, Schema, Size};
 
 const KEYWORDS: &[&str] = &[
@@ -164,7 +164,7 @@ impl<'a> Scope<'a> {
     }
 }
 
-/// Whether values of the member's type, in arrays of these dimensions, always take the same number of bytes.
+/// True if values of the member's type, in arrays of these dimensions, always take the same number of bytes.
 pub fn is_fixed_row(schema: &Schema, member: &Member, dims: &[Dim]) -> bool {
     let element = match &member.ty {
         MemberType::Primitive(ty) => *ty != Primitive::String,
@@ -173,7 +173,7 @@ pub fn is_fixed_row(schema: &Schema, member: &Member, dims: &[Dim]) -> bool {
     element && dims.iter().all(|dim| dim.size != Size::Variable)
 }
 
-/// Whether a value of the type can leave some of itself in the message: a string, a variable array of what has a fixed
+/// True if a value of the type can leave some of itself in the message: a string, a variable array of what has a fixed
 /// size, or an array of bytes, at any depth outside of what has a fixed size itself.
 pub fn borrows(schema: &Schema, name: &str) -> bool {
     let stays = |member: &Member| match member.ty {
@@ -182,4 +182,21 @@ pub fn borrows(schema: &Schema, name: &str) -> bool {
         _ => member.is_variable() && is_fixed_row(schema, member, &[]),
     };
     schema.parts(name).any(|part| !schema.is_fixed(&part.name()) && part.members().iter().any(stays))
+}
+
+/// True if the member is a length and nothing else: the outermost dimension of an array.
+pub fn is_implicit(member: &Member, members: &[Member]) -> bool {
+    members
+        .iter()
+        .any(|other| other.dims.first().is_some_and(|dim| dim.size == Size::Variable && dim.text == member.name))
+}
+
+/// True if a member's name is none that Rust would choose.
+pub fn has_upper_case(members: &[Member]) -> bool {
+    members.iter().any(|member| member.name.contains(|c: char| c.is_ascii_uppercase()))
+}
+
+/// True if a type that borrows stands beside it.
+pub fn has_view(schema: &Schema, options: &Options, definition: &Definition) -> bool {
+    options.views && borrows(schema, &definition.name())
 }

@@ -2,9 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::body::Body;
+use super::body::{Body, emit_type};
 use super::doc::emit_doc_or;
-use super::emit_type;
 use super::names::{Scope, camel_case, primitive, safe};
 use crate::{Constant, Definition, Literal, Primitive, Schema, Value};
 

@@ -6,7 +6,7 @@ use core::marker::PhantomData;
 
 use super::Fixed;
 
-/// The elements of a variable array where they stand in the message, big-endian: each is loaded when it is asked for.
+/// Elements of a variable array within the message, big-endian; each is decoded on access.
 pub struct Elements<'a, T> {
     bytes: &'a [u8],
     len: usize,
@@ -19,31 +19,31 @@ impl<'a, T: Fixed> Elements<'a, T> {
         Self { bytes, len, element: PhantomData }
     }
 
-    /// How many there are.
+    /// Number of them.
     #[must_use]
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there are none.
+    /// True if there are no elements.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// One of them; `None` from [`len`](Self::len) on.
+    /// Element at an index; `None` from [`len`](Self::len) on.
     #[must_use]
     pub fn get(&self, index: usize) -> Option<T> {
         (index < self.len).then(|| T::load(&self.bytes[index * T::SIZE..(index + 1) * T::SIZE]))
     }
 
-    /// All of them, in order.
+    /// Iterator over all elements, in order.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = T> + DoubleEndedIterator + use<'a, T> {
         let bytes = self.bytes;
         (0..self.len).map(move |i| T::load(&bytes[i * T::SIZE..(i + 1) * T::SIZE]))
     }
 
-    /// All of them, in memory of their own.
+    /// Copies all elements.
     #[must_use]
     pub fn to_vec(&self) -> Vec<T> {
         self.iter().collect()

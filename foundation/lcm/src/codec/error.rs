@@ -7,9 +7,9 @@ use core::fmt;
 pub enum EncodeError {
     /// The caller's slice is too short.
     NoRoom {
-        /// How many bytes the message takes.
+        /// Number of bytes the message takes.
         needed: usize,
-        /// How many there are.
+        /// Number of them.
         room: usize,
     },
     /// A string holds a NUL, which LCM ends strings with.
@@ -26,20 +26,20 @@ pub enum EncodeError {
         /// The greatest that fits.
         max: usize,
     },
-    /// An array's length is not what its length member, or another array of the same length member, says.
+    /// Length of an array that contradicts its length member, or another array of the same length member.
     Length {
         /// The array's member.
         member: &'static str,
-        /// What it should be.
+        /// Expected length.
         expected: usize,
-        /// What it is.
+        /// Actual length.
         found: usize,
     },
     /// A length member is negative.
     Negative {
         /// The length member.
         member: &'static str,
-        /// Its value.
+        /// Value.
         value: i64,
     },
     /// A recursive value nests deeper than [`MAX_DEPTH`](super::MAX_DEPTH).
@@ -71,7 +71,7 @@ impl core::error::Error for EncodeError {}
 /// Why bytes are not a message of the expected type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecodeError {
-    /// It is another type, or another version of the type.
+    /// Fingerprint of another type, or of another version of the type.
     Fingerprint {
         /// The type's fingerprint.
         expected: u64,
@@ -80,9 +80,9 @@ pub enum DecodeError {
     },
     /// The bytes end within the message.
     Truncated {
-        /// How many more were needed for the next member.
+        /// Number of bytes missing for the next member.
         needed: usize,
-        /// How many were left.
+        /// Number of bytes left.
         left: usize,
     },
     /// An array length that is negative or for which the bytes left cannot suffice.
@@ -96,7 +96,7 @@ pub enum DecodeError {
     StringLength {
         /// The length.
         len: i32,
-        /// How many bytes were left.
+        /// Number of bytes that were left.
         left: usize,
     },
     /// A string does not end with a NUL.
@@ -105,12 +105,12 @@ pub enum DecodeError {
     InnerNul,
     /// A string is not UTF-8.
     NotUtf8 {
-        /// How many of its bytes are.
+        /// Number of valid UTF-8 bytes at its start.
         valid_up_to: usize,
     },
     /// Bytes follow the message.
     LeftOver {
-        /// How many.
+        /// Number of them.
         extra: usize,
     },
     /// A recursive value nests deeper than [`MAX_DEPTH`](super::MAX_DEPTH).

@@ -5,7 +5,7 @@ use core::array;
 /// A value that always takes [`SIZE`](Self::SIZE) bytes: numbers, booleans, arrays of fixed length of such, and structs
 /// of nothing else. Any such bytes are a value, so loading cannot fail.
 pub trait Fixed: Sized {
-    /// How many bytes it takes.
+    /// Maximum number of bytes it takes.
     const SIZE: usize;
 
     /// Stores it; `out` is `SIZE` bytes long.

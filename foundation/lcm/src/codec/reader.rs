@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 
 use super::{DecodeError, Elements, Fixed, MAX_DEPTH, MAX_EMPTY, has_nul};
 
-/// The rest of a message's bytes. Whatever they are, no method panics or allocates more than they can fill.
+/// Remaining bytes of a message. No method panics, or allocates more than the bytes can fill, whatever their content.
 #[derive(Debug)]
 pub struct Reader<'a> {
     bytes: &'a [u8],
@@ -22,8 +22,11 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads what follows the fingerprint at the start of `message`.
+    ///
+    /// # Errors
+    /// [`DecodeError::Truncated`] or [`DecodeError::Fingerprint`].
     #[inline]
-    pub(super) fn of(message: &'a [u8], expected: u64) -> Result<Self, DecodeError> {
+    pub fn of(message: &'a [u8], expected: u64) -> Result<Self, DecodeError> {
         let mut r = Self::new(message);
         match r.get_u64()? {
             found if found == expected => Ok(r),
@@ -31,23 +34,30 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Nothing may be left.
+    /// Checks that no bytes are left.
+    ///
+    /// # Errors
+    /// [`DecodeError::LeftOver`].
     #[inline]
-    pub(super) fn end(&self) -> Result<(), DecodeError> {
+    pub fn end(&self) -> Result<(), DecodeError> {
         match self.bytes.len() {
             0 => Ok(()),
             extra => Err(DecodeError::LeftOver { extra }),
         }
     }
 
-    /// How many bytes are left.
+    /// Number of bytes that are left.
     #[must_use]
     pub fn remaining(&self) -> usize {
         self.bytes.len()
     }
 
+    /// Next `needed` bytes, borrowed.
+    ///
+    /// # Errors
+    /// [`DecodeError::Truncated`].
     #[inline]
-    fn take(&mut self, needed: usize) -> Result<&'a [u8], DecodeError> {
+    pub fn take(&mut self, needed: usize) -> Result<&'a [u8], DecodeError> {
         let truncated = DecodeError::Truncated { needed, left: self.bytes.len() };
         let (head, rest) = self.bytes.split_at_checked(needed).ok_or(truncated)?;
         self.bytes = rest;
@@ -70,7 +80,7 @@ impl<'a> Reader<'a> {
         self.take(T::SIZE).map(T::load)
     }
 
-    /// `N` bytes, where they stand.
+    /// Next `N` bytes, borrowed.
     ///
     /// # Errors
     /// [`DecodeError::Truncated`].
@@ -81,21 +91,21 @@ impl<'a> Reader<'a> {
         Ok(head)
     }
 
-    /// `count` bytes, where they stand.
+    /// Next `count` bytes, borrowed.
     ///
     /// # Errors
-    /// [`DecodeError::Count`] when there are not so many.
+    /// [`DecodeError::Count`] if fewer bytes are left.
     pub fn bytes(&mut self, count: usize) -> Result<&'a [u8], DecodeError> {
-        self.claim(count, 1)?;
+        self.claim(count, 1, 1)?;
         self.take(count)
     }
 
-    /// `count` values of fixed size, where they stand.
+    /// Next `count` values of fixed size, borrowed.
     ///
     /// # Errors
     /// [`DecodeError::Count`] when there are not bytes enough.
     pub fn elements<T: Fixed>(&mut self, count: usize) -> Result<Elements<'a, T>, DecodeError> {
-        self.claim(count, T::SIZE)?;
+        self.claim(count, T::SIZE, 1)?;
         Ok(Elements::new(self.take(count * T::SIZE)?, count))
     }
 
@@ -104,7 +114,7 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// [`DecodeError::Count`] when there are not bytes enough; nothing was allocated then.
     pub fn get_vec<T: Fixed>(&mut self, count: usize) -> Result<Vec<T>, DecodeError> {
-        self.claim(count, T::SIZE)?;
+        self.claim(count, T::SIZE, 1)?;
         if T::SIZE == 0 {
             return Ok((0..count).map(|_| T::load(&[])).collect());
         }
@@ -112,7 +122,7 @@ impl<'a> Reader<'a> {
         Ok(bytes.chunks_exact(T::SIZE).map(T::load).collect())
     }
 
-    /// A string, where it stands: its length with the NUL, UTF-8, NUL.
+    /// Next string, borrowed: its length with the NUL, UTF-8, NUL.
     ///
     /// # Errors
     /// When the length, the NUL or the text is not as it must be.
@@ -147,7 +157,7 @@ impl<'a> Reader<'a> {
         self.length(count)
     }
 
-    /// The array length that a length member's value stands for.
+    /// Array length from the value of a length member.
     ///
     /// # Errors
     /// [`DecodeError::Count`] for a negative one.
@@ -156,14 +166,18 @@ impl<'a> Reader<'a> {
         usize::try_from(count).map_err(|_| DecodeError::Count { count, max: self.bytes.len() })
     }
 
-    /// Elements of at least `min` bytes each: refuses a count that the rest of the message cannot hold.
-    fn claim(&mut self, count: usize, min: usize) -> Result<(), DecodeError> {
-        let max = self.bytes.len().checked_div(min).unwrap_or(self.empties);
+    /// Claims room for `count` elements of at least `min` bytes each; an element without bytes counts as `shown` (at
+    /// least 1) towards [`MAX_EMPTY`].
+    ///
+    /// # Errors
+    /// [`DecodeError::Count`] for a count that the rest of the message cannot hold.
+    pub fn claim(&mut self, count: usize, min: usize, shown: usize) -> Result<(), DecodeError> {
+        let max = self.bytes.len().checked_div(min).unwrap_or(self.empties / shown);
         if count > max {
             return Err(DecodeError::Count { count: i64::try_from(count).unwrap_or(i64::MAX), max });
         }
         if min == 0 {
-            self.empties -= count;
+            self.empties -= count * shown;
         }
         Ok(())
     }
@@ -171,14 +185,14 @@ impl<'a> Reader<'a> {
     /// `count` elements of at least `min` bytes each.
     ///
     /// # Errors
-    /// [`DecodeError::Count`] when there are not bytes enough, and whatever `element` returns.
+    /// [`DecodeError::Count`] if fewer bytes are left, and any error of `element`.
     pub fn vec<T>(
         &mut self,
         count: usize,
         min: usize,
         mut element: impl FnMut(&mut Self) -> Result<T, DecodeError>,
     ) -> Result<Vec<T>, DecodeError> {
-        self.claim(count, min)?;
+        self.claim(count, min, 1)?;
         let mut elements = Vec::with_capacity(count.min(1024)); // more only as they really come
         for _ in 0..count {
             elements.push(element(self)?);
@@ -204,7 +218,7 @@ impl<'a> Reader<'a> {
     /// A value of a recursive type, one level further down.
     ///
     /// # Errors
-    /// [`DecodeError::Depth`], and whatever `value` returns.
+    /// [`DecodeError::Depth`], and any error of `value`.
     pub fn nested<T>(&mut self, value: impl FnOnce(&mut Self) -> Result<T, DecodeError>) -> Result<T, DecodeError> {
         if self.depth == MAX_DEPTH {
             return Err(DecodeError::Depth { max: MAX_DEPTH });

@@ -2,8 +2,8 @@
 
 use super::{EncodeError, Fixed, MAX_DEPTH, fixed, has_nul};
 
-/// The rest of the room for a message. It is measured before ([`Type::body_size`](super::Type::body_size)), so whatever
-/// is put in has its place.
+/// Remaining room for a message. The size is computed beforehand ([`Type::body_size`](super::Type::body_size)), so
+/// everything fits.
 ///
 /// # Panics
 /// Every method that puts something in, when a hand-written `body_size` was too small.
@@ -18,7 +18,7 @@ impl<'a> Writer<'a> {
         Self { room, depth: 0 }
     }
 
-    /// How many bytes are left.
+    /// Number of bytes that are left.
     pub(super) fn left(&self) -> usize {
         self.room.len()
     }
@@ -76,7 +76,7 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// The array length that a length member's value stands for.
+    /// Array length from the value of a length member.
     ///
     /// # Errors
     /// [`EncodeError::Negative`].
@@ -97,7 +97,7 @@ impl<'a> Writer<'a> {
     /// A value of a recursive type, one level further down.
     ///
     /// # Errors
-    /// [`EncodeError::Depth`], and whatever `value` returns.
+    /// [`EncodeError::Depth`], and any error of `value`.
     pub fn nested(&mut self, value: impl FnOnce(&mut Self) -> Result<(), EncodeError>) -> Result<(), EncodeError> {
         if self.depth == MAX_DEPTH {
             return Err(EncodeError::Depth { max: MAX_DEPTH });

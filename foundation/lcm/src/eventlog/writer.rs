@@ -9,15 +9,15 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 pub enum WriteError {
     /// A channel of `len` bytes; a log holds 1 to [`CHANNEL_MAX`].
     Channel {
-        /// Its length in bytes.
+        /// Length in bytes.
         len: usize,
     },
     /// Data of `len` bytes, for which the log has no number.
     TooLong {
-        /// Its length in bytes.
+        /// Length in bytes.
         len: usize,
     },
-    /// Writing failed; a part of the event may stand in the log.
+    /// Writing failed; the log may contain a part of the event.
     Io(io::Error),
 }
 
@@ -99,21 +99,21 @@ impl<W: Write> Writer<W> {
         self.inner.flush()
     }
 
-    /// What it writes to.
+    /// Output.
     pub fn get_mut(&mut self) -> &mut W {
         &mut self.inner
     }
 
-    /// What it wrote to. Flushes nothing.
+    /// Returns the output. Flushes nothing.
     pub fn into_inner(self) -> W {
         self.inner
     }
 }
 
 impl<W: Read + Write + Seek> Writer<W> {
-    /// Goes on after the last whole event of a log, with the number after its number; the official library begins anew
-    /// at 0. An event that was cut short, or anything else after the last whole one, is written over; where that is
-    /// longer than what is written, the owner of a file cuts it off first, at [`Tail::end`](super::Tail::end).
+    /// Continues after the last whole event of a log, with the next number; the official library restarts at 0.
+    /// Truncated or other bytes after the last whole event are overwritten; where they are longer than what is written,
+    /// the owner of the file truncates it first, at [`Tail::end`](super::Tail::end).
     ///
     /// # Errors
     /// Reading or seeking failed; or this is no log: there are bytes and no event, not even the beginning of one.

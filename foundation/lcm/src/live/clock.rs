@@ -8,12 +8,12 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 
-/// What the wall says.
+/// Wall-clock time.
 pub fn realtime() -> RealtimeNanos {
     RealtimeNanos(now(Clock::CLOCK_REALTIME))
 }
 
-/// Nanoseconds of the clock that nobody sets.
+/// Nanoseconds of the monotonic clock.
 pub fn monotonic() -> i64 {
     now(Clock::CLOCK_MONOTONIC)
 }
@@ -54,7 +54,7 @@ impl Timer {
         self.0.unset().map_err(context("cannot clear a timer"))
     }
 
-    /// Whether its moment has come; true only once.
+    /// True if its moment has come; true only once.
     pub fn expired(&self) -> bool {
         self.0.wait().is_ok()
     }

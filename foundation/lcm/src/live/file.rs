@@ -1,9 +1,8 @@
 //! The event log provider: playback of a log at its own pace, or recording into one.
-//!
-//! Playing, each event is received when it is due: the first at the first [`File::recv`], each other one as long after
-//! it as the log says, divided by the speed. What is received says when it was due on the wall clock, as in `liblcm`,
-//! not when it was recorded. Events that nobody subscribed to pass as they are due. After the last one
-//! [`File::recv`] fails with [`io::ErrorKind::UnexpectedEof`], where `lcm_handle` returns -1.
+//! In playback each event is received when it is due: the first at the first [`File::recv`], each further one after the
+//! recorded interval divided by the speed. The time of reception is the due time on the wall clock, as in `liblcm`, not
+//! the recorded time. Events without subscription pass when they are due. After the last one [`File::recv`] fails with
+//! [`io::ErrorKind::UnexpectedEof`], where `lcm_handle` returns -1.
 //!
 //! Recording, what is published is written with the current time, each message by one write; subscriptions
 //! receive nothing. Reading and writing block as long as the disk does.
@@ -18,7 +17,7 @@ use std::fs;
 use std::io::{self, Seek};
 use std::os::fd::{AsFd, BorrowedFd};
 
-/// How many events in a row one [`File::recv`] passes over before it returns to its caller.
+/// Maximum number of events that one [`File::recv`] passes over before it returns.
 const UNWANTED_MAX: usize = 64;
 
 /// An event log as a bus.
@@ -37,12 +36,12 @@ enum Work {
     Record(Writer<fs::File>),
 }
 
-/// What the log's time is on this machine's clocks.
+/// Mapping from the log's time to this machine's clocks.
 #[derive(Clone, Copy, Debug)]
 struct Pace {
-    /// Of the first event played, µs since 1970.
+    /// Timestamp of the first event played, µs since 1970.
     first_us: i64,
-    /// When that was, in nanoseconds of both clocks.
+    /// Instant of it, in nanoseconds of both clocks.
     monotonic: i64,
     realtime: i64,
 }
@@ -136,7 +135,7 @@ impl AsFd for File {
 }
 
 impl Pace {
-    /// When an event is due, in nanoseconds of the monotonic clock; never before the first.
+    /// Due time of an event, in nanoseconds of the monotonic clock; never before the first.
     fn due(&self, timestamp_us: i64, speed: f64) -> i64 {
         let after_us = timestamp_us.saturating_sub(self.first_us).max(0);
         // Exact for a hundred days at speed 1; a cast of what is too large is the largest.

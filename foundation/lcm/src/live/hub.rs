@@ -1,4 +1,4 @@
-//! The hub of TCPQ on real sockets. What it relays to whom: [`crate::tcpq::hub`].
+//! The hub of TCPQ on real sockets. Routing: [`crate::tcpq::hub`].
 //!
 //! ```no_run
 //! # use std::time::Duration;
@@ -30,13 +30,13 @@ use std::time::Duration;
 
 /// The listening socket among the clients' numbers, which count from 0.
 const LISTENER: u64 = u64::MAX;
-/// How many sockets one [`Hub::serve_once`] serves, how much it reads of each and how many it accepts.
+/// Maximum number of sockets one [`Hub::serve_once`] serves, how much it reads of each and how many it accepts.
 const SERVED_MAX: usize = 64;
 const CHUNK: usize = 64 << 10;
 const ACCEPTED_MAX: usize = 16;
-/// How many messages go into one system call.
+/// Maximum number of messages that go into one system call.
 const PIECES_MAX: usize = 256;
-/// How many events wait to be taken; then the oldest are lost.
+/// Maximum number of events that wait to be taken; then the oldest are lost.
 const EVENTS_MAX: usize = 1024;
 
 /// A client has come or gone. One line for people by `Display`.
@@ -44,20 +44,20 @@ const EVENTS_MAX: usize = 1024;
 pub struct Event {
     /// The client.
     pub client: ClientId,
-    /// Where it is.
+    /// Address of the client.
     pub address: SocketAddr,
-    /// What happened to it.
+    /// Kind of event.
     pub what: What,
 }
 
-/// What happened to a client.
+/// Event of a client.
 #[derive(Debug)]
 pub enum What {
-    /// It is connected.
+    /// Connected.
     Come,
-    /// It has closed the connection; what became of its messages.
+    /// Closed the connection; counters of its messages.
     Gone(ClientStats),
-    /// What it sent made no sense.
+    /// Sent malformed data.
     Malformed(DecodeError),
     /// The connection broke.
     Broken(io::Error),
@@ -130,7 +130,7 @@ impl Hub {
         })
     }
 
-    /// Where it listens; the port is the real one if 0 was asked for.
+    /// Address on which it listens; with the actual port if 0 was requested.
     ///
     /// # Errors
     /// The system call failed.
@@ -170,18 +170,18 @@ impl Hub {
         wait(self.as_fd(), timeout)
     }
 
-    /// Who has come or gone; the oldest first, at most 1024 of them.
+    /// Next event of a client; the oldest first, at most 1024 wait.
     pub fn poll_event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
 
-    /// What became of everything so far.
+    /// Counters of everything.
     #[must_use]
     pub fn stats(&self) -> Stats {
         self.hub.stats()
     }
 
-    /// Those who are connected, and what became of their messages.
+    /// Connected clients with their counters.
     pub fn clients(&self) -> impl Iterator<Item = (ClientId, SocketAddr, ClientStats)> {
         let stats = |id| self.hub.client(id).unwrap_or_default();
         self.connections.iter().map(move |(&id, connection)| (id, connection.address, stats(id)))

@@ -12,12 +12,12 @@ use std::net::SocketAddrV4;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 
-/// How many messages in a row come from shared memory before it is the socket's turn.
+/// Maximum number of messages taken from shared memory before the socket is served.
 const IN_A_ROW: u32 = 64;
-/// How often the socket is passed over when there is nothing left in shared memory, but was: whoever waits then is told
-/// by the descriptor whether the socket has something.
+/// Number of times the socket is skipped while shared memory has just run empty: after that a waiting caller relies on
+/// the descriptor for the socket.
 const PASSES: u32 = 16;
-/// Who is ready.
+/// Token of the ready descriptor.
 const SOCKET: u64 = 0;
 const BELL: u64 = 1;
 
@@ -31,7 +31,7 @@ pub struct Local {
 }
 
 impl Local {
-    /// Joins if the URL says so and there is shared memory. `receive` is not bound yet.
+    /// Joins the shared-memory bus if the URL requests it and it is available. `receive` is not bound yet.
     pub fn join(url: &url::Udpm, source: SocketAddrV4, receive: BorrowedFd<'_>) -> Option<Self> {
         if url.shm == url::Shm::Off {
             return None;
@@ -84,12 +84,12 @@ impl Local {
         self.bus.message()
     }
 
-    /// How many messages were lost since the last call.
+    /// Number of messages that were lost since the last call.
     pub fn take_lost(&mut self) -> u64 {
         self.bus.take_lost()
     }
 
-    /// Whether a datagram, received at `at`, is dropped because shared memory has its message.
+    /// True if a datagram, received at `at`, is dropped because shared memory has its message.
     pub fn takes(&mut self, from: SocketAddrV4, datagram: &[u8], at: i64) -> bool {
         match udpm::decode(datagram) {
             Ok(Datagram::Short(short)) if short.channel == filter::SELF_TEST => {
@@ -101,7 +101,7 @@ impl Local {
         }
     }
 
-    /// Nothing is left; false if something has come meanwhile.
+    /// Prepares to sleep when nothing is left; false if a message has arrived since.
     pub fn sleep(&mut self) -> bool {
         self.bus.sleep()
     }

@@ -10,13 +10,13 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 
-/// What waits, in payload bytes.
+/// Maximum size of waiting messages, payload bytes.
 const LINE_MAX: usize = 16 << 20;
 
 /// A bus of one's own.
 #[derive(Debug)]
 pub struct Memq {
-    /// Readable while messages wait; `rung` says whether it is.
+    /// Readable while messages wait; `rung` mirrors its state.
     bell: EventFd,
     rung: bool,
     subscriptions: Subscriptions,
@@ -71,7 +71,7 @@ impl Memq {
         self.subscriptions.dropped(id)
     }
 
-    /// Makes the descriptor say what is so.
+    /// Updates the descriptor.
     fn ring(&mut self) -> io::Result<()> {
         let waits = !self.line.is_empty();
         if waits != self.rung {

@@ -1,8 +1,7 @@
 //! The two sockets, and which interfaces they use.
-//!
-//! `liblcm` sends on, and joins on, the one interface that the routing table has for the group, asked at the start
-//! and, for sending, at every datagram. That breaks when a cable is pulled or the default route moves: what is sent
-//! then leaves on an interface where nobody on this host has joined. So here
+//! `liblcm` sends on, and joins on, the one interface that the routing table has for the group, looked up at the start
+//! and, for sending, with every datagram. That breaks when a cable is pulled or the default route changes: datagrams
+//! then leave on an interface where no process on this host has joined. Therefore
 //!
 //! - the receive socket joins on that interface and on `lo`;
 //! - the send socket is bound to that interface's address and pinned to its index, and joins there too, so that the
@@ -11,10 +10,10 @@
 //!   (Linux `ip_route_output_key_hash_rcu`: a multicast goes out where its source address lives).
 //!
 //! With `interface` in the URL both sockets use that interface and no other.
-//!
-//! A datagram is sent on one interface and received on that one, so joining on two delivers nothing twice. What
-//! others on this host joined on a third interface is heard as well (`IP_MULTICAST_ALL`, the kernel's default, needs
-//! the receive socket bound to the group: it is): that is how `liblcm` peers hear what goes over `lo`.
+//! A datagram is sent on one interface and received on that one, so joining on two delivers nothing twice. Datagrams of
+//! a third interface that another process on this host has joined are received as well (`IP_MULTICAST_ALL`, the
+//! kernel's default; the receive socket must be bound to the group, which it is): so `liblcm` peers receive what goes
+//! over `lo`.
 
 use super::{RealtimeNanos, context, sys};
 use crate::filter::Instruction;
@@ -37,7 +36,7 @@ use std::time::{Duration, Instant};
 /// The send socket receives nothing that anybody wants; the kernel makes this its minimum.
 const SEND_SOCKET_RECV_BUF: usize = 0;
 
-/// A blocking one: each call says whether it may wait.
+/// Opens a blocking socket: each call decides if it waits.
 fn open_socket() -> io::Result<OwnedFd> {
     socket(AddressFamily::Inet, SockType::Datagram, SockFlag::SOCK_CLOEXEC, None)
         .map_err(context("cannot open a UDP socket"))
@@ -67,7 +66,7 @@ pub struct ReceiveSocket {
     interface: Option<Ipv4Addr>,
     joined: bool,
     filtered: bool,
-    /// How long a call waits, as last told to the kernel.
+    /// Time limit of a call, as last passed to the kernel.
     patience: Duration,
     fullness: Fullness,
     control: Vec<u8>,
@@ -120,7 +119,7 @@ impl ReceiveSocket {
             }
         };
         joined.map_err(context(format_args!("cannot join the multicast group {group} on any interface")))?;
-        // To the group, not to any address: unicast to the port is none of the bus's.
+        // Bound to the group, not to any address: unicast datagrams to the port do not belong to the bus.
         bind(self.fd.as_raw_fd(), &SockaddrIn::from(self.address))
             .map_err(context(format_args!("cannot bind to {}", self.address)))?;
         self.joined = true;
@@ -215,7 +214,7 @@ impl ReceiveSocket {
     }
 }
 
-/// Tells when the receive buffer was full, without a system call per datagram: it cannot have been without being
+/// Detects that the receive buffer was full, without a system call per datagram: before it was full it must have been
 /// three quarters full after a quarter of it has been read.
 #[derive(Debug)]
 struct Fullness {
@@ -223,12 +222,12 @@ struct Fullness {
     quarter: usize,
     read: usize,
     full: bool,
-    /// It has been read empty since.
+    /// True if it has been read empty since.
     emptied: bool,
 }
 
 impl Fullness {
-    /// What a datagram takes of the buffer beside its bytes, at most and roughly.
+    /// Approximate overhead of a datagram in the buffer, bytes, at most.
     const OVERHEAD: usize = 1280;
 
     fn new(size: usize) -> Self {
@@ -239,7 +238,7 @@ impl Fullness {
         self.emptied = true;
     }
 
-    /// Whether it was full before this datagram of `len` bytes came; `memory` tells the bytes taken and all.
+    /// True if it was full before this datagram of `len` bytes arrived; `memory` gives the used and the total bytes.
     fn was_full(&mut self, len: usize, memory: impl FnOnce() -> nix::Result<(u32, u32)>) -> bool {
         self.read += len + Self::OVERHEAD;
         if self.read > self.quarter {
@@ -249,7 +248,7 @@ impl Fullness {
                 (self.full, self.emptied) = (true, false);
             }
         }
-        // The first datagram that found room again tells of those that did not.
+        // The first datagram that fits again indicates those that did not.
         let was_full = self.full;
         if self.emptied {
             (self.full, self.emptied) = (false, false);
@@ -274,7 +273,7 @@ impl SendSocket {
         let (interface, to) = (address_of(url.interface.as_ref())?, url.address());
         let source = match interface {
             Some(address) => address,
-            // A route over `lo` need not name a source address: then it is 0.0.0.0, which pins nothing.
+            // A route over `lo` may have no source address: 0.0.0.0, which pins nothing.
             None => route_to(to)?.filter(|source| !source.is_unspecified()).unwrap_or(Ipv4Addr::LOCALHOST),
         };
         let (fd, source) = open_sender(url.group, url.ttl, source)?;
@@ -286,8 +285,8 @@ impl SendSocket {
         Ok(Self { fd, group: to.into(), ttl: url.ttl, source, pinned: interface.is_some(), datagram_max })
     }
 
-    /// Sends one datagram; when its interface has gone, from now on over `lo`, where all of ours listen. `moved` is told
-    /// the new source before anything leaves from there.
+    /// Sends one datagram; if its interface has gone, from now on over `lo`, where all our processes listen. `moved`
+    /// gets the new source address before the first datagram leaves from there.
     pub fn send(&mut self, header: &[u8], payload: &[u8], moved: impl FnOnce(SocketAddrV4)) -> nix::Result<()> {
         let parts = [IoSlice::new(header), IoSlice::new(payload)];
         match self.send_once(&parts) {
@@ -318,12 +317,12 @@ impl SendSocket {
     pub fn wait(&self, patience: Duration) -> Duration {
         let begin = Instant::now();
         let millis = u16::try_from(patience.as_nanos().div_ceil(1_000_000)).unwrap_or(u16::MAX);
-        // Whatever it returns: sending tells.
+        // The result does not matter: sending reports errors.
         let _ = poll(&mut [PollFd::new(self.fd.as_fd(), PollFlags::POLLOUT)], PollTimeout::from(millis));
         patience.saturating_sub(begin.elapsed())
     }
 
-    /// Where our datagrams come from.
+    /// Source address of our datagrams.
     pub fn source(&self) -> SocketAddrV4 {
         self.source
     }

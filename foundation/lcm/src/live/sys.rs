@@ -8,7 +8,7 @@ use std::mem;
 use std::net::Ipv4Addr;
 use std::os::fd::{AsRawFd, BorrowedFd};
 
-/// Whether this thread goes before all that have no real-time priority.
+/// True if this thread goes before all that have no real-time priority.
 #[cfg(feature = "shm")]
 pub fn is_real_time() -> bool {
     // SAFETY: it takes a number, and answers with one.
@@ -26,7 +26,7 @@ pub fn attach_filter(fd: BorrowedFd<'_>, program: &[Instruction]) -> nix::Result
     unsafe { set(fd, libc::SOL_SOCKET, libc::SO_ATTACH_FILTER, &program) }
 }
 
-/// Takes the program away; that there is none is no error.
+/// Detaches the socket filter; no error if there is none.
 pub fn detach_filter(fd: BorrowedFd<'_>) -> nix::Result<()> {
     // SAFETY: the option takes an int and does not look at it.
     match unsafe { set(fd, libc::SOL_SOCKET, libc::SO_DETACH_FILTER, &0_i32) } {
@@ -35,14 +35,14 @@ pub fn detach_filter(fd: BorrowedFd<'_>) -> nix::Result<()> {
     }
 }
 
-/// How much of the receive buffer is taken, and how much there is: bytes, the kernel's own bookkeeping included.
+/// Used and total size of the receive buffer, bytes, including the kernel's overhead.
 pub fn receive_memory(fd: BorrowedFd<'_>) -> nix::Result<(u32, u32)> {
     // SAFETY: SO_MEMINFO fills an array of 32-bit numbers (linux/sock_diag.h: SK_MEMINFO_RMEM_ALLOC 0, RCVBUF 1).
     let [taken, size] = unsafe { get::<[u32; 2]>(fd, libc::SOL_SOCKET, libc::SO_MEMINFO) }?;
     Ok((taken, size))
 }
 
-/// Sends multicasts by the interface that has `address` now; 0.0.0.0: where the routing table says.
+/// Sends multicasts by the interface that has `address` now; 0.0.0.0: by the routing table.
 pub fn set_multicast_interface(fd: BorrowedFd<'_>, address: Ipv4Addr) -> nix::Result<()> {
     let address = libc::in_addr { s_addr: u32::from_ne_bytes(address.octets()) };
     // SAFETY: the option takes an `in_addr`.

@@ -33,19 +33,19 @@ use std::time::Duration;
 
 /// The first wait after a connection was lost, and the longest.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
-/// How long a hub may take to accept, and then to say hello.
+/// Time limit for a hub to accept, and then for its hello.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// After how many seconds of silence the other end is asked whether it is there, and how often, each second.
 const SILENCE: u32 = 3;
 const PROBES: u32 = 3;
-/// What waits to be written, in bytes, before a message is refused; one is taken whatever its size.
+/// Maximum size of waiting output, bytes, before a message is refused; one message is accepted regardless of its size.
 const OUTBOX_MAX: usize = 4 << 20;
-/// What waits to be received, in payload bytes, where subscriptions have limits.
+/// Maximum size of waiting input, payload bytes, where subscriptions have limits.
 const LINE_MAX: usize = 4 << 20;
-/// How much is read at once, and how often in one call.
+/// Size of one read, bytes, and maximum number of reads in one call.
 const CHUNK: usize = 64 << 10;
 const READS_MAX: usize = 16;
-/// How many pieces go into one system call.
+/// Maximum number of pieces that go into one system call.
 const PIECES_MAX: usize = 64;
 
 /// A place on a bus that a hub relays.
@@ -62,11 +62,11 @@ pub struct Tcpq {
     why_down: String,
     outbox: Outbox,
     stream: Decoder,
-    /// When the bytes in `stream` were read.
+    /// Time when the bytes in `stream` were read.
     read_at: RealtimeNanos,
     chunk: Box<[u8]>,
     subscriptions: Subscriptions,
-    /// The expressions that the hub is asked for.
+    /// Expressions requested from the hub.
     patterns: Vec<(SubscriptionId, String)>,
     line: Line,
     stats: Stats,
@@ -172,7 +172,7 @@ impl Tcpq {
         };
         let (_, pattern) = self.patterns.remove(index);
         if !self.patterns.iter().any(|(_, text)| *text == pattern) {
-            // Untold, the hub sends what is then not wanted; the next connection tells it.
+            // If this fails, the hub goes on sending unwanted messages until the next connection.
             let _ = self.tell(&tcpq::unsubscribe(&pattern));
         }
         self.line.forget(id);
@@ -227,7 +227,7 @@ impl Tcpq {
         }))
     }
 
-    /// Whether a message waits that the descriptor does not tell of.
+    /// True if a message waits that the descriptor does not signal.
     pub(super) fn ready(&self) -> bool {
         !self.line.is_empty() || self.stream.is_ready()
     }
@@ -240,7 +240,7 @@ impl Tcpq {
         self.subscriptions.dropped(id)
     }
 
-    /// Whether the hub has greeted and was not lost since, as of the last call.
+    /// True if the hub has greeted and was not lost since, as of the last call.
     #[must_use]
     pub fn is_connected(&self) -> bool {
         matches!(self.link, Link::Up(_))
@@ -429,7 +429,7 @@ pub(super) fn prepare(socket: &impl AsFd) {
     let _ = setsockopt(socket, sockopt::TcpKeepCount, &PROBES);
 }
 
-/// Whether a socket is connected by now; `None`: not yet.
+/// True if a socket is connected by now; `None`: not yet.
 fn connected(socket: &OwnedFd) -> Option<nix::Result<()>> {
     let mut fds = [PollFd::new(socket.as_fd(), PollFlags::POLLOUT)];
     match poll(&mut fds, PollTimeout::ZERO) {

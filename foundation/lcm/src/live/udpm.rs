@@ -16,30 +16,30 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// How many datagrams in a row one [`Udpm::recv`] drops before it returns to its caller, so that a flood of messages
-/// that nobody wants cannot hold a process that has other work to do.
+/// Maximum number of unwanted datagrams that one [`Udpm::recv`] drops before it returns, so that a flood cannot keep a
+/// process from its other work.
 const UNWANTED_MAX: usize = 64;
-/// How many datagrams one [`Udpm::recv`] puts in line.
+/// Maximum number of datagrams one [`Udpm::recv`] puts in line.
 const DRAIN_MAX: usize = 256;
-/// How long a large message waits for room in the kernel's send buffer, all in all.
+/// Total time that a large message waits for room in the kernel's send buffer.
 const SEND_PATIENCE: Duration = Duration::from_millis(10);
-/// What the self test says.
+/// Payload of the self test.
 const SELF_TEST_PAYLOAD: &[u8] = b"lcm self test";
 
-/// What has become of the self test: of what is sent here, does anything come back?
+/// State of the self test: is a datagram sent here also received here?
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SelfTest {
-    /// Nothing is subscribed yet.
+    /// No subscription yet.
     #[default]
     NotStarted,
     /// A message was sent at the first subscription and has not come back yet. After a second: routing or a firewall
     /// keeps the bus apart.
     Waiting,
-    /// It came back.
+    /// Received.
     Passed,
 }
 
-/// What one datagram was.
+/// Kind of a received datagram.
 enum Taken {
     Nothing,
     Unwanted,
@@ -160,7 +160,7 @@ impl Udpm {
         }
         if first {
             self.self_test = SelfTest::Waiting;
-            // That it cannot be sent is what the test is there to tell.
+            // A failure to send shows in the result of the test.
             let _ = self
                 .number(filter::SELF_TEST, SELF_TEST_PAYLOAD)
                 .and_then(|test| self.transmit(filter::SELF_TEST, test));
@@ -179,14 +179,14 @@ impl Udpm {
         was
     }
 
-    /// Tells those who write to shared memory what is subscribed.
+    /// Publishes the set of subscriptions to the writers of shared memory.
     fn set_interest(&mut self) {
         if let Some(local) = &mut self.local {
             local.set_interest(self.receiver.subscriptions().names().as_deref());
         }
     }
 
-    /// Lets the kernel pass what is subscribed, as far as that can be said in names.
+    /// Attaches a socket filter for the subscriptions, as far as they are plain names.
     fn set_filter(&mut self) {
         let program = self.receiver.subscriptions().names().and_then(|names| {
             let own = self.send.source();
@@ -320,7 +320,7 @@ impl Udpm {
         Some(Received { channel: &waiting.channel, payload: &waiting.payload, at: RealtimeNanos(waiting.at) })
     }
 
-    /// Whether a message waits that the descriptor does not tell of.
+    /// True if a message waits that the descriptor does not signal.
     pub(super) fn ready(&self) -> bool {
         !self.line.is_empty()
     }
@@ -346,32 +346,33 @@ impl Udpm {
         self.receive.granted_size()
     }
 
-    /// Whether messages go out on the loopback interface: there was no route to the group at the start, or there is
+    /// True if messages are sent on the loopback interface: there was no route to the group at the start, or there is
     /// none any more.
     #[must_use]
     pub fn on_loopback(&self) -> bool {
         self.send.on_loopback()
     }
 
-    /// Whether what was sent at the first subscription came back.
+    /// True if what was sent at the first subscription came back.
     #[must_use]
     pub fn self_test(&self) -> SelfTest {
         self.self_test
     }
 
-    /// Whether the kernel keeps unwanted channels away: all subscriptions are plain names.
+    /// True if the kernel keeps unwanted channels away: all subscriptions are plain names.
     #[must_use]
     pub fn filtered(&self) -> bool {
         self.receive.filtered()
     }
 
-    /// Whether messages go through shared memory where both ends can: the URL says `shm=auto` and this machine has it.
+    /// True if messages go through shared memory where both ends can: the URL has `shm=auto` and this machine supports
+    /// it.
     #[must_use]
     pub fn shares_memory(&self) -> bool {
         self.local.is_some()
     }
 
-    /// Who publishes on this bus, with their losses; empty while the kernel keeps unwanted channels away.
+    /// Publishers on this bus, with their losses; empty while the kernel filters channels.
     #[must_use]
     pub fn sources(&self) -> &[Source] {
         self.receiver.sources()

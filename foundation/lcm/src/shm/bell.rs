@@ -1,10 +1,9 @@
 //! Whether a reader sleeps: one word that it writes and that publishers answer.
-//!
-//! An odd value is a sleep, each with another value; an even one says awake, or rung already. A reader first says that
-//! it sleeps, then looks into all rings again, and sleeps only if there is nothing; a publisher first writes, then
-//! looks whether the reader sleeps. One of the two sees the other: between store and load stands a full fence on both
-//! sides. A publisher rings first and then says so, and only about that very sleep: one that dies in between has rung,
-//! and one that is late does not wake a later sleep's word.
+//! An odd value is a sleep, each with another value; an even one means awake, or woken already. A reader first
+//! announces its sleep, then checks all rings again, and sleeps only if they are empty; a publisher first writes, then
+//! checks if the reader sleeps. One of the two sees the other, because both sides have a full fence between store and
+//! load. A publisher first rings and then marks exactly that sleep as woken: one that dies in between has rung, and a
+//! late one does not change the word of a later sleep.
 
 use super::sync::{Ordering, Value, Word, fence};
 
@@ -24,12 +23,12 @@ impl Sleeper {
         fence(Ordering::SeqCst);
     }
 
-    /// Whether somebody rang since; the bell holds something then.
+    /// True if the bell has been rung since; it holds a byte then.
     pub fn rung(&self, word: &Word) -> bool {
         word.load(Ordering::Relaxed) != self.sleep
     }
 
-    /// Nobody needs to ring.
+    /// Marks the reader as awake: no bell is needed.
     pub fn wake(&self, word: &Word) {
         word.store(self.sleep.wrapping_add(1), Ordering::Relaxed);
     }

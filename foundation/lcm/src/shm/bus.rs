@@ -22,25 +22,26 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
 use std::time::Duration;
 
-/// Where shared memory lies.
+/// Folder of shared memory.
 const ROOT: &str = "/dev/shm";
-/// How long a look at the listeners holds, in ms.
+/// Validity of a check for other listeners, ms.
 const LOOK_MS: Value = 1000;
-/// How much longer it holds for a thread with a real-time priority: a look takes 2 ms of a small processor, which others have.
+/// Additional validity for a thread with a real-time priority: the check takes 2 ms on a small processor, and other
+/// threads do it.
 const LEFT_TO_OTHERS_MS: Value = LOOK_MS / 2;
-/// Records that one [`Bus::recv`] passes over before it returns to a caller that has other work to do.
+/// Maximum number of records that one [`Bus::recv`] passes over before it returns.
 const PASSED_MAX: usize = 4096;
-/// How often joining is tried again.
+/// Maximum number of attempts to join.
 const JOIN_TRIES: u32 = 10;
 /// Messages in a row from one ring.
 const TURN: u32 = 32;
-/// How long datagrams of a publisher that has left may still come, in ns.
+/// Time for which datagrams of a publisher that has left may still arrive, ns.
 const LATE_NS: i64 = 2_000_000_000;
-/// How many stations are followed; more are left to datagrams.
+/// Maximum number of stations that are followed; others are received by datagrams.
 const STATIONS_MAX: usize = 1024;
 /// Bytes and number of the payloads in files of their own that stay readable.
 const ASIDE: (usize, usize) = (64 << 20, 8);
-/// How long they stay, in ms.
+/// Lifetime of such files, ms.
 const ASIDE_MS: Value = 5000;
 
 /// A context's place on the shared-memory bus: its own station, and those of the others.
@@ -72,7 +73,7 @@ pub struct Bus {
     received: bool,
     /// The latest [`Bus::recv`] did not come to the end.
     busy: bool,
-    /// Somebody's ring was read to its end since the latest sleep.
+    /// True if the ring of a departed peer was read to its end since the latest sleep.
     buried: bool,
     /// By bucket, what may be wanted.
     buckets: Box<[bool; BUCKETS]>,
@@ -90,7 +91,7 @@ struct Peer {
     /// While this context subscribes.
     reader: Option<Reader>,
     bell: Option<OwnedFd>,
-    /// It will publish nothing more.
+    /// True if it will publish nothing more.
     ended: bool,
 }
 
@@ -264,9 +265,9 @@ impl Bus {
         self.retired = true;
     }
 
-    /// Whether somebody may listen who has no station.
+    /// True if a process without a station may be listening.
     fn mirror(&mut self, sequence: u32) -> bool {
-        // Readers hear at once of a new listener's self-test; where nobody reads there is nothing to save.
+        // Readers notice a new listener by its self test; without readers there is nothing to save.
         if self.ttl > 0 || self.retired || !self.peers.iter().any(|peer| peer.station.reads()) {
             return true;
         }
@@ -287,18 +288,18 @@ impl Bus {
         }
         let listeners = self.board.listeners();
         if age >= 2 * LOOK_MS {
-            // Nobody has published for a while, so nobody has looked.
+            // No publication for a while: the last check is out of date.
             self.tell(Listeners::Unknown);
         }
         let before = listeners.load(Ordering::Acquire);
         let found = look(self.bus, |inode| self.peers.iter().any(|peer| peer.station.owns(inode)));
-        // Not over what was told meanwhile.
+        // Does not overwrite a result stored since.
         let after = (before & !3).wrapping_add(4) | found as Value;
         let _ = self.board.listeners().compare_exchange(before, after, Ordering::AcqRel, Ordering::Relaxed);
         while self.asides.front().is_some_and(|aside| now.wrapping_sub(aside.at) > ASIDE_MS) {
             self.drop_aside();
         }
-        // The folder can be taken away (logging out may do so); a ring that nobody finds is none.
+        // The folder may be removed (by a logout, for example); a ring that cannot be found is useless.
         if !self.retired && !self.folder.has(&self.name) {
             self.retire(sequence.wrapping_add(1));
         }
@@ -341,8 +342,8 @@ impl Bus {
         self.stay_readable();
     }
 
-    /// Takes the next message that is wanted, for [`Bus::message`]. False: nothing more now, or so many others that the
-    /// caller should have a look at its other work; then the bell is readable.
+    /// Takes the next wanted message, for [`Bus::message`]. False: no more messages now, or so many unwanted ones that
+    /// the caller should do its other work; the bell is readable then.
     pub fn recv(&mut self, mut wants: impl FnMut(&str) -> bool) -> bool {
         self.refresh();
         let (mut passed, mut empty) = (0, 0);
@@ -394,7 +395,7 @@ impl Bus {
         (self.copy.channel(), &self.copy.payload[..header.len as usize], header.at)
     }
 
-    /// Whether [`Bus::recv`] took anything since the latest sleep.
+    /// True if [`Bus::recv`] took anything since the latest sleep.
     pub fn received(&self) -> bool {
         self.received
     }
@@ -410,7 +411,7 @@ impl Bus {
         self.left.push(Left { name: peer.name, source: peer.source, at: realtime() });
     }
 
-    /// Whether a datagram, received at `at`, is dropped because its publisher's ring has that message.
+    /// True if a datagram, received at `at`, is dropped because its publisher's ring has that message.
     pub fn takes(&mut self, source: SocketAddrV4, sequence: u32, at: i64) -> bool {
         // A station is shown before its first datagram is sent, so it is known now.
         self.refresh();
@@ -420,7 +421,7 @@ impl Bus {
         self.left.iter().any(|left| left.source == source && at < left.at.saturating_add(LATE_NS))
     }
 
-    /// A self-test came from here: somebody begins to listen, unless it has a station.
+    /// Takes a self test from `source`: a process begins to listen, unless it has a station.
     pub fn self_test(&mut self, source: SocketAddrV4) {
         self.refresh();
         let left = |left: &Left| left.source == source && left.at.saturating_add(LATE_NS) > realtime();
@@ -435,7 +436,7 @@ impl Bus {
         mem::take(&mut self.lost)
     }
 
-    /// Readable when [`Bus::recv`] has something to do after [`Bus::sleep`] said so.
+    /// Readable if [`Bus::recv`] has work to do after [`Bus::sleep`] returned true.
     pub fn doorbell(&self) -> BorrowedFd<'_> {
         self.bell.as_fd()
     }
@@ -589,7 +590,7 @@ impl Drop for Bus {
         let ended = self.board.changed();
         self.station.set_ended(ended);
         self.refresh();
-        // Whoever finds it from now on finds it dead.
+        // From now on the station counts as dead.
         self.file = None;
         let behind = |peer: &Peer| {
             peer.name != self.name && peer.station.reads() && !peer.ended && !reached(peer.station.drained(), ended)
@@ -600,13 +601,13 @@ impl Drop for Bus {
             self.folder.remove(&self.name);
             self.board.changed();
         }
-        // Nobody waits for this reader any more.
+        // Publishers no longer wait for this reader.
         self.census();
         self.folder.close();
     }
 }
 
-/// Whether no reader has anything left to read: the others sleep, and this context has read its own.
+/// True if no reader has anything left to read: the others sleep, and this context has read its own.
 fn drained(peers: &[Peer], own: &str) -> bool {
     peers.iter().all(|Peer { name, station, reader, .. }| match reader {
         Some(reader) if name == own => !reader.pending(station.ring()),
@@ -623,7 +624,7 @@ fn reached(generation: Value, wanted: Value) -> bool {
     generation.wrapping_sub(wanted) < Value::MAX / 2
 }
 
-/// Whether it is this thread's turn to look, `age` ms after the last look; ages come around.
+/// True if it is this thread's turn to look, `age` ms after the last look; ages come around.
 fn is_due(age: Value, is_real_time: impl FnOnce() -> bool) -> bool {
     (LOOK_MS..Value::MAX / 2).contains(&age) && (age >= LOOK_MS + LEFT_TO_OTHERS_MS || !is_real_time())
 }

@@ -57,10 +57,10 @@ impl Folder {
         options
     }
 
-    /// The file of the board; made if it is not there. Until the lock is dropped nobody takes the folder away.
+    /// File of the board, created if absent. The folder is not removed until the lock is dropped.
     ///
     /// # Errors
-    /// Not found: somebody took the folder away just now.
+    /// Not found: the folder has just been removed.
     pub fn board(&self) -> io::Result<Flock<File>> {
         let file = Self::options().create(true).open(self.0.join("board"))?;
         let lock = Flock::lock(file, FlockArg::LockShared).map_err(|(_, errno)| io::Error::from(errno))?;
@@ -71,7 +71,7 @@ impl Folder {
         Ok(fs::symlink_metadata(self.0.join("board"))?.ino() == file.metadata()?.ino())
     }
 
-    /// Takes the folder away if it is empty and nobody is about to join.
+    /// Removes the folder if it is empty and no process is about to join.
     pub fn close(&self) {
         let Some(board) = Self::options().open(self.0.join("board")).ok().and_then(lock) else { return };
         if self.is_board(&board).unwrap_or(false) && self.is_empty() {
@@ -84,7 +84,7 @@ impl Folder {
         fs::read_dir(&self.0).is_ok_and(|entries| entries.count() == 1)
     }
 
-    /// The file of a new station, locked, which nobody sees until [`Folder::show`].
+    /// File of a new station, locked, and invisible until [`Folder::show`].
     pub fn create(&self, name: &str) -> io::Result<Flock<File>> {
         let file = Self::options().create_new(true).open(self.path(name, "new"))?;
         Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| errno.into())
@@ -112,7 +112,7 @@ impl Folder {
         Self::options().open(self.path(name, "station"))
     }
 
-    /// Whether a station is there.
+    /// True if a station is there.
     pub fn has(&self, name: &str) -> bool {
         self.path(name, "station").exists()
     }
@@ -132,7 +132,7 @@ impl Folder {
         Ok(names)
     }
 
-    /// Whether the owner of a station is dead: its lock, held against others who find the same until it is dropped.
+    /// True if the owner of a station is dead: its lock, held against others who find the same until it is dropped.
     pub fn dead(&self, name: &str) -> Option<Flock<File>> {
         lock(self.station(name).ok()?)
     }

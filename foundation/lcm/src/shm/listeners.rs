@@ -1,26 +1,26 @@
-//! Whether a program that is not on the shared-memory bus listens on this host: what stands in `/proc/net/udp`.
+//! Detection of programs on this host that listen without the shared-memory bus, by `/proc/net/udp`.
 
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddrV4};
 
-/// Who may be listening by datagrams.
+/// Presence of listeners by datagrams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Listeners {
-    /// Nobody has looked yet.
+    /// Not checked yet.
     Unknown,
-    /// Nobody, at the last look and since.
+    /// None at the last check and since.
     None,
-    /// Somebody.
+    /// At least one.
     Some,
 }
 
-/// Looks at all sockets of this network name space; `ours` says which inode belongs to the bus. Where `/proc` does not
-/// tell, somebody listens.
+/// Checks all sockets of this network name space; `ours` is true for the inodes of the bus. If `/proc` cannot be read,
+/// a listener is assumed.
 pub fn look(bus: SocketAddrV4, ours: impl Fn(u32) -> bool) -> Listeners {
     listeners(read("udp"), read("udp6"), bus, ours)
 }
 
-/// Of this thread: threads may have network name spaces of their own.
+/// Table of this thread: threads may have network name spaces of their own.
 fn read(table: &str) -> io::Result<String> {
     #[expect(clippy::disallowed_methods, reason = "part of the live transport")]
     let mut file = std::fs::File::open(format!("/proc/thread-self/net/{table}"))?;
@@ -43,7 +43,7 @@ fn listeners(
     if sockets.any(|inode| !ours(inode)) { Listeners::Some } else { Listeners::None }
 }
 
-/// The inode of a socket that hears the bus: bound to its port, and to its group or to any address.
+/// Inode of a socket that receives the bus: bound to its port, and to its group or to any address.
 fn socket(line: &str, bus: SocketAddrV4) -> Option<u32> {
     let mut fields = line.split_ascii_whitespace();
     let (address, port) = fields.nth(1)?.split_once(':')?;

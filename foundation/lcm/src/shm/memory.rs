@@ -1,7 +1,7 @@
 //! Memory that processes share: a file in `/dev/shm`, mapped, and copies of many words. The one file of the bus with
 //! `unsafe`.
-//!
-//! All that it hands out are atomic words, so whatever another process does to them is a value, never undefined.
+//! All accesses are to atomic words, so a concurrent write by another process gives some value, never undefined
+//! behaviour.
 #![allow(unsafe_code, reason = "a mapping is a pointer, and a copy of what others write is no `memcpy`")]
 
 use super::sync::{Ordering, Value, Word};
@@ -37,11 +37,11 @@ impl Memory {
         Ok(Self { start, bytes })
     }
 
-    /// Its words.
+    /// Words.
     pub fn words(&self) -> &[Word] {
         // SAFETY: `start` is the start of a page, so it is aligned; `bytes` from there are mapped until `drop`, which
-        // the lifetime excludes. The kernel gave zeroes or what processes stored, every bit pattern is a valid word, and
-        // processes that share it reach it as atomic words only.
+        // the lifetime excludes. The kernel gave zeroes or what processes stored, every bit pattern is a valid word,
+        // and processes that share it reach it as atomic words only.
         unsafe { slice::from_raw_parts(self.start.as_ptr().cast(), self.bytes.get() / size_of::<Value>()) }
     }
 }
@@ -66,11 +66,11 @@ pub fn reserve(file: impl AsFd, from: usize, to: usize) -> io::Result<()> {
     }
 }
 
-/// How many bytes a copy has from which on the processor's own instruction for it is the faster one.
+/// Size from which the processor's own copy instruction is faster, bytes.
 #[cfg(target_arch = "x86_64")]
 const LONG: usize = 512;
 
-/// Stores words, relaxed each; there are as many of both.
+/// Stores words, relaxed each; both slices have the same length.
 pub fn store_all(words: &[Word], values: &[[u8; size_of::<Value>()]]) {
     assert_eq!(words.len(), values.len());
     #[cfg(target_arch = "x86_64")]
@@ -84,7 +84,7 @@ pub fn store_all(words: &[Word], values: &[[u8; size_of::<Value>()]]) {
     }
 }
 
-/// Loads words, relaxed each; there are as many of both.
+/// Loads words, relaxed each; both slices have the same length.
 pub fn load_all(words: &[Word], values: &mut [[u8; size_of::<Value>()]]) {
     assert_eq!(words.len(), values.len());
     #[cfg(target_arch = "x86_64")]
@@ -98,8 +98,8 @@ pub fn load_all(words: &[Word], values: &mut [[u8; size_of::<Value>()]]) {
 }
 
 /// Copies memory that others may write or read at the same time. The compiler knows nothing of it but that bytes are
-/// read and written here, and the processor does that in pieces of at least a byte: a relaxed load and store of each, in
-/// any order, which is all that a ring asks of a copy before it looks whether to believe it.
+/// read and written here, and the processor does that in pieces of at least a byte: a relaxed load and store of each,
+/// in any order, which is all that a ring asks of a copy before it looks whether to believe it.
 ///
 /// # Safety
 /// `len` bytes can be read at `from` and written at `to`, and the two are apart.

@@ -1,10 +1,9 @@
-//! The ring: one publisher writes, any number of readers follow, nobody waits for anybody.
-//!
-//! Records lie one behind the other in `data`. A position counts grains of 8 bytes since the ring was made, and lies
-//! at `position % capacity`; a lap is once around. Before the writer touches a word it says up to which position it
-//! will write ([`INTENT`]), and afterwards how far readers may go ([`TAIL`]). A reader copies and then looks whether
-//! INTENT has come around to where it read: then the copy is thrown away, and the reader goes to the oldest record
-//! that still stands. A writer that died halfway leaves an INTENT beyond its TAIL, which disturbs nobody.
+//! The ring: one publisher writes, any number of readers follow, and neither waits for the other.
+//! Records are contiguous in `data`. A position counts grains of 8 bytes since the ring was made, and is at `position %
+//! capacity`; a lap is one turn of the ring. Before the writer touches a word it stores the position up to which it
+//! will write ([`INTENT`]), and afterwards the position up to which readers may go ([`TAIL`]). A reader copies and then
+//! checks if INTENT has reached the copied part again: then the copy is dropped, and the reader continues with the
+//! oldest valid record. A writer that dies in between leaves an INTENT beyond its TAIL, which is harmless.
 //!
 //! ```text
 //! record   0 sequence u32, 4 payload length u32, 8 time i64, 16 count of its bucket u32,
@@ -23,7 +22,7 @@ use super::sync::{Ordering, Value, Word, fence, load_all, store_all};
 pub const GRAIN: usize = 8;
 /// Words of control that a ring needs, from the start of a cache line.
 pub const CONTROL: usize = MARKS + SECTORS;
-/// How many messages of the channels of one bucket there were is what losses are told by.
+/// Messages are counted for each bucket of channels, so that losses can be attributed.
 pub const BUCKETS: usize = 256;
 
 const WORD: usize = size_of::<Value>();
@@ -36,7 +35,7 @@ const MARKS: usize = 2;
 const SECTORS: usize = 16;
 const HEADER: usize = 24;
 const HEADER_GRAINS: Value = (HEADER / GRAIN) as Value;
-/// The writer starts a new lap from here on when nobody has anything left to read.
+/// Remaining size from which the writer starts a new lap once all readers have caught up.
 const EARLY: Value = (64 << 10) / GRAIN as Value;
 const CHANNEL_MAX: usize = 63;
 
@@ -61,7 +60,7 @@ impl Ring<'_> {
         (self.data.len() * WORD / GRAIN) as Value
     }
 
-    /// Where the data of a position lie, as an index of words.
+    /// Index of the words of a position.
     fn at(&self, position: Value) -> usize {
         (position & (self.capacity() - 1)) as usize * (GRAIN / WORD)
     }
@@ -98,35 +97,35 @@ impl Ring<'_> {
         }
     }
 
-    /// Where everything is written.
+    /// Position up to which everything is written.
     pub fn tail(&self) -> Value {
         self.control[TAIL].load(Ordering::Acquire)
     }
 
-    /// Whether the writer may have come around to `position`. What was read before is good if it has not.
+    /// True if the writer may have come around to `position`. What was read before is good if it has not.
     fn overtaken(&self, position: Value) -> bool {
         fence(Ordering::Acquire);
         self.control[INTENT].load(Ordering::Relaxed).wrapping_sub(position) > self.capacity()
     }
 }
 
-/// What stands in front of a record.
+/// Header of a record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Header {
     /// The publisher's number of the message: LCM's.
     pub sequence: u32,
     /// Payload bytes.
     pub len: u32,
-    /// When it was published, ns since 1970.
+    /// Time of publication, ns since 1970.
     pub at: i64,
-    /// How many messages of its bucket were published before it.
+    /// Number of messages of its bucket published before it.
     count: u32,
     channel_len: usize,
     kind: Kind,
     bucket: u8,
 }
 
-/// What a record is.
+/// Kind of a record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// A message.
@@ -134,7 +133,7 @@ pub enum Kind {
     Message,
     /// A message whose payload lies in a file of its own.
     Aside,
-    /// Nothing: the writer went on to the next lap.
+    /// Empty: the writer went on to the next lap.
     Lap,
 }
 
@@ -180,8 +179,8 @@ impl Header {
     }
 }
 
-/// Tells a record's start from other bytes, should a position ever be wrong: where positions have 32 bits they come
-/// around after 32 GiB.
+/// Check word that distinguishes a record's start from other bytes, in case of a wrong position: positions of 32 bits
+/// wrap after 32 GiB.
 fn check(position: Value) -> u16 {
     (position ^ position >> 16) as u16 ^ 0x4c43
 }
@@ -208,18 +207,18 @@ pub struct Writer {
 pub struct Place {
     start: Value,
     end: Value,
-    /// How many bytes from the start of the ring must be there for it.
+    /// Number of bytes from the start of the ring that it needs.
     pub reach: usize,
 }
 
 impl Writer {
-    /// Of a ring whose words are all 0.
+    /// Writer of a ring whose words are all 0.
     pub fn new(ring: Ring<'_>) -> Self {
         let counts = Box::new([0; BUCKETS]);
         Self { tail: 0, latest: 0, marked: Value::MAX, counts, limit: ring.capacity() }
     }
 
-    /// Where a record can go; `drained`: no reader has anything left to read. `None`: it is too large for the ring.
+    /// Position for a record; `drained`: all readers have caught up. `None`: it is too large for the ring.
     pub fn place(&self, ring: Ring<'_>, channel: &str, len: usize, drained: impl FnOnce() -> bool) -> Option<Place> {
         let need = HEADER_GRAINS + grains(channel.len()) + grains(len);
         // A quarter, so that a reader has time to copy one while the next is written.
@@ -235,7 +234,7 @@ impl Writer {
         Some(Place { start, end: start.wrapping_add(need), reach })
     }
 
-    /// No more than `bytes` of the ring can be used from now on.
+    /// Limits the usable size to `bytes` from now on.
     pub fn limit(&mut self, bytes: usize) {
         self.limit = self.limit.min((bytes / GRAIN) as Value);
     }
@@ -278,24 +277,24 @@ impl Writer {
         self.tail = place.end;
     }
 
-    /// Whether any record was written.
+    /// True if any record was written.
     pub fn used(&self) -> bool {
         self.tail != 0
     }
 }
 
-/// What is written to a ring.
+/// Record to be written.
 #[derive(Clone, Copy, Debug)]
 pub struct Message<'a> {
     /// The publisher's number of the message.
     pub sequence: u32,
-    /// When it is published, ns since 1970.
+    /// Time of publication, ns since 1970.
     pub at: i64,
     /// 1 to 63 bytes.
     pub channel: &'a str,
-    /// Whatever.
+    /// Payload.
     pub payload: &'a [u8],
-    /// Not [`Kind::Lap`].
+    /// Kind, except [`Kind::Lap`].
     pub kind: Kind,
 }
 
@@ -306,7 +305,7 @@ pub struct Copy {
     channel_len: usize,
     /// The payload; longer than the message where an earlier one was.
     pub payload: Vec<u8>,
-    /// Its header.
+    /// Header.
     pub header: Header,
 }
 
@@ -323,7 +322,7 @@ impl Copy {
     }
 }
 
-/// What [`Reader::read`] found.
+/// Result of [`Reader::read`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Read {
     /// A message, in the [`Copy`]; of [`Kind::Aside`] without its payload.
@@ -360,12 +359,12 @@ impl Reader {
         Self { position: 0, expected: Box::new([Some(0); BUCKETS]), lost: 0, corrupt: 0 }
     }
 
-    /// The channels of a bucket are wanted anew: what came of them until now is no loss.
+    /// Restarts the count of losses of a bucket whose channels are subscribed again.
     pub fn forget(&mut self, bucket: usize) {
         self.expected[bucket] = None;
     }
 
-    /// Whether there is something to read.
+    /// True if there is something to read.
     pub fn pending(&self, ring: Ring<'_>) -> bool {
         ring.tail() != self.position
     }
@@ -446,7 +445,7 @@ impl Reader {
         Read::Passed
     }
 
-    /// The writer came around: on with the oldest record that will stand for a while.
+    /// Continues, after the writer has overtaken, with the oldest record that stays valid for a while.
     fn resume(&mut self, ring: Ring<'_>) -> Read {
         let tail = ring.tail();
         let marks = ring.control[MARKS..CONTROL].iter().map(|mark| mark.load(Ordering::Relaxed));
@@ -456,7 +455,7 @@ impl Reader {
         Read::Passed
     }
 
-    /// What stands here is no record.
+    /// Gives up on bytes that are no record.
     fn give_up(&mut self, ring: Ring<'_>) -> Read {
         self.corrupt += 1;
         self.position = ring.tail();

@@ -16,7 +16,7 @@ pub const LAYOUT: usize = 10 + size_of::<Value>();
 pub const RING: usize = 4 << 20;
 /// Bytes of the first page.
 pub const HEAD: usize = 4096;
-/// Memory is reserved in pieces of so many bytes.
+/// Granularity of memory reservation, bytes.
 const PIECE: usize = 64 << 10;
 
 // Words that different processes write are in different cache lines.
@@ -64,7 +64,7 @@ impl Station {
         Ok(station)
     }
 
-    /// One that another process made.
+    /// Opens a station that another process made.
     pub fn open(file: &File) -> io::Result<Self> {
         if file.metadata()?.len() < (HEAD + RING) as u64 {
             return Err(io::Error::new(io::ErrorKind::InvalidData, "too short"));
@@ -104,38 +104,38 @@ impl Station {
         Ok(reach.max(reserved))
     }
 
-    /// Where its datagrams come from.
+    /// Source address of its datagrams.
     pub fn source(&self) -> SocketAddrV4 {
         SocketAddrV4::new(Ipv4Addr::from(self.get(ADDRESS) as u32), self.get(PORT) as u16)
     }
 
-    /// Its datagrams come from there from now on.
+    /// Datagrams come from there from now on.
     pub fn set_source(&self, source: SocketAddrV4) {
         self.set(ADDRESS, Value::from(u32::from(*source.ip())));
         self.set(PORT, Value::from(source.port()));
     }
 
-    /// Whether this is the inode of its socket and it needs no datagrams.
+    /// True if this is the inode of its socket and it needs no datagrams.
     pub fn owns(&self, inode: u32) -> bool {
         self.get(INODE) as u32 == inode && self.get(PLAIN) == 0
     }
 
-    /// It cannot read somebody's ring: it is a plain listener.
+    /// Marks it as unable to read a ring: it listens to datagrams.
     pub fn set_plain(&self) {
         self.set(PLAIN, 1);
     }
 
-    /// Whether it was set so.
+    /// True if it was set so.
     pub fn is_plain(&self) -> bool {
         self.get(PLAIN) != 0
     }
 
-    /// Whether it subscribes to anything, or did.
+    /// True if it subscribes to anything, or did.
     pub fn reads(&self) -> bool {
         self.get(READS) != 0
     }
 
-    /// It subscribes.
+    /// Marks it as a subscriber.
     pub fn set_reads(&self) {
         self.set(READS, 1);
     }
@@ -146,7 +146,7 @@ impl Station {
         self.set(RETIRED, 1);
     }
 
-    /// Whether a message is a datagram only.
+    /// True if a message is a datagram only.
     pub fn retired(&self, sequence: u32) -> bool {
         self.get(RETIRED) != 0 && sequence.wrapping_sub(self.get(RETIRED_AT) as u32) < 1 << 31
     }
@@ -156,7 +156,7 @@ impl Station {
         self.get(ENDED)
     }
 
-    /// It has left, or is dead.
+    /// Marks it as departed or dead in this generation.
     pub fn set_ended(&self, generation: Value) {
         self.set(ENDED, generation);
     }
@@ -166,7 +166,7 @@ impl Station {
         self.get(DRAINED)
     }
 
-    /// It has read all rings that there were in this generation.
+    /// Marks that it has read all rings of this generation.
     pub fn set_drained(&self, generation: Value) {
         self.set(DRAINED, generation);
         fence(Ordering::SeqCst);
@@ -177,7 +177,7 @@ impl Station {
         self.word(SLEEP)
     }
 
-    /// Whether it may want a channel.
+    /// True if it may want a channel.
     pub fn wants(&self, Interest(bits): Interest) -> bool {
         bits.iter().all(|bit| {
             let word = self.word(INTEREST + bit / Value::BITS as usize).load(Ordering::Relaxed);
@@ -201,7 +201,7 @@ impl Station {
     }
 }
 
-/// What all contexts of a bus share: the generation of the folder, and who else listens.
+/// State shared by all contexts of a bus: the generation of the folder, and the presence of other listeners.
 #[derive(Debug)]
 pub struct Board(Memory);
 
@@ -210,7 +210,7 @@ const LISTENERS: usize = 16;
 const LOOKED_AT: usize = 32;
 
 impl Board {
-    /// Of a file that may be empty yet.
+    /// Opens the board of a file that may still be empty.
     pub fn open(file: &File) -> io::Result<Self> {
         if file.metadata()?.len() < HEAD as u64 {
             file.set_len(HEAD as u64)?;
@@ -224,17 +224,17 @@ impl Board {
         self.0.words()[GENERATION].load(Ordering::Acquire)
     }
 
-    /// There was a change; gives its generation, never 0.
+    /// Records a change of the folder; returns its generation, never 0.
     pub fn changed(&self) -> Value {
         self.0.words()[GENERATION].fetch_add(1, Ordering::SeqCst).wrapping_add(1).max(1)
     }
 
-    /// Who else listens; the low bits of a word that changes with every news.
+    /// Presence of other listeners, in the low bits of a word that changes with every update.
     pub fn listeners(&self) -> &Word {
         &self.0.words()[LISTENERS]
     }
 
-    /// When somebody last began to look, in ms of the monotonic clock.
+    /// Start of the last check for listeners, ms of the monotonic clock.
     pub fn looked_at(&self) -> &Word {
         &self.0.words()[LOOKED_AT]
     }

@@ -364,10 +364,8 @@ fn a_bus_whose_folder_is_taken_away_goes_on_by_datagrams() {
 #[test]
 fn without_memory_left_messages_go_by_datagrams_from_one_number_on() {
     let place = Place::new();
-    let _full = match Mounted::tmpfs(&place.root, "300k") {
-        Some(mounted) => mounted,
-        None => return println!("skipped: this user may not mount a file system"),
-    };
+    let mounted = Mounted::tmpfs(&place.root, "300k").ok_or_else(|| "this user may not mount a file system".into());
+    let Some(_full) = testing::machine_or_skip(mounted) else { return };
     let mut publisher = place.join(1);
     let mut reader = place.reader(2, None);
     let mut got = Vec::new();

@@ -5,9 +5,9 @@
 //!
 //! No client can stall another: what is to be written to one waits in an outbox of its own, and when that is full the
 //! oldest whole messages in it are dropped and counted. The official hub writes to each in turn and waits.
-//!
-//! The host, after any input: [`Hub::poll_pending`] until `None`, and for each client write what [`Hub::poll_tx`] has
-//! and tell by [`Hub::handle_tx`] how much of it was taken; what was not, again when the connection takes more.
+//! The host, after any input: drains [`Hub::poll_pending`] until `None`, writes to each client what [`Hub::poll_tx`]
+//! returns, and reports to [`Hub::handle_tx`] the number of bytes taken; the rest is written when the connection takes
+//! more.
 //!
 //! ```
 //! use lcm::tcpq::{Peer, hello, hub::{Hub, Limits}, publish_header, subscribe};
@@ -27,14 +27,14 @@ use regex_lite::RegexBuilder;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-/// Channels of which it is remembered who wants them; when there are more, that is found out anew.
+/// Maximum number of channels with cached routes; beyond it the cache is rebuilt.
 const ROUTES_MAX: usize = 1024;
 /// Bytes of a compiled expression, by which memory and the time that matching a name takes are bounded: what one costs
 /// at least and at most (1024 plain characters take as much), and all of a client.
 const EXPRESSION: (usize, usize) = (1 << 10, 32 << 10);
 const EXPRESSIONS_MAX: usize = 256 << 10;
 
-/// What one hub puts up with.
+/// Limits of a hub.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Clients at a time.
@@ -43,7 +43,8 @@ pub struct Limits {
     pub subscriptions: usize,
     /// Payload bytes of a message.
     pub message: usize,
-    /// Bytes that wait for one client, with 64 bytes for each message; one message waits whatever its size.
+    /// Maximum size of waiting output for one client, with 64 bytes added for each message; one message is accepted
+    /// regardless of its size.
     pub queue: usize,
 }
 
@@ -54,11 +55,11 @@ impl Default for Limits {
     }
 }
 
-/// One connection; never given twice.
+/// Connection; identifiers are never reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ClientId(pub u64);
 
-/// What became of everything. Everything only grows, but `clients`.
+/// Counters of the hub; all but `clients` only grow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
     /// Clients that are connected now.
@@ -80,10 +81,10 @@ pub struct Stats {
     pub unusable: u64,
 }
 
-/// What became of one client's messages. Everything only grows, but the last two.
+/// Counters of a client; all but the last two only grow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ClientStats {
-    /// It has published.
+    /// Messages that it published.
     pub published: u64,
     /// Were written to it.
     pub delivered: u64,
@@ -108,7 +109,7 @@ pub struct Hub {
 struct Relay {
     limits: Limits,
     clients: BTreeMap<ClientId, Client>,
-    /// Who wants a channel, as far as that was asked since the last change.
+    /// Cached subscribers of a channel since the last change.
     routes: BTreeMap<Box<str>, Vec<ClientId>>,
     pending: VecDeque<ClientId>,
     stats: Stats,
@@ -194,12 +195,12 @@ impl Hub {
         None
     }
 
-    /// What is to be written to a client, in order, in as many pieces as messages.
+    /// Output waiting for a client, in order, one piece a message.
     pub fn poll_tx(&self, id: ClientId) -> impl Iterator<Item = &[u8]> {
         self.relay.clients.get(&id).into_iter().flat_map(|client| client.outbox.slices())
     }
 
-    /// So many bytes of it were taken.
+    /// Reports that this number of bytes was written.
     pub fn handle_tx(&mut self, id: ClientId, bytes: usize) {
         if let Some(client) = self.relay.clients.get_mut(&id) {
             let ended = client.outbox.written(bytes);
@@ -208,13 +209,13 @@ impl Hub {
         }
     }
 
-    /// What became of everything so far.
+    /// Counters so far.
     #[must_use]
     pub fn stats(&self) -> Stats {
         Stats { clients: self.relay.clients.len(), ..self.relay.stats }
     }
 
-    /// What became of a client's messages so far; `None`: it has gone.
+    /// Counters of a client; `None` after it has gone.
     #[must_use]
     pub fn client(&self, id: ClientId) -> Option<ClientStats> {
         let client = self.relay.clients.get(&id)?;

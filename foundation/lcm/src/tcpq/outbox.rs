@@ -3,14 +3,14 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// What an entry costs besides its bytes, at least; so that many small ones count as what they are.
+/// Least overhead of an entry, bytes, so that many small ones are bounded too.
 const OVERHEAD: usize = 64;
 
 /// Whole messages in order, the first of which may be partly written.
 #[derive(Debug, Default)]
 pub struct Outbox {
     entries: VecDeque<Entry>,
-    /// Of the first entry.
+    /// Bytes of the first entry already written.
     written: usize,
     cost: usize,
 }
@@ -29,19 +29,19 @@ impl Entry {
 }
 
 impl Outbox {
-    /// Whether all is written.
+    /// True if all is written.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// What it costs in bytes of memory.
+    /// Cost in bytes of memory.
     #[must_use]
     pub fn cost(&self) -> usize {
         self.cost
     }
 
-    /// How many published messages wait.
+    /// Number of published messages that wait.
     #[must_use]
     pub fn messages(&self) -> usize {
         self.entries.iter().filter(|entry| !entry.control).count()
@@ -63,7 +63,7 @@ impl Outbox {
     pub fn make_room(&mut self, bytes: usize, max: usize) -> u64 {
         let mut dropped = 0;
         while self.cost + bytes + OVERHEAD > max {
-            // The first is kept if it has begun; controls stand before all messages, or there are few.
+            // The first entry stays if it has been begun; control messages come before all others, or are few.
             let begun = usize::from(self.written > 0);
             let Some(index) = (begun..self.entries.len()).find(|&index| !self.entries[index].control) else {
                 break;
@@ -76,7 +76,7 @@ impl Outbox {
         dropped
     }
 
-    /// What is to be written, in order.
+    /// Output waiting, in order.
     pub fn slices(&self) -> impl Iterator<Item = &[u8]> {
         self.entries.iter().enumerate().map(|(index, entry)| match index {
             0 => &entry.bytes[self.written..],
@@ -84,8 +84,8 @@ impl Outbox {
         })
     }
 
-    /// So many bytes of it are written; returns how many published messages that ended. Bytes that it does not have
-    /// are ignored.
+    /// Removes this number of written bytes; returns the number of published messages completed by it. Excess bytes are
+    /// ignored.
     pub fn written(&mut self, bytes: usize) -> u64 {
         let mut ended = 0;
         self.written += bytes;

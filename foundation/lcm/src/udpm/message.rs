@@ -12,14 +12,14 @@ pub enum EncodeError {
     ChannelEmpty,
     /// The name has `len` bytes, more than [`CHANNEL_MAX`].
     ChannelTooLong {
-        /// Its length in bytes.
+        /// Length in bytes.
         len: usize,
     },
     /// The name holds a NUL, which would end it on the wire.
     ChannelHasNul,
-    /// The payload is longer than [`MESSAGE_MAX`], or takes more than 65535 fragments of the size asked for.
+    /// The payload is longer than [`MESSAGE_MAX`], or takes more than 65535 fragments of the requested size.
     MessageTooLong {
-        /// Its length in bytes.
+        /// Length in bytes.
         len: usize,
         /// The longest that can be sent.
         max: usize,
@@ -67,7 +67,7 @@ impl<'a> Message<'a> {
         Ok(Self { sequence, channel, payload, size })
     }
 
-    /// How many datagrams it takes.
+    /// Number of datagrams it takes.
     #[must_use]
     pub fn count(&self) -> usize {
         if self.is_short() { 1 } else { (self.named() + self.payload.len()).div_ceil(self.piece()) }
@@ -99,7 +99,7 @@ impl<'a> Message<'a> {
         (header, &self.payload[start..end])
     }
 
-    /// Whether one datagram holds it. `liblcm` sends up to [`SHORT_MAX`] bytes of name, NUL and payload this way.
+    /// True if one datagram holds it. `liblcm` sends up to [`SHORT_MAX`] bytes of name, NUL and payload this way.
     fn is_short(&self) -> bool {
         SHORT_HEADER + self.named() + self.payload.len() <= self.size
     }
@@ -108,13 +108,13 @@ impl<'a> Message<'a> {
         self.channel.len() + 1
     }
 
-    /// What a fragment holds behind its header.
+    /// Payload size of a fragment.
     fn piece(&self) -> usize {
         self.size - FRAGMENT_HEADER
     }
 }
 
-/// What stands in a datagram before the payload.
+/// Header of a datagram.
 #[derive(Clone, Copy, Debug)]
 pub struct Header {
     bytes: [u8; FRAGMENT_HEADER + CHANNEL_MAX + 1],

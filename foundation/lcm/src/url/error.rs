@@ -5,11 +5,11 @@ use core::fmt;
 /// An option that changes nothing. One line for people by `Display`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Warning {
-    /// This provider does not know this option.
+    /// Unknown option of this provider.
     Unknown {
         /// The option, with its value.
         option: String,
-        /// Those that it knows.
+        /// Known options.
         known: &'static str,
     },
     /// LCM once had this option.
@@ -33,7 +33,7 @@ impl fmt::Display for Warning {
 /// Why a URL was refused. One line for people by `Display`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum UrlError {
-    /// It does not start with a provider.
+    /// No known provider at the start.
     Provider(String),
     /// The group is not an IPv4 multicast address. Host names are not resolved.
     Group(String),
@@ -41,20 +41,20 @@ pub enum UrlError {
     Address(String),
     /// The port is not 1..=65535.
     Port(String),
-    /// There is something where nothing may stand, or nothing where something must.
+    /// Invalid network part: present where none is allowed, or absent.
     Network {
-        /// What stands there.
+        /// Network part found.
         network: String,
-        /// What must.
+        /// Network part allowed.
         allowed: &'static str,
     },
     /// The value of an option is not in its range.
     Value {
         /// The option.
         key: &'static str,
-        /// What stands there.
+        /// Value found.
         value: String,
-        /// What may stand there.
+        /// Values allowed.
         allowed: &'static str,
     },
 }

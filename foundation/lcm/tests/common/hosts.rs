@@ -1,6 +1,7 @@
 //! Hosts and cables: network name spaces of one process, joined by pairs of virtual interfaces. Nothing of them
 //! outlives the process. No privilege is needed where the kernel lets users make name spaces.
 #![allow(dead_code, reason = "each test binary uses its part")]
+#![allow(clippy::disallowed_methods, reason = "real sockets, threads and processes")]
 
 use nix::sched::{CloneFlags, setns, unshare};
 use nix::sys::socket::{
@@ -8,45 +9,45 @@ use nix::sys::socket::{
 };
 use nix::sys::time::{TimeVal, TimeValLike};
 use std::fs::File;
-use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
+use testing::{Found, machine_or_skip};
 
 /// Set in a copy of this program that runs in a network name space of its own.
 const INSIDE: &str = "ADVEE_TEST_HOST";
 
-/// Runs `body` on a host that has a loopback interface and no more; the rest of the test is to do nothing. Says so and
-/// passes where that is not permitted.
+/// Runs `body` on a host that has a loopback interface and no more; the rest of the test is to do nothing. `test` is the
+/// test's name. Skips where the machine does not permit it.
 pub fn on_a_host(test: &str, body: impl FnOnce(Host)) {
     if std::env::var_os(INSIDE).is_some() {
         let here = Host::here();
         here.ip("link set lo up");
         return body(here);
     }
-    let may = Command::new("unshare").args(["-rn", "ip", "link", "set", "lo", "up"]).output();
-    if !may.as_ref().is_ok_and(|output| output.status.success()) {
-        let why = may.map_or_else(|error| error.to_string(), |output| String::from_utf8_lossy(&output.stderr).into());
-        let line = format!("skipped: {test}: no network name space with `ip`: {}\n", why.trim());
-        // In one piece: other tests print at the same time.
-        let _ = std::io::stderr().write_all(line.as_bytes());
+    if testing::peer_or_skip(testing::tool("ip", "-V")).is_none() || machine_or_skip(may()).is_none() {
         return;
     }
     let this = std::env::current_exe().expect("a running program");
     let mut child = Command::new("unshare");
-    child.arg("-rn").arg(this).args(["--exact", test, "--nocapture"]).env(INSIDE, "1");
+    child.arg("-rn").arg(this).args([test, "--nocapture"]).env(INSIDE, "1");
     let output = child.output().expect("unshare runs");
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{out}{err}");
-    assert!(out.contains("1 passed"), "{test} is not the test's name: {out}");
-    let _ = std::io::stderr().write_all(skipped(&err).as_bytes());
+    assert!(out.contains("1 passed"), "{test} is not the name of one test: {out}");
 }
 
-fn skipped(text: &str) -> String {
-    text.lines().filter(|line| line.starts_with("skipped:")).map(|line| format!("{line}\n")).collect()
+/// Whether this user may make a network name space.
+fn may() -> Found<()> {
+    let output = Command::new("unshare").args(["-rn", "ip", "link", "set", "lo", "up"]).output();
+    let output = output.map_err(|error| format!("unshare: {error}"))?;
+    match output.status.success() {
+        true => Ok(()),
+        false => Err(format!("no network name space: {}", String::from_utf8_lossy(&output.stderr).trim())),
+    }
 }
 
 /// A network name space.

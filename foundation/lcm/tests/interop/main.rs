@@ -3,13 +3,13 @@
 //! together, and `LCM_INTEROP_BLESS=1` writes the table anew.
 //!
 //! `make test` gets the peers: 1.5.3 into `.venv`, 1.3.1 into `.peers`; the variable `ADVEE_PYTHON` names another
-//! Python. A peer that is not there is `skipped:`, and its columns are not checked.
+//! Python. The columns of a peer that is skipped are not checked.
 #![cfg(feature = "live")]
 #![allow(clippy::disallowed_methods, reason = "real sockets, files and processes")]
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
 mod cases;
-#[path = "../common/mod.rs"]
+#[path = "../common.rs"]
 mod common;
 mod logs;
 mod official;

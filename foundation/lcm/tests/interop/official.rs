@@ -1,10 +1,10 @@
 //! Where the official LCM of each version is, and how programs are built on it.
 
 use lcm::url;
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{fmt, fs};
+use testing::{Found, machine_or_skip, peer_or_skip};
 
 /// The wheel of the Python package, and Debian 12's packages.
 pub const VERSIONS: [&str; 2] = ["1.5.3", "1.3.1"];
@@ -66,36 +66,25 @@ pub fn root() -> PathBuf {
 }
 
 /// A Python with the official LCM, and what it is installed under.
-fn python() -> Option<(PathBuf, PathBuf)> {
-    let named = std::env::var_os("ADVEE_PYTHON");
-    let python = named.as_ref().map_or_else(|| root().join(".venv/bin/python"), PathBuf::from);
-    let found = Command::new(&python).args(["-c", "import lcm; print(lcm.__file__)"]).output();
-    let found = found.ok().filter(|output| output.status.success());
-    assert!(found.is_some() || named.is_none(), "ADVEE_PYTHON has no official lcm");
-    let module = PathBuf::from(String::from_utf8(found?.stdout).unwrap().trim());
-    Some((module.ancestors().nth(2)?.into(), python))
+fn wheel() -> Found<(PathBuf, PathBuf)> {
+    let python = testing::python(&["lcm"])?;
+    let found = Command::new(&python).args(["-c", "import lcm; print(lcm.__file__)"]).output().unwrap();
+    let module = PathBuf::from(String::from_utf8(found.stdout).unwrap().trim());
+    Ok((module.ancestors().nth(2).unwrap().into(), python))
 }
 
 impl Official {
-    /// Finds it, or says what is skipped. `purpose` names the test's folder.
+    /// Finds it; `None` where it is skipped, and its columns are not checked. `purpose` names the test's folder.
     pub fn find(version: &'static str, purpose: &str) -> Option<Self> {
-        let (prefix, python) = match version {
-            "1.3.1" => (Some(root().join(".peers/lcm-1.3.1")).filter(|prefix| prefix.join("version").exists()), None),
-            _ => python().unzip(),
+        let found = match version {
+            "1.3.1" => testing::lcm_1_3_1().map(|prefix| (prefix, None)),
+            _ => wheel().map(|(prefix, python)| (prefix, Some(python))),
         };
-        let skipped = |why: &str| {
-            println!("skipped: official LCM {version}: {why}; its columns are not checked");
-            None
-        };
-        let Some(prefix) = prefix else { return skipped("not here, make test gets it") };
-        if ["cc", "c++"].iter().any(|compiler| Command::new(compiler).arg("--version").output().is_err()) {
-            return skipped("no compilers for C and C++");
+        let (prefix, python) = peer_or_skip(found)?;
+        for compiler in ["cc", "c++"] {
+            peer_or_skip(testing::tool(compiler, "--version"))?;
         }
-        // Ours does without.
-        let probe = UdpSocket::bind("0.0.0.0:0").and_then(|socket| socket.connect((url::GROUP, url::PORT)));
-        if probe.is_err() {
-            return skipped("it needs a route to its group");
-        }
+        machine_or_skip(testing::multicast_route(url::GROUP, url::PORT))?;
         let scratch = format!("interop-{purpose}-{version}-{}", std::process::id());
         let scratch = Path::new(env!("CARGO_TARGET_TMPDIR")).join(scratch);
         Some(Self { version, prefix, python, scratch })

@@ -162,7 +162,7 @@ impl Rig {
                     self.log.push(format!("{:?} {}: {}", report.severity, report.fault.name(), report.message));
                 }
                 Action::State(state) => self.log.push(state.to_string()),
-                Action::Note(line) => self.log.push(line),
+                Action::Note(_, line) => self.log.push(line),
                 _ => {}
             }
         }

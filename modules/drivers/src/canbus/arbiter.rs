@@ -2,14 +2,42 @@
 //!
 //! Pure policy over what the sources said. Knows no drive and no bus.
 
-use base::{Duration, Instant};
+use base::{Duration, Instant, Key};
+use messages::lowlevel::CmdMotion;
 use module::sabotage::{self, Bug};
+use std::ops::RangeInclusive;
 
-/// Sources remembered at once; further ones take the place of the one silent longest.
-const SOURCES_MAX: usize = 8;
+/// Maximum number of sources that are remembered; a further one takes the row of the one that has been silent longest.
+pub const SOURCES_MAX: usize = 8;
+
+/// A source of commands, by its row in the arbiter's table: one name at one priority, as long as no other source has taken
+/// the row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SourceId(u8);
+
+/// All rows.
+const IDS: [SourceId; SOURCES_MAX] = {
+    let mut ids = [SourceId(0); SOURCES_MAX];
+    let mut row = 0;
+    while row < SOURCES_MAX {
+        ids[row] = SourceId(row as u8);
+        row += 1;
+    }
+    ids
+};
+
+impl Key for SourceId {
+    type Table = [Instant; SOURCES_MAX];
+    const ALL: &'static [Self] = &IDS;
+    const EMPTY: Self::Table = [Instant::NEVER; SOURCES_MAX];
+
+    fn index(self) -> usize {
+        usize::from(self.0)
+    }
+}
 
 /// What a source asked for.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command {
     /// m/s, of the rear axle's middle.
     pub speed: f64,
@@ -17,14 +45,14 @@ pub struct Command {
     pub steering: f64,
     /// 0 planner, 1 remote operator, 2 gamepad, 3 maintenance.
     pub priority: i8,
-    /// Who.
-    pub source: String,
+    /// The sender.
+    pub source: SourceId,
 }
 
 /// The planner's priority; all above are manual sources.
 pub const PLANNER: i8 = 0;
-/// The highest priority.
-const HIGHEST: i8 = 3;
+/// All priorities.
+pub const PRIORITIES: RangeInclusive<i8> = PLANNER..=3;
 
 /// What the arbiter says to a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +73,7 @@ pub enum Verdict {
 
 #[derive(Debug)]
 struct Source {
+    name: String,
     command: Command,
     at: Instant,
     /// It may move the robot: it has sent zero, or nothing, since the last release.
@@ -55,9 +84,10 @@ struct Source {
 #[derive(Debug)]
 pub struct Arbiter {
     ttl: Duration,
+    /// At most [`SOURCES_MAX`].
     sources: Vec<Source>,
-    /// The source that moves the robot, by name; kept after it fell silent until the robot stands.
-    holder: Option<(String, i8)>,
+    /// The source that moves the robot; kept after it fell silent until the robot stands.
+    holder: Option<SourceId>,
     latched: bool,
     /// An operator's word from before this moment lets nobody go: the last stop's end, the last manual command.
     since: Instant,
@@ -71,23 +101,29 @@ impl Arbiter {
         Self { ttl, sources: Vec::with_capacity(SOURCES_MAX), holder: None, latched: true, since: Instant::ZERO }
     }
 
-    /// Takes a command received at `at`; `blocked` says that a stop for a fault is in force.
-    pub fn command(&mut self, at: Instant, command: Command, blocked: bool) -> Verdict {
-        let zero = command.speed == 0.0;
-        let manual = command.priority > PLANNER;
-        let rival = self.rival(at, &command);
-        let index = self.place(at, &command);
-        let source = &mut self.sources[index];
+    /// Takes a command received at `at`; `blocked` says that a stop for a fault is in force. Returns its source, whose name
+    /// is not looked at again, and the verdict.
+    pub fn command(&mut self, at: Instant, command: &CmdMotion, blocked: bool) -> (SourceId, Verdict) {
+        let id = self.place(at, command);
+        (id, self.judge(at, id, command, blocked))
+    }
+
+    fn judge(&mut self, at: Instant, id: SourceId, command: &CmdMotion, blocked: bool) -> Verdict {
+        let &CmdMotion { speed, steering, priority, .. } = command;
+        let zero = speed == 0.0;
+        let manual = priority > PLANNER;
+        let rival = self.rival(at, id, priority);
+        let source = &mut self.sources[id.index()];
         let fresh = at.since(source.at) >= self.ttl;
         let verdict = match rival {
-            Some(priority) if priority == command.priority => Verdict::Contested,
+            Some(other) if other == priority => Verdict::Contested,
             Some(_) => Verdict::Overruled,
             None => Verdict::Holds,
         };
         let held = verdict == Verdict::Holds && !blocked;
         source.armed = zero || (held && (source.armed || fresh));
         source.at = at;
-        source.command = command;
+        source.command = Command { speed, steering, priority, source: id };
         if !held {
             return if blocked { Verdict::Blocked } else { verdict };
         }
@@ -97,32 +133,41 @@ impl Arbiter {
         if manual && !source.armed && !sabotage::is(Bug::ResumesByItself) {
             return Verdict::NotReleased;
         }
-        let key = (source.command.source.clone(), source.command.priority);
         if manual {
             self.latched = true;
             self.since = self.since.max(at);
         }
-        self.holder = Some(key);
+        self.holder = Some(id);
         Verdict::Holds
     }
 
     /// The command that moves the robot at `now`, if any.
     #[must_use]
-    pub fn current(&self, now: Instant) -> Option<&Command> {
-        let (name, priority) = self.holder.as_ref()?;
-        let source = self.sources.iter().find(|s| s.command.source == *name && s.command.priority == *priority)?;
-        let may = source.armed || *priority == PLANNER || sabotage::is(Bug::ResumesByItself);
-        (may && now.since(source.at) < self.ttl).then_some(&source.command)
+    pub fn current(&self, now: Instant) -> Option<Command> {
+        let source = &self.sources[self.holder?.index()];
+        let may = source.armed || source.command.priority == PLANNER || sabotage::is(Bug::ResumesByItself);
+        (may && now.since(source.at) < self.ttl).then_some(source.command)
+    }
+
+    /// The name of a source.
+    #[must_use]
+    pub fn name(&self, source: SourceId) -> &str {
+        self.sources.get(source.index()).map_or("", |source| &source.name)
+    }
+
+    /// The priority of a source; [`PLANNER`] for a row that no source has taken.
+    #[must_use]
+    pub fn priority(&self, source: SourceId) -> i8 {
+        self.sources.get(source.index()).map_or(PLANNER, |source| source.command.priority)
     }
 
     /// What was decided at `now` has been carried out. A holder whose command was dead then has been stopped: where it was
     /// not silent, but heard late, its next command must not move the robot again as if nothing had been.
     pub fn decided(&mut self, now: Instant) {
         if self.current(now).is_none()
-            && let Some((name, priority)) = &self.holder
-            && let Some(source) =
-                self.sources.iter_mut().find(|s| s.command.source == *name && s.command.priority == *priority)
+            && let Some(holder) = self.holder
         {
+            let source = &mut self.sources[holder.index()];
             source.armed &= source.command.speed == 0.0;
         }
     }
@@ -131,8 +176,7 @@ impl Arbiter {
     #[must_use]
     pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
         let current = self.current(now)?;
-        let source = self.sources.iter().find(|source| source.command == *current)?;
-        Some(source.at + self.ttl)
+        Some(self.sources[current.source.index()].at + self.ttl)
     }
 
     /// The robot stands: a holder that is silent, or heard late, lets go, and is as one that was stopped.
@@ -163,41 +207,47 @@ impl Arbiter {
         }
     }
 
-    /// The priority of a living source that this command cannot overrule.
-    fn rival(&self, at: Instant, command: &Command) -> Option<i8> {
-        let (name, priority) = self.holder.as_ref()?;
-        let own = *name == command.source && *priority == command.priority;
-        let stronger = *priority > command.priority && self.current(at).is_some();
+    /// The priority of a living source that a command of `id` cannot overrule.
+    fn rival(&self, at: Instant, id: SourceId, priority: i8) -> Option<i8> {
+        let holder = self.holder.filter(|holder| *holder != id)?;
+        let held = self.sources[holder.index()].command.priority;
+        let stronger = held > priority && self.current(at).is_some();
         // Of two equal priorities the first holds until it is silent and the robot stands.
-        let equal = *priority == command.priority;
-        (!own && (stronger || equal) && !sabotage::is(Bug::TwoAuthorities)).then_some(*priority)
+        (stronger || held == priority).then_some(held).filter(|_| !sabotage::is(Bug::TwoAuthorities))
     }
 
-    fn place(&mut self, at: Instant, command: &Command) -> usize {
-        let same = |s: &Source| s.command.source == command.source && s.command.priority == command.priority;
-        if let Some(index) = self.sources.iter().position(same) {
-            return index;
+    /// The row of a command's source, which a new one takes from the one that has been silent longest. The holder keeps
+    /// its own.
+    fn place(&mut self, at: Instant, command: &CmdMotion) -> SourceId {
+        let &CmdMotion { speed, steering, priority, source: ref name, .. } = command;
+        let same = |source: &Source| source.command.priority == priority && source.name == *name;
+        if let Some(row) = self.sources.iter().position(same) {
+            return IDS[row];
         }
-        // A source never heard of has sent nothing since any release.
-        let mut new = Source { command: command.clone(), at: at - self.ttl, armed: false };
+        // A source that was never seen has sent nothing since any release.
+        let silent = at - self.ttl;
         if self.sources.len() < SOURCES_MAX {
-            self.sources.push(new);
-            return self.sources.len() - 1;
+            let source = IDS[self.sources.len()];
+            let command = Command { speed, steering, priority, source };
+            self.sources.push(Source { name: name.clone(), command, at: silent, armed: false });
+            return source;
         }
-        let oldest = (0..self.sources.len()).min_by_key(|index| self.sources[*index].at).unwrap_or(0);
+        let others = IDS.into_iter().filter(|id| Some(*id) != self.holder);
+        let source = others.min_by_key(|id| self.sources[id.index()].at).unwrap_or(IDS[0]);
+        let row = &mut self.sources[source.index()];
         // Where even the oldest lives, this may be one that was forgotten a moment ago: it must send zero.
-        if at.since(self.sources[oldest].at) < self.ttl {
-            new.at = at;
-        }
-        self.sources[oldest] = new;
-        oldest
+        row.at = if at.since(row.at) < self.ttl { at } else { silent };
+        row.name.clone_from(name);
+        row.command = Command { speed, steering, priority, source };
+        row.armed = false;
+        source
     }
 }
 
 /// Whether a priority is one that a command may carry.
 #[must_use]
 pub fn is_priority(priority: i8) -> bool {
-    (PLANNER..=HIGHEST).contains(&priority)
+    PRIORITIES.contains(&priority)
 }
 
 #[cfg(test)]
@@ -213,13 +263,13 @@ mod tests {
         }
 
         fn say(&mut self, ms: u64, source: &str, priority: i8, speed: f64) -> Verdict {
-            let command = Command { speed, steering: 0.0, priority, source: source.into() };
-            self.0.command(Instant::from_millis(1000 + ms), command, false)
+            let command = CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source: source.into() };
+            self.0.command(Instant::from_millis(1000 + ms), &command, false).1
         }
 
         fn say_blocked(&mut self, ms: u64, source: &str, priority: i8, speed: f64) -> Verdict {
-            let command = Command { speed, steering: 0.0, priority, source: source.into() };
-            self.0.command(Instant::from_millis(1000 + ms), command, true)
+            let command = CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source: source.into() };
+            self.0.command(Instant::from_millis(1000 + ms), &command, true).1
         }
 
         fn moves(&self, ms: u64) -> Option<f64> {
@@ -336,6 +386,31 @@ mod tests {
         }
         bench.0.stopped(Instant::from_millis(1020));
         assert_eq!(bench.say(50, "op", 1, 0.4), NotReleased);
+    }
+
+    #[test]
+    fn the_holder_keeps_its_row_among_many_sources() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 3, 0.4), Holds);
+        let holder = bench.0.current(Instant::from_millis(1000)).map(|command| command.source);
+        for n in 0..100 {
+            assert_eq!(bench.say(1 + n, &format!("s{n}"), 1, 0.1), Overruled);
+        }
+        let current = bench.0.current(Instant::from_millis(1101)).map(|command| command.source);
+        assert_eq!(current, holder);
+        assert_eq!(current.map(|source| (bench.0.name(source), bench.0.priority(source))), Some(("op", 3)));
+        // Silent, but not yet seen to stand.
+        assert_eq!(bench.say(600, "other", 3, 0.1), Contested);
+        assert_eq!(bench.say(610, "op", 3, 0.4), Holds);
+    }
+
+    #[test]
+    fn a_name_at_two_priorities_is_two_sources() {
+        let mut bench = Bench::new();
+        assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
+        assert_eq!(bench.say(10, "op", 2, 0.2), Holds);
+        assert_eq!(bench.say(20, "op", 1, 0.4), Overruled);
+        assert_eq!(bench.moves(21), Some(0.2));
     }
 
     #[test]

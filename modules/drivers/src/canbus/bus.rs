@@ -1,9 +1,10 @@
 //! The bus itself: its load, what its controller says, and what stands against motion from its side.
 
 use base::can::{BusState, Frame, Health, INTERMISSION, Notice, frame_bits};
-use base::{Duration, Fault, Instant, Severity, Ticker};
+use base::{Deadlines, Duration, Fault, Instant, Severity};
 use canopen::Master;
 use canopen::master::State;
+use messages::Hold;
 use messages::lowlevel::{DataBus, Node};
 use module::Actions;
 
@@ -13,6 +14,16 @@ const PERIOD: Duration = Duration::from_secs(1);
 const ERRORS_MAX: u32 = 10;
 /// A frame that nobody acknowledged stands against motion this long: while it lasts it is repeated at once.
 const UNACKNOWLEDGED: Duration = Duration::from_millis(500);
+
+base::deadlines! {
+    /// What the bus waits for.
+    enum Timer {
+        /// `LL_DATA_BUS` is published. Set from the start on.
+        Statistics,
+        /// A frame without acknowledgement no longer stands against motion. Set while it does.
+        Unacknowledged,
+    }
+}
 
 /// One CAN bus, as its driver sees it.
 pub(super) struct Bus {
@@ -25,8 +36,7 @@ pub(super) struct Bus {
     /// Since the last period's end: bits on the wire, frames with errors.
     bits: u64,
     recent_errors: u32,
-    unacknowledged: Option<Instant>,
-    statistics: Ticker,
+    deadlines: Deadlines<Timer>,
 }
 
 impl Bus {
@@ -40,13 +50,12 @@ impl Bus {
             errors: 0,
             bits: 0,
             recent_errors: 0,
-            unacknowledged: None,
-            statistics: Ticker::new(Instant::NEVER, PERIOD),
+            deadlines: Deadlines::new(),
         }
     }
 
     pub(super) fn start(&mut self, now: Instant) {
-        self.statistics = Ticker::new(now, PERIOD);
+        self.deadlines.set(Timer::Statistics, now);
     }
 
     pub(super) fn is_up(&self) -> bool {
@@ -70,7 +79,7 @@ impl Bus {
             None => out.clear(Fault::PortDown, name, format!("{name} is up")),
         }
         // What is down is neither passive nor alone.
-        self.unacknowledged = None;
+        self.deadlines.clear(Timer::Unacknowledged);
         self.clear_passive(out);
         self.clear_unacknowledged(out);
     }
@@ -87,7 +96,7 @@ impl Bus {
             Notice::Lost(count) => self.errors = self.errors.saturating_add(i64::from(count)),
             Notice::NoAcknowledge => {
                 self.errors = self.errors.saturating_add(1);
-                self.unacknowledged = Some(now + UNACKNOWLEDGED);
+                self.deadlines.set(Timer::Unacknowledged, now + UNACKNOWLEDGED);
                 let name = self.name.as_str();
                 let message = format!("nobody on {name} acknowledges what is sent: the cable, its ends, the bit rate?");
                 out.raise(Severity::Error, Fault::CanUnacknowledged, name, message);
@@ -122,21 +131,20 @@ impl Bus {
     }
 
     /// What stands against motion from the bus's side.
-    pub(super) fn objection(&self) -> Option<String> {
-        match (self.up, self.unacknowledged) {
-            (false, _) => Some(format!("{} is down", self.name)),
-            (true, Some(_)) => Some(format!("nobody on {} acknowledges what is sent", self.name)),
+    pub(super) fn objection(&self) -> Option<Hold> {
+        match (self.up, self.deadlines.get(Timer::Unacknowledged)) {
+            (false, _) => Some(Hold::BusDown),
+            (true, Some(_)) => Some(Hold::BusUnacknowledged),
             (true, None) => None,
         }
     }
 
     /// Serves what is due; true when it is time for [`Self::message`].
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) -> bool {
-        if self.unacknowledged.is_some_and(|until| until <= now) {
-            self.unacknowledged = None;
+        if self.deadlines.take(Timer::Unacknowledged, now) {
             self.clear_unacknowledged(out);
         }
-        let due = self.statistics.due(now);
+        let due = self.deadlines.tick(Timer::Statistics, now, PERIOD);
         if due {
             self.judge(out);
         }
@@ -178,7 +186,7 @@ impl Bus {
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        [Some(self.statistics.next()), self.unacknowledged].into_iter().flatten().min()
+        self.deadlines.next()
     }
 }
 

@@ -1,13 +1,14 @@
 //! What both drives have in common: a node that boots, is lost and comes back, an axis that is walked through its
 //! states, faults that are told once and reset calmly.
 
-use base::{Duration, Fault, Instant, Severity, Ticker};
+use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::Master;
-use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, PowerState, StatusBits};
+use canopen::axis::{Axis, AxisConfig, AxisEvent, Goal, PowerState, StatusBits, Why};
 use canopen::master::{BootError, LostReason, Step};
 use canopen::wire::Emergency;
-use messages::lowlevel;
+use messages::{Hold, lowlevel};
 use module::Actions;
+use std::fmt;
 
 /// A command that must arrive is repeated this often: a frame may be lost where CAN is carried by UDP.
 const REPEAT: Duration = Duration::from_millis(50);
@@ -25,6 +26,124 @@ const UNANSWERED: u8 = 2;
 /// Deaf for so long, it is booted anew: what made it so (a foreign SDO, an NMT command) ends with a reset of its communication.
 const DEAF: Duration = Duration::from_secs(2);
 
+/// Why a drive is not booted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Absence {
+    Booting,
+    BootFailed(Step, BootError),
+    Lost(LostReason),
+}
+
+/// What a drive did that was not commanded, or did not do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Trouble {
+    /// It left operation.
+    Dropped { to: PowerState, statusword: u16 },
+    /// It does not reach a state.
+    Stuck { state: Option<PowerState>, goal: Goal, statusword: u16, controlword: u16, why: Why },
+    /// It does not acknowledge its set-point.
+    NoTarget,
+}
+
+/// What stands against motion from a drive's side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Objection {
+    Absent(Absence),
+    /// Requests are not answered.
+    Deaf,
+    Trouble(Trouble),
+    /// In fault, with the error code of its emergency; 0: none was received.
+    Fault(u16),
+    /// Its state was not received yet.
+    Unseen,
+}
+
+impl Objection {
+    /// The cause on `LL_DATA_HOLD`.
+    pub(super) fn hold(self) -> Hold {
+        match self {
+            Self::Absent(Absence::Booting) => Hold::DriveBooting,
+            Self::Absent(Absence::BootFailed(..)) => Hold::DriveBootFailed,
+            Self::Absent(Absence::Lost(_)) => Hold::DriveLost,
+            Self::Deaf => Hold::DriveDeaf,
+            Self::Trouble(Trouble::Dropped { .. }) => Hold::DriveDropped,
+            Self::Trouble(Trouble::Stuck { .. }) => Hold::DriveStuck,
+            Self::Trouble(Trouble::NoTarget) => Hold::DriveNoTarget,
+            Self::Fault(_) => Hold::DriveFault,
+            Self::Unseen => Hold::DriveUnseen,
+        }
+    }
+}
+
+/// In a sentence that begins with the drive.
+impl fmt::Display for Objection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Absent(absence) => absence.fmt(f),
+            Self::Deaf => f.write_str("does not answer"),
+            Self::Trouble(trouble) => trouble.fmt(f),
+            Self::Fault(code) => write!(f, "is {}", InFault(*code)),
+            Self::Unseen => f.write_str("has not told its state"),
+        }
+    }
+}
+
+impl fmt::Display for Absence {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Booting => f.write_str("is being booted"),
+            Self::BootFailed(step, reason) => write!(f, "cannot be booted: {step}: {reason}"),
+            Self::Lost(reason) => write!(f, "is lost: {reason}"),
+        }
+    }
+}
+
+impl fmt::Display for Trouble {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Dropped { to, statusword } => write!(f, "left by itself to {to}, statusword 0x{statusword:04X}"),
+            Self::Stuck { state, goal, statusword, controlword, why } => {
+                match state {
+                    Some(state) => write!(f, "stays {state}")?,
+                    None => f.write_str("stays unseen")?,
+                }
+                write!(f, " on the way to {goal}: {why}; controlword 0x{controlword:04X}")?;
+                write!(f, ", statusword 0x{statusword:04X} ({})", StatusBits(statusword))
+            }
+            Self::NoTarget => f.write_str("does not take its target"),
+        }
+    }
+}
+
+/// A fault, with its error code. A drive that broke before it was booted has told its emergency to nobody, and the reset
+/// of the boot-up takes its error history.
+struct InFault(u16);
+
+impl fmt::Display for InFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            0 => f.write_str("in fault since before it was booted"),
+            code => write!(f, "in fault, error code 0x{code:04X}"),
+        }
+    }
+}
+
+base::deadlines! {
+    /// What a drive waits for, beside its axis.
+    enum Timer {
+        /// The drive is asked what it measures. Set while it is booted.
+        Ask,
+        /// The last command is sent again. Set while it is booted.
+        Repeat,
+        /// A fault is reset. Set while the drive is in fault.
+        Reset,
+        /// What the drive did uncommanded, or did not do, is judged again. Set while it stands against motion.
+        Trouble,
+        /// The drive is booted anew: requests are not answered, whatever its heartbeat says. Set while that is so.
+        Deaf,
+    }
+}
+
 /// One drive.
 pub(super) struct Drive {
     /// `propulsion` or `steering`.
@@ -32,26 +151,22 @@ pub(super) struct Drive {
     pub(super) node: u8,
     pub(super) axis: Axis,
     booted: bool,
-    /// Why it is not booted, for people.
-    why: String,
+    /// Why it is not booted.
+    why: Absence,
     /// Of the last emergency since it was booted.
     error_code: u16,
-    trouble: Option<(Instant, String)>,
-    reset: Option<Instant>,
-    repeat: Ticker,
+    trouble: Option<Trouble>,
+    deadlines: Deadlines<Timer>,
     sent: Option<[u8; 6]>,
     changed: bool,
     /// What was seen last may not be so: the drive is to be asked.
     doubt: bool,
-    /// When it last told what it measures, and when it is asked.
+    /// When it last told what it measures.
     measured: Instant,
-    ask: Instant,
     /// Questions under way.
     asked: u8,
     /// Questions in a row that it did not answer.
     unanswered: u8,
-    /// It was asked again and again and did not answer, whatever its heartbeat says: when it is booted anew.
-    deaf: Option<Instant>,
 }
 
 impl Drive {
@@ -61,19 +176,16 @@ impl Drive {
             node,
             axis: Axis::new(config),
             booted: false,
-            why: "is being booted".into(),
+            why: Absence::Booting,
             error_code: 0,
             trouble: None,
-            reset: None,
-            repeat: Ticker::new(Instant::NEVER, REPEAT),
+            deadlines: Deadlines::new(),
             sent: None,
             changed: true,
             doubt: false,
             measured: Instant::ZERO,
-            ask: Instant::NEVER,
             asked: 0,
             unanswered: 0,
-            deaf: None,
         }
     }
 
@@ -85,8 +197,8 @@ impl Drive {
         self.booted = true;
         self.sent = None;
         self.error_code = 0;
-        self.repeat = Ticker::new(now, REPEAT);
-        self.ask = now + QUIET;
+        self.deadlines.set(Timer::Repeat, now);
+        self.deadlines.set(Timer::Ask, now + QUIET);
         self.changed = true;
         // A fault that it had is gone with its reset, or told anew.
         for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch, Fault::DriveFault] {
@@ -99,7 +211,7 @@ impl Drive {
             BootError::Mismatch { .. } => Fault::DriveMismatch,
             _ => Fault::DriveBootFailed,
         };
-        self.why = format!("cannot be booted: {step}: {reason}");
+        self.why = Absence::BootFailed(step, reason);
         let message = format!("{} drive (node {}) {}; tried again each second", self.name, self.node, self.why);
         out.raise(Severity::Error, fault, self.name, message);
     }
@@ -107,9 +219,10 @@ impl Drive {
     pub(super) fn on_lost(&mut self, reason: LostReason, out: &mut Actions) {
         self.booted = false;
         self.axis.lost();
-        (self.trouble, self.reset, self.doubt) = (None, None, false);
-        (self.asked, self.unanswered, self.deaf) = (0, 0, None);
-        self.why = format!("is lost: {reason}");
+        self.deadlines.clear_all();
+        (self.trouble, self.doubt) = (None, false);
+        (self.asked, self.unanswered) = (0, 0);
+        self.why = Absence::Lost(reason);
         self.changed = true;
         let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
         out.raise(Severity::Error, Fault::DriveLost, self.name, message);
@@ -133,15 +246,6 @@ impl Drive {
         out.report(severity, Fault::DriveEmergency, self.name, message);
     }
 
-    /// Its fault for people. A drive that broke before it was booted has told its emergency to nobody, and the reset
-    /// of the boot-up takes its error history.
-    fn fault(&self) -> String {
-        match self.error_code {
-            0 => "in fault since before it was booted".into(),
-            code => format!("in fault, error code 0x{code:04X}"),
-        }
-    }
-
     /// Where the axis shall be; a drive that is not booted is not asked.
     pub(super) fn set_goal(&mut self, now: Instant, goal: Goal) {
         if self.booted {
@@ -157,8 +261,10 @@ impl Drive {
     /// It told what it measures.
     pub(super) fn on_measured(&mut self, now: Instant) {
         self.measured = now;
-        self.ask = now + QUIET;
-        self.deaf = None;
+        if self.booted {
+            self.deadlines.set(Timer::Ask, now + QUIET);
+        }
+        self.deadlines.clear(Timer::Deaf);
     }
 
     /// A question is under way.
@@ -176,8 +282,8 @@ impl Drive {
         // One frame that is lost is asked for again.
         self.unanswered = self.unanswered.saturating_add(1);
         self.doubt = true;
-        if self.unanswered >= UNANSWERED && self.booted && self.deaf.is_none() {
-            self.deaf = Some(now + DEAF);
+        if self.unanswered >= UNANSWERED && self.booted && !self.is_deaf() {
+            self.deadlines.set(Timer::Deaf, now + DEAF);
             let message =
                 format!("{} drive (node {}) lives but does not answer; the robot stops", self.name, self.node);
             out.report(Severity::Error, Fault::DriveFault, self.name, message);
@@ -186,11 +292,16 @@ impl Drive {
 
     /// Whether it is to be booted anew, as it has been deaf for too long; said again where that did not help.
     pub(super) fn gives_up(&mut self, now: Instant) -> bool {
-        let due = self.deaf.is_some_and(|until| until <= now);
+        let due = self.deadlines.is_due(Timer::Deaf, now);
         if due {
-            self.deaf = Some(now + DEAF);
+            self.deadlines.set(Timer::Deaf, now + DEAF);
         }
         due
+    }
+
+    /// True while requests are not answered although the drive lives.
+    fn is_deaf(&self) -> bool {
+        self.deadlines.is_set(Timer::Deaf)
     }
 
     /// Whether what it measured is still so, as far as can be known.
@@ -199,9 +310,14 @@ impl Drive {
     }
 
     /// It does not do as it is told: stands against motion until it was seen stopped.
-    pub(super) fn distrust(&mut self, now: Instant, why: String) {
-        self.trouble = Some((now + TROUBLE, why));
+    pub(super) fn distrust(&mut self, now: Instant, why: Trouble) {
+        self.set_trouble(now, why);
         self.doubt = true;
+    }
+
+    fn set_trouble(&mut self, now: Instant, why: Trouble) {
+        self.trouble = Some(why);
+        self.deadlines.set(Timer::Trouble, now + TROUBLE);
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
@@ -209,27 +325,22 @@ impl Drive {
             self.changed = true;
             match event {
                 AxisEvent::Fault { statusword } => {
-                    self.reset = Some(now + RESET);
-                    let fault = self.fault();
+                    self.deadlines.set(Timer::Reset, now + RESET);
+                    let fault = InFault(self.error_code);
                     let message =
                         format!("{} drive (node {}) is {fault}; statusword 0x{statusword:04X}", self.name, self.node);
                     out.raise(Severity::Error, Fault::DriveFault, self.name, message);
                 }
                 AxisEvent::Dropped { to, statusword } => {
-                    let why = format!("left by itself to {to}, statusword 0x{statusword:04X}");
-                    self.trouble = Some((now + TROUBLE, why));
+                    self.set_trouble(now, Trouble::Dropped { to, statusword });
                 }
                 AxisEvent::Stuck { state, goal, statusword, controlword, why } => {
-                    let state = state.map_or("unseen".into(), |state| state.to_string());
-                    let bits = StatusBits(statusword);
-                    let why = format!(
-                        "stays {state} on the way to {goal}: {why}; controlword 0x{controlword:04X}, statusword 0x{statusword:04X} ({bits})"
-                    );
+                    let why = Trouble::Stuck { state, goal, statusword, controlword, why };
                     out.report(Severity::Error, Fault::DriveFault, self.name, format!("{} drive {why}", self.name));
                     self.distrust(now, why);
                 }
                 AxisEvent::State { from: Some(PowerState::Fault), .. } => {
-                    self.reset = None;
+                    self.deadlines.clear(Timer::Reset);
                     out.clear(Fault::DriveFault, self.name, format!("{} drive: fault reset", self.name));
                 }
                 AxisEvent::State { .. } | AxisEvent::Reached(_) => {}
@@ -239,18 +350,19 @@ impl Drive {
 
     /// Serves what is due; to be called after every event, before the frames are made.
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) {
-        if let Some((_, why)) = self.trouble.take_if(|(until, _)| *until <= now)
+        if self.deadlines.take(Timer::Trouble, now)
+            && let Some(why) = self.trouble.take()
             && !self.axis.is_reached()
         {
             // It was told to stop and does not: that is no passing trouble.
             self.distrust(now, why);
         }
-        if self.booted && self.ask <= now {
-            self.ask = now + QUIET;
+        if self.deadlines.is_due(Timer::Ask, now) {
+            self.deadlines.set(Timer::Ask, now + QUIET);
             self.doubt = true;
         }
-        if self.reset.is_some_and(|at| at <= now) {
-            self.reset = Some(now + RESET);
+        if self.deadlines.is_due(Timer::Reset, now) {
+            self.deadlines.set(Timer::Reset, now + RESET);
             self.axis.reset_fault(now);
             self.doubt = true;
         }
@@ -263,7 +375,7 @@ impl Drive {
         if !self.booted {
             return;
         }
-        let repeat = self.repeat.due(now) && !self.is_at_rest();
+        let repeat = self.deadlines.tick(Timer::Repeat, now, REPEAT) && !self.is_at_rest();
         if (self.sent != Some(data) || repeat) && master.send_pdo(self.node, rpdo, &data).is_ok() {
             self.sent = Some(data);
         }
@@ -278,21 +390,19 @@ impl Drive {
     }
 
     /// What stands against motion from this drive's side.
-    pub(super) fn objection(&self) -> Option<String> {
+    pub(super) fn objection(&self) -> Option<Objection> {
         if !self.booted {
-            return Some(format!("the {} drive {}", self.name, self.why));
+            return Some(Objection::Absent(self.why));
         }
-        if self.deaf.is_some() {
-            return Some(format!("the {} drive does not answer", self.name));
+        if self.is_deaf() {
+            return Some(Objection::Deaf);
         }
-        if let Some((_, why)) = &self.trouble {
-            return Some(format!("the {} drive {why}", self.name));
+        if let Some(why) = self.trouble {
+            return Some(Objection::Trouble(why));
         }
         match self.axis.state() {
-            Some(PowerState::Fault | PowerState::FaultReactionActive) => {
-                Some(format!("the {} drive is {}", self.name, self.fault()))
-            }
-            None => Some(format!("the {} drive has not told its state", self.name)),
+            Some(PowerState::Fault | PowerState::FaultReactionActive) => Some(Objection::Fault(self.error_code)),
+            None => Some(Objection::Unseen),
             Some(_) => None,
         }
     }
@@ -321,9 +431,11 @@ impl Drive {
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        let repeat = (self.booted && !self.is_at_rest()).then(|| self.repeat.next());
-        let trouble = self.trouble.as_ref().map(|(until, _)| *until);
-        let ask = self.booted.then_some(self.ask);
-        [self.axis.poll_timeout(), self.reset, self.deaf, repeat, trouble, ask].into_iter().flatten().min()
+        let mut due = self.deadlines;
+        // Nothing to repeat; the grid goes on.
+        if self.is_at_rest() {
+            due.clear(Timer::Repeat);
+        }
+        earliest([self.axis.poll_timeout(), due.next()])
     }
 }

@@ -3,9 +3,9 @@
 use super::Config;
 use super::drive::Drive;
 use base::can::Frame;
-use base::{Duration, Instant};
+use base::{Duration, Instant, earliest};
 use canopen::axis::{Goal, PowerState, Units};
-use canopen::drives::epos;
+use canopen::drives::{cia402, epos};
 use canopen::wire::Service;
 use canopen::{Master, NodeConfig};
 use messages::lowlevel;
@@ -16,7 +16,7 @@ const BLIND: Duration = Duration::from_millis(50);
 
 pub(super) struct Propulsion {
     pub(super) drive: Drive,
-    parameters: epos::Parameters,
+    parameters: cia402::Parameters,
     units: Units,
     target_rpm: i32,
     goal: Goal,
@@ -31,13 +31,13 @@ impl Propulsion {
         let own = &config.propulsion;
         // The drive's rates are rpm and rpm/s; its position is not used.
         let units = Units::new(own.rpm_per_mps, own.rpm_per_mps, own.rpm_per_mps);
-        let parameters = epos::Parameters {
+        let parameters = cia402::Parameters {
             // A margin above the limit of commands, for the drive's own controller.
-            velocity_max_rpm: units.speed(config.limits.speed * 1.1).min(25_000),
+            velocity_rpm: units.speed(config.limits.speed * 1.1).min(epos::VELOCITY_MAX_RPM),
             acceleration: units.acceleration(config.limits.acceleration),
             deceleration: units.acceleration(config.limits.deceleration),
             quick_stop_deceleration: units.acceleration(config.limits.quick_stop),
-            ..epos::Parameters::new(own.node)
+            ..epos::parameters(own.node)
         };
         Self {
             drive: Drive::new("propulsion", own.node, epos::axis_config()),
@@ -55,10 +55,10 @@ impl Propulsion {
     }
 
     pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
-        let Some(status) = epos::unpack(number, data) else {
+        let Some(status) = epos::PDOS.unpack(number, data) else {
             return;
         };
-        if let Some(rpm) = status.velocity_rpm {
+        if let Some(rpm) = status.value {
             self.on_velocity(now, rpm);
         }
         self.drive.on_statusword(now, status.statusword, out);
@@ -94,8 +94,8 @@ impl Propulsion {
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
         self.drive.set_goal(now, self.goal);
         self.drive.handle_timeout(now, out);
-        let data = epos::pack(self.drive.axis.controlword(), self.target_rpm);
-        self.drive.send(now, master, epos::RPDO, data);
+        let data = cia402::pack(self.drive.axis.controlword(), self.target_rpm);
+        self.drive.send(now, master, epos::PDOS.rpdo, data);
     }
 
     /// A quick stop for a drive that is not booted. It may turn yet, at its last speed: this module was started anew, or
@@ -111,12 +111,12 @@ impl Propulsion {
             return None;
         }
         self.blind = Some(now + BLIND);
-        let rpdo = Service::Rpdo { node: self.drive.node, number: epos::RPDO };
-        Some(Frame::standard(rpdo.cob_id(), &epos::pack(epos::QUICK_STOP, 0)))
+        let rpdo = Service::Rpdo { node: self.drive.node, number: epos::PDOS.rpdo };
+        Some(Frame::standard(rpdo.cob_id(), &cia402::pack(epos::QUICK_STOP, 0)))
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        [self.blind, self.drive.poll_timeout()].into_iter().flatten().min()
+        earliest([self.blind, self.drive.poll_timeout()])
     }
 
     /// m/s as the drive measures it; zero before it told.

@@ -1,16 +1,16 @@
 //! The drive of the front wheels' steering: radians in, counts out; homed to its switch before anything moves.
 
-use super::drive::Drive;
+use super::drive::{Drive, Trouble};
 use super::{Config, SteeringConfig};
-use base::{Duration, Fault, Instant, Severity};
+use base::{Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
 use canopen::axis::{Goal, Rate, Units};
-use canopen::drives::icla;
+use canopen::drives::{cia402, icla};
 use canopen::master::Ticket;
 use canopen::{Event as Heard, Master, NodeConfig, Payload, sdo};
-use messages::lowlevel;
+use messages::{Hold, lowlevel};
 use module::Actions;
 
 /// A set-point is acknowledged within this time, or its edge is repeated.
@@ -37,14 +37,36 @@ enum Want {
 }
 
 /// Whether the position means an angle.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Reference {
     None,
     /// Homed; on the way to straight ahead.
     Centering,
     Known,
     /// Homing failed; it is tried again when it is commanded.
-    Failed(String),
+    Failed(HomingError),
+}
+
+/// Why the steering has no reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum NotHomed {
+    NotYet,
+    Running,
+    /// Homed; on the way to straight ahead.
+    Centering,
+    Failed(HomingError),
+}
+
+impl NotHomed {
+    /// The cause on `LL_DATA_HOLD`.
+    pub(super) fn hold(self) -> Hold {
+        match self {
+            Self::NotYet => Hold::NotHomed,
+            Self::Running => Hold::Homing,
+            Self::Centering => Hold::Centering,
+            Self::Failed(_) => Hold::HomingFailed,
+        }
+    }
 }
 
 pub(super) struct Steering {
@@ -94,13 +116,13 @@ impl Steering {
 
     pub(super) fn node_config(&self) -> NodeConfig {
         let (config, units) = (&self.config, &self.units);
-        let parameters = icla::Parameters {
+        let parameters = cia402::Parameters {
             velocity_rpm: units.speed(config.speed),
             acceleration: units.acceleration(config.speed / RAMP),
             deceleration: units.acceleration(config.speed / RAMP),
             quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP),
             remap: config.remap,
-            ..icla::Parameters::new(config.node)
+            ..icla::parameters(config.node)
         };
         icla::node_config("steering", &parameters)
     }
@@ -117,10 +139,10 @@ impl Steering {
     }
 
     pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
-        let Some(status) = icla::unpack(number, data) else {
+        let Some(status) = icla::PDOS.unpack(number, data) else {
             return;
         };
-        if let Some(counts) = status.position {
+        if let Some(counts) = status.value {
             self.on_position(now, counts);
         }
         self.drive.on_statusword(now, status.statusword, out);
@@ -187,7 +209,7 @@ impl Steering {
         self.advance_homing(now, master, out);
         self.advance_setpoint(now, out);
         let data = self.command();
-        self.drive.send(now, master, icla::RPDO, data);
+        self.drive.send(now, master, icla::PDOS.rpdo, data);
     }
 
     fn advance_homing(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
@@ -225,7 +247,7 @@ impl Steering {
             Err(error) => {
                 let message = format!("homing the steering failed: {error}; `advee home steering` tries again");
                 out.raise(Severity::Error, Fault::HomingFailed, "steering", message);
-                Reference::Failed(error.to_string())
+                Reference::Failed(error)
             }
         };
     }
@@ -250,7 +272,7 @@ impl Steering {
             if matches!(event, SetpointEvent::Retried { tries: TRIES, .. }) {
                 let message = format!("steering drive does not take its target, asked {TRIES} times: the robot stops");
                 out.report(Severity::Error, Fault::DriveFault, "steering", message);
-                self.drive.distrust(now, "does not take its target".into());
+                self.drive.distrust(now, Trouble::NoTarget);
             }
         }
         if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT {
@@ -263,12 +285,12 @@ impl Steering {
         let position = self.position.unwrap_or(0);
         let controlword = self.drive.axis.controlword();
         if !self.drive.axis.is_enabled() {
-            icla::pack(controlword, position)
+            cia402::pack(controlword, position)
         } else if self.homing.is_running() {
-            icla::pack(controlword | self.homing.controlword_bits(), position)
+            cia402::pack(controlword | self.homing.controlword_bits(), position)
         } else {
             let (bits, target) = self.setpoint.command();
-            icla::pack(controlword | bits, target)
+            cia402::pack(controlword | bits, target)
         }
     }
 
@@ -284,14 +306,14 @@ impl Steering {
         self.reference == Reference::Known
     }
 
-    /// Why it is not homed, for people; empty when it is.
-    pub(super) fn why_not_homed(&self) -> String {
-        match &self.reference {
-            Reference::Known => String::new(),
-            Reference::None if self.homing.is_running() => "the steering is being homed".into(),
-            Reference::None => "the steering is not homed yet".into(),
-            Reference::Centering => "the steering is homed and turns straight".into(),
-            Reference::Failed(why) => format!("homing the steering failed: {why}"),
+    /// Why it is not homed; `None` when it is.
+    pub(super) fn why_not_homed(&self) -> Option<NotHomed> {
+        match self.reference {
+            Reference::Known => None,
+            Reference::None if self.homing.is_running() => Some(NotHomed::Running),
+            Reference::None => Some(NotHomed::NotYet),
+            Reference::Centering => Some(NotHomed::Centering),
+            Reference::Failed(error) => Some(NotHomed::Failed(error)),
         }
     }
 
@@ -305,7 +327,7 @@ impl Steering {
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let setpoint = self.setpoint.poll_timeout().filter(|_| self.drive.axis.is_enabled());
-        [self.drive.poll_timeout(), self.homing.poll_timeout(), setpoint].into_iter().flatten().min()
+        earliest([self.drive.poll_timeout(), self.homing.poll_timeout(), setpoint])
     }
 }
 

@@ -1,9 +1,8 @@
 //! What besides the drives the motion depends on: the critical modules, the watchdog, the PAUSE line, the estimate.
 
-use base::{Duration, Fault, Instant};
-use messages::{common, lowlevel, middlelevel};
+use base::{Deadlines, Duration, Fault, Instant};
+use messages::{Hold, StopSource, common, lowlevel, middlelevel};
 use module::sabotage::{self, Bug};
-use std::fmt;
 
 /// `CM_DATA_PROCESSES` comes ten times a second; without it for this long the watchdog is not heard.
 const WATCHDOG_SILENT: Duration = Duration::from_millis(250);
@@ -12,15 +11,28 @@ const PAUSE_UNKNOWN: Duration = Duration::from_millis(1200);
 /// The planner may not drive by an estimate older than this.
 const ESTIMATE_OLD: Duration = Duration::from_millis(200);
 
+base::deadlines! {
+    /// When what was received last is too old. A deadline that has come stays: so does what follows from it.
+    enum Timer {
+        /// The watchdog is silent. Set from its first list on: without it this module is run by hand, and nothing guards
+        /// the others.
+        Watchdog,
+        /// The state of the PAUSE line is unknown. Set where there is a power controller.
+        Pause,
+        /// The estimate is too old for the planner. Set while there is one.
+        Estimate,
+    }
+}
+
 /// Why the robot must not move, whatever anybody commands.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Objection {
-    /// A module that the motion depends on does not run.
-    Critical(String),
+    /// A module that the motion depends on does not run: its place in the configuration's list.
+    Critical(usize),
     /// The watchdog was heard once and is not heard now.
     WatchdogSilent,
     /// The PAUSE line is engaged, by this source.
-    Paused(String),
+    Paused(StopSource),
     /// The PAUSE line is not heard of.
     PauseUnknown,
 }
@@ -37,15 +49,14 @@ impl Objection {
     }
 }
 
-impl fmt::Display for Objection {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Critical(module) => write!(f, "critical module {module} is not running"),
-            Self::WatchdogSilent => f.write_str("the watchdog is not heard"),
-            Self::Paused(source) => write!(f, "PAUSE is engaged by {source}"),
-            Self::PauseUnknown => f.write_str("the state of the PAUSE line is unknown"),
-        }
-    }
+/// State of the PAUSE line as reported last.
+#[derive(Clone, Debug, PartialEq)]
+enum PauseLine {
+    /// Nothing was received yet.
+    Unknown,
+    Open,
+    /// By a source, and its name as it was reported.
+    Engaged(StopSource, String),
 }
 
 /// What was last heard of the surroundings, each with when.
@@ -55,86 +66,121 @@ pub struct Surroundings {
     /// Those that the motion depends on while the planner commands it.
     planning: Vec<String>,
     has_pause_line: bool,
-    /// None until the watchdog was heard: without it this module is run by hand, and nothing guards the others.
-    processes: Option<(Instant, Option<String>)>,
-    /// One of `planning` that does not run.
-    planning_missing: Option<String>,
-    /// Since when the PAUSE line is listened to, or its last message.
-    pause: (Instant, Option<String>),
-    estimate: Option<Instant>,
+    /// Places in `critical` of those that do not run.
+    critical_missing: Vec<usize>,
+    /// Places in `planning` of those that do not run.
+    planning_missing: Vec<usize>,
+    pause: PauseLine,
+    deadlines: Deadlines<Timer>,
 }
 
 impl Surroundings {
     /// Nothing heard yet. `has_pause_line`: the robot has a power controller that tells of the PAUSE line.
     #[must_use]
     pub fn new(critical: Vec<String>, planning: Vec<String>, has_pause_line: bool) -> Self {
-        let pause = (Instant::ZERO, has_pause_line.then(|| "nobody heard of yet".into()));
-        Self { critical, planning, has_pause_line, processes: None, planning_missing: None, pause, estimate: None }
+        let mut deadlines = Deadlines::new();
+        if has_pause_line {
+            deadlines.set(Timer::Pause, Instant::ZERO + PAUSE_UNKNOWN);
+        }
+        let pause = if has_pause_line { PauseLine::Unknown } else { PauseLine::Open };
+        let (critical_missing, planning_missing) = (Vec::new(), Vec::new());
+        Self { critical, planning, has_pause_line, critical_missing, planning_missing, pause, deadlines }
     }
 
     /// The watchdog's list, received at `at`.
     pub fn on_processes(&mut self, at: Instant, list: &common::DataProcesses) {
         let runs = |name: &str| list.processes.iter().any(|p| p.module == name && p.phase == common::Process::RUNNING);
-        let missing = self.critical.iter().find(|name| !runs(name) && !sabotage::is(Bug::CriticalIgnored)).cloned();
-        self.processes = Some((at, missing));
-        self.planning_missing = self.planning.iter().find(|name| !runs(name)).cloned();
+        let missing = |names: &[String], missing: &mut Vec<usize>| {
+            missing.clear();
+            missing.extend((0..names.len()).filter(|place| !runs(&names[*place])));
+        };
+        self.deadlines.set(Timer::Watchdog, at + WATCHDOG_SILENT);
+        missing(&self.planning, &mut self.planning_missing);
+        missing(&self.critical, &mut self.critical_missing);
+        if sabotage::is(Bug::CriticalIgnored) {
+            self.critical_missing.clear();
+        }
     }
 
     /// The PAUSE line, received at `at`.
     pub fn on_stop(&mut self, at: Instant, stop: &lowlevel::EventStop) {
         let engaged = stop.engaged && !sabotage::is(Bug::PauseIgnored);
-        self.pause = (at, engaged.then(|| stop.source.clone()));
+        let source = StopSource::from_name(&stop.source);
+        self.pause = if engaged { PauseLine::Engaged(source, stop.source.clone()) } else { PauseLine::Open };
+        if self.has_pause_line {
+            self.deadlines.set(Timer::Pause, at + PAUSE_UNKNOWN);
+        }
     }
 
     /// An estimate, received at `at`; a lost one does not count.
     pub fn on_estimate(&mut self, at: Instant, estimate: &middlelevel::DataEstimate) {
         let known = estimate.quality >= middlelevel::DataEstimate::COARSE;
-        self.estimate = known.then_some(at);
+        self.deadlines.replace(Timer::Estimate, known.then_some(at + ESTIMATE_OLD));
     }
 
-    /// What stands against any motion at `now`.
-    #[must_use]
-    pub fn objection(&self, now: Instant) -> Option<Objection> {
-        match &self.pause {
-            (at, _) if self.has_pause_line && now.since(*at) >= PAUSE_UNKNOWN => return Some(Objection::PauseUnknown),
+    /// All that stands against any motion at `now`, the weightiest first.
+    pub fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
+        let pause = match &self.pause {
+            _ if self.deadlines.is_due(Timer::Pause, now) => Some(Objection::PauseUnknown),
+            PauseLine::Unknown => Some(Objection::PauseUnknown),
             // Whoever says so: without a power controller too.
-            (_, Some(source)) => return Some(Objection::Paused(source.clone())),
-            (_, None) => {}
-        }
-        match self.processes.as_ref()? {
-            (at, _) if now.since(*at) >= WATCHDOG_SILENT && !sabotage::is(Bug::WatchdogNotMissed) => {
-                Some(Objection::WatchdogSilent)
-            }
-            (_, Some(module)) => Some(Objection::Critical(module.clone())),
-            (_, None) => None,
+            PauseLine::Engaged(source, _) => Some(Objection::Paused(*source)),
+            PauseLine::Open => None,
+        };
+        let silent = self.deadlines.is_due(Timer::Watchdog, now) && !sabotage::is(Bug::WatchdogNotMissed);
+        // A list that is old tells nothing of the modules.
+        let missing = if silent { &[][..] } else { &self.critical_missing };
+        let missing = missing.iter().map(|place| Objection::Critical(*place));
+        pause.into_iter().chain(silent.then_some(Objection::WatchdogSilent)).chain(missing)
+    }
+
+    /// The cause on `LL_DATA_HOLD`, and the name of its subject.
+    #[must_use]
+    pub fn hold(&self, objection: Objection) -> (Hold, &str) {
+        match objection {
+            Objection::Critical(place) => (Hold::CriticalModule, name(&self.critical, place)),
+            Objection::WatchdogSilent => (Hold::WatchdogSilent, ""),
+            Objection::PauseUnknown => (Hold::PauseUnknown, ""),
+            Objection::Paused(source) => match &self.pause {
+                PauseLine::Engaged(_, name) => (source.hold(), name),
+                PauseLine::Unknown | PauseLine::Open => (source.hold(), source.name()),
+            },
         }
     }
 
     /// Why the planner may not drive, beyond what stands against any motion: it, or the estimator, does not run, or it
-    /// has no estimate to drive by.
-    #[must_use]
-    pub fn objection_to_planner(&self, now: Instant) -> Option<String> {
-        if let Some(module) = &self.planning_missing {
-            return Some(format!("the planner may not drive: {module} is not running"));
-        }
-        let located =
-            self.estimate.is_some_and(|at| now.since(at) < ESTIMATE_OLD) || sabotage::is(Bug::EstimateIgnored);
-        (!located).then(|| "the planner has no estimate to drive by".into())
+    /// has no estimate to drive by. Each with the name of its subject.
+    pub fn objections_to_planner(&self, now: Instant) -> impl Iterator<Item = (Hold, &str)> + Clone + '_ {
+        let missing = self.planning_missing.iter().map(|place| (Hold::PlannerModule, name(&self.planning, *place)));
+        let located = self.deadlines.get(Timer::Estimate).is_some_and(|old| now < old);
+        let located = located || sabotage::is(Bug::EstimateIgnored);
+        missing.chain((!located).then_some((Hold::PlannerNoEstimate, "")))
     }
 
     /// When, after `now`, silence may make an objection or an old estimate, if nothing is heard until then.
     #[must_use]
     pub fn poll_timeout(&self, now: Instant) -> Option<Instant> {
-        let watchdog = self.processes.as_ref().map(|(at, _)| *at + WATCHDOG_SILENT);
-        let pause = self.has_pause_line.then(|| self.pause.0 + PAUSE_UNKNOWN);
-        let estimate = self.estimate.map(|at| at + ESTIMATE_OLD);
-        [watchdog, pause, estimate].into_iter().flatten().filter(|due| *due > now).min()
+        self.deadlines.next_after(now)
     }
+}
+
+fn name(names: &[String], place: usize) -> &str {
+    names.get(place).map_or("", String::as_str)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl Surroundings {
+        fn objection(&self, now: Instant) -> Option<Objection> {
+            self.objections(now).next()
+        }
+
+        fn objection_to_planner(&self, now: Instant) -> Option<(Hold, &str)> {
+            self.objections_to_planner(now).next()
+        }
+    }
 
     fn at(ms: u64) -> Instant {
         Instant::from_millis(ms)
@@ -154,7 +200,7 @@ mod tests {
         let mut around = Surroundings::new(vec!["eyes".into()], vec![], false);
         assert_eq!(around.objection(at(0)), None, "run by hand, without a watchdog");
         around.on_processes(at(0), &processes(&["nerves"]));
-        assert_eq!(around.objection(at(0)), Some(Objection::Critical("eyes".into())));
+        assert_eq!(around.objection(at(0)), Some(Objection::Critical(0)));
         around.on_processes(at(100), &processes(&["nerves", "eyes"]));
         assert_eq!(around.objection(at(349)), None);
         assert_eq!(around.objection(at(350)), Some(Objection::WatchdogSilent));
@@ -165,13 +211,13 @@ mod tests {
     #[test]
     fn the_pause_line_must_be_known_and_open_where_there_is_one() {
         let mut around = Surroundings::new(vec![], vec![], true);
-        assert!(around.objection(at(0)).is_some());
+        assert_eq!(around.objection(at(0)), Some(Objection::PauseUnknown), "nothing was received yet");
         let open = lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() };
         around.on_stop(at(100), &open);
         assert_eq!(around.objection(at(1299)), None);
         assert_eq!(around.objection(at(1300)), Some(Objection::PauseUnknown));
         around.on_stop(at(1400), &lowlevel::EventStop { engaged: true, source: "button".into(), ..open });
-        assert_eq!(around.objection(at(1400)), Some(Objection::Paused("button".into())));
+        assert_eq!(around.objection(at(1400)), Some(Objection::Paused(StopSource::Button)));
     }
 
     #[test]
@@ -179,9 +225,30 @@ mod tests {
         let mut around = Surroundings::new(vec![], vec![], false);
         assert_eq!(around.objection(at(5000)), None);
         around.on_stop(at(5000), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper1".into() });
-        assert_eq!(around.objection(at(9000)), Some(Objection::Paused("bumper1".into())));
+        assert_eq!(around.objection(at(9000)), Some(Objection::Paused(StopSource::Bumper1)));
         around.on_stop(at(9000), &lowlevel::EventStop { timestamp: 0, engaged: false, source: "bumper1".into() });
         assert_eq!(around.objection(at(19_000)), None);
+    }
+
+    #[test]
+    fn all_that_stands_is_listed_with_its_subject() {
+        let mut around = Surroundings::new(vec!["eyes".into(), "nerves".into(), "ears".into()], vec![], true);
+        around.on_processes(at(0), &processes(&["nerves"]));
+        let told = |around: &Surroundings, now| {
+            let told = around.objections(now).map(|objection| around.hold(objection));
+            told.map(|(hold, subject)| (hold, subject.to_owned())).collect::<Vec<_>>()
+        };
+        let missing = |name: &str| (Hold::CriticalModule, name.to_owned());
+        around.on_stop(at(0), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "a rope".into() });
+        assert_eq!(
+            told(&around, at(100)),
+            [(Hold::PauseOther, "a rope".into()), missing("eyes"), missing("ears")],
+            "a source without a name in the contract keeps the one it gave"
+        );
+        around.on_stop(at(100), &lowlevel::EventStop { timestamp: 0, engaged: true, source: "bumper7".into() });
+        let silent = (Hold::WatchdogSilent, String::new());
+        assert_eq!(told(&around, at(300)), [(Hold::PauseBumper, "bumper7".into()), silent.clone()]);
+        assert_eq!(told(&around, at(1300)), [(Hold::PauseUnknown, String::new()), silent]);
     }
 
     #[test]
@@ -200,7 +267,7 @@ mod tests {
         assert!(around.objection_to_planner(at(199)).is_none() && around.objection_to_planner(at(200)).is_some());
         assert_eq!(around.poll_timeout(at(0)), Some(at(200)));
         around.on_estimate(at(300), &middlelevel::DataEstimate { quality: middlelevel::DataEstimate::LOST, ..fine });
-        assert_eq!(around.objection_to_planner(at(300)).unwrap(), "the planner has no estimate to drive by");
+        assert_eq!(around.objection_to_planner(at(300)), Some((Hold::PlannerNoEstimate, "")));
     }
 
     #[test]
@@ -210,7 +277,7 @@ mod tests {
         around.on_estimate(at(0), &fine);
         assert_eq!(around.objection_to_planner(at(0)), None, "run by hand, without a watchdog");
         around.on_processes(at(0), &processes(&["eyes"]));
-        assert_eq!(around.objection_to_planner(at(0)).unwrap(), "the planner may not drive: map is not running");
+        assert_eq!(around.objection_to_planner(at(0)), Some((Hold::PlannerModule, "map")));
         assert_eq!(around.objection(at(0)), None);
         around.on_processes(at(100), &processes(&["map"]));
         assert_eq!(around.objection_to_planner(at(100)), None);

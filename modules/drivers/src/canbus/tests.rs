@@ -2,6 +2,7 @@
 
 mod bus;
 mod fake;
+mod holds;
 mod hostile;
 mod layout;
 
@@ -10,7 +11,7 @@ use base::{Duration, Fault, Instant, Severity, can};
 use canopen::axis::PowerState;
 use canopen::drives::{epos, icla};
 use fake::Fake;
-use messages::{Message, common, lowlevel};
+use messages::{Hold, Message, common, lowlevel};
 use module::bench::Bench;
 use module::{Action, Event, Input, Output, PortId, Shell, ShellConfig, State};
 
@@ -61,6 +62,7 @@ struct Robot {
     missing: &'static str,
     frames: Vec<(Instant, can::Frame)>,
     motion: Option<lowlevel::DataMotion>,
+    holds: lowlevel::DataHold,
     bus: Option<lowlevel::DataBus>,
     answers: Vec<lowlevel::DataSdo>,
     errors: Vec<(Fault, Severity)>,
@@ -81,6 +83,7 @@ impl Robot {
             missing: "",
             frames: Vec::new(),
             motion: None,
+            holds: lowlevel::DataHold::default(),
             bus: None,
             answers: Vec::new(),
             errors: Vec::new(),
@@ -130,7 +133,11 @@ impl Robot {
                         self.epos.handle_rx(now, &frame);
                         self.icla.handle_rx(now, &frame);
                     }
-                    Action::Publish(Message::LlDataMotion(motion)) => self.motion = Some(motion),
+                    Action::Publish(Message::LlDataHold(holds)) => self.holds = holds,
+                    Action::Publish(Message::LlDataMotion(motion)) => {
+                        assert_eq!(motion.reason.is_empty(), self.holds.holds.is_empty(), "{:?}", self.holds);
+                        self.motion = Some(motion);
+                    }
                     Action::Publish(Message::LlDataBus(bus)) => self.bus = Some(bus),
                     Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
                     Action::Report(report) => self.errors.push((report.fault, report.severity)),
@@ -174,6 +181,17 @@ impl Robot {
 
     fn reason(&self) -> String {
         self.motion().reason.clone()
+    }
+
+    /// All that stands against motion: cause and subject.
+    fn holds(&self) -> Vec<(Hold, &str)> {
+        let cause = |hold: &lowlevel::Hold| hold.cause().expect("a number of this version");
+        self.holds.holds.iter().map(|hold| (cause(hold), hold.subject.as_str())).collect()
+    }
+
+    /// The weightiest of it.
+    fn hold(&self) -> Option<Hold> {
+        self.holds.first()
     }
 
     /// The last RPDO4 and when it left.
@@ -231,7 +249,7 @@ fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
     assert!(!robot.moves());
     robot.pass(100);
     assert!(robot.motion().quick_stop);
-    assert_eq!(robot.reason(), "nobody commands the motion");
+    assert_eq!(robot.holds(), [(Hold::NobodyCommands, "")]);
 }
 
 #[test]
@@ -275,11 +293,11 @@ fn a_critical_module_that_dies_stops_the_robot_and_nothing_resumes_by_itself() {
     robot.missing = "driver_rs485a";
     robot.drive(0.4, 200);
     assert!(!robot.moves());
-    assert!(robot.reason().contains("driver_rs485a"), "{}", robot.reason());
+    assert!(robot.holds().contains(&(Hold::CriticalModule, "driver_rs485a")), "{}", robot.reason());
     robot.missing = "";
     robot.drive(0.4, 500);
     assert!(!robot.moves());
-    assert_eq!(robot.reason(), "test must send zero first: the robot was stopped");
+    assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
     let critical: Vec<_> = robot.errors.iter().filter(|(fault, _)| *fault == Fault::CriticalModule).collect();
     assert_eq!(critical, [&(Fault::CriticalModule, Severity::Error), &(Fault::CriticalModule, Severity::Notice)]);
     robot.pass(300);
@@ -294,7 +312,7 @@ fn a_silent_watchdog_stops_the_robot() {
     robot.watchdog = false;
     robot.drive(0.4, 400);
     assert!(!robot.moves());
-    assert_eq!(robot.reason(), "the watchdog is not heard");
+    assert_eq!(robot.hold(), Some(Hold::WatchdogSilent));
 }
 
 #[test]
@@ -323,7 +341,8 @@ fn a_drive_in_fault_stops_the_robot_and_is_reset_calmly() {
     let now = robot.bench.now();
     robot.epos.fault(now, 0x2310);
     robot.drive(0.4, 200);
-    assert!(robot.reason().contains("0x2310"), "{}", robot.reason());
+    assert_eq!(robot.holds()[0], (Hold::DriveFault, "propulsion"));
+    assert_eq!(robot.reason(), "the propulsion drive is in fault, error code 0x2310");
     assert!(robot.errors.contains(&(Fault::DriveEmergency, Severity::Error)));
     robot.drive(0.4, 2000);
     assert!(robot.errors.contains(&(Fault::DriveFault, Severity::Notice)), "{:?}", robot.errors);
@@ -346,7 +365,7 @@ fn a_drive_that_is_not_the_configured_one_never_moves() {
         told.clone().count() > 50 && told.clone().all(|(_, frame)| frame.data() == [0x0B, 0, 0, 0, 0, 0]),
         "quick stops"
     );
-    assert!(robot.reason().contains("propulsion"), "{}", robot.reason());
+    assert_eq!(robot.holds()[0], (Hold::DriveBootFailed, "propulsion"));
 }
 
 #[test]
@@ -357,7 +376,7 @@ fn another_master_on_the_bus_stops_the_robot() {
     robot.bench.can(PortId(0), can::Frame::standard(0x77F, &[0x05]));
     robot.drive(0.4, 200);
     assert!(!robot.moves());
-    assert_eq!(robot.reason(), "another master commands the drives");
+    assert_eq!(robot.holds()[0], (Hold::SecondMaster, "can.main"));
     // Nor does the steering move: what is asked of it waits.
     robot.pass(1000);
     robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
@@ -379,7 +398,9 @@ fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
         robot.drive(0.4, 500);
         assert!(!robot.moves());
         assert_eq!(robot.epos.power.state(), PowerState::QuickStopActive);
-        assert_eq!(robot.reason(), format!("driver_canbus is in {state}"));
+        let hold = if state == State::Pause { Hold::ModulePaused } else { Hold::ModuleStopped };
+        assert_eq!(robot.holds(), [(hold, NAME), (Hold::NotReleased, "test")]);
+        assert!(robot.holds.holds.iter().all(|hold| hold.latched), "{:?}", robot.holds);
         robot.bench.message(common::CmdState { state: State::Run as i8, ..command });
         robot.drive(0.4, 300);
         assert!(!robot.moves(), "it resumed by itself");

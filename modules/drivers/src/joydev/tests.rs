@@ -102,7 +102,7 @@ impl Rig {
                 Action::Report(report) => {
                     format!("{ms} {:?} {}: {}", report.severity, report.fault.name(), report.message)
                 }
-                Action::Note(line) => format!("{ms} {line}"),
+                Action::Note(_, line) => format!("{ms} {line}"),
                 Action::State(state) => format!("{ms} {state}"),
                 _ => continue,
             });

@@ -1,7 +1,7 @@
 //! The end, in good order: the modules are ended one after the other, those that were started last first; then the
 //! supply is let go, then the computer is halted.
 
-use base::{Duration, Instant};
+use base::{Deadlines, Duration, Instant};
 use messages::common::{CmdState, DataProcesses, Process};
 use module::{Actions, State};
 
@@ -25,12 +25,24 @@ pub(super) enum Aim {
     Reboot,
 }
 
+base::deadlines! {
+    /// What a shutdown waits for.
+    enum Timer {
+        /// The module that is being ended, or the board that is to cut all, has had its time.
+        Step,
+        /// TERMINATE is sent to the module that is being ended, for the first time or again.
+        Terminate,
+        /// The rest of the modules is not waited for any more: the computer must be halted in time.
+        Latest,
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    /// The module of this place is being ended, until then at most.
-    Ending { place: usize, until: Instant },
+    /// The module of this place is being ended.
+    Ending { place: usize },
     /// The board is told to cut all.
-    Releasing { until: Instant },
+    Releasing,
     /// The computer may be halted.
     Ready,
 }
@@ -42,9 +54,7 @@ pub(super) struct Shutdown {
     /// In the order of their end.
     modules: Vec<String>,
     stage: Stage,
-    /// By then the computer must be told, come what may.
-    latest: Instant,
-    say: Instant,
+    deadlines: Deadlines<Timer>,
     /// The watchdog tells of the modules.
     guarded: bool,
 }
@@ -57,22 +67,21 @@ impl Shutdown {
             Some(seconds) => now + Duration::from_secs(seconds.into()).saturating_sub(HALT),
             None => now + MODULE * (modules.len() as u32 + 1),
         };
-        let stage = Stage::Ending { place: 0, until: now + REPEAT };
-        Self { aim, modules, stage, latest, say: now, guarded: false }
+        let deadlines =
+            Deadlines::new().with(Timer::Step, now + REPEAT).with(Timer::Terminate, now).with(Timer::Latest, latest);
+        Self { aim, modules, stage: Stage::Ending { place: 0 }, deadlines, guarded: false }
     }
 
     /// The module that is being ended.
     fn ending(&self) -> Option<&String> {
-        if let Stage::Ending { place, .. } = self.stage { self.modules.get(place) } else { None }
+        if let Stage::Ending { place } = self.stage { self.modules.get(place) } else { None }
     }
 
     /// The watchdog's list: goes on when the module is down.
     pub fn on_processes(&mut self, now: Instant, list: &DataProcesses) {
-        if let Stage::Ending { until, .. } = &mut self.stage
-            && !self.guarded
-        {
+        if matches!(self.stage, Stage::Ending { .. }) && !self.guarded {
             self.guarded = true;
-            *until = now + MODULE;
+            self.deadlines.set(Timer::Step, now + MODULE);
         }
         let down = |name: &String| {
             let process = list.processes.iter().find(|process| process.module == *name);
@@ -84,33 +93,34 @@ impl Shutdown {
     }
 
     fn next(&mut self, now: Instant) {
-        if let Stage::Ending { place, .. } = self.stage {
-            let until = now + if self.guarded { MODULE } else { REPEAT };
-            self.stage = Stage::Ending { place: place + 1, until };
-            self.say = now;
+        if let Stage::Ending { place } = self.stage {
+            self.stage = Stage::Ending { place: place + 1 };
+            self.deadlines.set(Timer::Step, now + if self.guarded { MODULE } else { REPEAT });
+            self.deadlines.set(Timer::Terminate, now);
         }
     }
 
     /// Does what is due.
     pub fn advance(&mut self, now: Instant, source: &str, out: &mut Actions) {
-        if matches!(self.stage, Stage::Ending { until, .. } if until <= now) {
+        if matches!(self.stage, Stage::Ending { .. }) && self.deadlines.take(Timer::Step, now) {
             self.next(now);
         }
         match self.stage {
-            Stage::Ending { place, .. } if place >= self.modules.len() || self.latest <= now => {
+            Stage::Ending { place } if place >= self.modules.len() || self.deadlines.is_due(Timer::Latest, now) => {
                 let until = if self.aim == Aim::Off { now + RELEASE } else { now };
-                self.stage = Stage::Releasing { until };
+                self.stage = Stage::Releasing;
+                self.deadlines = Deadlines::new().with(Timer::Step, until);
             }
-            Stage::Ending { .. } if self.say <= now => self.terminate(now, source, out),
+            Stage::Ending { .. } if self.deadlines.is_due(Timer::Terminate, now) => self.terminate(now, source, out),
             _ => {}
         }
-        if matches!(self.stage, Stage::Releasing { until } if until <= now) {
-            self.stage = Stage::Ready;
+        if self.stage == Stage::Releasing && self.deadlines.is_due(Timer::Step, now) {
+            self.released();
         }
     }
 
     fn terminate(&mut self, now: Instant, source: &str, out: &mut Actions) {
-        self.say = now + REPEAT;
+        self.deadlines.set(Timer::Terminate, now + REPEAT);
         if let Some(module) = self.ending().cloned() {
             let timestamp = out.timestamp(now);
             let state = State::Terminate as i8;
@@ -120,12 +130,13 @@ impl Shutdown {
 
     /// Whether the board is to be told to cut all.
     pub fn releases(&self) -> bool {
-        matches!(self.stage, Stage::Releasing { .. }) && self.aim == Aim::Off
+        self.stage == Stage::Releasing && self.aim == Aim::Off
     }
 
     /// The board was told.
     pub fn released(&mut self) {
         self.stage = Stage::Ready;
+        self.deadlines.clear_all();
     }
 
     /// Whether the computer may be halted.
@@ -134,10 +145,6 @@ impl Shutdown {
     }
 
     pub fn poll_timeout(&self) -> Option<Instant> {
-        match self.stage {
-            Stage::Ending { until, .. } => Some(until.min(self.say).min(self.latest)),
-            Stage::Releasing { until } => Some(until),
-            Stage::Ready => None,
-        }
+        self.deadlines.next()
     }
 }

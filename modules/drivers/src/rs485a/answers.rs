@@ -4,11 +4,13 @@ use super::odometry::Step;
 use super::{Kind, Rs485a};
 use crate::line::Heard;
 use base::{Duration, Fault, Instant, Severity};
-use messages::lowlevel::{DataIrs, DataSrfs};
+use messages::lowlevel::{DataIrs, DataRanges, DataSrfs};
 use module::Actions;
 use rs485::boards::{Implausible, sd1, so1};
 use std::mem;
 
+/// `LL_DATA_RANGES` comes at least this often, whether boards answer or not.
+const RANGES_AGAIN: Duration = Duration::from_secs(1);
 /// Jumps of counters are reported this often at most.
 const JUMPS_EVERY: Duration = Duration::from_secs(10);
 
@@ -49,19 +51,31 @@ impl Rs485a {
 
     fn on_ranges(&mut self, now: Instant, board: u8, both: Option<sd1::Both>, out: &mut Actions) {
         if self.ranges.is_done(board) {
-            self.publish_ranges(out);
+            self.publish_ranges(now, out);
         }
         self.ranges.put(now, board, both);
         if self.ranges.complete(|address| !self.line.is_lost(address)) {
-            self.publish_ranges(out);
+            self.publish_ranges(now, out);
         }
     }
 
-    fn publish_ranges(&mut self, out: &mut Actions) {
+    fn publish_ranges(&mut self, now: Instant, out: &mut Actions) {
+        self.publish_readings(now, out);
         let (at, srfs, irs) = self.ranges.publish();
         let timestamp = out.timestamp(at);
         out.publish(DataSrfs { timestamp, srfs });
         out.publish(DataIrs { timestamp, irs });
+    }
+
+    /// `LL_DATA_RANGES`; again in a second where nothing new comes until then.
+    pub(super) fn publish_readings(&mut self, now: Instant, out: &mut Actions) {
+        if self.ranges.is_empty() {
+            self.repeat = Instant::NEVER;
+            return;
+        }
+        let readings = self.ranges.readings(|at| out.timestamp(at));
+        out.publish(DataRanges { timestamp: out.timestamp(now), readings });
+        self.repeat = now + RANGES_AGAIN;
     }
 
     fn on_ticks(&mut self, now: Instant, board: u8, counts: (i16, i16), out: &mut Actions) {

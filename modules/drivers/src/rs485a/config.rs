@@ -63,6 +63,8 @@ pub struct Ranger {
     pub y: f64,
     /// Where it looks, rad.
     pub theta: f64,
+    /// Full opening angle of its beam, rad; 0 for a line.
+    pub beam: f64,
 }
 
 /// The front wheels, steered and not driven.

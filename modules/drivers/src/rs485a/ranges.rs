@@ -1,9 +1,21 @@
-//! The table of rangers, and what the boards last said of each.
+//! The table of range finders, and what their boards last measured with each, and when.
+//!
+//! A distance board fires its sonars in slots, sweep after sweep, and is synchronised with nothing; its answer holds the
+//! last finished slot of each channel (`docs/facts/boards.md`, timing of the boards). So an answer alone gives a window in
+//! which a channel fired, a sweep long; the published instant is its middle. Where the board is asked more often than it
+//! sweeps, a distance that changed since the answer before narrows the window, and one that did not is the same
+//! measurement, which keeps its instant. A channel fires once a sweep, so what was known of its last firing narrows the
+//! next one too.
 
 use super::config::{Config, Kind, Ranger};
-use base::Instant;
-use messages::lowlevel::Range;
-use rs485::boards::sd1::{Both, NO_ECHO, OUT_OF_RANGE};
+use base::{Duration, Instant};
+use messages::lowlevel::{Range, Reading};
+use rs485::boards::sd1::{Both, IR_CYCLE, NO_ECHO, OUT_OF_RANGE, SLOT, SRFS, SWEEP};
+
+/// Deviation of a board's sweep from its nominal duration: 0.5 %, that of a ceramic resonator.
+const SWEEP_TOLERANCE: Duration = Duration::from_millis(1);
+/// Maximum number of sweeps over which the last firing predicts the next one.
+const SWEEPS_PREDICTED: u32 = 8;
 
 /// What all SD1 boards last measured, published as one: when all have answered, failed, or are not waited for.
 #[derive(Debug)]
@@ -18,9 +30,99 @@ pub struct Ranges {
 #[derive(Debug)]
 struct Board {
     address: u8,
-    last: Option<Both>,
+    last: Option<Answer>,
+    /// Start of the transaction under way, or of the last one.
+    asked: Instant,
+    /// The board may have been reset before this answer was measured: a channel that has not fired yet reads as one
+    /// without an echo until then.
+    swept: Instant,
+    /// Last firing of each sonar and measurement of the infrared rangers; kept when the board fails.
+    fired: [Option<Firing>; SRFS],
+    floor: Option<Instant>,
     /// Has answered, or failed to, since the last publication.
     done: bool,
+}
+
+/// An answer, which holds what the board had measured by then: at the earliest when it was asked.
+#[derive(Debug)]
+struct Answer {
+    asked: Instant,
+    both: Both,
+}
+
+/// When a sonar fired: between `from` and `to`, published as `at`.
+#[derive(Clone, Copy, Debug)]
+struct Firing {
+    at: Instant,
+    from: Instant,
+    to: Instant,
+}
+
+impl Firing {
+    fn between(from: Instant, to: Instant) -> Self {
+        Self { at: from + to.since(from) / 2, from, to }
+    }
+
+    /// The firing `sweeps` later, as far as it lies in `window`.
+    fn later(&self, sweeps: u32, window: &Self) -> Option<Self> {
+        let from = self.from + (SWEEP - SWEEP_TOLERANCE) * sweeps;
+        let to = self.to + (SWEEP + SWEEP_TOLERANCE) * sweeps;
+        let (from, to) = (from.max(window.from), to.min(window.to));
+        (from <= to).then(|| Self::between(from, to))
+    }
+
+    /// The firing after `self` that lies in `window`, all possible numbers of sweeps later.
+    fn next(&self, window: &Self) -> Option<Self> {
+        let possible = (1..=SWEEPS_PREDICTED).filter_map(|sweeps| self.later(sweeps, window));
+        possible.reduce(|first, last| Self::between(first.from, last.to))
+    }
+}
+
+impl Board {
+    fn new(address: u8) -> Self {
+        Self {
+            address,
+            last: None,
+            asked: Instant::ZERO,
+            swept: Instant::NEVER,
+            fired: [None; SRFS],
+            floor: None,
+            done: false,
+        }
+    }
+
+    fn take(&mut self, received: Instant, both: Both) {
+        let asked = self.asked.min(received);
+        if self.last.is_none() {
+            self.swept = received + SWEEP;
+        }
+        let latest = received - SLOT;
+        let whole = Firing::between(asked - (SLOT + SWEEP), latest);
+        for (channel, fired) in self.fired.iter_mut().enumerate() {
+            let Some(now) = both.srfs.get(channel) else { continue };
+            if *now == NO_ECHO && asked < self.swept {
+                *fired = None;
+                continue;
+            }
+            let Some(before) = &self.last else {
+                *fired = Some(whole);
+                continue;
+            };
+            let same = before.both.srfs.get(channel) == Some(now);
+            let known = fired.filter(|fired| same && fired.to >= whole.from);
+            let changed = Firing::between((before.asked - SLOT).max(whole.from), latest);
+            let window = if same { whole } else { changed };
+            let next = || fired.and_then(|fired| fired.next(&window)).unwrap_or(window);
+            *fired = Some(known.unwrap_or_else(next));
+        }
+        // Of the infrared rangers' cycle that was over last.
+        self.floor = Some(Firing::between(asked - 2 * IR_CYCLE, received - IR_CYCLE).at);
+        self.last = Some(Answer { asked, both });
+    }
+
+    fn fail(&mut self) {
+        self.last = None;
+    }
 }
 
 impl Ranges {
@@ -32,10 +134,22 @@ impl Ranges {
         };
         let sd1 = config.nodes.iter().filter(|node| node.kind == Kind::Sd1);
         Self {
-            boards: sd1.map(|node| Board { address: node.address, last: None, done: false }).collect(),
+            boards: sd1.map(|node| Board::new(node.address)).collect(),
             srfs: sorted(&config.srfs),
             irs: sorted(&config.irs),
             latest: None,
+        }
+    }
+
+    /// True if the configuration has no range finder.
+    pub fn is_empty(&self) -> bool {
+        self.srfs.is_empty() && self.irs.is_empty()
+    }
+
+    /// A board is asked for its ranges.
+    pub fn asked(&mut self, now: Instant, address: u8) {
+        if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
+            board.asked = now;
         }
     }
 
@@ -48,7 +162,10 @@ impl Ranges {
     pub fn put(&mut self, at: Instant, address: u8, both: Option<Both>) {
         if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
             board.done = true;
-            board.last = both;
+            match both {
+                Some(both) => board.take(at, both),
+                None => board.fail(),
+            }
             self.latest = Some(at);
         }
     }
@@ -59,31 +176,79 @@ impl Ranges {
         boards.clone().any(|board| board.done) && boards.all(|board| board.done || !waited_for(board.address))
     }
 
-    /// All sonars and all infrared rangers, and when the last board spoke; starts the next round.
+    /// All sonars and all infrared rangers as in 2011, and when the last board spoke; starts the next round.
     pub fn publish(&mut self) -> (Instant, Vec<Range>, Vec<Range>) {
         self.boards.iter_mut().for_each(|board| board.done = false);
-        let srf = |both: &Both, channel: usize| both.srfs.get(channel).copied().filter(|mm| *mm != NO_ECHO);
-        let ir = |both: &Both, channel: usize| {
-            both.irs.get(channel).copied().filter(|mm| *mm != OUT_OF_RANGE).map(u16::from)
-        };
         let at = self.latest.unwrap_or_default();
-        (at, self.list(&self.srfs, srf), self.list(&self.irs, ir))
+        (at, self.list(&self.srfs, sonar), self.list(&self.irs, infrared))
+    }
+
+    /// All readings, sonars first, each with its own instant; `timestamp` converts instants.
+    pub fn readings(&self, timestamp: impl Fn(Instant) -> i64) -> Vec<Reading> {
+        let sonars = self.srfs.iter().map(|ranger| self.reading(ranger, Reading::SONAR, sonar, &timestamp));
+        let infrareds = self.irs.iter().map(|ranger| self.reading(ranger, Reading::INFRARED, infrared, &timestamp));
+        sonars.chain(infrareds).collect()
     }
 
     /// Nothing of what the boards said holds any more.
     pub fn forget(&mut self) {
-        self.boards.iter_mut().for_each(|board| (board.last, board.done) = (None, false));
+        for board in &mut self.boards {
+            board.fail();
+            board.done = false;
+        }
     }
 
-    fn list(&self, rangers: &[Ranger], measured: impl Fn(&Both, usize) -> Option<u16>) -> Vec<Range> {
+    fn board(&self, ranger: &Ranger) -> Option<&Board> {
+        self.boards.iter().find(|board| board.address == ranger.board)
+    }
+
+    fn list(&self, rangers: &[Ranger], measured: impl Fn(&Both, usize) -> Option<Heard>) -> Vec<Range> {
         let range = |ranger: &Ranger| {
-            let board = self.boards.iter().find(|board| board.address == ranger.board);
-            let both = board.and_then(|board| board.last.as_ref());
-            let mm = both.and_then(|both| measured(both, usize::from(ranger.channel)));
+            let answer = self.board(ranger).and_then(|board| board.last.as_ref());
+            let heard = answer.and_then(|answer| measured(&answer.both, usize::from(ranger.channel)));
             let Ranger { id, x, y, theta, .. } = *ranger;
-            let distance = mm.map_or(f64::NAN, |mm| f64::from(mm) / 1000.0);
-            Range { id: i32::from(id), x, y, theta, distance, valid: mm.is_some() }
+            let distance = heard.flatten().unwrap_or(f64::NAN);
+            Range { id: i32::from(id), x, y, theta, distance, valid: distance.is_finite() }
         };
         rangers.iter().map(range).collect()
     }
+
+    fn reading(
+        &self,
+        ranger: &Ranger,
+        kind: i8,
+        measured: impl Fn(&Both, usize) -> Option<Heard>,
+        timestamp: impl Fn(Instant) -> i64,
+    ) -> Reading {
+        let Ranger { id, channel, x, y, theta, beam, .. } = *ranger;
+        let channel = usize::from(channel);
+        let board = self.board(ranger);
+        let heard = board.and_then(|board| {
+            let answer = board.last.as_ref()?;
+            let heard = measured(&answer.both, channel)?;
+            (heard.is_some() || kind != Reading::SONAR || answer.asked >= board.swept).then_some(heard)
+        });
+        let fired = board.and_then(|board| match kind {
+            Reading::SONAR => board.fired.get(channel)?.map(|fired| fired.at),
+            _ => board.floor,
+        });
+        let (status, distance) = match heard {
+            None => (Reading::UNKNOWN, f64::NAN),
+            Some(None) => (Reading::SILENT, f64::NAN),
+            Some(Some(distance)) => (Reading::MEASURED, distance),
+        };
+        let timestamp = fired.map_or(0, timestamp);
+        Reading { timestamp, id: i32::from(id), kind, status, distance, x, y, theta, beam }
+    }
+}
+
+/// Distance of the echo of a channel, m; the inner none: no echo.
+type Heard = Option<f64>;
+
+fn sonar(both: &Both, channel: usize) -> Option<Heard> {
+    both.srfs.get(channel).map(|mm| (*mm != NO_ECHO).then(|| f64::from(*mm) / 1000.0))
+}
+
+fn infrared(both: &Both, channel: usize) -> Option<Heard> {
+    both.irs.get(channel).map(|mm| (*mm != OUT_OF_RANGE).then(|| f64::from(*mm) / 1000.0))
 }

@@ -3,7 +3,7 @@
 use super::*;
 use base::serial::Word;
 use messages::Message;
-use messages::lowlevel::{DataBus, DataIrs, DataOdo, DataSrfs, Range};
+use messages::lowlevel::{DataBus, DataIrs, DataOdo, DataRanges, DataSrfs, Range, Reading};
 use module::bench::Bench;
 use module::{Action, Input, Output, Shell, ShellConfig, State};
 use rs485::boards::{GET_VERSION, Version};
@@ -29,6 +29,7 @@ fn config() -> Config {
         x: f64::from(id),
         y: 0.5,
         theta: -1.0,
+        beam: 0.96,
     };
     Config {
         bus: "rs485.a".into(),
@@ -54,11 +55,42 @@ struct FakeBoard {
     status: Status,
     srfs: sd1::Srfs,
     irs: sd1::Irs,
+    /// Approaches a wall: its sonars fire in their slots, and read where it was then.
+    approach: Option<Approach>,
     ticks: Vec<i16>,
     /// Ticks per second, from 0 at `driving_since`.
     speed: f64,
     driving_since: Instant,
     asked: Vec<u8>,
+}
+
+/// A robot that drives towards a wall all its sonars look at.
+#[derive(Clone, Copy, Debug)]
+struct Approach {
+    /// Beginning of the board's first slot.
+    phase: Duration,
+    /// m/s.
+    speed: f64,
+    /// Distance at time zero, m.
+    from: f64,
+}
+
+impl Approach {
+    /// The last finished slot of each channel at `now`, mm.
+    fn srfs(&self, now: Instant) -> sd1::Srfs {
+        let slots = now.since(Instant::ZERO + self.phase).as_nanos() / sd1::SLOT.as_nanos();
+        let measure = |channel: u128| {
+            let slot = (0..slots).rev().find(|slot| slot % 3 == channel % 3)?;
+            let fired = self.phase + sd1::SLOT * slot as u32;
+            Some((1000.0 * (self.from - self.speed * fired.as_secs_f64())).round() as u16)
+        };
+        (0..8).map(|channel| measure(channel).unwrap_or(sd1::NO_ECHO)).collect()
+    }
+
+    /// When the sonar fired that measured this, s.
+    fn fired(&self, distance: f64) -> f64 {
+        (self.from - distance) / self.speed
+    }
 }
 
 impl FakeBoard {
@@ -69,6 +101,7 @@ impl FakeBoard {
             status: Status::Ok,
             srfs: [1000; 8].into_iter().collect(),
             irs: [120, 121].into_iter().collect(),
+            approach: None,
             ticks: vec![0, 0],
             speed: 0.0,
             driving_since: Instant::ZERO,
@@ -83,7 +116,8 @@ impl FakeBoard {
         self.asked.push(asked.instruction);
         let driven = (now.since(self.driving_since).as_secs_f64() * self.speed) as i64 as i16;
         let ticks = self.ticks.iter().map(|tick| tick.wrapping_add(driven)).collect();
-        let both = sd1::Both { srfs: self.srfs.clone(), irs: self.irs.clone() };
+        let srfs = self.approach.map_or_else(|| self.srfs.clone(), |approach| approach.srfs(now));
+        let both = sd1::Both { srfs, irs: self.irs.clone() };
         match (asked.instruction, self.slave.config().address) {
             _ if self.status != Status::Ok => self.slave.respond(self.status, &[]),
             (code, _) if code == GET_VERSION.code => {
@@ -114,7 +148,11 @@ struct Wire {
 impl Wire {
     /// On a wire where nothing is open yet.
     fn closed() -> Self {
-        let module = Rs485a::new(config()).unwrap();
+        Self::with(config())
+    }
+
+    fn with(config: Config) -> Self {
+        let module = Rs485a::new(config).unwrap();
         let shell = Shell::new(ShellConfig::new("driver_rs485a"), Box::new(module));
         let mut wire = Self {
             bench: Bench::new(shell),
@@ -224,6 +262,10 @@ impl Wire {
         self.take(|message| if let Message::LlDataIrs(irs) = message { Some(irs.clone()) } else { None })
     }
 
+    fn ranges(&mut self) -> Vec<(Instant, DataRanges)> {
+        self.take(|message| if let Message::LlDataRanges(ranges) = message { Some(ranges.clone()) } else { None })
+    }
+
     fn bus(&mut self) -> Vec<(Instant, DataBus)> {
         self.take(|message| if let Message::LlDataBus(bus) = message { Some(bus.clone()) } else { None })
     }
@@ -237,7 +279,7 @@ impl Wire {
                     news.push(format!("{:?} {} {}", report.severity, report.fault.name(), report.subject));
                 }
                 Action::State(state) => news.push(state.to_string()),
-                Action::Note(line) => news.push(line),
+                Action::Note(_, line) => news.push(line),
                 _ => {}
             }
         }
@@ -574,9 +616,7 @@ fn statistics_come_once_a_second() {
 fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
     let mut config = config();
     config.nodes.iter_mut().for_each(|node| node.rate_hz = 10_000.0);
-    let shell = Shell::new(ShellConfig::new("driver_rs485a"), Box::new(Rs485a::new(config).unwrap()));
-    let mut wire = Wire { bench: Bench::new(shell), ..Wire::closed() };
-    wire.bench.event(Event::Start);
+    let mut wire = Wire::with(config);
     wire.port(Input::Up);
     wire.run(ms(3000));
     let (_, bus) = wire.bus().pop().unwrap();
@@ -657,4 +697,153 @@ fn what_is_on_the_wire_stands_in_the_boards_page() {
     // 16 ticks each in about 50 ms.
     assert_eq!((odo.unwrap().ticks_left, odo.unwrap().ticks_right), (16, 16));
     assert!((odo.unwrap().translation - 16.0 * 1.534e-4 / 0.05).abs() < 0.01);
+}
+
+/// A letter for each reading: measured, silent, unknown.
+fn statuses(ranges: &DataRanges) -> String {
+    let letter = |reading: &Reading| {
+        assert_eq!(reading.distance.is_finite(), reading.status == Reading::MEASURED);
+        match reading.status {
+            Reading::MEASURED => 'm',
+            Reading::SILENT => 's',
+            _ => 'u',
+        }
+    };
+    ranges.readings.iter().map(letter).collect()
+}
+
+#[test]
+fn a_reading_says_whether_it_was_measured_silent_or_is_not_known() {
+    let mut wire = Wire::closed();
+    wire.run(ms(1500));
+    let before = wire.ranges();
+    assert_eq!(before.len(), 2, "at the start and a second later");
+    assert_eq!(statuses(&before[0].1), "uuuuuuuuuuuuuuuuuuuu");
+    assert!(before[0].1.readings.iter().all(|reading| reading.timestamp == 0), "never measured");
+    wire.port(Input::Up);
+    wire.front().srfs = [500, 0, 1500, 2000, 0, 3000, 3500].into_iter().collect();
+    wire.rear().irs = [255, 90].into_iter().collect();
+    wire.run(ms(2000));
+    let (at, last) = wire.ranges().pop().unwrap();
+    // The front board has no channel 7.
+    assert_eq!(statuses(&last), "msmmsmmummmmmmmmmmsm");
+    assert_eq!(last.timestamp, (at.as_nanos() / 1000) as i64);
+    let ids: Vec<(i8, i32)> = last.readings.iter().map(|reading| (reading.kind, reading.id)).collect();
+    let of = |kind: i8, count: i32| (0..count).map(move |id| (kind, id));
+    assert_eq!(ids, of(Reading::SONAR, 16).chain(of(Reading::INFRARED, 4)).collect::<Vec<_>>());
+    let Reading { distance, x, y, theta, beam, .. } = last.readings[2];
+    assert_eq!((distance, x, y, theta, beam), (1.5, 2.0, 0.5, -1.0, 0.96));
+    // Fired 70 to 280 ms before the board was asked; the floor is measured 16.5 to 33 ms before.
+    let age = |n: usize| (last.timestamp - last.readings[n].timestamp) as f64 / 1e3;
+    assert!((age(2) - 175.0).abs() < 6.0 && (age(19) - 24.75).abs() < 6.0, "{} {}", age(2), age(19));
+}
+
+#[test]
+fn ranges_of_a_board_that_fails_or_lies_are_not_known_at_once() {
+    let mut wire = Wire::open();
+    wire.run(ms(2000));
+    wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
+    wire.run(ms(500));
+    let before = wire.ranges().pop().unwrap().1;
+    assert_eq!(statuses(&before), "mmmmmmmmssssssssmmmm");
+    wire.front().dead = true;
+    wire.run(ms(300));
+    let after = wire.ranges().pop().unwrap().1;
+    assert_eq!(statuses(&after), "uuuuuuuussssssssuumm", "one poll and its retries");
+    assert_eq!(after.readings[0].timestamp, before.readings[0].timestamp, "when it was measured last");
+    wire.run(ms(8000));
+    assert_eq!(statuses(&wire.ranges().pop().unwrap().1), "uuuuuuuussssssssuumm", "lost");
+    wire.front().dead = false;
+    wire.front().srfs[3] = 30_000;
+    wire.run(ms(3000));
+    assert_eq!(statuses(&wire.ranges().pop().unwrap().1), "uuuuuuuussssssssuumm", "implausible");
+}
+
+#[test]
+fn a_board_that_is_back_has_heard_nothing_only_after_a_sweep() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.front().dead = true;
+    wire.run(ms(1000));
+    wire.ranges();
+    wire.front().dead = false;
+    wire.front().srfs = [900, 0, 0, 0, 0, 0, 0, 0].into_iter().collect();
+    wire.run(ms(1000));
+    let fronts: Vec<String> = wire.ranges().iter().map(|(_, ranges)| statuses(ranges)[..8].to_owned()).collect();
+    assert_eq!(fronts, ["muuuuuuu", "msssssss", "msssssss", "msssssss"]);
+}
+
+#[test]
+fn in_stop_and_without_a_port_ranges_are_not_known_and_that_is_published() {
+    let mut wire = Wire::open();
+    wire.run(ms(1000));
+    wire.ranges();
+    wire.command(State::Stop);
+    let ranges = wire.ranges();
+    assert_eq!(ranges.len(), 1);
+    assert_eq!(statuses(&ranges[0].1), "u".repeat(20));
+    wire.srfs();
+    wire.run(ms(3500));
+    assert_eq!((wire.ranges().len(), wire.srfs().len()), (3, 0), "each second; not in the view of 2011");
+    wire.command(State::Run);
+    wire.run(ms(1000));
+    assert_eq!(statuses(&wire.ranges().pop().unwrap().1), "m".repeat(20));
+    wire.port(Input::Down("unplugged"));
+    assert_eq!(statuses(&wire.ranges().pop().unwrap().1), "u".repeat(20));
+}
+
+/// How far the instants of readings are off at most, ms, and in the mean square: at this rate, over all phases of the
+/// board's slots, once `settle` has passed.
+fn instants(rate_hz: f64, settle: Duration) -> (f64, f64) {
+    let (mut worst, mut squares, mut count) = (0.0f64, 0.0, 0.0);
+    for phase in 0..21 {
+        let mut config = config();
+        config.nodes.iter_mut().filter(|node| node.kind == Kind::Sd1).for_each(|node| node.rate_hz = rate_hz);
+        let mut wire = Wire::with(config);
+        let approach = Approach { phase: ms(10 * phase), speed: 0.8, from: 8.0 };
+        wire.front().approach = Some(approach);
+        wire.port(Input::Up);
+        wire.run(settle);
+        wire.ranges();
+        wire.run(ms(5000));
+        for (_, ranges) in wire.ranges() {
+            for reading in ranges.readings[..8].iter().filter(|reading| reading.status == Reading::MEASURED) {
+                let off = 1e3 * (reading.timestamp as f64 / 1e6 - approach.fired(reading.distance));
+                worst = worst.max(off.abs());
+                squares += off * off;
+                count += 1.0;
+            }
+        }
+    }
+    (worst, (squares / count).sqrt())
+}
+
+#[test]
+fn each_reading_has_the_instant_at_which_its_sonar_fired_whatever_the_rate() {
+    // 4 Hz and less: a whole sweep may have passed since, and nothing narrows it down.
+    for rate in [2.0, 4.0] {
+        let (worst, rms) = instants(rate, ms(1000));
+        assert!(worst < 112.0 && rms < 68.0, "{rate} Hz: {worst:.1} ms at most, {rms:.1} ms");
+    }
+    for (rate, limits) in [(5.0, (100.0, 55.0)), (10.0, (20.0, 5.0)), (20.0, (10.0, 5.0))] {
+        let (worst, rms) = instants(rate, ms(2000));
+        assert!(worst < limits.0 && rms < limits.1, "{rate} Hz: {worst:.1} ms at most, {rms:.1} ms");
+    }
+}
+
+#[test]
+fn a_measurement_that_is_read_again_keeps_its_instant() {
+    let mut config = config();
+    config.nodes.iter_mut().for_each(|node| node.rate_hz = 20.0);
+    let mut wire = Wire::with(config);
+    wire.front().approach = Some(Approach { phase: ms(30), speed: 0.8, from: 8.0 });
+    wire.port(Input::Up);
+    wire.run(ms(5000));
+    let read: Vec<(i64, f64)> =
+        wire.ranges().iter().map(|(_, ranges)| (ranges.readings[0].timestamp, ranges.readings[0].distance)).collect();
+    let read = &read[20..];
+    assert!(read.windows(2).all(|pair| (pair[0].0 == pair[1].0) == (pair[0].1 == pair[1].1)), "{read:?}");
+    assert!(read.is_sorted_by_key(|(at, _)| *at));
+    let measured = read.windows(2).filter(|pair| pair[0].0 != pair[1].0).count();
+    assert!((17..=21).contains(&measured), "once in 210 ms of 4 s: {measured}");
 }

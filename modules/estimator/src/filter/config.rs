@@ -1,4 +1,4 @@
-//! What the filter is told of the robot and its surroundings.
+//! Configuration of the filter: the robot and its surroundings.
 
 use navitools::Point;
 use std::fmt;
@@ -8,20 +8,20 @@ use std::fmt;
 pub struct Beacon {
     /// Its number.
     pub id: i32,
-    /// Where it is, m.
+    /// Position in the map, m.
     pub at: Point,
 }
 
-/// How a measured way scatters: variances add up over way and time.
+/// Noise of measured motion; variances add up over distance and time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Along the way, m for each √m of it.
+    /// Along the path, m/√m.
     pub along_per_m: f64,
-    /// Along the way, m for each √s of driving.
+    /// Along the path, m/√s while driving.
     pub along_per_s: f64,
-    /// Of the heading, rad for each √m of the way.
+    /// Heading, rad/√m.
     pub turn_per_m: f64,
-    /// Of the heading, rad for each √s of driving.
+    /// Heading, rad/√s while driving.
     pub turn_per_s: f64,
 }
 

@@ -1,30 +1,30 @@
-//! The last two seconds: what was measured, in the order of when, and the state after each.
+//! History of the last two seconds: measurements in the order of their instants, and the state after each.
 
 use super::state::{Sight, State, Step};
 use base::{Duration, Instant};
 use std::collections::VecDeque;
 
-/// What is older than this is no longer re-run.
-pub const KEPT: Duration = Duration::from_secs(2);
+/// Length of the history: older measurements are final.
+pub const HISTORY: Duration = Duration::from_secs(2);
 
 /// A measurement.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
-    /// Where the history begins.
+    /// Begin of the history.
     Begin,
-    /// A way up to then.
+    /// A motion step up to this instant.
     Way(Step),
     /// A bearing.
     Bearing {
         sight: Sight,
-        /// Not judged yet.
+        /// True until it has been processed.
         fresh: bool,
-        /// Whether it may change the state, or is only looked at.
+        /// True if it may change the state; false if only its fit is computed.
         used: bool,
     },
 }
 
-/// Something measured, and how things stand after it.
+/// A measurement and the state after it.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     pub at: Instant,
@@ -32,13 +32,13 @@ pub struct Entry {
     pub state: State,
 }
 
-/// The ring of them; never empty.
+/// Ring of entries; never empty.
 #[derive(Debug)]
 pub struct History {
     entries: VecDeque<Entry>,
-    /// From here on states are to be worked out anew.
+    /// Index from which states must be computed again.
     pub dirty: usize,
-    /// The last way before the beginning.
+    /// Last motion step before the beginning.
     left: Step,
 }
 
@@ -57,7 +57,7 @@ impl History {
         self.entries[0].at
     }
 
-    /// Begins anew where it ends, with another state.
+    /// Restarts the history at its end with another state.
     pub fn restart(&mut self, state: &State) {
         self.left = self.last_step();
         let last = Entry { kind: Kind::Begin, state: *state, ..*self.last() };
@@ -66,19 +66,19 @@ impl History {
         self.dirty = 1;
     }
 
-    /// Appends a way up to `at`, later than the last entry.
+    /// Appends a motion step up to `at`, later than the last entry.
     pub fn push(&mut self, at: Instant, step: Step) {
         let state = self.last().state;
         self.entries.push_back(Entry { at, kind: Kind::Way(step), state });
-        // The first one keeps its state, and is the new beginning.
-        while self.dirty > 1 && self.entries.get(1).is_some_and(|second| at.since(second.at) > KEPT) {
+        // The first entry keeps its state and becomes the beginning.
+        while self.dirty > 1 && self.entries.get(1).is_some_and(|second| at.since(second.at) > HISTORY) {
             self.entries.pop_front();
             self.dirty -= 1;
         }
     }
 
-    /// The place after everything up to `at`, where a bearing of then belongs; a way that goes on beyond it is parted.
-    /// `at` is not before the first entry and not after the last.
+    /// Index at which a bearing of `at` belongs; splits a motion step that extends beyond it. `at` lies between the
+    /// first and the last entry.
     pub fn place(&mut self, at: Instant) -> usize {
         let mut place = self.entries.len();
         while place > 1 && self.entries[place - 1].at > at {
@@ -102,35 +102,35 @@ impl History {
         self.dirty = self.dirty.min(place);
     }
 
-    /// The entry before a place.
+    /// Entry before an index.
     pub fn before(&self, place: usize) -> &Entry {
         &self.entries[place - 1]
     }
 
-    /// The way that a moment at a place is in, or else the last one before it.
+    /// Motion step that contains the instant at an index, or else the last one before it.
     pub fn step_at(&self, place: usize) -> Step {
         let is_way = |entry: &Entry| if let Kind::Way(step) = entry.kind { Some(step) } else { None };
         let on = self.entries.get(place).and_then(is_way);
         on.or_else(|| self.entries.range(..place).rev().find_map(is_way)).unwrap_or(self.left)
     }
 
-    /// The last way.
+    /// Last motion step.
     pub fn last_step(&self) -> Step {
         self.step_at(self.entries.len())
     }
 
-    /// The places of bearings that changed the state, the newest first; not the last entry's.
+    /// Indices of the bearings that changed the state, newest first, without the last entry.
     pub fn bearings(&self) -> impl Iterator<Item = usize> {
         let end = self.entries.len() - 1;
         (1..end).rev().filter(|place| matches!(self.entries[*place].kind, Kind::Bearing { used: true, .. }))
     }
 
-    /// The entries from a place on.
+    /// Entries from an index on.
     pub fn from(&self, place: usize) -> impl Iterator<Item = &Entry> {
         self.entries.range(place..)
     }
 
-    /// The bearing at this place is only looked at from now on: what follows is to be worked out anew.
+    /// Excludes the bearing at this index from the estimate; later states are computed again.
     pub fn take_back(&mut self, place: usize) {
         if let Kind::Bearing { used, .. } = &mut self.entries[place].kind {
             *used = false;
@@ -138,7 +138,7 @@ impl History {
         }
     }
 
-    /// The next entry that is to be worked out, and the state before it.
+    /// Next entry to be processed, and the state before it.
     pub fn next(&mut self) -> Option<(State, &mut Entry)> {
         let place = self.dirty;
         let state = self.entries.get(place.checked_sub(1)?)?.state;

@@ -1,28 +1,28 @@
-//! The state of the filter, and what a step of odometry and a bearing do to it.
+//! State of the filter: prediction by a motion step, and update by a bearing.
 //!
-//! Read first: docs/facts/robot.md 3.1. Beside the pose the state has what no robot knows of itself exactly; all of it is
+//! Read first: docs/facts/robot.md 3.1. Beside the pose, the state holds calibration parameters of the robot; they are
 //! constant over a run and observable while the robot drives with two beacons in sight.
 
 use base::{Duration, Instant};
 use navitools::{Motion, Point, Pose, wrap};
 
-/// Numbers in the state.
+/// Dimension of the state.
 pub const N: usize = 8;
-/// Position in the world, m, and heading, rad.
+/// Index of the position in the map, m, and of the heading, rad.
 pub const X: usize = 0;
 pub const Y: usize = 1;
 pub const THETA: usize = 2;
-/// How far the sensor is turned against the robot, rad.
+/// Index of the sensor's mounting angle, rad.
 pub const TURN: usize = 3;
-/// By what part the way is longer than the odometry says.
+/// Index of the relative error of measured distance.
 pub const SCALE: usize = 4;
-/// Turning per metre that the odometry does not see, rad/m: wheels of unequal size.
+/// Index of the rotation per metre that the odometry does not measure, rad/m (wheels of unequal size).
 pub const BEND: usize = 5;
-/// By what part the robot turns further than the odometry says: the track's error.
+/// Index of the relative error of measured rotation (error of the track width).
 pub const TRACK: usize = 6;
-/// How long before its stamp a bearing was taken, s.
+/// Index of the delay from a bearing's measurement to its time stamp, s.
 pub const DELAY: usize = 7;
-/// Numbers that are no pose.
+/// Number of calibration parameters.
 const REST: usize = N - 3;
 
 /// Mean and covariance.
@@ -32,19 +32,19 @@ pub struct State {
     pub cov: [[f64; N]; N],
 }
 
-/// The robot's way during a short time, as measured, and the variances of that.
+/// A measured motion step and its variances.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
     pub seconds: f64,
     pub way: Motion,
-    /// m².
+    /// Variance along the direction of travel, m².
     pub along: f64,
-    /// rad².
+    /// Variance of the rotation, rad².
     pub turn: f64,
 }
 
 impl Step {
-    /// The same motion for a part (0 to 1) of the time.
+    /// The fraction `part` (0 to 1) of this step.
     pub fn part(&self, part: f64) -> Self {
         Self {
             seconds: self.seconds * part,
@@ -54,58 +54,58 @@ impl Step {
         }
     }
 
-    /// m/s and rad/s; nothing for no time.
+    /// Velocities, m/s and rad/s; zero for a step of no duration.
     pub fn rates(&self) -> Motion {
         let per_s = if self.seconds > 0.0 { 1.0 / self.seconds } else { 0.0 };
         Motion { translation: self.way.translation * per_s, rotation: self.way.rotation * per_s }
     }
 }
 
-/// A bearing as it is applied to the state of some moment.
+/// A bearing as applied to the state of an instant.
 #[derive(Clone, Copy, Debug)]
 pub struct Sight {
-    /// The beacon's place in the map.
+    /// Index of the beacon in the map.
     pub number: usize,
-    /// The beacon, m.
+    /// Position of the beacon, m.
     pub beacon: Point,
-    /// Measured, rad.
+    /// Measured direction in the sensor frame, rad.
     pub bearing: f64,
-    /// rad².
+    /// Variance of the direction, rad².
     pub variance: f64,
     /// The sensor in the robot frame, m.
     pub mount: Point,
-    /// How the robot moved then, as measured.
+    /// Measured velocity at that instant, m/s and rad/s.
     pub rates: Motion,
-    /// From the state's moment to the bearing's stamp, s.
+    /// Time from the state's instant to the bearing's time stamp, s.
     pub later: f64,
 }
 
 impl Sight {
-    /// When it was stamped, of a state of `at`.
+    /// Time stamp of a bearing applied to the state of `at`.
     pub fn stamp(&self, at: Instant) -> Instant {
         let later = Duration::from_secs_f64(self.later.abs());
         if self.later >= 0.0 { at + later } else { at - later }
     }
 }
 
-/// How a bearing fits.
+/// Fit of a bearing to the state.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
-    /// Measured less expected, rad.
+    /// Innovation: measured minus expected direction, rad.
     pub innovation: f64,
-    /// Its expected variance, rad².
+    /// Expected variance of the innovation, rad².
     pub variance: f64,
-    /// Covariance of the state with it.
+    /// Covariance of the state with the innovation.
     cross: [f64; N],
 }
 
 impl Fit {
-    /// The squared innovation in its deviations.
+    /// Squared Mahalanobis distance of the innovation.
     pub fn distance(&self) -> f64 {
         self.innovation * self.innovation / self.variance
     }
 
-    /// The density of the innovation, 1/rad.
+    /// Probability density of the innovation, 1/rad.
     pub fn density(&self) -> f64 {
         libm::exp(-0.5 * self.distance()) / libm::sqrt(core::f64::consts::TAU * self.variance)
     }
@@ -116,40 +116,40 @@ impl State {
         Pose::new(self.mean[X], self.mean[Y], self.mean[THETA])
     }
 
-    /// The way as the state knows it from the measured one.
+    /// Motion corrected by the calibration parameters.
     pub fn corrected(&self, way: Motion) -> Motion {
         let rotation = (1.0 + self.mean[TRACK]) * way.rotation + self.mean[BEND] * way.translation;
         Motion { translation: (1.0 + self.mean[SCALE]) * way.translation, rotation }
     }
 
-    /// The pose's covariance.
+    /// Covariance of the pose; m², m rad, rad².
     pub fn pose_covariance(&self) -> [[f64; 3]; 3] {
         core::array::from_fn(|row| core::array::from_fn(|column| self.cov[row][column]))
     }
 
-    /// The larger deviation of the position, m, and that of the heading, rad.
+    /// Standard deviations: the larger one of the position, m, and that of the heading, rad.
     pub fn deviations(&self) -> (f64, f64) {
         deviations(&self.pose_covariance())
     }
 
-    /// The state after a step. `walk`: variance per second by which each number that is no pose may change.
+    /// Predicts the state after a motion step. `walk`: variance per second of each calibration parameter's random walk.
     pub fn predict(&mut self, step: &Step, walk: &[f64; REST]) {
         let way = self.corrected(step.way);
         let middle = self.mean[THETA] + way.rotation / 2.0;
         let (sin, cos) = libm::sincos(middle);
         let end = self.pose().along(way);
         (self.mean[X], self.mean[Y], self.mean[THETA]) = (end.x, end.y, end.theta.radians());
-        // What a turn does to the position: it moves across the chord.
+        // A rotation moves the position across the chord.
         let (across_x, across_y) = (-way.translation * sin, way.translation * cos);
         let (d, a) = (step.way.translation, step.way.rotation);
-        // Derivatives of x, y, theta by scale, bend and track; those by turn and delay are zero.
+        // Derivatives of x, y, θ by scale, bend and track; those by mounting angle and delay are zero.
         let rest = [
             [d * cos, across_x * d / 2.0, across_x * a / 2.0],
             [d * sin, across_y * d / 2.0, across_y * a / 2.0],
             [0.0, d, a],
         ];
         let cov = &mut self.cov;
-        // Rows of the pose times the transition: first by rows ...
+        // Transition times covariance, pose rows first ...
         let mut rows = [[0.0; N]; 3];
         for column in 0..N {
             let theta = cov[THETA][column];
@@ -159,7 +159,7 @@ impl State {
                 rows[row][column] = cov[row][column] + across * theta + by[0] * scale + by[1] * bend + by[2] * track;
             }
         }
-        // ... then by columns: only those of the pose change.
+        // ... then columns: only those of the pose change.
         for (row, sums) in rows.iter().enumerate() {
             for (column, by) in rest.iter().enumerate().skip(row) {
                 let across = [across_x, across_y, 0.0][column];
@@ -188,7 +188,7 @@ impl State {
         }
     }
 
-    /// How a bearing fits; `None` for a beacon that is too near to have a direction.
+    /// Fit of a bearing; `None` for a beacon too close to have a direction.
     pub fn fit(&self, sight: &Sight) -> Option<Fit> {
         let rates = self.corrected(sight.rates);
         let after = sight.later - self.mean[DELAY];
@@ -206,7 +206,7 @@ impl State {
         (by[X], by[Y]) = (by_x, by_y);
         by[THETA] = by_x * (self.mean[Y] - sensor.y) + by_y * (sensor.x - self.mean[X]) - 1.0;
         by[TURN] = -1.0;
-        // A longer delay means an earlier pose.
+        // A longer delay refers to an earlier pose.
         let (sin, cos) = own.theta.sin_cos();
         let velocity_x = rates.translation * cos - rates.rotation * (sensor.y - own.y);
         let velocity_y = rates.translation * sin + rates.rotation * (sensor.x - own.x);
@@ -216,14 +216,14 @@ impl State {
             *sum = row.iter().zip(&by).map(|(cov, by)| cov * by).sum();
         }
         let spread: f64 = cross.iter().zip(&by).map(|(cross, by)| cross * by).sum();
-        // What the direction's curvature makes of an unsure position, in second order.
+        // Second-order term: curvature of the direction over an uncertain position.
         let near = (self.cov[X][X] + self.cov[Y][Y]) / square;
         let variance = spread + sight.variance + 0.5 * near * near;
         Some(Fit { innovation: wrap(sight.bearing - expected), variance, cross })
     }
 
-    /// Takes a bearing that is right with probability `right`: what is gained is weighed with that, and what is left
-    /// open between right and wrong stays in the covariance (probabilistic data association, one measurement).
+    /// Updates the state by a bearing that is an inlier with probability `right`: the gain is weighted by it, and the
+    /// uncertainty of the association stays in the covariance (probabilistic data association with one measurement).
     pub fn update(&mut self, fit: &Fit, right: f64) {
         let gain = fit.cross.map(|cross| cross / fit.variance);
         for (mean, gain) in self.mean.iter_mut().zip(&gain) {
@@ -241,7 +241,7 @@ impl State {
     }
 }
 
-/// The larger deviation of the position, m, and that of the heading, rad.
+/// Standard deviations: the larger one of the position, m, and that of the heading, rad.
 pub fn deviations(cov: &[[f64; 3]; 3]) -> (f64, f64) {
     let (half, difference) = ((cov[0][0] + cov[1][1]) / 2.0, (cov[0][0] - cov[1][1]) / 2.0);
     let largest = half + libm::hypot(difference, cov[0][1]);

@@ -2,9 +2,9 @@
 
 use messages::middlelevel::{DataEstimate, DataObstacles};
 
+use super::robot::{Beacon, RobotScene};
 use super::standard::Standard;
 use super::write::{Color, Fields, Pose, To};
-use super::{Beacon, RobotScene};
 
 /// What does not move is shown again after so long, for those who begin to look in the middle: µs.
 const AGAIN: u64 = 1_000_000;

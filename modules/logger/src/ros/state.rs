@@ -4,24 +4,29 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use base::Fault;
-use messages::common::{CmdLog, DataProcesses, DataState, Error, Process};
-use messages::lowlevel::{DataOdo, DataPower, DataTemperature, Range};
+use messages::common::{self, CmdLog, DataFaults, DataProcesses, DataState, Error, EventText, Process};
+use messages::lowlevel::{DataHold, DataOdo, DataPower, DataRanges, DataTemperature, Hold, Range, Reading};
 use messages::middlelevel::{DataEstimate, DataPlan};
-use messages::{Channel, Message};
+use messages::{Channel, Message, fault_name};
 
+use super::robot::{RobotScene, Sensor};
 use super::scene::{self, Scene};
 use super::standard::Standard;
 use super::write::{Pose, To};
-use super::{RobotScene, Sensor};
 
 /// Where sensors sit is told again after so long: µs.
 const AGAIN: u64 = 1_000_000;
+/// Ranges of 2011 count again when `LL_DATA_RANGES`, which comes each second, has not come for this long: µs.
+const RANGES_GONE: u64 = 1_500_000;
 /// Odometry with a gap longer than this goes on where it was: µs.
 const ODOMETRY_GAP: i64 = 1_000_000;
 /// How far the robot may have come in that gap, m; more is an odometry that began anew.
 const ODOMETRY_STEP: f64 = 5.0;
 /// How many range finders, and how many thermometers, have topics.
 const SENSORS_MAX: usize = 64;
+/// Maximum number of modules whose active faults have statuses, and of faults of each.
+const MODULES_MAX: usize = 200;
+const FAULTS_MAX: usize = 256;
 /// The longest name of a thermometer that has a topic, bytes.
 const NAME_MAX: usize = 64;
 
@@ -36,7 +41,17 @@ pub struct State {
     odometry: Odometry,
     sonars: Sensors,
     infrared: Sensors,
+    rangers: Sensors,
+    /// Timestamp of the last `LL_DATA_RANGES`: while they come, the view of 2011 has nothing to add.
+    ranges: Option<i64>,
     temperatures: BTreeMap<String, Arc<str>>,
+    faults: Faults,
+}
+
+/// The faults that have a status which is not OK, by module: their numbers and subjects.
+#[derive(Clone, Debug, Default)]
+struct Faults {
+    modules: BTreeMap<String, Vec<(i32, String)>>,
 }
 
 /// Where odometry alone says that the robot is, in the frame `odom`: there it began.
@@ -51,6 +66,16 @@ struct Sensors {
     /// Topic and frame by the sensor's number.
     known: BTreeMap<i32, [String; 2]>,
     shown: Option<i64>,
+    /// Stamp of the last measurement by the sensor's number.
+    last: BTreeMap<i32, i64>,
+}
+
+/// What a range finder's messages have besides its measurement.
+#[derive(Clone, Copy)]
+struct Finder {
+    id: i32,
+    place: Pose,
+    sensor: Sensor,
 }
 
 /// Whether messages on the channel have a standard form.
@@ -59,11 +84,15 @@ pub fn has_standard(channel: Channel) -> bool {
         channel,
         Channel::CmDataState
             | Channel::CmEventError
+            | Channel::CmDataFaults
+            | Channel::CmEventText
             | Channel::CmDataProcesses
             | Channel::CmCmdLog
+            | Channel::LlDataHold
             | Channel::LlDataOdo
             | Channel::LlDataSrfs
             | Channel::LlDataIrs
+            | Channel::LlDataRanges
             | Channel::LlDataPower
             | Channel::LlDataTemperature
             | Channel::MlDataEstimate
@@ -78,18 +107,28 @@ impl State {
         let robot = &scene.robot;
         match message {
             Message::CmDataState(state) => module_state(robot, state, to),
-            Message::CmEventError(error) => module_error(robot, error, to),
+            Message::CmEventError(error) => {
+                // Of a module that lists its faults the lists have the statuses.
+                if !self.faults.modules.contains_key(&error.module) {
+                    module_error(robot, error, to);
+                }
+                error_text(error, to);
+            }
+            Message::CmDataFaults(list) => self.faults.translate(robot, list, to),
+            Message::CmEventText(text) => module_text(text, to),
             Message::CmDataProcesses(processes) => module_processes(robot, processes, to),
             Message::CmCmdLog(command) if command.action == CmdLog::MARK => {
                 mark(&robot.name, command.timestamp, &command.text, to);
             }
+            Message::LlDataHold(list) => module_holds(robot, list, to),
             Message::LlDataOdo(odo) => self.odometry.translate(odo, to),
-            Message::LlDataSrfs(sonars) => {
-                self.sonars.translate(("", "sonar_", 0), robot.sonar, sonars.timestamp, &sonars.srfs, to);
+            Message::LlDataSrfs(sonars) if self.lacks_ranges(sonars.timestamp) => {
+                self.sonars.translate_old(SONAR, robot.sonar, sonars.timestamp, &sonars.srfs, to);
             }
-            Message::LlDataIrs(infrared) => {
-                self.infrared.translate(("ir_", "ir_", 1), robot.infrared, infrared.timestamp, &infrared.irs, to);
+            Message::LlDataIrs(infrared) if self.lacks_ranges(infrared.timestamp) => {
+                self.infrared.translate_old(INFRARED, robot.infrared, infrared.timestamp, &infrared.irs, to);
             }
+            Message::LlDataRanges(ranges) => self.ranges(robot, ranges, to),
             Message::LlDataPower(power) => battery(power, to),
             Message::LlDataTemperature(temperatures) => self.temperatures(temperatures, to),
             Message::MlDataEstimate(estimate) => {
@@ -100,6 +139,18 @@ impl State {
             Message::MlDataObstacles(obstacles) => scene::obstacles(obstacles, to),
             _ => {}
         }
+    }
+
+    fn lacks_ranges(&self, timestamp: i64) -> bool {
+        self.ranges.is_none_or(|last| last.abs_diff(timestamp) >= RANGES_GONE)
+    }
+
+    fn ranges(&mut self, robot: &RobotScene, message: &DataRanges, to: &mut To<'_, '_>) {
+        self.ranges = Some(message.timestamp);
+        let of = |kind| message.readings.iter().filter(move |reading| reading.kind == kind);
+        self.sonars.translate(SONAR, robot.sonar, message.timestamp, of(Reading::SONAR), to);
+        self.infrared.translate(INFRARED, robot.infrared, message.timestamp, of(Reading::INFRARED), to);
+        self.rangers.translate(OTHER, Sensor::default(), message.timestamp, of(Reading::OTHER), to);
     }
 
     fn temperatures(&mut self, message: &DataTemperature, to: &mut To<'_, '_>) {
@@ -121,6 +172,54 @@ impl State {
                 fields.to.f64(thermometer.value);
                 fields.to.f64(0.0); // variance: unknown
             });
+        }
+    }
+}
+
+impl Faults {
+    /// One status for each fault and subject: while it is active, and once more, OK, when it is cleared. Where the watchdog
+    /// says that a module does not run, STALE: nobody knows.
+    fn translate(&mut self, robot: &RobotScene, list: &DataFaults, to: &mut To<'_, '_>) {
+        if !self.modules.contains_key(&list.module) && self.modules.len() == MODULES_MAX {
+            to.topics.leave_out();
+            return;
+        }
+        let active = &list.faults[..list.faults.len().min(FAULTS_MAX)];
+        let down = list.is_down();
+        let known = self.modules.entry(list.module.clone()).or_default();
+        let is = |fault: &common::Fault, (number, subject): &(i32, String)| {
+            fault.number == *number && fault.subject == *subject
+        };
+        let gone: Vec<_> = known.iter().filter(|old| !active.iter().any(|fault| is(fault, old))).cloned().collect();
+        if !active.is_empty() || !gone.is_empty() {
+            to.send("/diagnostics", Standard::DiagnosticArray, |fields| {
+                fields.header(list.timestamp, "");
+                fields.to.count(active.len() + gone.len());
+                for fault in active {
+                    let level = level_of(fault.severity);
+                    let values = [
+                        ("number", format!("0x{:04X}", fault.number)),
+                        ("subject", fault.subject.clone()),
+                        ("since", fault.since.to_string()),
+                    ];
+                    let name = status_name(&list.module, fault.number, &fault.subject);
+                    fields.status(level, &name, &fault.message, &robot.name, &values);
+                }
+                let (level, message) =
+                    if down { (STALE, "not known: the module does not run") } else { (OK, "cleared") };
+                for (number, subject) in &gone {
+                    let values = [("number", format!("0x{number:04X}")), ("subject", subject.clone())];
+                    fields.status(level, &status_name(&list.module, *number, subject), message, &robot.name, &values);
+                }
+            });
+        }
+        let now = active.iter().map(|fault| (fault.number, fault.subject.clone()));
+        if down {
+            // What was known before is to be cleared by the module itself.
+            known.retain(|(number, _)| *number != Fault::ModuleDown as i32);
+            known.push((Fault::ModuleDown as i32, list.module.clone()));
+        } else {
+            *known = now.collect();
         }
     }
 }
@@ -151,48 +250,97 @@ impl Odometry {
     }
 }
 
+/// Beginning of topics, beginning of frames, radiation (`sensor_msgs/msg/Range`).
+type Names = (&'static str, &'static str, u8);
+const SONAR: Names = ("", "sonar_", 0);
+const INFRARED: Names = ("ir_", "ir_", 1);
+const OTHER: Names = ("other_", "other_", 1);
+
 impl Sensors {
-    /// `(beginning of topics, beginning of frames, radiation)`.
-    fn translate(
+    /// Readings, each at its own instant. One that was measured before and is sent again is left out; one that is not
+    /// known is NaN, at the message's instant.
+    fn translate<'a>(
         &mut self,
-        (topics, frames, radiation): (&str, &str, u8),
+        names: Names,
         sensor: Sensor,
         timestamp: i64,
-        ranges: &[Range],
+        readings: impl Iterator<Item = &'a Reading> + Clone,
         to: &mut To<'_, '_>,
     ) {
-        for range in ranges {
-            if self.known.len() < SENSORS_MAX && !self.known.contains_key(&range.id) {
-                let names = [format!("/range/{topics}{}", range.id), format!("{frames}{}", range.id)];
-                self.known.insert(range.id, names);
-            }
-            let Some([topic, frame]) = self.known.get(&range.id) else {
-                to.topics.leave_out();
-                continue;
+        let finder = |reading: &Reading| Finder {
+            id: reading.id,
+            place: Pose { x: reading.x, y: reading.y, theta: reading.theta },
+            sensor: Sensor { field_of_view: reading.beam, ..sensor },
+        };
+        for reading in readings.clone() {
+            let (stamp, distance) = match reading.status {
+                Reading::MEASURED => (reading.timestamp, reading.distance),
+                Reading::SILENT => (reading.timestamp, f64::INFINITY), // REP 117: nothing in reach
+                _ => (timestamp, f64::NAN),                            // REP 117: not known
             };
-            to.send(topic, Standard::Range, |fields| {
-                fields.header(timestamp, frame);
-                fields.to.u8(radiation);
-                let distance = if range.valid { range.distance } else { f64::INFINITY }; // REP 117: nothing in reach
-                for number in [sensor.field_of_view, sensor.min, sensor.max, distance] {
-                    fields.to.f32(number as f32);
-                }
-                fields.to.f32(0.0); // variance: unknown
-            });
+            if self.last.get(&reading.id) == Some(&stamp) {
+                continue;
+            }
+            if self.send(names, finder(reading), stamp, distance, to) {
+                self.last.insert(reading.id, stamp);
+            }
         }
-        if self.shown.is_none_or(|shown| shown.abs_diff(timestamp) >= AGAIN) {
-            self.shown = Some(timestamp);
-            self.transforms(timestamp, ranges, to);
-        }
+        self.transforms(timestamp, readings.map(finder), to);
     }
 
-    fn transforms(&self, timestamp: i64, ranges: &[Range], to: &mut To<'_, '_>) {
-        let known = ranges.iter().filter_map(|range| {
-            let [_, frame] = self.known.get(&range.id)?;
-            let pose = Pose { x: range.x, y: range.y, theta: range.theta };
-            pose.is_finite().then_some((frame, pose))
+    /// Ranges as in 2011: all at the message's instant.
+    fn translate_old(&mut self, names: Names, sensor: Sensor, timestamp: i64, ranges: &[Range], to: &mut To<'_, '_>) {
+        let finder =
+            |range: &Range| Finder { id: range.id, place: Pose { x: range.x, y: range.y, theta: range.theta }, sensor };
+        for range in ranges {
+            let distance = if range.valid { range.distance } else { f64::INFINITY }; // REP 117: nothing in reach
+            self.send(names, finder(range), timestamp, distance, to);
+        }
+        self.transforms(timestamp, ranges.iter().map(finder), to);
+    }
+
+    /// False if there are too many range finders for this one.
+    fn send(
+        &mut self,
+        (topics, frames, radiation): Names,
+        Finder { id, sensor, .. }: Finder,
+        stamp: i64,
+        distance: f64,
+        to: &mut To<'_, '_>,
+    ) -> bool {
+        if self.known.len() < SENSORS_MAX && !self.known.contains_key(&id) {
+            self.known.insert(id, [format!("/range/{topics}{id}"), format!("{frames}{id}")]);
+        }
+        let Some([topic, frame]) = self.known.get(&id) else {
+            to.topics.leave_out();
+            return false;
+        };
+        to.send(topic, Standard::Range, |fields| {
+            fields.header(stamp, frame);
+            fields.to.u8(radiation);
+            for number in [sensor.field_of_view, sensor.min, sensor.max, distance] {
+                fields.to.f32(number as f32);
+            }
+            fields.to.f32(0.0); // variance: unknown
         });
-        let known: Vec<_> = known.collect();
+        true
+    }
+
+    /// Where they sit, once a second.
+    fn transforms(&mut self, timestamp: i64, finders: impl Iterator<Item = Finder>, to: &mut To<'_, '_>) {
+        if self.shown.is_some_and(|shown| shown.abs_diff(timestamp) < AGAIN) {
+            return;
+        }
+        let known: Vec<_> = finders
+            .filter_map(|finder| {
+                let [_, frame] = self.known.get(&finder.id)?;
+                finder.place.is_finite().then_some((frame, finder.place))
+            })
+            .collect();
+        if known.is_empty() && self.known.is_empty() {
+            return;
+        }
+        self.shown = Some(timestamp);
         to.send("/tf", Standard::Transforms, |fields| {
             fields.to.count(known.len());
             for (frame, pose) in known {
@@ -288,15 +436,60 @@ fn module_state(robot: &RobotScene, message: &DataState, to: &mut To<'_, '_>) {
     });
 }
 
-/// One status for each fault of a module: it is OK again when the fault is cleared.
-fn module_error(robot: &RobotScene, message: &Error, to: &mut To<'_, '_>) {
-    let level = match message.severity {
+fn level_of(severity: i8) -> u8 {
+    match severity {
         Error::NOTICE => OK,
         Error::WARNING => WARN,
         _ => ERROR,
+    }
+}
+
+/// `MODULE/FAULT/SUBJECT`, without a subject that says nothing more.
+fn status_name(module: &str, number: i32, subject: &str) -> String {
+    let fault = fault_name(number);
+    if subject.is_empty() || subject == module {
+        format!("{module}/{fault}")
+    } else {
+        format!("{module}/{fault}/{subject}")
+    }
+}
+
+/// `rcl_interfaces/Log` on `/rosout`.
+fn log(timestamp: i64, level: u8, module: &str, text: &str, place: (&str, i32), to: &mut To<'_, '_>) {
+    to.send("/rosout", Standard::Log, |fields| {
+        fields.time(timestamp);
+        fields.to.u8(level);
+        fields.to.string(module);
+        fields.to.string(text);
+        fields.to.string(place.0);
+        fields.to.string(""); // function
+        fields.to.u32(u32::try_from(place.1).unwrap_or_default());
+    });
+}
+
+fn module_text(message: &EventText, to: &mut To<'_, '_>) {
+    let level = match message.level {
+        EventText::DEBUG => 10,
+        EventText::INFO => 20,
+        EventText::WARNING => 30,
+        _ => 40,
     };
-    let fault = Fault::ALL.iter().find(|fault| i32::from(**fault as u16) == message.number);
-    let fault = fault.map_or_else(|| format!("0x{:04X}", message.number), |fault| fault.name().to_owned());
+    log(message.timestamp, level, &message.module, &message.text, ("", 0), to);
+}
+
+fn error_text(message: &Error, to: &mut To<'_, '_>) {
+    let level = match message.severity {
+        _ if message.fatal => 50,
+        Error::NOTICE => 20,
+        Error::WARNING => 30,
+        _ => 40,
+    };
+    log(message.timestamp, level, &message.module, &message.message, (&message.file, message.line), to);
+}
+
+/// One status for each fault of a module that does not list them: it is OK again when the fault is cleared.
+fn module_error(robot: &RobotScene, message: &Error, to: &mut To<'_, '_>) {
+    let level = level_of(message.severity);
     let values = [
         ("number", format!("0x{:04X}", message.number)),
         ("type", message.r#type.to_string()),
@@ -306,7 +499,28 @@ fn module_error(robot: &RobotScene, message: &Error, to: &mut To<'_, '_>) {
     to.send("/diagnostics", Standard::DiagnosticArray, |fields| {
         fields.header(message.timestamp, "");
         fields.to.count(1);
-        fields.status(level, &format!("{}/{fault}", message.module), &message.message, &robot.name, &values);
+        let name = status_name(&message.module, message.number, "");
+        fields.status(level, &name, &message.message, &robot.name, &values);
+    });
+}
+
+/// One status for each module that lists causes: OK while it acts, or nobody asks it to.
+fn module_holds(robot: &RobotScene, message: &DataHold, to: &mut To<'_, '_>) {
+    let level = if message.is_free() { OK } else { WARN };
+    let words = message.holds.first().map_or_else(|| "acts".to_owned(), Hold::words);
+    let values: Vec<(&str, String)> = message
+        .holds
+        .iter()
+        .map(|hold| {
+            let latched = if hold.latched { ", until a person acts" } else { "" };
+            let name = hold.cause().map_or("unknown", messages::Hold::name);
+            (name, format!("{} ({}{latched})", hold.words(), hold.code))
+        })
+        .collect();
+    to.send("/diagnostics", Standard::DiagnosticArray, |fields| {
+        fields.header(message.timestamp, "");
+        fields.to.count(1);
+        fields.status(level, &format!("{}/hold", message.module), &words, &robot.name, &values);
     });
 }
 

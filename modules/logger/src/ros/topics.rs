@@ -7,12 +7,26 @@ use std::sync::Arc;
 use super::kinds::RosType;
 use super::standard::Standard;
 
+/// Who takes what comes out: the topic, and the message as CDR.
+pub type Sink<'a> = dyn FnMut(&Topic, &[u8]) + 'a;
+
 /// How many topics there can be: with the channels as they are they fit into what a log can number (65 535).
 pub const TOPICS_MAX: usize = 16_384;
 
 /// Names that are kept for messages of standard types, and beginnings of such.
-const KEPT: &[&str] =
-    &["/battery", "/diagnostics", "/marks", "/odometry", "/plan", "/pose", "/range/", "/scene", "/temperature/", "/tf"];
+const KEPT: &[&str] = &[
+    "/battery",
+    "/diagnostics",
+    "/marks",
+    "/odometry",
+    "/plan",
+    "/pose",
+    "/range/",
+    "/rosout",
+    "/scene",
+    "/temperature/",
+    "/tf",
+];
 
 /// A topic of ROS 2.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -2,9 +2,8 @@
 
 use lcm_gen::cdr::Writer;
 
-use super::Sink;
 use super::standard::Standard;
-use super::topics::Topics;
+use super::topics::{Sink, Topics};
 
 /// A colour: red, green, blue, opacity, 0..1.
 pub type Color = [f32; 4];

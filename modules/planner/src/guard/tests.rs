@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::config::{Body, Limits, Manners};
-use messages::lowlevel::Range;
+use crate::obstacles::Fired;
+use crate::ranges::{Heard, Mount, Sounding};
 
 const LEG: f64 = 0.06;
 
@@ -16,11 +17,11 @@ fn config() -> Config {
         deceleration: 0.8,
         lateral_acceleration: 0.8,
     };
-    Config { body, limits, manners: Manners::default(), map: None }
+    Config { body, limits, manners: Manners::default(), sonar_beam: 0.96, map: None }
 }
 
 /// What sixteen sonars around the body hear of somebody; the robot stands at the origin.
-fn round(person: Option<Point>) -> Vec<Range> {
+fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
     let sonar = |id: i32| {
         let theta = f64::from(id) * core::f64::consts::TAU / 16.0;
         let (sin, cos) = libm::sincos(theta);
@@ -31,13 +32,15 @@ fn round(person: Option<Point>) -> Vec<Range> {
         let within = |&(distance, bearing): &(f64, f64)| {
             navitools::wrap(bearing - theta).abs() < 0.48 && (0.03..2.5).contains(&distance)
         };
-        let distance = heard.filter(within).map_or(f64::NAN, |(distance, _)| distance);
-        Range { id, x, y, theta, distance, valid: distance.is_finite() }
+        let heard = heard.filter(within).map_or(Heard::Silent, |(distance, _)| Heard::Echo(distance));
+        let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };
+        Fired { sounding: Sounding { id, at, mount, heard }, robot: Pose::default(), speed: 0.0 }
     };
     (0..16).map(sonar).collect()
 }
 
-/// After so many rounds, four times a second, of somebody who is at `at` at last and has walked with `velocity`.
+/// After so many rounds, four times a second, of somebody who is at `at` when the last is fired and has walked with
+/// `velocity`; and when that one comes.
 fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
     let (mut obstacles, config) = (Obstacles::new(), config());
     let mut now = Instant::from_millis(10_000);
@@ -48,13 +51,12 @@ fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
         obstacles.update(
             now,
             Pose::default(),
-            0.0,
-            &round(Some(there)),
+            &round(now, Some(there)),
             |point| config.body.covers(point, 0.0),
             |_| false,
         );
     }
-    (now, obstacles)
+    (now + Duration::from_millis(170), obstacles)
 }
 
 /// Straight on, or back.
@@ -78,7 +80,7 @@ fn with_nobody_around_it_goes_as_fast_as_it_may() {
     let config = config();
     let mut obstacles = Obstacles::new();
     let now = Instant::from_millis(10_000);
-    obstacles.update(now, Pose::default(), 0.0, &round(None), |point| config.body.covers(point, 0.0), |_| false);
+    obstacles.update(now, Pose::default(), &round(now, None), |point| config.body.covers(point, 0.0), |_| false);
     assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);
     assert_eq!(meeting(now, &[], &obstacles, &config), config.limits.speed, "no way, no meeting");
 }

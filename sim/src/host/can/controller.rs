@@ -1,6 +1,6 @@
 //! A CAN controller: what waits to be sent, and fault confinement by its two error counters (ISO 11898-1, 12).
 
-use crate::host::Owner;
+use crate::host::owner::Owner;
 use base::can::{BusState, Frame, Health, Notice};
 use base::{Duration, Instant};
 use std::collections::VecDeque;
@@ -36,13 +36,13 @@ pub(super) struct Controller {
     queue: VecDeque<Queued>,
     transmit_errors: u16,
     receive_errors: u16,
-    /// When its last frame left.
+    /// Time when its last frame left.
     left: Instant,
     /// A passive transmitter lets others begin first.
     pub suspended: Instant,
     /// Until then it is alone at its end of a cable.
     pub cut: Instant,
-    /// When it takes part again after bus-off.
+    /// Time when it takes part again after bus-off.
     pub back: Option<Instant>,
     back_off: Duration,
     since: Instant,
@@ -151,8 +151,8 @@ impl Controller {
         self.transmit_errors > OFF
     }
 
-    /// Leaves the bus: what waits is dropped; how many frames that were. It takes part again when its port has restarted
-    /// it and it has seen the bus idle for `recovery`.
+    /// Leaves the bus: what waits is dropped; how many frames that were. It takes part again when its port has
+    /// restarted it and it has seen the bus idle for `recovery`.
     pub fn go_off(&mut self, now: Instant, recovery: Duration) -> u64 {
         if now.since(self.since) > BACK_OFF.1 {
             self.back_off = BACK_OFF.0;
@@ -180,12 +180,12 @@ impl Controller {
         Health { state, transmit_errors, receive_errors }
     }
 
-    /// Its state, when it has changed since it was told.
+    /// State, when it has changed since it was told.
     pub fn poll_state(&mut self) -> Option<Notice> {
         (self.health().state != self.told.state).then(|| self.tell_health())
     }
 
-    /// Whether something is to be told that may wait.
+    /// True if something is to be told that may wait.
     pub fn has_news(&self) -> bool {
         self.errors > 0 || self.unheard || self.health() != self.told
     }

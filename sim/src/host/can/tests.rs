@@ -24,7 +24,7 @@ fn wire(bitrate: u32, ports: u32) -> CanWire {
 fn frames_are_as_long_as_their_content_makes_them() {
     // docs/facts/canopen.md 7, with 3 bits of gap: 8 bytes 111 at best, 135 at worst; 0 bytes 47 to 55.
     for seed in 0..20_000u64 {
-        let mut random = crate::random::Random::new(seed);
+        let mut random = simulator::Random::new(seed);
         let n = (random.bits() % 9) as usize;
         let data = random.bits().to_le_bytes();
         let bits = frame_bits(&frame(random.bits() as u16, &data[..n])) + INTERMISSION;

@@ -49,7 +49,7 @@ fn an_estimate_that_comes_back_does_not_let_the_planner_go_again() {
     assert_eq!(stop.since(last), Duration::from_millis(200), "at once, not at the next message");
     robot.plan(0.4, 1000, true);
     assert!(!robot.moves(), "it resumed by itself");
-    assert_eq!(robot.reason(), "planner must be let go by an operator first");
+    assert_eq!(robot.holds(), [(Hold::PlannerLatched, "planner")]);
     robot.goal(robot.bench.now());
     robot.plan(0.4, 200, true);
     assert!(robot.moves(), "{}", robot.reason());
@@ -101,7 +101,7 @@ fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
     robot.exchange();
     assert!(!robot.moves());
     robot.drive(0.4, 200);
-    assert_eq!(robot.reason(), "PAUSE is engaged by sd1_front");
+    assert_eq!(robot.holds(), [(Hold::PauseFloor, "sd1_front"), (Hold::NotReleased, "test")]);
     robot.bench.message(lowlevel::EventStop { timestamp: 0, engaged: false, source: "sd1_front".into() });
     robot.drive(0.4, 200);
     assert!(!robot.moves(), "it resumed by itself");
@@ -168,7 +168,7 @@ fn a_stop_that_is_not_seen_done_is_commanded_for_ever_and_stands_against_motion(
     let stops = |(at, frame): &&(Instant, can::Frame)| *at > before && frame.data().starts_with(&[0x0B, 0x00]);
     let stops = robot.frames.iter().filter(stops).count();
     assert!(stops >= 19, "{stops} quick stops in a second");
-    assert!(robot.reason().contains("propulsion drive stays"), "{}", robot.reason());
+    assert_eq!(robot.holds()[0], (Hold::DriveStuck, "propulsion"));
     robot.drive(0.0, 200);
     robot.frames.clear();
     robot.drive(0.4, 1000);
@@ -188,7 +188,7 @@ fn a_drive_of_which_only_the_heartbeat_is_left_stops_the_robot() {
         let mute = if propulsion { &mut robot.epos } else { &mut robot.icla };
         mute.mute = true;
         robot.drive(0.4, 1000);
-        assert!(robot.reason().contains("does not answer"), "{propulsion}: {}", robot.reason());
+        assert_eq!(robot.hold(), Some(Hold::DriveDeaf), "{propulsion}: {}", robot.reason());
         assert!(!robot.moves(), "{propulsion}");
         let told = robot.errors.iter().filter(|(fault, _)| *fault == Fault::DriveFault).count();
         assert!(told > 0);
@@ -287,5 +287,5 @@ fn a_stop_shorter_than_the_pause_between_two_commands_is_a_stop() {
     robot.pass(5);
     robot.drive(0.4, 500);
     assert!(!robot.moves(), "it resumed by itself");
-    assert_eq!(robot.reason(), "test must send zero first: the robot was stopped");
+    assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
 }

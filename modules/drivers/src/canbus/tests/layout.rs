@@ -16,7 +16,7 @@ fn a_steering_drive_with_another_layout_is_refused() {
     let robot = robot(false);
     assert!(robot.errors.contains(&(Fault::DriveMismatch, Severity::Error)), "{:?}", robot.errors);
     assert!(
-        !robot.motion().homed && robot.reason().contains("the steering drive cannot be booted"),
+        !robot.motion().homed && robot.holds().contains(&(Hold::DriveBootFailed, "steering")),
         "{}",
         robot.reason()
     );

@@ -1,0 +1,499 @@
+//! One foreign module against a robot that the test plays: the table of states as our own modules keep it, reports, bad
+//! input, the first state, and every way to end.
+
+use crate::built::Built;
+use crate::support::{can_port, listen, signal};
+use lcm::live::Lcm;
+use messages::lowlevel::{DataPower, DataSrfs, Range};
+use messages::{Channel, Message, common};
+use module::{Cause, State};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Long enough for a loaded machine; on a healthy one nothing waits that long.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// The devices speak this often.
+const PERIOD: Duration = Duration::from_millis(100);
+
+const FORBIDDEN: i32 = 0x0001;
+const MALFORMED: i32 = 0x0002;
+const UNHANDLED: i32 = 0x8000;
+const SILENT: i32 = 0x8001;
+/// The battery sags; something is too near.
+const WATCHED: i32 = 0x8002;
+
+#[test]
+fn a_module_in_python_keeps_the_contract() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    keeps_the_contract(built, "battery_watch");
+}
+
+#[test]
+fn a_module_in_cpp_keeps_the_contract() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    keeps_the_contract(built, "nearest_obstacle");
+}
+
+#[test]
+fn a_module_in_cpp_on_debian_s_library_keeps_the_contract() {
+    let Some(built) = Built::on_debians() else { return };
+    keeps_the_contract(built, "nearest_obstacle");
+}
+
+fn keeps_the_contract(built: &Built, name: &'static str) {
+    let mut robot = Robot::start(built, name, &[], &[]);
+    robot.expect_state(State::Init);
+    robot.obeys_its_table_in(State::Init);
+    robot.device = true;
+    robot.expect_change(State::Init, State::Run);
+    for from in [State::Run, State::Pause, State::Stop] {
+        robot.obeys_its_table_in(from);
+    }
+    robot.go(State::Run);
+    robot.hears_of_others_nothing();
+    robot.reports_what_it_watches_and_its_end();
+    robot.reports_a_bad_message_once();
+    robot.reports_that_its_device_is_lost_and_found();
+    robot.command("*", State::Terminate as i8, false);
+    assert!(robot.ends(State::Run).success());
+}
+
+#[test]
+fn the_first_state_is_given_by_the_watchdog_or_an_argument() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    for name in ["battery_watch", "nearest_obstacle"] {
+        let given: [(&[&str], _, _); 3] = [
+            (&[], ("ADVEE_STATE", "PAUSE"), State::Pause),
+            (&[], ("ADVEE_STATE", "STOP"), State::Stop),
+            (&["--state", "STOP"], ("ADVEE_STATE", "RUN"), State::Stop),
+        ];
+        for (args, environment, first) in given {
+            let mut robot = Robot::start(built, name, args, &[environment]);
+            robot.device = true;
+            robot.expect_state(State::Init);
+            robot.expect_change(State::Init, first);
+            signal(robot.module.id() as i32, "TERM");
+            assert!(robot.ends(first).success());
+        }
+    }
+}
+
+#[test]
+fn held_in_init_it_stops_and_stays_there() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    for name in ["battery_watch", "nearest_obstacle"] {
+        let mut robot = Robot::start(built, name, &[], &[]);
+        robot.expect_state(State::Init);
+        robot.command(name, State::Stop as i8, true);
+        robot.expect_change(State::Init, State::Stop);
+        robot.device = true;
+        for _ in 0..2 {
+            robot.expect_state(State::Stop);
+        }
+    }
+}
+
+#[test]
+fn whose_watchdog_is_gone_ends_after_three_seconds_and_no_sooner() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    let of = |name| {
+        let mut robot = Robot::start(built, name, &[], &[("ADVEE_GUARDED", "yes")]);
+        (robot.device, robot.watchdog) = (true, true);
+        robot.expect_state(State::Init);
+        robot.expect_change(State::Init, State::Run);
+        // Longer than it would wait for one that is gone.
+        let heard = Instant::now();
+        while heard.elapsed() < Duration::from_secs(4) {
+            robot.expect_state(State::Run);
+        }
+        robot.watchdog = false;
+        let gone = Instant::now();
+        assert!(robot.ends(State::Run).success());
+        let took = gone.elapsed().as_secs_f64();
+        assert!((2.4..6.0).contains(&took), "{took} s");
+    };
+    thread::scope(|scope| ["battery_watch", "nearest_obstacle"].map(|name| scope.spawn(move || of(name))).map(drop));
+}
+
+#[test]
+fn what_breaks_in_a_handler_is_reported_and_ends_it_with_a_code_of_its_class() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    for (name, kind) in [("broken", "RuntimeError: "), ("broken_cpp", "")] {
+        let mut robot = Robot::start(built, name, &["timer"], &[]);
+        assert_eq!(robot.fatal(), (UNHANDLED, format!("{kind}in a timer")));
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
+
+        let mut robot = Robot::start(built, name, &["state"], &[]);
+        robot.expect_state(State::Init);
+        robot.expect_change(State::Init, State::Run);
+        robot.command(name, State::Pause as i8, false);
+        robot.expect_change(State::Run, State::Pause);
+        assert_eq!(robot.fatal(), (UNHANDLED, format!("{kind}on a command")));
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
+
+        let mut robot = Robot::start(built, name, &["device"], &[]);
+        assert_eq!(robot.fatal(), (0x8001, "the device burns".into()));
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x23));
+
+        let mut robot = Robot::start(built, name, &["constructor"], &[]);
+        assert_eq!(robot.module.wait().unwrap().code(), Some(0x40));
+    }
+}
+
+/// The page as docs/beats.md has it.
+#[test]
+fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    for name in ["broken", "broken_cpp"] {
+        let path = std::env::temp_dir().join(format!("advee-page-of-{name}-{}", std::process::id()));
+        std::fs::write(&path, [0; 4096]).unwrap();
+        let mut robot = Robot::start(built, name, &["worker"], &[("ADVEE_BEATS", path.to_str().unwrap())]);
+        robot.expect_state(State::Init);
+        robot.expect_change(State::Init, State::Run);
+        robot.expect_state(State::Run);
+        let page = std::fs::read(&path).unwrap();
+        let number = |page: &[u8], at: usize| u32::from_le_bytes(page[at..at + 4].try_into().unwrap());
+        assert_eq!((page.len(), &page[..4]), (4096, &b"BEAT"[..]));
+        assert_eq!([4, 8, 12].map(|at| number(&page, at)), [1, robot.module.id(), 2]);
+        let name_of =
+            |thread: usize| std::str::from_utf8(&page[64 + 64 * thread..][..48]).unwrap().trim_end_matches('\0');
+        let main = usize::from(name_of(1) == "main");
+        assert_eq!([name_of(main), name_of(1 - main)], ["main", "worker"]);
+
+        // Beats of both in some 0.6 s.
+        let counts = |page: &[u8]| [main, 1 - main].map(|thread| number(page, 64 + 64 * thread + 48));
+        let beats = || {
+            let before = counts(&std::fs::read(&path).unwrap());
+            thread::sleep(Duration::from_millis(600));
+            let after = counts(&std::fs::read(&path).unwrap());
+            [after[0] - before[0], after[1] - before[1]]
+        };
+        let both = beats();
+        // Each 50 ms where the machine is not loaded; never more often.
+        assert!(both.iter().all(|beats| (2..=13).contains(beats)), "{name}: {both:?}");
+        robot.command(name, State::Pause as i8, false);
+        robot.expect_change(State::Run, State::Pause);
+        thread::sleep(Duration::from_millis(100));
+        let one = beats();
+        assert!(one[0] >= 2 && one[1] == 0, "{name}: {one:?}");
+        signal(robot.module.id() as i32, "TERM");
+        assert!(robot.ends(State::Pause).success());
+        std::fs::remove_file(&path).unwrap();
+    }
+}
+
+#[test]
+fn a_command_line_that_cannot_be_is_refused_with_a_reason() {
+    let Some(built) = Built::on_the_wheel() else { return };
+    for name in ["battery_watch", "nearest_obstacle"] {
+        let bad: [(&[&str], &str); 4] = [
+            (&["--state", "ERROR"], "ERROR: expected RUN, PAUSE or STOP"),
+            (&["--state"], "--state"),
+            (&["far"], "far"),
+            (&["--lcm-url", "nowhere://"], "LCM at nowhere://"),
+        ];
+        for (args, why) in bad {
+            let output = command(built, name).args(args).output().unwrap();
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(0x10), "{args:?}: {said}");
+            assert!(
+                said.contains(why) || (name == "nearest_obstacle" && said.contains("expected one number")),
+                "{said}"
+            );
+        }
+    }
+}
+
+/// What a module says.
+#[derive(Debug, PartialEq)]
+enum Said {
+    State(State),
+    Report { number: i32, severity: i8, kind: i8, message: String },
+    Fatal { number: i32, message: String },
+}
+
+fn command(built: &Built, name: &str) -> Command {
+    let line = built.command(name);
+    let mut command = Command::new(&line[0]);
+    command.args(&line[1..]).stdin(Stdio::null());
+    for variable in ["ADVEE_MODULE", "ADVEE_STATE", "ADVEE_BEATS", "ADVEE_GUARDED"] {
+        command.env_remove(variable);
+    }
+    command
+}
+
+/// A module's process and the robot around it.
+struct Robot {
+    name: &'static str,
+    module: Child,
+    bus: Lcm,
+    /// Whether the sonars and the power controller speak, what they say, and when they do next.
+    device: bool,
+    volts: f64,
+    metres: f64,
+    due: Instant,
+    /// Whether there is a watchdog.
+    watchdog: bool,
+    /// The module's last state and time stamp, µs.
+    state: State,
+    stamp: i64,
+    /// Its active faults, by its last list.
+    active: Vec<common::Fault>,
+}
+
+impl Robot {
+    fn start(built: &Built, name: &'static str, args: &[&str], environment: &[(&str, &str)]) -> Self {
+        let url = format!("udpm://239.255.76.67:{}?ttl=0", can_port());
+        let bus = listen(&url);
+        let mut command = command(built, name);
+        let module = command.args(args).env("LCM_DEFAULT_URL", &url).envs(environment.iter().copied()).spawn();
+        let (module, due) = (module.expect("it was built"), Instant::now());
+        Self {
+            name,
+            module,
+            bus,
+            device: false,
+            volts: 26.0,
+            metres: 2.0,
+            due,
+            watchdog: false,
+            state: State::Unknown,
+            stamp: 0,
+            active: Vec::new(),
+        }
+    }
+
+    /// What every command does in this state is what it does to a module of ours.
+    fn obeys_its_table_in(&mut self, from: State) {
+        for (to, manual) in State::ALL.into_iter().flat_map(|to| [(to, false), (to, true)]) {
+            let cause = if manual { Cause::Manual } else { Cause::Command };
+            // The ways out of INIT and ERROR are for other tests, and the end for the end.
+            let back = matches!(from, State::Run | State::Pause | State::Stop);
+            let spoils = to == State::Terminate || (!back && from.allows(to, cause));
+            if to == from || spoils {
+                continue;
+            }
+            self.go(from);
+            self.command(self.name, to as i8, manual);
+            if from.allows(to, cause) {
+                self.expect_change(from, to);
+            } else {
+                let manner = if manual { "manual " } else { "" };
+                self.expect_warning(FORBIDDEN, &format!("{manner}command {to} from test refused in {from}"));
+            }
+        }
+        self.command("*", 99, true);
+        self.expect_warning(FORBIDDEN, "command from test refused: 99 is no state");
+        self.go(from);
+    }
+
+    /// Leads it into a state that a person can lead it to from where it is.
+    fn go(&mut self, to: State) {
+        if self.state != to {
+            self.command("*", to as i8, true);
+            while self.next() != Said::State(to) {}
+        }
+    }
+
+    fn hears_of_others_nothing(&mut self) {
+        self.command("another", State::Stop as i8, true);
+        for _ in 0..2 {
+            self.expect_state(State::Run);
+        }
+    }
+
+    /// It acts in RUN alone.
+    fn reports_what_it_watches_and_its_end(&mut self) {
+        self.go(State::Pause);
+        (self.volts, self.metres) = (20.0, 0.1);
+        for _ in 0..2 {
+            self.expect_state(State::Pause);
+        }
+        self.go(State::Run);
+        let python = self.name == "battery_watch";
+        let (kind, low, well) = match python {
+            true => {
+                (common::Error::RESOURCE, "the battery has 20.0 V, less than 25.0 V", "the battery has 26.0 V again")
+            }
+            false => (common::Error::UNKNOWN, "something is nearer than 0.25 m", "nothing is nearer than 0.35 m"),
+        };
+        self.expect_report(WATCHED, common::Error::WARNING, kind, low);
+        // Once.
+        for _ in 0..2 {
+            self.expect_state(State::Run);
+        }
+        (self.volts, self.metres) = (26.0, 2.0);
+        self.expect_report(WATCHED, common::Error::NOTICE, kind, well);
+    }
+
+    fn reports_a_bad_message_once(&mut self) {
+        for _ in 0..3 {
+            for channel in [Channel::LlDataPower, Channel::LlDataSrfs] {
+                self.bus.publish(channel.name(), b"nonsense").expect("the bus takes it");
+            }
+        }
+        let Said::Report { number, severity, message, .. } = self.report() else { panic!("no report") };
+        assert_eq!((number, severity), (MALFORMED, common::Error::WARNING), "{message}");
+        assert!(message.contains("a message of 8 bytes is dropped"), "{message}");
+        self.expect_state(State::Run);
+    }
+
+    /// From RUN, by STOP, and back.
+    fn reports_that_its_device_is_lost_and_found(&mut self) {
+        let (lost, found) = match self.name {
+            "battery_watch" => ("no LL_DATA_POWER: is driver_power there?", "LL_DATA_POWER is heard again"),
+            _ => ("no LL_DATA_SRFS: is driver_rs485a there?", "the sonars are heard again"),
+        };
+        self.device = false;
+        self.expect_report(SILENT, common::Error::ERROR, common::Error::TIMEOUT, lost);
+        self.expect_change(State::Run, State::Error);
+        self.obeys_its_table_in(State::Error);
+        self.command(self.name, State::Stop as i8, true);
+        self.expect_change(State::Error, State::Stop);
+        self.command(self.name, State::Pause as i8, true);
+        self.expect_change(State::Stop, State::Pause);
+        self.expect_change(State::Pause, State::Error);
+        self.device = true;
+        self.expect_report(SILENT, common::Error::NOTICE, common::Error::TIMEOUT, found);
+        self.expect_change(State::Error, State::Pause);
+        self.go(State::Run);
+    }
+
+    /// Says TERMINATE as its last word.
+    fn ends(&mut self, from: State) -> ExitStatus {
+        self.expect_change(from, State::Terminate);
+        self.module.wait().expect("it is our child")
+    }
+
+    fn command(&mut self, module: &str, state: i8, manual: bool) {
+        let (module, source) = (module.into(), "test".into());
+        self.publish(common::CmdState { timestamp: 0, module, state, manual, source });
+    }
+
+    fn publish(&mut self, message: impl Into<Message>) {
+        let (message, mut bytes) = (message.into(), Vec::new());
+        message.encode(&mut bytes).expect("encodable");
+        self.bus.publish(message.channel().name(), &bytes).expect("the bus takes it");
+    }
+
+    /// What there is of a robot speaks, when that is due.
+    fn play(&mut self) {
+        if self.due > Instant::now() {
+            return;
+        }
+        self.due = Instant::now() + PERIOD;
+        if self.device {
+            self.publish(DataPower { voltage: self.volts, ..DataPower::default() });
+            let near = Range { distance: self.metres, valid: true, ..Range::default() };
+            let srfs = vec![Range { distance: f64::NAN, ..Range::default() }, near];
+            self.publish(DataSrfs { timestamp: 0, srfs });
+        }
+        if self.watchdog {
+            self.publish(common::DataProcesses::default());
+        }
+    }
+
+    /// The list before a report has what it is about, since the same moment; and no more what it is the end of.
+    fn is_listed(&self, error: &common::Error) {
+        let active: Vec<_> = self.active.iter().filter(|fault| fault.number == error.number).collect();
+        match (error.number, error.severity) {
+            (FORBIDDEN, _) => assert!(active.is_empty(), "{active:?}: it happened, and that is all"),
+            _ if error.fatal => {}
+            (_, common::Error::NOTICE) => assert!(active.is_empty(), "{active:?} is cleared by {error:?}"),
+            _ => {
+                let same = |fault: &&common::Fault| {
+                    (fault.since, fault.severity, &fault.message) == (error.timestamp, error.severity, &error.message)
+                };
+                assert!(active.into_iter().any(|fault| same(&fault)), "{error:?} is not in {:?}", self.active);
+            }
+        }
+    }
+
+    /// What the module says next.
+    fn next(&mut self) -> Said {
+        let end = Instant::now() + PATIENCE;
+        while Instant::now() < end {
+            self.play();
+            let Some(received) = self.bus.recv().expect("the bus can be read") else {
+                self.bus.wait(PERIOD / 4).expect("the bus can be waited for");
+                continue;
+            };
+            let heard = Message::receive(received.channel, received.payload);
+            match heard.transpose().ok().flatten() {
+                Some(Message::CmDataState(state)) => {
+                    assert_eq!(state.module, self.name);
+                    self.stamped(state.timestamp);
+                    self.state = State::from_value(state.state).expect("a state");
+                    return Said::State(self.state);
+                }
+                Some(Message::CmDataFaults(list)) => {
+                    assert_eq!(list.module, self.name);
+                    self.active = list.faults;
+                }
+                Some(Message::CmEventError(error)) => {
+                    assert!(error.module == self.name && error.line > 0 && !error.file.contains('/'), "{error:?}");
+                    self.stamped(error.timestamp);
+                    self.is_listed(&error);
+                    let common::Error { number, severity, r#type: kind, message, fatal, .. } = error;
+                    return match fatal {
+                        true => Said::Fatal { number, message },
+                        false => Said::Report { number, severity, kind, message },
+                    };
+                }
+                _ => {}
+            }
+        }
+        panic!("{} says nothing within {PATIENCE:?}", self.name);
+    }
+
+    fn stamped(&mut self, stamp: i64) {
+        assert!(stamp >= self.stamp.max(1_600_000_000_000_000), "{stamp} after {}", self.stamp);
+        self.stamp = stamp;
+    }
+
+    #[track_caller]
+    fn expect_state(&mut self, state: State) {
+        assert_eq!(self.next(), Said::State(state));
+    }
+
+    /// The state `to`; before it may come the announcement each second of `from`.
+    #[track_caller]
+    fn expect_change(&mut self, from: State, to: State) {
+        loop {
+            match self.next() {
+                Said::State(state) if state == from => {}
+                said => return assert_eq!(said, Said::State(to)),
+            }
+        }
+    }
+
+    /// The next report; before it may come announcements.
+    fn report(&mut self) -> Said {
+        std::iter::repeat_with(|| self.next()).find(|said| !matches!(said, Said::State(_))).expect("one")
+    }
+
+    #[track_caller]
+    fn expect_report(&mut self, number: i32, severity: i8, kind: i8, message: &str) {
+        assert_eq!(self.report(), Said::Report { number, severity, kind, message: message.into() });
+    }
+
+    #[track_caller]
+    fn expect_warning(&mut self, number: i32, message: &str) {
+        self.expect_report(number, common::Error::WARNING, common::Error::UNKNOWN, message);
+    }
+
+    fn fatal(&mut self) -> (i32, String) {
+        match self.report() {
+            Said::Fatal { number, message } => (number, message),
+            said => panic!("{said:?}"),
+        }
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        let _ = self.module.kill();
+        let _ = self.module.wait();
+    }
+}

@@ -1,0 +1,305 @@
+//! `advee can …` as its user runs it: against nodes of the test's own on a UDP bus, and on the bus of the running
+//! simulated robot.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use crate::command::{Outcome, values};
+use crate::support::{Robot, advee, can_port, workspace};
+use base::{Duration, Instant};
+use canopen::dictionary::{Access, DataType, Entry};
+use canopen::drives::{epos, icla};
+use canopen::lss::BitRate;
+use canopen::{Dictionary, NmtState, Node};
+use host::clock;
+use host::ports::{Port, PortConfig, Received};
+use module::{Input, Output as ToPort};
+use serde_json::Value;
+use std::net::SocketAddrV4;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{JoinHandle, sleep, spawn};
+
+/// Something long, for uploads and downloads.
+const STORE: Entry = Entry::new(0x2F00, 0, DataType::Domain, Access::ReadWrite, 0);
+/// An object whose type nobody can know.
+const SECRET: Entry = Entry::new(0x2F01, 0, DataType::U16, Access::ReadWrite, 0);
+
+/// The drive stands.
+const STATUSWORD: Entry = Entry::new(0x6041, 0, DataType::U16, Access::ReadOnly, 0x0140).mappable();
+
+fn drive() -> Dictionary {
+    let mut dictionary = epos::dictionary(5).with(&[STORE, SECRET, STATUSWORD]);
+    dictionary.set(0x1017, 0, 50);
+    dictionary.store();
+    dictionary
+}
+
+fn nodes() -> Vec<Node> {
+    let ms = Duration::from_millis(20);
+    let lss = Node::new(icla::dictionary(3), ms).with_lss(None, BitRate::Kbit500, &BitRate::ALL);
+    vec![Node::new(drive(), ms), Node::new(icla::dictionary(9), ms), lss]
+}
+
+/// Nodes on a UDP bus, until dropped: an EPOS as node 5, an IclA as node 9, which has no heartbeat, and one without id.
+struct Bus {
+    port: u16,
+    folder: PathBuf,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Bus {
+    fn new() -> Self {
+        let port = can_port();
+        let folder = std::env::temp_dir().join(format!("advee-can-{}-{port}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (stop, ready) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+        let (stopped, open) = (stop.clone(), ready.clone());
+        let thread = spawn(move || {
+            let bus = SocketAddrV4::new([239, 74, 163, 2].into(), port);
+            let mut port = Port::new("bus".into(), PortConfig::CanUdp { bus });
+            port.device.open().unwrap();
+            let mut nodes = nodes();
+            nodes.iter_mut().for_each(|node| node.power_on(clock::now()));
+            while !stopped.load(Ordering::Relaxed) {
+                serve(&mut port, &mut nodes);
+                let booted = |node: &Node| node.nmt_state() == Some(NmtState::PreOperational);
+                open.fetch_or(booted(&nodes[0]) && booted(&nodes[1]), Ordering::Relaxed);
+                sleep(std::time::Duration::from_micros(100));
+            }
+        });
+        while !ready.load(Ordering::Relaxed) && !thread.is_finished() {
+            sleep(std::time::Duration::from_millis(1));
+        }
+        Self { port, folder, stop, thread: Some(thread) }
+    }
+
+    fn command(&self, args: &[&str]) -> Command {
+        let mut command = advee("udpm://239.255.76.67:7667?ttl=0", &self.folder);
+        command.arg("can").args(args).args(["--interface", &format!("udp:239.74.163.2:{}", self.port)]);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    fn run(&self, args: &[&str]) -> Outcome {
+        Outcome::of(self.command(args).output().expect("the executable is built"))
+    }
+
+    fn file(&self, name: &str) -> String {
+        self.folder.join(name).display().to_string()
+    }
+}
+
+impl Drop for Bus {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let _ = self.thread.take().map(JoinHandle::join);
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn serve(port: &mut Port, nodes: &mut [Node]) {
+    let now: Instant = clock::now();
+    while let Ok(Received::Input { input: Input::Can(frame), .. }) = port.device.receive(now) {
+        nodes.iter_mut().for_each(|node| node.handle_rx(now, &frame));
+    }
+    for node in nodes {
+        node.handle_timeout(now);
+        while node.poll_event().is_some() {}
+        while let Some(frame) = node.poll_tx() {
+            let _ = port.device.send(now, &ToPort::Can(frame));
+        }
+    }
+}
+
+#[test]
+fn scan_finds_who_is_on_the_bus_and_says_what_they_are() {
+    let bus = Bus::new();
+    let begin = std::time::Instant::now();
+    let told = bus.run(&["scan"]).good();
+    let took = begin.elapsed();
+    assert!(took < std::time::Duration::from_secs(5), "{took:?}");
+    let lines: Vec<Vec<&str>> = told.lines().map(|line| line.split_whitespace().collect()).collect();
+    assert_eq!(lines[1][..7], ["5", "pre-operational", "CiA", "402", "000000FB", "64100000", "20330000"], "{told}");
+    assert_eq!(lines[2][..7], ["9", "-", "CiA", "402", "0200005A", "4E303635", "00010002"], "{told}");
+    assert!(told.lines().nth(1).unwrap().ends_with("EPOS"), "{told}");
+    assert_eq!(told.lines().nth(3), Some(format!("2 nodes on udp:239.74.163.2:{}", bus.port).as_str()));
+    let json = bus.run(&["scan", "--from", "5", "--to", "5", "--json"]).values();
+    assert_eq!(json.len(), 1);
+    assert_eq!((&json[0]["vendor"], &json[0]["device_name"]), (&0xFB.into(), &"EPOS".into()));
+    let nobody = bus.run(&["scan", "--from", "20", "--to", "22", "--timeout", "20"]).bad();
+    assert!(nobody.contains("nobody answers"), "{nobody}");
+}
+
+#[test]
+fn objects_are_read_and_written_by_number_and_by_name() {
+    let bus = Bus::new();
+    let read = |args: &[&str]| bus.run(&[&["sdo", "read", "5"], args].concat());
+    assert!(read(&["0x6041"]).good().starts_with("node 5: 0x6041 Statusword = 0x0140 switch on disabled ("));
+    assert!(read(&["Manufacturer device name"]).good().contains("0x1008 Manufacturer device name = \"EPOS\""));
+    assert!(read(&["0x1018:2"]).good().contains("0x1018:2 Product code = 0x64100000"));
+    // An object that only its data sheet knows.
+    assert!(read(&["0x2003:1"]).good().contains("0x2003:1 = 0x2033 (8243)"));
+    let eds = workspace().join("buses/canopen/eds/epos_sim.eds").display().to_string();
+    let told = read(&["version.software", "--eds", &eds, "--json"]).good();
+    let json = &values(&told)[0];
+    assert_eq!((&json["object"], &json["value"]), (&"Version.Software".into(), &8243.into()));
+    assert!(read(&["Version.Software"]).bad().contains("no object \"Version.Software\""));
+    assert!(read(&["0x5000"]).bad().contains("node 5: 0x5000: refused: object does not exist (0x06020000)"));
+    assert!(read(&["0x6041", "--eds", "/no/such.eds"]).bad().contains("/no/such.eds: No such file"));
+    assert!(bus.run(&["sdo", "read", "77", "0x1000", "--timeout", "50"]).bad().contains("no answer in time"));
+
+    let write = |args: &[&str]| bus.run(&[&["sdo", "write", "5"], args].concat());
+    assert!(write(&["Target velocity", "-1500"]).good().contains("0x60FF Target velocity = -1500, written ("));
+    assert!(read(&["0x60FF"]).good().contains("= -1500 ("));
+    assert!(write(&["0x607F", "30000"]).bad().contains("value too high (0x06090031)"));
+    assert!(write(&["0x1000", "1"]).bad().contains("attempt to write a read-only object"));
+    assert!(write(&["0x2F01", "7"]).bad().contains("its type is not known: say --type"));
+    assert!(write(&["0x2F01", "7", "--type", "u16"]).good().contains("0x2F01 = 7, written"));
+    assert!(write(&["0x2F01", "0x0102"]).good().contains("0x2F01 = 0x0102 (258), written"), "a number, not bytes");
+    assert!(read(&["0x2F01", "--type", "u16"]).good().contains("= 258 ("));
+}
+
+#[test]
+fn long_objects_go_through_files_in_segments_and_in_blocks() {
+    let bus = Bus::new();
+    let data: Vec<u8> = (0..4000_u32).map(|n| (n * n / 8) as u8).collect();
+    for (how, name) in [(&[][..], "segments"), (&["--block"], "blocks")] {
+        let (from, to) = (bus.file(name), bus.file("back"));
+        let data: Vec<u8> = data.iter().map(|byte| byte ^ name.len() as u8).collect();
+        std::fs::write(&from, &data).unwrap();
+        let told = bus.run(&[&["sdo", "download", "5", "0x2F00", &from], how].concat()).good();
+        assert!(told.contains(&format!("0x2F00: 4000 bytes written from {from}, ")), "{told}");
+        let told = bus.run(&[&["sdo", "upload", "5", "0x2F00", &to], how].concat()).good();
+        assert!(told.contains("4000 bytes read into ") && std::fs::read(&to).unwrap() == data, "{told}");
+    }
+    let name = bus.run(&["sdo", "upload", "9", "0x1008", "-"]).good();
+    assert_eq!(name, "Position drive, simulated, with a long device name");
+    let refused = bus.run(&["sdo", "download", "5", "0x6041", &bus.file("blocks"), "--block"]).bad();
+    assert!(refused.contains("0x6041 Statusword: refused: "), "{refused}");
+    assert!(bus.run(&["sdo", "download", "5", "0x2F00", "/no/file"]).bad().contains("/no/file: No such file"));
+}
+
+#[test]
+fn a_command_to_nodes_is_seen_obeyed_or_is_no_success() {
+    let bus = Bus::new();
+    let nmt = |args: &[&str]| bus.run(&[&["nmt"], args].concat());
+    assert_eq!(nmt(&["start", "5"]).good(), "node 5: operational\n");
+    assert_eq!(nmt(&["stop", "5"]).good(), "node 5: stopped\n");
+    assert_eq!(nmt(&["preop", "5"]).good(), "node 5: pre-operational\n");
+    assert_eq!(nmt(&["reset-comm", "5"]).good(), "node 5: has booted\n");
+    let all = nmt(&["reset", "all", "--json"]).good();
+    let booted: Vec<Value> = values(&all).into_iter().map(|line| line["node"].clone()).collect();
+    assert_eq!(booted, [5, 9], "{all}");
+    let silent = nmt(&["start", "9"]).bad();
+    assert!(silent.contains("node 9 was not heard within 2 s") && silent.contains("0x1017"), "{silent}");
+}
+
+#[test]
+fn a_node_without_id_is_found_and_gets_one() {
+    let bus = Bus::new();
+    let lss = |args: &[&str]| bus.run(&[&["lss"], args].concat());
+    const ADDRESS: &str = "0200005A:4E303635:00010002:00000002";
+    let found = lss(&["scan"]).good();
+    assert_eq!(found.lines().next(), Some(ADDRESS), "{found}");
+    assert!(found.contains("1 node without node id on "), "{found}");
+    assert_eq!(lss(&["find"]).good(), format!("{ADDRESS}\nno node id\n"));
+    assert_eq!(lss(&["set-bitrate", "250", "--slave", ADDRESS]).good(), "bit rate 250 kbit/s is set\n");
+    let told = lss(&["set-node-id", "12", "--first", "--store"]).good();
+    assert_eq!(told, format!("{ADDRESS}\nnode id 12 is set\nstored\nnode 12 has booted\n"));
+    assert_eq!(lss(&["inquire", "--slave", ADDRESS]).good(), format!("{ADDRESS}\nnode id 12\n"));
+    assert!(lss(&["scan"]).good().starts_with("0 nodes without node id"));
+    assert!(lss(&["set-node-id", "13", "--first"]).bad().contains("nobody answers"));
+    assert!(lss(&["store"]).bad().contains("--slave"));
+    assert!(bus.run(&["sdo", "read", "12", "0x1018:4"]).good().contains("Serial number = 0x00000002"));
+}
+
+#[test]
+fn monitor_decodes_what_crosses_the_bus() {
+    let bus = Bus::new();
+    let text = bus.command(&["monitor", "--for", "3"]).spawn().unwrap();
+    let json = bus.command(&["monitor", "--for", "3", "--json", "--only", "sdo,nmt", "--node", "5"]).spawn().unwrap();
+    sleep(std::time::Duration::from_millis(800));
+    assert!(bus.run(&["sdo", "read", "5", "0x6041"]).good().contains("Statusword"));
+    assert!(bus.run(&["sdo", "read", "9", "0x5000"]).bad().contains("does not exist"));
+    assert_eq!(bus.run(&["nmt", "start", "5"]).good(), "node 5: operational\n");
+    let told = Outcome::of(text.wait_with_output().unwrap()).good();
+    for what in [
+        "605    5         SDO →      read 0x6041 Statusword",
+        "585    5         SDO ←      0x6041 Statusword = 0x0140 switch on disabled",
+        "589    9         SDO ←      0x5000: aborted: object does not exist (0x06020000)",
+        "000    5         NMT →      start",
+        "705    5         heartbeat  operational, was pre-operational",
+    ] {
+        assert!(told.contains(what), "{what:?} is not in\n{told}");
+    }
+    let end = told.lines().last().unwrap();
+    assert!(end.contains(" frames in 3.0 s, load ") && end.contains("sdo 4") && end.contains("nmt 1"), "{end}");
+    assert!(!told.contains('\x1b'), "no colours but on a terminal");
+    let json = Outcome::of(json.wait_with_output().unwrap()).values();
+    let kinds: Vec<&str> = json.iter().map(|line| line["kind"].as_str().unwrap()).collect();
+    assert_eq!(kinds, ["sdo", "sdo", "nmt"], "{json:?}");
+    assert_eq!((&json[1]["says"]["object"], &json[1]["says"]["value"]), (&"Statusword".into(), &0x140.into()));
+}
+
+#[test]
+fn what_cannot_be_meant_is_one_clear_line() {
+    let run = |args: &[&str]| {
+        let mut command = advee("udpm://239.255.76.67:7667?ttl=0", &std::env::temp_dir().join("advee-can-none"));
+        Outcome::of(command.arg("can").args(args).output().unwrap())
+    };
+    assert!(run(&["scan", "--bus", "z"]).bad().contains("robot.toml has no bus [can.z]; it has main"));
+    assert!(run(&["scan", "--interface", "udp:1.2.3.4"]).bad().contains("expected can0"));
+    assert!(run(&["scan", "--interface", "advee-none0"]).bad().contains("advee-none0: "));
+    assert!(run(&["scan", "--interface", "slcan:/no/such/adapter"]).bad().contains("/no/such/adapter"));
+    assert!(
+        run(&["sdo", "read", "200", "0x1000"]).bad().contains("expected an id from 1 to 127, or one of propulsion")
+    );
+}
+
+#[test]
+fn a_bus_that_a_module_holds_is_listened_to_and_otherwise_its_modules_own() {
+    let mut robot = Robot::ready(&[]);
+    let driver = robot.view.pid("driver_canbus");
+    let can = |robot: &Robot, args: &[&str]| Outcome::of(robot.advee(&[&["can"], args].concat()));
+    let told = can(&robot, &["monitor", "--for", "1.5"]).good();
+    let head = format!("can.main, 500 kbit/s, held by driver_canbus, process {driver}: listening");
+    assert_eq!(told.lines().next(), Some(head.as_str()));
+    for (what, least) in [
+        ("   1 propulsion  heartbeat  operational", 10),
+        (" 127 master      heartbeat  operational", 10),
+        ("   1 propulsion  SDO ←      0x606C Velocity actual = 0", 2),
+    ] {
+        let count = told.lines().filter(|line| line.contains(what)).count();
+        assert!(count >= least, "{count} of {what:?} in\n{told}");
+    }
+    let through = |told: &str| told.contains(", through driver_canbus)");
+    let told = can(&robot, &["sdo", "read", "propulsion", "Modes of operation display"]).good();
+    assert!(told.contains("node 1 (propulsion): 0x6061 ") && told.contains("= 3 profile velocity (") && through(&told));
+    let told = can(&robot, &["sdo", "upload", "steering", "0x1008", "-"]).good();
+    assert_eq!(told, "Position drive, simulated, with a long device name");
+    assert!(
+        can(&robot, &["sdo", "read", "9", "0x1000"]).bad().contains("node 9: 0x1000 Device type: no answer in time")
+    );
+    assert!(can(&robot, &["sdo", "read", "1", "0x5555"]).bad().contains("object does not exist"));
+    let refused = can(&robot, &["sdo", "write", "1", "Controlword", "0x000F"]).bad();
+    assert!(refused.contains("driver_canbus holds can.main") && refused.contains("TERMINATE"), "{refused}");
+    let told = can(&robot, &["scan", "--from", "1", "--to", "4"]).good();
+    assert!(told.contains("   1  propulsion  operational") && told.contains("   2  steering    operational"), "{told}");
+    assert!(told.contains("2 nodes on can.main, through driver_canbus"), "{told}");
+    for command in [&["nmt", "stop", "all"][..], &["lss", "scan"]] {
+        let refused = can(&robot, command).bad();
+        assert!(refused.contains(&format!("can.main is held by driver_canbus, process {driver}: ")), "{refused}");
+    }
+    // Nothing of it has disturbed the robot.
+    robot.pass(0.3);
+    assert!(robot.view.all_run() && robot.view.is_homed());
+    // Stopped, the bus is free, and the drives of the simulator answer.
+    assert!(robot.advee(&["state", "driver_canbus", "TERMINATE"]).status.success());
+    robot.until("the driver has ended", 5.0, |_| !Path::new(&format!("/proc/{driver}")).exists());
+    let told = can(&robot, &["sdo", "read", "propulsion", "Statusword"]).good();
+    assert!(told.contains("= 0x") && !through(&told), "{told}");
+    assert_eq!(can(&robot, &["nmt", "reset", "propulsion"]).good(), "node 1 (propulsion): has booted\n");
+    robot.stop();
+}

@@ -1,0 +1,204 @@
+//! The main job, live: `advee up --sim`, driven, broken, and ended, as its user would.
+
+use crate::support::{self, Robot};
+use base::Fault;
+use messages::{Hold, lowlevel};
+use module::State;
+
+const MOVES: f64 = 0.05;
+
+#[test]
+fn it_drives_as_commanded_and_ctrl_c_leaves_nothing() {
+    let mut robot = Robot::ready(&[]);
+    let start = robot.view.truth.clone().unwrap();
+    let mut drive = robot.spawn(&["drive", "0.4", "0.1", "--for", "3"]);
+    robot.until("the robot moves", 5.0, |view| view.speed() > 0.35);
+    robot.until("the command has ended and the robot stands", 10.0, |view| view.speed().abs() < 0.01);
+    assert!(drive.wait().unwrap().success());
+
+    // 3 s at 0.4 m/s, less the ramps of 0.5 m/s²; at 0.1 rad the yaw rate is 0.4 · tan(0.1) / 0.6.
+    let end = robot.view.truth.clone().unwrap();
+    let path = (end.x - start.x).hypot(end.y - start.y);
+    let turn = end.theta - start.theta;
+    assert!((0.7..1.3).contains(&path), "moved {path} m");
+    assert!((0.10..0.25).contains(&turn), "turned {turn} rad");
+    assert_eq!(end.collisions, 0);
+    // The odometry tells the same.
+    let odo = robot.view.odo.clone().unwrap();
+    assert!((odo.path - path).abs() < 0.1, "odometry {} m, truth {path} m", odo.path);
+
+    let echo = robot.advee(&["lcm", "echo", "LL_DATA_ODO", "--for", "1"]);
+    let text = String::from_utf8_lossy(&echo.stdout).into_owned();
+    assert!(echo.status.success() && text.contains("LL_DATA_ODO") && text.contains("ticks_left="), "{text}");
+
+    assert_eq!(robot.stop(), 0);
+    assert!(robot.processes().is_empty(), "processes left over: {:?}", robot.processes());
+    assert!(!robot.run_dir.exists(), "the run folder is left over");
+}
+
+#[test]
+fn silence_begins_a_quick_stop() {
+    let mut robot = Robot::ready(&[]);
+    robot.drive(0.4, 0.0, 1.5);
+    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+    // From here on nobody commands: a quick stop at 1.5 m/s² takes 0.27 s after the 0.25 s of the command's life.
+    let stopping = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
+    assert!(stopping.as_millis() < 400, "begun after {stopping:?}");
+    robot.until("the robot stands", 1.0, |view| view.speed().abs() < 0.01);
+    assert_eq!(
+        (robot.view.causes(), robot.view.reason()),
+        (vec![Hold::NobodyCommands], "nobody commands the motion".into())
+    );
+}
+
+#[test]
+fn the_death_of_a_critical_module_stops_the_robot_and_it_drives_again_when_asked_anew() {
+    let mut robot = Robot::ready(&[]);
+    robot.drive(0.4, 0.0, 1.2);
+    let pid = robot.view.pid("driver_rs485a");
+    robot.kill("driver_rs485a");
+    // The source goes on as if nothing had happened: it must not move the robot when the module is back.
+    robot.drive(0.4, 0.0, 1.5);
+    assert!(robot.view.runs("driver_rs485a") && robot.view.pid("driver_rs485a") != pid, "it is back");
+    assert!(robot.view.speed().abs() < MOVES, "it resumed by itself");
+    assert_eq!(robot.view.causes(), [Hold::NotReleased], "{}", robot.view.reason());
+    let critical = |error: &&messages::common::Error| error.number == Fault::CriticalModule as i32;
+    assert_eq!(robot.view.errors.iter().filter(critical).count(), 2, "reported once, cleared once");
+    robot.drive(0.0, 0.0, 0.2);
+    robot.drive(0.4, 0.0, 1.2);
+    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+}
+
+#[test]
+fn the_death_of_the_drives_driver_is_noticed_by_the_drives_themselves() {
+    let mut robot = Robot::ready(&[]);
+    robot.drive(0.4, 0.0, 1.2);
+    robot.kill("driver_canbus");
+    robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+    robot.until("it is back and homed", 15.0, |view| view.runs("driver_canbus"));
+    robot.view.motion = None;
+    robot.until("the steering is homed again", 15.0, support::View::is_homed);
+    robot.drive(0.0, 0.0, 0.2);
+    robot.drive(0.4, 0.0, 1.2);
+    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+}
+
+#[test]
+fn the_death_of_any_other_module_does_not_stop_it() {
+    let mut robot = Robot::ready(&["--set", "modules.driver_rs485a.critical=false"]);
+    robot.drive(0.4, 0.0, 1.2);
+    let pid = robot.view.pid("driver_rs485a");
+    robot.kill("driver_rs485a");
+    for _ in 0..40 {
+        robot.drive(0.4, 0.0, 0.05);
+        assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
+    }
+    assert!(robot.view.runs("driver_rs485a") && robot.view.pid("driver_rs485a") != pid, "it is back");
+}
+
+#[test]
+fn a_watchdog_that_dies_is_followed_by_one_that_takes_its_modules_over() {
+    let mut robot = Robot::ready(&[]);
+    robot.drive(0.4, 0.0, 1.2);
+    let pids = |robot: &Robot| -> Vec<_> {
+        robot.view.processes.iter().map(|(name, process)| (name.clone(), process.pid)).collect()
+    };
+    let before = pids(&robot);
+    let watchdog = robot.processes().into_iter().find(|pid| {
+        std::fs::read(format!("/proc/{pid}/cmdline"))
+            .is_ok_and(|line| String::from_utf8_lossy(&line).contains("run\0watchdog"))
+    });
+    support::signal(watchdog.expect("the watchdog runs") as i32, "KILL");
+    robot.view.processes.clear();
+    robot.view.motion = None;
+    robot.until("all modules run again, homed", 20.0, |view| view.all_run() && view.is_homed());
+    assert_eq!(pids(&robot), before, "the same processes, taken over");
+    // Nobody has commanded since.
+    robot.until("it stands", 2.0, |view| view.speed().abs() < 0.01);
+}
+
+#[test]
+fn a_module_that_hangs_is_ended_and_is_back() {
+    let mut robot = Robot::ready(&[]);
+    let pid = robot.view.pid("driver_canbus");
+    robot.drive(0.4, 0.0, 1.2);
+    support::signal(pid, "STOP");
+    // The drives miss the master's heartbeat, the watchdog its beats.
+    robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+    robot.until("it is back", 6.0, |view| view.runs("driver_canbus") && view.pid("driver_canbus") != pid);
+    let hung = |error: &messages::common::Error| error.number == Fault::ModuleHung as i32;
+    assert!(robot.view.errors.iter().any(hung), "{:?}", robot.view.errors);
+}
+
+#[test]
+fn a_module_obeys_state_commands_and_keeps_them_over_its_death() {
+    let mut robot = Robot::ready(&[]);
+    let done = robot.advee(&["state", "driver_rs485a", "STOP"]);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let stopped = |view: &support::View| view.processes["driver_rs485a"].state == State::Stop as i8;
+    robot.until("STOP is shown", 2.0, stopped);
+    let pid = robot.view.pid("driver_rs485a");
+    robot.kill("driver_rs485a");
+    robot.until("it is back, in STOP", 5.0, |view| stopped(view) && view.pid("driver_rs485a") != pid);
+    let refused = robot.advee(&["state", "driver_rs485a", "INIT"]);
+    assert!(!refused.status.success(), "INIT cannot be commanded");
+    let table = robot.advee(&["state"]);
+    let text = String::from_utf8_lossy(&table.stdout).into_owned();
+    assert!(text.lines().any(|line| line.contains("driver_rs485a") && line.contains("STOP")), "{text}");
+}
+
+#[test]
+fn nonsense_on_the_bus_is_reported_once_and_survived() {
+    let mut robot = Robot::ready(&[]);
+    let odo = lowlevel::DataOdo::default();
+    let mut wrong = Vec::new();
+    messages::Message::from(odo).encode(&mut wrong).unwrap();
+    for _ in 0..50 {
+        // An odometry message on the command's channel, a truncated command, a datagram that is not LCM at all.
+        robot.bus.publish("LL_CMD_MOTION", &wrong).unwrap();
+        robot.bus.publish("LL_CMD_MOTION", &wrong[..5]).unwrap();
+        let socket = std::net::UdpSocket::bind("0.0.0.0:0").unwrap();
+        socket.set_multicast_ttl_v4(0).unwrap();
+        socket.send_to(b"nonsense", ("239.255.76.67", robot.port)).unwrap();
+    }
+    robot.drive(0.0, 0.0, 0.5);
+    robot.drive(0.4, 0.0, 1.2);
+    assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+    let told = |module: &str, what: &str| {
+        let malformed = robot.view.errors.iter().filter(|error| error.number == Fault::MessageMalformed as i32);
+        malformed.filter(|error| error.module == module && error.message.contains(what)).count()
+    };
+    for what in ["fingerprint", "truncated"] {
+        assert_eq!(told("driver_canbus", what), 1, "{what}: once by cause: {:?}", robot.view.errors);
+    }
+    assert_eq!(told("watchdog", "is not LCM's"), 1, "{:?}", robot.view.errors);
+
+    for (speed, steering) in [(f64::NAN, 0.0), (9.0, 0.0), (0.4, 2.0)] {
+        robot.drive(0.0, 0.0, 0.6);
+        robot.drive(0.4, 0.0, 1.0);
+        assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
+        robot.view.errors.clear();
+        robot.command(speed, steering);
+        robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+        let refused = |error: &&messages::common::Error| {
+            error.number == Fault::MotionRefused as i32 && error.severity == messages::common::Error::ERROR
+        };
+        assert_eq!(robot.view.errors.iter().filter(refused).count(), 1);
+    }
+}
+
+#[test]
+fn a_power_channel_is_switched_and_shown() {
+    let robot = Robot::ready(&[]);
+    let said = |args: &[&str]| {
+        let output = robot.advee(args);
+        (output.status.success(), String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned())
+    };
+    assert_eq!(said(&["power", "monitor", "off"]), (true, "monitor is off\n".into()));
+    let shown = said(&["power", "monitor"]).1;
+    assert!(shown.starts_with("monitor    off "), "{shown}");
+    assert_eq!(said(&["power", "monitor", "reboot"]), (true, "monitor is on\n".into()));
+    let json: serde_json::Value = serde_json::from_str(&said(&["power", "--json"]).1).unwrap();
+    assert_eq!(json["channels"].as_array().map(Vec::len), Some(8));
+    assert!(!said(&["power", "toaster", "on"]).0);
+}

@@ -1,0 +1,192 @@
+//! The whole robot on a host of its own: its network proven on the wire, driven from a second host, and without any.
+
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
+
+use crate::hosts::{self, Host};
+use crate::support::{self, Robot, python, workspace};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Write};
+use std::net::Ipv4Addr;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 76, 67);
+/// Of the CAN bus in `sim.toml`.
+const CAN_GROUP: Ipv4Addr = Ipv4Addr::new(239, 74, 163, 2);
+
+/// As [`hosts::on_a_host`]; the robot there takes part of this machine.
+fn on_a_host(test: &str, body: impl FnOnce(Host)) {
+    let _turn = support::turn();
+    hosts::on_a_host(test, body);
+}
+
+/// A second host, at the other end of the cable in `eth7`; both have their default route by it.
+fn cabled(here: &Host) -> Host {
+    let there = Host::new();
+    here.cable(("eth7", "10.1.2.1"), &there, ("eth8", "10.1.2.2"));
+    here.ip("route add default dev eth7");
+    there.ip("route add default dev eth8");
+    // A cable that was just plugged in carries nothing at first.
+    assert_eq!(here.seen(&["eth7"], &there.tap(), GROUP), []);
+    there
+}
+
+/// `second_host.py` on `host`, which commands `speed`.
+struct Module {
+    child: Child,
+    lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
+    types: PathBuf,
+}
+
+impl Module {
+    fn start(python: &Path, host: &Host, robot: &Robot, speed: f64) -> Self {
+        let types = robot.run_dir.with_extension("types");
+        support::python_types(python, &types);
+        let mut command = Command::new(python);
+        command
+            .arg(workspace().join("advee/tests/it/peers/second_host.py"))
+            .args([&speed.to_string(), "60"])
+            .env("LCM_DEFAULT_URL", &robot.url)
+            .env("PYTHONPATH", &types)
+            .stdout(Stdio::piped());
+        let mut child = host.run(|| command.spawn()).expect("python runs");
+        let lines = BufReader::new(child.stdout.take().expect("piped")).lines();
+        Self { child, lines, types }
+    }
+
+    /// Waits until it tells that.
+    fn until(&mut self, what: &str) {
+        let told = self.lines.next().expect("it goes on").expect("text");
+        let told: Value = serde_json::from_str(&told).expect("JSON");
+        assert_eq!(told["what"], what);
+    }
+}
+
+impl Drop for Module {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.types);
+    }
+}
+
+#[test]
+fn a_module_on_a_second_host_drives_the_robot_until_the_cable_is_pulled() {
+    on_a_host("a_module_on_a_second_host_drives_the_robot_until_the_cable_is_pulled", |here| {
+        let Some(python) = python() else { return };
+        let there = cabled(&here);
+        let mut robot = Robot::ready_on(1, &[]);
+        let mut module = Module::start(&python, &there, &robot, 0.4);
+        module.until("ready");
+        module.until("moving");
+        robot.until("the robot moves", 5.0, |view| view.speed() > 0.35);
+
+        there.ip("link set eth8 down");
+        // Its commands live 250 ms; what says so comes 20 times a second.
+        let begun = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
+        println!("the quick stop began {} ms after the cable was pulled", begun.as_millis());
+        robot.until("the robot stands", 1.0, |view| view.speed().abs() < 0.01);
+        assert_eq!(robot.view.causes(), [messages::Hold::NobodyCommands]);
+        module.until("silent");
+        assert!(robot.view.all_run(), "the rest of the robot does not need that cable");
+
+        // The module never stopped commanding, and silence is no fault: plugged in again it drives, nothing restarted.
+        there.ip("link set eth8 up");
+        there.ip("route add default dev eth8");
+        robot.until("the robot moves", 20.0, |view| view.speed() > 0.35);
+    });
+}
+
+#[test]
+fn with_ttl_0_nothing_of_a_running_robot_leaves_its_host() {
+    on_a_host("with_ttl_0_nothing_of_a_running_robot_leaves_its_host", |here| {
+        let there = cabled(&here);
+        let tap = there.tap();
+        let mut robot = Robot::ready(&[]);
+        robot.drive(0.4, 0.1, 1.5);
+        assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+        assert!(robot.advee(&["doctor", "--sim"]).status.success());
+        let far = here.all_seen("eth7", &tap);
+        let ours: Vec<_> = far.iter().filter(|seen| [GROUP, CAN_GROUP].contains(&seen.to)).collect();
+        assert!(ours.is_empty(), "{ours:?}");
+    });
+}
+
+/// What `advee doctor` finds of the bus: level and cure of one check.
+fn diagnosis(robot: &Robot, check: &str) -> (String, String) {
+    let output = robot.advee(&["doctor", "--sim", "--json"]);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = report["checks"]["bus"].as_array().unwrap().iter().find(|found| found["check"] == check);
+    let found = found.unwrap_or_else(|| panic!("no check {check} in {report}"));
+    let text = |key: &str| found[key].as_str().unwrap().to_string();
+    (text("level"), text("cure"))
+}
+
+#[test]
+fn with_nothing_but_loopback_the_robot_works_and_doctor_lets_the_official_lcm_in() {
+    on_a_host("with_nothing_but_loopback_the_robot_works_and_doctor_lets_the_official_lcm_in", |here| {
+        here.ip("link set lo multicast off");
+        let mut robot = Robot::ready(&[]);
+        robot.drive(0.4, 0.0, 1.5);
+        assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
+        robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+
+        let (level, cure) = diagnosis(&robot, "route");
+        assert_eq!(level, "WARNING");
+        let Some(python) = python() else { return };
+        here.ip(cure.strip_prefix("sudo ip ").unwrap_or_else(|| panic!("{cure}")));
+        assert_eq!(diagnosis(&robot, "route"), ("OK".into(), String::new()));
+        let mut module = Module::start(&python, &here, &robot, 0.3);
+        module.until("ready");
+        module.until("moving");
+        robot.until("the robot moves", 5.0, |view| view.speed() > 0.25);
+    });
+}
+
+/// A program on the official LCM that joins and publishes a line for each one that it reads.
+const OFFICIAL: &str = "
+import lcm, os, sys
+bus = lcm.LCM(os.environ['LCM_DEFAULT_URL'])
+bus.subscribe('A', lambda channel, data: None)
+for line in sys.stdin:
+    bus.publish('A', line.encode())
+    print('sent', flush=True)
+";
+
+#[test]
+fn doctor_tells_when_the_official_lcm_leaks_after_a_change_of_the_route() {
+    on_a_host("doctor_tells_when_the_official_lcm_leaks_after_a_change_of_the_route", |here| {
+        let Some(python) = python() else { return };
+        let there = cabled(&here);
+        here.cable(("eth9", "10.1.3.1"), &there, ("eth10", "10.1.3.2"));
+        here.all_seen("eth9", &there.tap());
+        let url = format!("udpm://{GROUP}:7667?ttl=0");
+        let level = || {
+            let doctor = support::advee(&url, Path::new("run")).args(["doctor", "--sim", "--json"]).output().unwrap();
+            let report: Value = serde_json::from_slice(&doctor.stdout).unwrap();
+            let found = report["checks"]["bus"].as_array().unwrap().iter().find(|it| it["check"] == "official LCM");
+            found.unwrap()["level"].as_str().unwrap().to_string()
+        };
+        let mut command = Command::new(python);
+        command.args(["-c", OFFICIAL]).env("LCM_DEFAULT_URL", &url).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let mut publish = |stdin: &mut std::process::ChildStdin| {
+            stdin.write_all(b"x\n").unwrap();
+            assert_eq!(lines.next().unwrap().unwrap(), "sent");
+        };
+        let mut stdin = child.stdin.take().unwrap();
+        let tap = there.tap();
+        let leaked = || here.seen(&["eth7", "eth9"], &tap, GROUP).len();
+
+        publish(&mut stdin);
+        assert_eq!(leaked(), 0);
+        assert_eq!(level(), "OK");
+        here.ip("route replace default dev eth9");
+        publish(&mut stdin);
+        assert_eq!(leaked(), 1, "the kernel looks at the TTL now: doctor need not warn");
+        assert_eq!(level(), "WARNING");
+        drop(stdin);
+        assert!(child.wait().unwrap().success());
+    });
+}

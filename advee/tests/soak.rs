@@ -1,0 +1,271 @@
+//! The soak: the same seed is the same soak, on one job or two; what breaks a rule is found and made small; the shipped
+//! scenario holds; what once failed does not fail again.
+//!
+//! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` for more.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use base::Duration;
+use cli::soak::{Progress, Robot};
+use messages::Message;
+use robot::checks;
+use robot::config;
+use robot::place::Place;
+use robot::topology::virtual_machine_recorded;
+use sim::host::News;
+use sim::soak::{Disk, Fault, Kind, Scenario, Stage, draw, episode, shrink};
+use std::cell::RefCell;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::rc::Rc;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn place(world: &str) -> Place {
+    Place {
+        config: root().join("conf/advee"),
+        run_dir: "/run/advee".into(),
+        lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
+        sets: Vec::new(),
+        sim: true,
+        world: Some(world.into()),
+    }
+}
+
+fn shipped() -> Scenario {
+    config::scenario(&root().join("scenarios/default.toml")).expect("the shipped scenario")
+}
+
+/// Of the shipped scenario one short turn.
+fn short() -> Scenario {
+    Scenario { chaos: Duration::from_secs(20), calm: Duration::from_secs(30), turns: 1, ..shipped() }
+}
+
+fn robot(scenario: Scenario, world: &str, seed: u64) -> Robot {
+    Robot::new(place(world), scenario, seed).expect("the shipped configuration")
+}
+
+fn number(name: &str) -> Option<f64> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
+#[test]
+fn the_same_seed_is_the_same_soak_on_one_job_or_two_and_another_seed_another() {
+    let run = |seed, jobs| {
+        let report = robot(short(), "hall", seed).many(4, jobs, &Progress::none()).unwrap();
+        assert_eq!(report.violations, []);
+        (report.digest(), report.faults, report.figures)
+    };
+    let one = run(3, 1);
+    assert!(one == run(3, 1) && one == run(3, 2));
+    assert_ne!(one.0, run(4, 2).0);
+}
+
+#[test]
+fn the_shipped_scenario_holds() {
+    let scenario = shipped();
+    let hours = number("SOAK_HOURS").unwrap_or(1.0);
+    let seed = number("SOAK_SEED").unwrap_or(1.0) as u64;
+    let episodes = (hours * 3600.0 / scenario.episode().as_secs_f64()).ceil() as u64;
+    let jobs = std::thread::available_parallelism().map_or(1, usize::from);
+    let report = robot(scenario, "hall", seed).many(episodes, jobs, &Progress::none()).unwrap();
+    assert_eq!(report.violations, [], "advee soak --seed {seed} --episode NUMBER");
+    let hours = report.time.as_secs_f64() / 3600.0;
+    assert!(
+        report.figures.distance > 300.0 * hours,
+        "{} m: a robot that stands proves nothing",
+        report.figures.distance
+    );
+    assert!(report.faults.len() > 30 && report.faults.values().sum::<u64>() > 200, "{:?}", report.faults);
+    let worst = report.figures.worst;
+    assert!(worst.silence_to_stop.is_some_and(|time| time < Duration::from_millis(260)), "{worst:?}");
+    let bounds = [
+        (worst.rules.pause_to_stop, 20),
+        (worst.rules.loss_to_stop, 302),
+        (worst.rules.calm_to_wanted, 10_000),
+        (worst.calm_to_motion, 20_000),
+    ];
+    for (time, ms) in bounds {
+        assert!(time.is_some_and(|time| time <= Duration::from_millis(ms)), "{ms} ms: {worst:?}");
+    }
+}
+
+#[test]
+fn what_once_failed_does_not_fail_again() {
+    for regression in config::regressions(&root().join("scenarios/regressions.toml")).expect("a good file") {
+        // As it was when it failed: before there were visitors.
+        let place = Place { sets: vec!["world.people=0".into()], ..place(&regression.world) };
+        let robot = Robot::new(place, shipped(), regression.seed).expect("the shipped configuration");
+        let outcome = robot.episode(regression.episode, &regression.faults).unwrap();
+        assert_eq!(outcome.violation, None, "{}", regression.cause);
+    }
+}
+
+/// A scenario in which only these kinds of faults come.
+fn only(kinds: Vec<Kind>) -> Scenario {
+    Scenario { kinds, ..short() }
+}
+
+fn kind(name: &str, target: &str, fault: &str, per_hour: f64) -> Kind {
+    let (targets, value, lasts) = (vec![target.into()], (0.0, 0.0), (0.0, 0.0));
+    Kind { name: name.into(), targets, fault: fault.into(), per_hour, value, lasts }
+}
+
+#[test]
+fn a_fault_that_outlives_the_chaos_is_found_and_is_all_that_is_left_of_the_list() {
+    // For good, as 0 means it; and a lot that is harmless beside it.
+    let scenario = only(vec![kind("harmless", "clock", "step", 2000.0), kind("mute", "psc1", "silent", 400.0)]);
+    let robot = robot(scenario.clone(), "empty", 1);
+    let number = (0..20).find(|number| draw(&scenario, 1, *number).iter().any(|fault| fault.kind == "mute")).unwrap();
+    let faults = draw(&scenario, 1, number);
+    assert!(faults.len() > 5, "{faults:?}");
+    let breaks = |faults: &[Fault]| robot.episode(number, faults).unwrap().violation.map(|violation| violation.rule);
+    assert_eq!(breaks(&faults), Some("wanted"));
+    let minimal = shrink(&faults, 100, |some| breaks(some) == Some("wanted"));
+    assert_eq!(minimal.iter().map(|fault| fault.kind.as_str()).collect::<Vec<_>>(), ["mute"]);
+}
+
+#[test]
+fn a_fault_that_nobody_knows_is_told_and_no_soak_goes_on_without_it() {
+    let report = robot(only(vec![kind("odd", "sd1_frnt", "silent", 3000.0)]), "empty", 1);
+    let report = report.many(3, 2, &Progress::none()).unwrap();
+    let [(0, violation)] = &report.violations[..] else { panic!("{:?}", report.violations) };
+    assert_eq!(violation.rule, "scenario");
+    assert!(violation.what.contains("fault silent of sd1_frnt"), "{violation}");
+}
+
+/// What happens in an episode with these faults: the digest of all but the orders that let them loose, and how often it
+/// was told that inputs are lost.
+fn effect(world: &str, scenario: &Scenario, faults: &[Fault]) -> (u64, u32) {
+    let place = place(world);
+    let (limits, world) = (
+        checks::limits(&place, scenario.restart_delay_max).unwrap(),
+        config::world(&place.config, place.world.as_deref(), &place.sets).unwrap(),
+    );
+    let disk = Disk::default();
+    let stage = Stage { scenario, world: &world, limits: &limits, seed: 1, disk: &disk };
+    let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
+    let keep = seen.clone();
+    let outcome = episode(&stage, 0, faults, &mut |config| {
+        let disk = disk.clone();
+        let sink = move |_: &str| {
+            let disk = disk.clone();
+            Some(Box::new(move |_: &[u8]| !disk.is_full()) as record::Sink)
+        };
+        let mut machine = virtual_machine_recorded(&place, config, sink).map_err(|error| error.to_string())?;
+        let seen = keep.clone();
+        machine.observe(move |now, news| {
+            let (hasher, lost) = &mut *seen.borrow_mut();
+            match news {
+                News::Message { message: Message::SimCmdFault(_), .. } => {}
+                News::Message { message, .. } => {
+                    let mut bytes = Vec::new();
+                    message.encode(&mut bytes).expect("it was sent");
+                    (now.as_nanos(), bytes).hash(hasher);
+                }
+                News::Can { frame, .. } => (now.as_nanos(), frame.data()).hash(hasher),
+                News::Report { report, .. } if report.fault == base::Fault::InputsLost => *lost += 1,
+                _ => {}
+            }
+        });
+        machine.keep(watchdog::NAME)?;
+        Ok(machine)
+    });
+    assert_eq!(outcome.unwrap().violation, None, "{faults:?}");
+    let (hasher, lost) = &*seen.borrow();
+    (hasher.finish(), *lost)
+}
+
+#[test]
+fn every_kind_of_fault_of_the_shipped_scenario_does_something() {
+    let scenario = Scenario { settle: Duration::from_secs(13), ..short() };
+    let at = scenario.settle + Duration::from_secs(2);
+    // A step of the clock shows in who is started after it.
+    let kill = Fault {
+        at: at + Duration::from_secs(1),
+        kind: "kill".into(),
+        target: "driver_rs485b".into(),
+        fault: "kill".into(),
+        value: 0.0,
+        lasts: 0.0,
+    };
+    let without = effect("hall", &scenario, std::slice::from_ref(&kill)).0;
+    for kind in &scenario.kinds {
+        let (target, fault) = (kind.targets[0].clone(), kind.fault.clone());
+        let fault =
+            Fault { at, kind: kind.name.clone(), target, fault, value: kind.value.1, lasts: kind.lasts.1.min(15.0) };
+        assert_ne!(effect("hall", &scenario, &[fault, kill.clone()]).0, without, "{}", kind.name);
+    }
+}
+
+#[test]
+fn a_disk_that_is_full_is_told_once_by_each_process_and_stops_nobody() {
+    let scenario = short();
+    let full = |at_s, lasts| Fault {
+        at: Duration::from_secs(at_s),
+        kind: "disk_full".into(),
+        target: "disk".into(),
+        fault: "full".into(),
+        value: 0.0,
+        lasts,
+    };
+    let config = config::Config::load(&root().join("conf/advee"), true, &[]).unwrap();
+    // In virtual time nothing is logged or looked at; the watchdog is not among its modules.
+    let virtually = config.modules.iter().filter(|module| !["logger", "web"].contains(&module.name.as_str()));
+    let modules = virtually.count() as u32 + 1;
+    assert_eq!(effect("empty", &scenario, &[]).1, 0);
+    // That the robot moves in calm is a rule.
+    assert_eq!(effect("empty", &scenario, &[full(22, 5.0), full(30, 5.0)]).1, modules);
+}
+
+fn advee(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_advee"))
+        .args(["soak", "--config"])
+        .arg(root().join("conf/advee"))
+        .args(arguments)
+        .output()
+        .expect("it starts");
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
+    (output.status.code(), text(output.stdout), text(output.stderr))
+}
+
+#[test]
+fn the_command_reports_for_people_and_machines_and_repeats_one_episode() {
+    let folder = std::env::temp_dir().join(format!("advee-soak-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("scenario.toml");
+    let write = |text: &str| std::fs::write(&file, text).unwrap();
+    let path = file.display().to_string();
+    write(
+        "settle_s = 12\nchaos_s = 5\ncalm_s = 15\nturns = 1\n[faults.kill]\ntargets = [\"driver_rs485b\"]\nfault = \"kill\"\nper_hour = 1500\n",
+    );
+    let (code, json, complaints) = advee(&["--hours", "0.02", "--world", "empty", "--scenario", &path, "--json"]);
+    assert_eq!((code, complaints.as_str()), (Some(0), ""));
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    for key in ["hours", "digest", "violations", "faults", "distance", "goals", "contacts", "speed_factor"] {
+        assert!(!report[key].is_null(), "{key}: {report}");
+    }
+    assert_eq!((report["episodes"].as_u64(), report["violations"].as_array().map(Vec::len)), (Some(3), Some(0)));
+    let (code, text, _) = advee(&["--seed", "1", "--episode", "0", "--world", "empty", "--scenario", &path]);
+    assert!(code == Some(0) && text.contains("violations      0") && text.contains("  kill "), "{text}");
+
+    write(
+        "settle_s = 12\nchaos_s = 5\ncalm_s = 25\nturns = 1\n[faults.mute]\ntargets = [\"psc1\"]\nfault = \"silent\"\nper_hour = 3000\n",
+    );
+    let (code, text, _) = advee(&["--hours", "0.01", "--world", "empty", "--scenario", &path]);
+    assert_eq!(code, Some(1), "{text}");
+    let repeat = text.lines().find_map(|line| line.strip_prefix("repeat: advee soak ")).expect("a command");
+    let arguments: Vec<&str> = repeat.split(' ').collect();
+    let at = arguments.iter().position(|word| *word == "--config").expect("the configuration is part of it");
+    let (code, again, _) = advee(&[&arguments[..at], &arguments[at + 2..]].concat());
+    assert!(code == Some(1) && again.contains("rule wanted"), "{again}");
+
+    write("turns = 0\n[faults.x]\nfault = \"hang\"\n");
+    let (code, _, complaints) = advee(&["--scenario", &path]);
+    assert_eq!(code, Some(i32::from(module::exit::RESOURCE)));
+    assert!(complaints.contains(":1: turns = 0: expected an integer from 1 to 10000"), "{complaints}");
+    assert!(complaints.contains(":2: faults.x.targets: missing"), "{complaints}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}

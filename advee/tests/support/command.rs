@@ -1,0 +1,54 @@
+//! The outcome of a command that was run to its end.
+
+use serde_json::Value;
+use std::process::Output;
+
+/// Exit code and output of a command.
+#[derive(Debug)]
+pub struct Outcome {
+    /// Exit code; `None` if a signal ended it.
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl Outcome {
+    pub fn of(output: Output) -> Self {
+        let text = |bytes| String::from_utf8(bytes).expect("output is text");
+        Self { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+    }
+
+    /// Standard output of a command that succeeded without a word on standard error.
+    #[track_caller]
+    pub fn good(self) -> String {
+        assert_eq!((self.code, self.err.as_str()), (Some(0), ""), "{}", self.out);
+        self.out
+    }
+
+    /// The same, a JSON value a line.
+    #[track_caller]
+    pub fn values(self) -> Vec<Value> {
+        values(&self.good())
+    }
+
+    /// The one line on standard error of a command that failed.
+    #[track_caller]
+    pub fn bad(self) -> String {
+        assert!(self.code.is_some_and(|code| code != 0), "{self:?}");
+        assert_eq!(self.err.lines().count(), 1, "{}", self.err);
+        self.err.trim_end().into()
+    }
+
+    /// The same of a command that wrote nothing on standard output.
+    #[track_caller]
+    pub fn refused(self) -> String {
+        assert_eq!(self.out, "");
+        self.bad()
+    }
+}
+
+/// Lines of JSON.
+#[track_caller]
+pub fn values(text: &str) -> Vec<Value> {
+    text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()
+}

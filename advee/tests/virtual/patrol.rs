@@ -1,0 +1,97 @@
+//! The whole robot drives by itself, in virtual time: it finds itself, plans, drives, waits, and stands when it must.
+
+#[path = "../../../benches/patrol/rig.rs"]
+mod rig;
+
+use messages::middlelevel::DataGoal;
+use rig::Patrol;
+
+/// On its way for a while.
+fn driving(world: &str, people: Option<u32>, seed: u64) -> Patrol {
+    let mut robot = Patrol::new(world, people, seed, None);
+    robot.go();
+    robot.pass(8.0);
+    let seen = robot.seen();
+    assert!(robot.planner_runs() && seen.way > 1.0, "{} m: {:?}", seen.way, seen.words);
+    robot
+}
+
+#[test]
+fn it_patrols_the_empty_hall_without_a_contact() {
+    let mut robot = Patrol::new("hall", Some(0), 1, None);
+    robot.go();
+    let before = robot.seen();
+    robot.patrol(240.0);
+    let seen = robot.seen();
+    let speed = robot.speed_since(&before, 240.0);
+    assert_eq!((seen.contacts.len(), seen.failed, robot.let_go), (0, 0, 0), "{:?} {:?}", seen.contacts, seen.words);
+    assert!(seen.waypoints >= 12, "a lap: {} waypoints, {speed:.2} m/s, {:?}", seen.waypoints, seen.words);
+    assert!(speed > 0.35, "{speed:.2} m/s, {:?}", seen.words);
+}
+
+#[test]
+fn it_patrols_among_visitors_and_moves_into_nobody() {
+    let mut robot = Patrol::new("hall", None, 2, None);
+    robot.go();
+    robot.patrol(240.0);
+    let seen = robot.seen();
+    assert_eq!((seen.own_contacts(), seen.failed), (0, 0), "{:?} {:?}", seen.contacts, seen.words);
+    assert!(seen.waypoints >= 4, "{} waypoints, {:?}", seen.waypoints, seen.words);
+}
+
+#[test]
+fn a_goal_that_is_taken_back_leaves_it_standing() {
+    let mut robot = driving("hall", Some(0), 3);
+    robot.send_to(9, &[]);
+    robot.pass(3.0);
+    let seen = robot.seen();
+    assert_eq!((seen.goal.status, seen.goal.id), (DataGoal::CANCELLED, 9));
+    assert!(seen.truth.speed.abs() < 0.01, "{}", seen.truth.speed);
+}
+
+#[test]
+fn a_planner_that_dies_is_no_danger_and_nothing_resumes_by_itself() {
+    let mut robot = driving("hall", Some(0), 4);
+    let pid = robot.machine.pid(planner::NAME).unwrap();
+    robot.machine.kill(pid);
+    robot.pass(3.0);
+    assert!(robot.seen().truth.speed.abs() < 0.01, "{}", robot.seen().truth.speed);
+    robot.pass(10.0);
+    let seen = robot.seen();
+    assert!(seen.truth.speed.abs() < 0.01 && robot.planner_runs());
+    assert_eq!((seen.goal.status, seen.goal_holds.first()), (DataGoal::IDLE, Some(messages::Hold::NoGoal)));
+    robot.send();
+    robot.pass(8.0);
+    assert!(robot.seen().way > seen.way + 0.5, "{:?}", robot.seen().words);
+}
+
+#[test]
+fn an_estimator_that_dies_stops_it() {
+    let mut robot = driving("hall", Some(0), 5);
+    let pid = robot.machine.pid("estimator").unwrap();
+    robot.machine.kill(pid);
+    robot.pass(2.5);
+    assert!(robot.seen().truth.speed.abs() < 0.01, "{}", robot.seen().truth.speed);
+    robot.pass(20.0);
+    let seen = robot.seen();
+    assert!(seen.truth.speed.abs() < 0.01);
+    assert_eq!(seen.goal_holds.first(), Some(messages::Hold::PlannerLatched), "{}", seen.goal.message);
+}
+
+#[test]
+fn goals_that_cannot_be_are_refused_in_words() {
+    let mut robot = Patrol::new("hall", Some(0), 6, None);
+    robot.go();
+    for (id, x, y, words) in [
+        (11, f64::NAN, 3.0, "refused: waypoint 0 at NaN"),
+        (12, 16.0, 5.5, "cannot reach waypoint 1"),
+        (13, 500.0, 5.5, "cannot reach waypoint 1"),
+    ] {
+        robot.send_to(id, &[(x, y)]);
+        robot.pass(12.0);
+        let goal = robot.seen().goal;
+        assert_eq!((goal.id, goal.status), (id, DataGoal::FAILED), "{}", goal.message);
+        assert!(goal.message.starts_with(words), "{}", goal.message);
+        assert!(robot.seen().truth.speed.abs() < 0.01);
+    }
+}

@@ -1,0 +1,368 @@
+//! The power controller and the beacon scanner of the whole robot: what pulls the PAUSE line stops it, and it stays.
+
+use super::{Robot, at};
+use base::{Duration, Fault, Instant};
+use messages::{Hold, Message, StopSource, common, lowlevel, simulation};
+use sim::host::News;
+use std::cell::RefCell;
+use std::rc::Rc;
+
+#[derive(Default)]
+struct Heard {
+    stops: Vec<(Instant, lowlevel::EventStop)>,
+    power: Vec<(Instant, lowlevel::DataPower)>,
+    beacons: Vec<lowlevel::DataBeacons>,
+    buses: Vec<lowlevel::DataBus>,
+    truth: Vec<(Instant, simulation::DataTruth)>,
+    reports: Vec<(Instant, base::Report)>,
+    notes: Vec<String>,
+    processes: Option<common::DataProcesses>,
+}
+
+impl Heard {
+    fn take(&mut self, now: Instant, news: &News<'_>) {
+        match news {
+            News::Message { message: Message::LlEventStop(stop), .. } => self.stops.push((now, stop.clone())),
+            News::Message { message: Message::LlDataPower(power), .. } => self.power.push((now, power.clone())),
+            News::Message { message: Message::LlDataBeacons(beacons), .. } => self.beacons.push(beacons.clone()),
+            News::Message { message: Message::LlDataBus(bus), .. } => self.buses.push(bus.clone()),
+            News::Message { message: Message::SimDataTruth(truth), .. } => self.truth.push((now, truth.clone())),
+            News::Message { message: Message::CmDataProcesses(list), .. } => self.processes = Some(list.clone()),
+            News::Report { report, .. } => self.reports.push((now, (*report).clone())),
+            News::Note { line, .. } => self.notes.push((*line).to_owned()),
+            _ => {}
+        }
+    }
+
+    fn reported(&self, fault: Fault) -> bool {
+        self.reports.iter().any(|(_, report)| report.fault == fault)
+    }
+}
+
+/// All modules run, the steering is homed; and everything that is heard from now on.
+fn ready(seed: u64) -> (Robot, Rc<RefCell<Heard>>) {
+    let mut robot = Robot::ready(seed);
+    let heard = Rc::new(RefCell::new(Heard::default()));
+    let keep = heard.clone();
+    robot.machine.observe(move |now, news| keep.borrow_mut().take(now, news));
+    (robot, heard)
+}
+
+fn say(robot: &mut Robot, message: impl Into<Message>) {
+    let now = robot.machine.now();
+    robot.machine.inject(now, message);
+}
+
+fn fault(robot: &mut Robot, target: &str, fault: &str, value: f64, duration: f64) {
+    let (target, fault) = (target.into(), fault.into());
+    say(robot, simulation::CmdFault { timestamp: 0, target, fault, value, duration });
+}
+
+fn switch(robot: &mut Robot, device: i8, action: i8) {
+    say(robot, lowlevel::CmdPower { timestamp: 0, device, action });
+}
+
+/// The robot stands, though somebody commands it all the time; then it is asked anew, and drives.
+fn is_latched_until_commanded_anew(robot: &mut Robot) {
+    robot.drive(0.4, 0.0, 3.0);
+    robot.pass(3.0);
+    assert!(robot.speed().abs() < 0.001, "it resumed by itself");
+    assert_eq!(robot.hold(), Some(Hold::NotReleased), "{}", robot.motion().reason);
+    robot.pass(1.0);
+    robot.drive(-0.4, 0.0, 2.0);
+    robot.pass(1.9);
+    assert!(robot.speed() < -0.35, "{}: {}", robot.speed(), robot.motion().reason);
+}
+
+#[test]
+fn a_bumper_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
+    let (mut robot, heard) = ready(1);
+    // From x = 3 through the hall, past its columns, to a stand's wall at x = 15.
+    robot.drive(0.6, -0.02, 60.0);
+    let before = robot.machine.now();
+    while heard.borrow().truth.last().is_none_or(|(_, truth)| truth.collisions == 0) {
+        robot.pass(0.05);
+        assert!(robot.machine.now().since(before) < Duration::from_secs(40), "it runs into nothing");
+    }
+    robot.pass(0.3);
+    assert!(robot.speed().abs() < 0.001);
+    let stands = [Some(Hold::PauseBumper), Some(Hold::DriveFault)];
+    assert!(stands.contains(&robot.hold()), "{}", robot.motion().reason);
+    let stops = heard.borrow().stops.clone();
+    let (told, stop) = stops.iter().find(|(_, stop)| stop.engaged).expect("the line is engaged");
+    assert_eq!(StopSource::from_name(&stop.source).is_front_bumper(), Some(true), "{stop:?}");
+    let hit = heard.borrow().truth.iter().find(|(_, truth)| truth.collisions > 0).expect("it ran into it").0;
+    // The truth is told every 50 ms; the board's 7 words take 0.67 ms.
+    assert!(
+        told.since(hit) < Duration::from_millis(1) && hit.since(*told) < Duration::from_millis(51),
+        "{told:?} {hit:?}"
+    );
+    // Its foam pushes the robot off after 500 ms; the feed is there again, the drive is reset.
+    robot.pass(3.0);
+    assert!(heard.borrow().stops.last().is_some_and(|(_, stop)| !stop.engaged));
+    let left = at(12.0 + 60.0).since(robot.machine.now()).as_secs_f64();
+    robot.pass(left + 1.0);
+    assert!(robot.speed().abs() < 0.001, "whoever drove went on commanding for {left} s");
+    robot.drive(-0.4, 0.0, 2.0);
+    robot.pass(1.9);
+    assert!(robot.speed() < -0.35, "{}: {}", robot.speed(), robot.motion().reason);
+}
+
+#[test]
+fn the_stop_button_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
+    let (mut robot, heard) = ready(1);
+    robot.drive(0.4, 0.0, 6.0);
+    robot.pass(2.0);
+    let pressed = robot.machine.now();
+    fault(&mut robot, "psc1", "stop_button", 0.0, 2.5);
+    robot.pass(0.2);
+    // Before any word of it the line has opened the motors' feed: nothing drives it any more, it coasts.
+    let motion = robot.motion();
+    assert!(!motion.enabled && robot.speed() < 0.38 && robot.speed() > 0.3, "{motion:?}");
+    let (told, stop) = heard.borrow().stops.iter().find(|(_, stop)| stop.engaged).cloned().expect("it is told");
+    assert_eq!(stop.source, "button");
+    // Through LCM to the simulator 50 to 250 us, 7 words of 95.5 us.
+    assert!(told.since(pressed) < Duration::from_millis(1), "{told:?}");
+    robot.pass(2.2);
+    assert!(robot.speed().abs() < 0.001, "{}", robot.speed());
+    robot.pass(1.6);
+    assert!(heard.borrow().stops.last().is_some_and(|(_, stop)| !stop.engaged));
+    is_latched_until_commanded_anew(&mut robot);
+}
+
+#[test]
+fn when_the_power_controller_is_silent_the_robot_stops_1200_ms_after_its_last_word() {
+    let (mut robot, heard) = ready(1);
+    robot.drive(0.4, 0.0, 10.0);
+    robot.pass(2.0);
+    let silent = robot.machine.now();
+    fault(&mut robot, "psc1", "silent", 0.0, 5.0);
+    robot.pass(1.5);
+    let stopped = robot.quick_stop_after(silent);
+    assert!(stopped.since(silent) <= Duration::from_millis(1205), "{:?}", stopped.since(silent));
+    let last = heard.borrow().stops.iter().map(|(at, _)| *at).filter(|at| *at < stopped).max().expect("told before");
+    let took = stopped.since(last);
+    assert!((1200..=1202).contains(&took.as_millis()), "{took:?} after the last word");
+    assert_eq!(robot.hold(), Some(Hold::PauseUnknown));
+    assert!(heard.borrow().reported(Fault::PauseUnknown));
+    robot.pass(4.5);
+    is_latched_until_commanded_anew(&mut robot);
+}
+
+#[test]
+fn a_power_driver_that_dies_stops_the_robot_at_once_and_is_back_within_a_second() {
+    let (mut robot, _) = ready(1);
+    robot.drive(0.4, 0.0, 4.0);
+    robot.pass(2.0);
+    let died = robot.machine.now();
+    let pid = robot.machine.pid("driver_power").expect("it runs");
+    robot.machine.kill(pid);
+    robot.pass(1.0);
+    let took = robot.quick_stop_after(died).since(died);
+    assert!(took < Duration::from_millis(5), "{took:?}");
+    assert_eq!(robot.hold(), Some(Hold::NotReleased));
+}
+
+#[test]
+fn channels_stop_and_start_at_the_board_s_pace() {
+    let (mut robot, heard) = ready(1);
+    let begin = robot.machine.now();
+    for channel in [4, 5] {
+        switch(&mut robot, channel, lowlevel::CmdPower::OFF);
+    }
+    switch(&mut robot, 2, lowlevel::CmdPower::REBOOT);
+    robot.pass(12.0);
+    let power = heard.borrow().power.clone();
+    let on = |power: &lowlevel::DataPower, name: &str| {
+        power.channels.iter().find(|channel| channel.name == name).expect("all are there").on
+    };
+    // The first order is obeyed at once; of the others the computer goes before audio. Asked once a second.
+    let off = |name: &str| power.iter().find(|(_, power)| !on(power, name)).expect("it went off").0.since(begin);
+    let (computer, monitor, audio) = (off("computer2"), off("monitor"), off("audio"));
+    assert!(
+        monitor < computer && computer < audio && audio < Duration::from_secs(4),
+        "{computer:?} {monitor:?} {audio:?}"
+    );
+    let (_, last) = power.last().expect("once a second");
+    assert!(on(last, "computer2") && !on(last, "monitor") && !on(last, "audio"), "{last:?}");
+    assert!(last.channels[4].current < 0.05 && last.channels[2].current > 0.5, "{last:?}");
+    assert!(heard.borrow().notes.iter().any(|note| note == "power channel computer2 is on"));
+}
+
+#[test]
+fn without_the_motors_channel_it_does_not_drive_and_without_sensors_their_boards_are_lost() {
+    let (mut robot, heard) = ready(1);
+    switch(&mut robot, 3, lowlevel::CmdPower::OFF);
+    robot.pass(2.0);
+    robot.drive(0.4, 0.0, 1.0);
+    robot.pass(1.5);
+    assert!(robot.speed().abs() < 0.001 && robot.hold() == Some(Hold::DriveFault), "{}", robot.motion().reason);
+    switch(&mut robot, 3, lowlevel::CmdPower::ON);
+    robot.pass(4.0);
+    robot.drive(0.4, 0.0, 1.0);
+    robot.pass(0.9);
+    assert!(robot.speed() > 0.3, "{}", robot.motion().reason);
+    robot.pass(3.0);
+    switch(&mut robot, 6, lowlevel::CmdPower::OFF);
+    robot.pass(8.0);
+    assert!(heard.borrow().reported(Fault::BoardLost));
+}
+
+#[test]
+fn the_battery_is_counted_down_and_a_low_one_is_told_of() {
+    let (mut robot, heard) = ready(1);
+    robot.pass(600.0);
+    let power = heard.borrow().power.clone();
+    assert!((599..=601).contains(&power.len()), "{}", power.len());
+    let (first, last) = (&power[0].1, &power[power.len() - 1].1);
+    // 150 W at 26.6 V for ten minutes, of 40 Ah.
+    let drawn = 150.0 / 26.6 / 6.0 / 40.0;
+    assert!((first.charge - last.charge - drawn).abs() < 0.1 * drawn, "{} to {}", first.charge, last.charge);
+    let hours = last.remaining / 3600.0;
+    assert!((hours - last.charge * 40.0 * 26.6 / 150.0).abs() < 0.3, "{hours} h");
+    assert!(!heard.borrow().reported(Fault::BatteryLow));
+    fault(&mut robot, "psc1", "battery", 23.0, 0.0);
+    robot.pass(180.0);
+    assert!(heard.borrow().reported(Fault::BatteryLow), "2.87 V a cell");
+}
+
+#[test]
+fn before_its_supply_is_cut_the_robot_is_shut_down_in_order_and_nobody_s_computer_is_halted() {
+    let (mut robot, heard) = ready(1);
+    robot.drive(0.4, 0.0, 5.0);
+    robot.pass(1.5);
+    fault(&mut robot, "psc1", "power_off", 30.0, 0.0);
+    robot.pass(6.0);
+    assert!(robot.speed().abs() < 0.001);
+    let list = heard.borrow().processes.clone().expect("the watchdog lives");
+    let phase = |name: &str| list.processes.iter().find(|process| process.module == name).expect("listed").phase;
+    for name in ["driver_canbus", "driver_rs485a", "driver_rs485b"] {
+        assert_eq!(phase(name), common::Process::TERMINATED, "{name}");
+    }
+    assert_eq!(phase("driver_power"), common::Process::RUNNING);
+    let heard = heard.borrow();
+    let told: Vec<&str> = heard
+        .reports
+        .iter()
+        .filter(|(_, report)| report.fault == Fault::PowerOff)
+        .map(|(_, report)| report.message.as_str())
+        .collect();
+    let expected = [
+        "the supply is cut in 30 s: the modules are ended, then the computer",
+        "a simulated robot: its computer would be halted now by: /sbin/poweroff",
+    ];
+    assert_eq!(told, expected);
+}
+
+#[test]
+fn beacons_are_seen_where_they_are_each_at_its_own_instant() {
+    let (mut robot, heard) = ready(1);
+    robot.pass(60.0);
+    let (x, y, theta) = {
+        let truth = heard.borrow().truth.last().expect("20 Hz").1.clone();
+        (truth.x, truth.y, truth.theta)
+    };
+    let heard = heard.borrow();
+    assert!((59..=61).contains(&heard.beacons.len()), "{}", heard.beacons.len());
+    let mut far = 0;
+    for message in &heard.beacons {
+        for beacon in &message.beacons {
+            let (bx, by) =
+                [(0.1, 0.1), (10.0, 0.1), (19.9, 0.1), (19.9, 11.9), (8.0, 11.9), (0.1, 11.9)][beacon.id as usize - 1];
+            let error = (by - y).atan2(bx - x - 0.25) - theta - beacon.bearing;
+            let error = navitools::wrap(error).abs();
+            // The scanner may be turned by 3 degrees.
+            far += u32::from(error > 5.5f64.to_radians());
+            let age = message.timestamp - beacon.timestamp;
+            assert!((0..1_100_000).contains(&age), "{age} us");
+        }
+    }
+    let seen: usize = heard.beacons.iter().map(|message| message.beacons.len()).sum();
+    assert!(seen > 120, "{seen}: two in sight at least");
+    assert!(f64::from(far) < 0.06 * seen as f64, "{far} of {seen} are of something else");
+    // Each sighting once: a second apart.
+    let times: Vec<i64> =
+        heard.beacons.iter().flat_map(|m| &m.beacons).filter(|b| b.id == 6).map(|b| b.timestamp).collect();
+    assert!(times.windows(2).all(|pair| pair[1] - pair[0] > 900_000), "{times:?}");
+}
+
+#[test]
+fn who_commands_beacons_gets_those_and_no_others() {
+    let (mut robot, heard) = ready(1);
+    // Who chooses them while it runs.
+    let (module, state) = ("estimator".into(), common::DataState::TERMINATE);
+    say(&mut robot, common::CmdState { timestamp: 0, module, state, manual: true, source: "test".into() });
+    robot.pass(2.0);
+    say(&mut robot, lowlevel::DataActiveBeacons { timestamp: 0, ids: vec![6, 1] });
+    robot.pass(3.0);
+    heard.borrow_mut().beacons.clear();
+    robot.pass(10.0);
+    let heard = heard.borrow();
+    assert!(heard.beacons.iter().flat_map(|message| &message.beacons).all(|beacon| [1, 6].contains(&beacon.id)));
+    assert!(heard.beacons.iter().any(|message| message.beacons.len() == 2));
+}
+
+#[test]
+fn all_buses_tell_how_they_fare_once_a_second() {
+    let (mut robot, heard) = ready(1);
+    robot.pass(10.0);
+    let heard = heard.borrow();
+    for (bus, boards) in [("rs485.a", 3), ("rs485.b", 1), ("rs485.power", 1)] {
+        let told: Vec<_> = heard.buses.iter().filter(|told| told.bus == bus).collect();
+        assert!((9..=11).contains(&told.len()), "{bus}: {}", told.len());
+        let last = told[told.len() - 1];
+        assert!(last.state == lowlevel::DataBus::ACTIVE && last.errors == 0 && last.load > 0.0, "{last:?}");
+        assert!(last.frames > 0 && last.nodes.len() == boards, "{last:?}");
+        for node in &last.nodes {
+            let trip = (node.round_trip_min, node.round_trip_mean, node.round_trip_max);
+            assert!(trip.0 > 0.001 && trip.0 <= trip.1 && trip.1 <= trip.2 && trip.2 < 0.02, "{node:?}");
+            assert_eq!((node.state, node.retries, node.timeouts, node.crc_errors), (0, 0, 0, 0), "{node:?}");
+        }
+    }
+}
+
+/// Lets a board of bus A ail for a while; what was reported of it, and whether the robot drives afterwards.
+fn ailing(board: &str, name: &str, value: f64, seconds: f64) -> Vec<(Fault, String)> {
+    let (mut robot, heard) = ready(1);
+    fault(&mut robot, board, name, value, seconds);
+    robot.pass(seconds + 3.0);
+    robot.drive(0.4, 0.0, 1.5);
+    robot.pass(1.4);
+    assert!(robot.speed() > 0.3, "{name}: {}", robot.motion().reason);
+    let heard = heard.borrow();
+    let warned = heard.reports.iter().filter(|(_, report)| report.severity != base::Severity::Notice);
+    warned.map(|(_, report)| (report.fault, report.message.clone())).collect()
+}
+
+#[test]
+fn each_fault_of_a_board_is_told_of_the_board_that_has_it() {
+    for (name, value, seconds, fault, words) in [
+        ("silent", 0.0, 8.0, Fault::BoardLost, "does not answer"),
+        ("slow", 0.05, 8.0, Fault::BoardLost, "does not answer"),
+        ("garbled", 0.5, 12.0, Fault::BoardLost, "sd1_front"),
+        ("bad_crc", 0.0, 12.0, Fault::BoardLost, "a wrong CRC"),
+        ("bad_length", 0.0, 12.0, Fault::BoardLost, "a wrong length"),
+        ("babble", 0.0, 5.0, Fault::BusBabble, "sd1_front"),
+    ] {
+        let told = ailing("sd1_front", name, value, seconds);
+        let of_it = told.iter().find(|(told, message)| *told == fault && message.contains(words));
+        assert!(of_it.is_some(), "{name}: {told:?}");
+        assert!(told.iter().all(|(_, message)| !message.contains("sd1_rear")), "{name}: {told:?}");
+    }
+    let told = ailing("so1", "clash", 0.0, 12.0);
+    assert!(told.iter().any(|(fault, message)| *fault == Fault::AddressClash && message.contains("so1")), "{told:?}");
+    assert_eq!(ailing("sd1_front", "reset", 0.0, 1.0), [], "100 ms are bridged");
+}
+
+#[test]
+fn the_power_controller_s_own_faults_stop_the_robot_or_are_told() {
+    let (mut robot, heard) = ready(1);
+    fault(&mut robot, "psc1", "bad_crc", 0.0, 20.0);
+    robot.pass(20.0);
+    assert!(heard.borrow().reported(Fault::PauseUnknown) && heard.borrow().reported(Fault::BoardLost));
+    assert_eq!(robot.hold(), Some(Hold::PauseUnknown));
+    robot.pass(3.0);
+    robot.drive(0.4, 0.0, 1.5);
+    robot.pass(1.4);
+    assert!(robot.speed() > 0.3, "{}", robot.motion().reason);
+}

@@ -1,0 +1,13 @@
+//! The robot's two drives, as thin tables over [`Master`](crate::Master), [`axis`](crate::axis) and [`cia402`].
+//!
+//! Both also offer the dictionary of their simulated twin: driver and twin read one table. Another drive is another
+//! file here: `docs/adding-a-drive.md`.
+
+pub mod cia402;
+mod cia402_objects;
+pub mod epos;
+mod epos_objects;
+pub mod icla;
+mod icla_objects;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,45 @@
+//! The simulated drive's own objects, as `eds/icla_sim.eds` has them (a test holds the two together), without the
+//! PDO records and what all drives have ([`cia402`](super::cia402)).
+
+use crate::dictionary::{Access::*, DataType::*, Entry};
+
+#[rustfmt::skip]
+pub(super) const OBJECTS: &[Entry] = &[
+    Entry::new(0x1008, 0, Text, Const, 0).text("Position drive, simulated, with a long device name"),
+    Entry::new(0x1011, 0, U8, ReadOnly, 1),
+    Entry::new(0x1012, 0, U32, ReadWrite, 0x8000_0100),
+    Entry::new(0x1015, 0, U16, ReadWrite, 0),
+    Entry::new(0x1018, 1, U32, ReadOnly, 0x0200_005A),
+    Entry::new(0x1018, 2, U32, ReadOnly, 0x4E30_3635),
+    Entry::new(0x1018, 3, U32, ReadOnly, 0x0001_0002),
+    Entry::new(0x1018, 4, U32, ReadOnly, 2),
+    Entry::new(0x1019, 0, U8, ReadWrite, 0),
+    Entry::new(0x1029, 0, U8, ReadOnly, 1),
+    Entry::new(0x1029, 1, U8, ReadWrite, 0).limits(0, 2),
+    Entry::new(0x2F00, 0, Domain, ReadWrite, 0),
+    Entry::new(0x2F01, 0, U16, WriteOnly, 0),
+    Entry::new(0x6007, 0, I16, ReadWrite, 3).limits(0, 3),
+    Entry::new(0x603F, 0, U16, ReadOnly, 0).mappable(),
+    Entry::new(0x605A, 0, I16, ReadWrite, 2).limits(0, 7),
+    Entry::new(0x605B, 0, I16, ReadWrite, 0).limits(0, 1),
+    Entry::new(0x605C, 0, I16, ReadWrite, 1).limits(0, 1),
+    Entry::new(0x605D, 0, I16, ReadWrite, 1).limits(1, 2),
+    Entry::new(0x605E, 0, I16, ReadWrite, 2).limits(0, 2),
+    Entry::new(0x6060, 0, I8, ReadWrite, 0).mappable(),
+    Entry::new(0x6061, 0, I8, ReadOnly, 0).mappable(),
+    Entry::new(0x6065, 0, U32, ReadWrite, 0x2000).mappable(),
+    Entry::new(0x6067, 0, U32, ReadWrite, 16),
+    Entry::new(0x607C, 0, I32, ReadWrite, 0),
+    Entry::new(0x607F, 0, U32, ReadWrite, 0x1388).limits(1, 0x2710),
+    Entry::new(0x6081, 0, U32, ReadWrite, 0x258).mappable().limits(1, 0x2710),
+    Entry::new(0x6083, 0, U32, ReadWrite, 0x1770).mappable().limits(1, 0xFFFF_FFFF),
+    Entry::new(0x6084, 0, U32, ReadWrite, 0x1770).mappable().limits(1, 0xFFFF_FFFF),
+    Entry::new(0x6085, 0, U32, ReadWrite, 0x4E20).mappable().limits(1, 0xFFFF_FFFF),
+    Entry::new(0x6098, 0, I8, ReadWrite, 0).mappable(),
+    Entry::new(0x6099, 1, U32, ReadWrite, 0x12C).limits(1, 0xFFFF_FFFF),
+    Entry::new(0x6099, 2, U32, ReadWrite, 60).limits(1, 0xFFFF_FFFF),
+    Entry::new(0x609A, 0, U32, ReadWrite, 0x1770).limits(1, 0xFFFF_FFFF),
+    Entry::new(0x60F4, 0, I32, ReadOnly, 0).mappable(),
+    Entry::new(0x60FD, 0, U32, ReadOnly, 0).mappable(),
+    Entry::new(0x6502, 0, U32, Const, 37),
+];

@@ -1,0 +1,222 @@
+//! Pose, commands, state and surroundings of the robot.
+
+use super::near::{self, nearest};
+use super::{Body, GREY, age, clip, line, size, time};
+use crate::diag::app::App;
+use base::{Duration, Instant};
+use diagnostics::{Ellipse, Model};
+use messages::lowlevel::{DataPower, DataTemperature, Reading};
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Paragraph, Wrap};
+
+const QUALITY: [&str; 4] = ["LOST", "SEARCHING", "COARSE", "FINE"];
+const GOAL: [&str; 6] = ["idle", "driving", "reached", "blocked", "failed", "cancelled"];
+/// Maximum number of command sources shown.
+const SOURCES: usize = 4;
+/// Causes for which it stands that are listed.
+const HOLDS: usize = 8;
+
+pub fn draw(frame: &mut Frame<'_>, app: &App, body: Body, area: Rect, now: Instant) {
+    let (model, at) = app.shown(now);
+    let title = if app.expanded { " robot   enter: less " } else { " robot   enter: more " };
+    let left = if area.width < 100 { Constraint::Length(46) } else { Constraint::Percentage(50) };
+    let [left, right] = Layout::horizontal([left, Constraint::Min(20)]).areas(area);
+    let lines = lines(app, model, at, now);
+    if app.expanded {
+        let more = more(model, at);
+        let text = Paragraph::new(more).wrap(Wrap { trim: false });
+        frame.render_widget(text.block(Block::bordered().title(" in detail ")), right);
+    } else {
+        near::draw(frame, model, body, right, at);
+    }
+    let text = Paragraph::new(lines).wrap(Wrap { trim: false });
+    frame.render_widget(text.block(Block::bordered().title(title)), left);
+}
+
+fn word(words: &[&'static str], number: i8) -> &'static str {
+    usize::try_from(number).ok().and_then(|place| words.get(place)).copied().unwrap_or("?")
+}
+
+/// The most important lines come first: a small screen has no more.
+fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'static>> {
+    let degrees = f64::to_degrees;
+    let mut lines = Vec::new();
+    if app.drive.is_taken() {
+        let what = match app.drive.runs_for(now) {
+            Some(left) => format!("RUNS {:.1} s", left.as_secs_f64()),
+            None => "zero".into(),
+        };
+        let (speed, angle) = (app.drive.speed, degrees(app.drive.steering));
+        lines.push(Line::from(format!("you drive  {what}  {speed:.2} m/s  {angle:+.1} deg")).bold());
+    }
+    lines.extend([
+        line("position", &model.estimate, at, |e| format!("{:.2} {:.2} m {:+.1} deg", e.x, e.y, degrees(e.theta))),
+        line("estimate", &model.estimate, at, |e| {
+            let deviation = Ellipse::of(&e.covariance).map(|ellipse| format!("  +-{:.2} m", ellipse.long));
+            format!("{}{}", word(&QUALITY, e.quality), deviation.unwrap_or_default())
+        }),
+        line("speed", &model.motion, at, |m| format!("{:+.2} m/s, told {:+.2}", m.speed, m.speed_target)),
+        line("steering", &model.motion, at, |m| {
+            let homed = if m.homed { "" } else { " NOT HOMED" };
+            format!("{:+.1} deg, told {:+.1}{homed}", degrees(m.steering), degrees(m.steering_target))
+        }),
+        line("obeys", &model.motion, at, |m| if m.source.is_empty() { "nobody".into() } else { m.source.clone() }),
+    ]);
+    lines.extend(holds(model, at));
+    lines.extend([
+        line("PAUSE", &model.stop, at, |s| {
+            if s.engaged { format!("ENGAGED by {}", s.source) } else { "line is released".into() }
+        }),
+        sonar_line("nearest", model, at, nearest),
+        line("battery", &model.power, at, |p| {
+            format!("{:.0} %, {}, {:.1} V", 100.0 * p.charge, minutes(p.remaining), p.voltage)
+        }),
+        line("heat", &model.temperatures, at, hottest),
+        line("fans", &model.temperatures, at, fans),
+        line("power", &model.power, at, switched_off),
+        line("recorder", &model.log, at, |l| {
+            let what = if l.recording { "writes, " } else { "RECORDS NOTHING, " };
+            format!("{what}{} free", size(l.free as f64))
+        }),
+        line("goal", &model.goal, at, |g| {
+            let left = if g.remaining.is_finite() { format!(" {:.1} m", g.remaining) } else { String::new() };
+            format!("{}{left}  {}", word(&GOAL, g.status), g.message)
+        }),
+        line("gamepad", &model.gamepad, at, |g| match (g.connected, g.dead_man) {
+            (false, _) => "not there".into(),
+            (true, held) => format!("{}{}", g.name, if held { "  dead man held" } else { "" }),
+        }),
+    ]);
+    if model.truth.get().is_some() {
+        let text = |t: &messages::simulation::DataTruth| format!("{:.2} {:.2} m  {} contacts", t.x, t.y, t.collisions);
+        lines.push(line("in truth", &model.truth, at, text));
+    }
+    lines
+}
+
+/// All for which it does not act, each with how long it has stood.
+fn holds(model: &Model, at: Instant) -> Vec<Line<'static>> {
+    let newest = model.motion.get().map(|motion| motion.timestamp);
+    let rows = model.hold_rows(at).into_iter().take(HOLDS).enumerate();
+    rows.map(|(n, row)| {
+        let stood = newest.zip(row.since).map(|(newest, since)| u64::try_from(newest - since).unwrap_or_default());
+        let name = Span::raw(format!("{:<9}", if n == 0 { "stands" } else { "" })).bold();
+        let age = Span::raw(format!("{:>6} ", age(stood.map(Duration::from_micros)).trim())).fg(GREY);
+        let latched = if row.latched { "; until somebody acts" } else { "" };
+        Line::from(vec![name, age, Span::raw(format!("{}{latched}", clip(&row.words)))])
+    })
+    .collect()
+}
+
+fn minutes(seconds: f64) -> String {
+    match seconds {
+        s if !s.is_finite() => "time unknown".into(),
+        s if s < 6000.0 => format!("{:.0} min left", s / 60.0),
+        s => time(s),
+    }
+}
+
+fn hottest(heard: &DataTemperature) -> String {
+    let known = heard.temperatures.iter().filter(|t| t.value.is_finite());
+    let hottest = known.max_by(|a, b| a.value.total_cmp(&b.value));
+    let over = heard.temperatures.iter().filter(|t| t.over).count();
+    let over = if over > 0 { format!(", {over} OVER LIMIT") } else { String::new() };
+    hottest.map_or("no thermometer answers".into(), |t| format!("{:.1} C {}{over}", t.value, clip(&t.name)))
+}
+
+fn fans(heard: &DataTemperature) -> String {
+    let fans = heard.fans.iter().take(4).map(|fan| match fan.failed {
+        true => format!("{} STANDS", clip(&fan.name)),
+        false => format!("{:.0} rpm", fan.rpm),
+    });
+    let fans: Vec<String> = fans.collect();
+    if fans.is_empty() { "none".into() } else { fans.join(", ") }
+}
+
+fn switched_off(heard: &DataPower) -> String {
+    let off: Vec<String> = heard.channels.iter().filter(|c| !c.on).take(8).map(|c| clip(&c.name)).collect();
+    let current: f64 = heard.channels.iter().map(|channel| channel.current).filter(|a| a.is_finite()).sum();
+    let off = if off.is_empty() { "all on".into() } else { format!("OFF: {}", off.join(" ")) };
+    format!("{current:.1} A, {off}")
+}
+
+/// Thermometers, fans, power channels, sonars and sources one by one.
+fn more(model: &Model, at: Instant) -> Vec<Line<'static>> {
+    let mut lines = Vec::new();
+    let over = Style::new().fg(Color::Red).bold();
+    if let Some(heard) = model.temperatures.get() {
+        lines.push(line("heat", &model.temperatures, at, |_| String::new()));
+        for t in &heard.temperatures {
+            let value = if t.value.is_finite() { format!("{:>6.1} C", t.value) } else { "     - C".into() };
+            let text = format!("  {:<12}{value}{}", clip(&t.name), if t.over { " OVER LIMIT" } else { "" });
+            lines.push(Line::styled(text, if t.over { over } else { super::style(&model.temperatures, at) }));
+        }
+        for fan in &heard.fans {
+            let failed = if fan.failed { " STANDS" } else { "" };
+            let text = format!("  {:<12}{:>6.0} rpm {:.0} %{failed}", clip(&fan.name), fan.rpm, 100.0 * fan.duty);
+            lines.push(Line::styled(text, if fan.failed { over } else { super::style(&model.temperatures, at) }));
+        }
+    }
+    if let Some(heard) = model.power.get() {
+        lines.push(line("power", &model.power, at, |_| ":power NAME off|on".into()));
+        for pair in heard.channels.chunks(2) {
+            let text = |c: &messages::lowlevel::Channel| {
+                let current = if c.on { format!("{:.1}A", c.current) } else { "OFF".into() };
+                format!(" {:<10}{current:>4}", clip(&c.name))
+            };
+            let text: String = pair.iter().map(text).collect();
+            lines.push(Line::styled(text, super::style(&model.power, at)));
+        }
+    }
+    if let Some(sonars) = model.sonar_readings(at, 0.0) {
+        let style = sonar_style(model, at);
+        lines.push(sonar_line("sonars", model, at, |_| "m, by number".into()));
+        lines.extend(ranges(&sonars.readings).into_iter().map(|text| Line::styled(text, style)));
+    }
+    if let Some(infrareds) = model.infrared_readings(at) {
+        let text = "m, by number";
+        let (head, style) = match infrareds.of_2011 {
+            false => (line("infrared", &model.ranges, at, |_| text.into()), super::style(&model.ranges, at)),
+            true => (line("infrared", &model.infrareds, at, |_| text.into()), super::style(&model.infrareds, at)),
+        };
+        lines.push(head);
+        lines.extend(ranges(&infrareds.readings).into_iter().map(|text| Line::styled(text, style)));
+    }
+    let sources = model.commands(at).take(SOURCES);
+    lines.extend(sources.map(|command| {
+        let (source, speed) = (clip(&command.source), command.speed);
+        Line::from(format!("commands  {source} priority {} {speed:+.2} m/s", command.priority))
+    }));
+    lines
+}
+
+/// A line about the sonars, with the age of the message that has them.
+fn sonar_line(name: &str, model: &Model, at: Instant, text: impl FnOnce(&[Reading]) -> String) -> Line<'static> {
+    let sonars = model.sonar_readings(at, 0.0);
+    let readings = sonars.as_ref().map_or(&[][..], |sonars| &sonars.readings);
+    match sonars.as_ref().is_some_and(|sonars| sonars.of_2011) {
+        true => line(name, &model.sonars, at, |_| text(readings)),
+        false => line(name, &model.ranges, at, |_| text(readings)),
+    }
+}
+
+/// Style of the sonars' readings: grey where they are stale.
+pub fn sonar_style(model: &Model, at: Instant) -> Style {
+    match model.sonar_readings(at, 0.0).is_some_and(|sonars| sonars.of_2011) {
+        true => super::style(&model.sonars, at),
+        false => super::style(&model.ranges, at),
+    }
+}
+
+/// Four of them in a line: a distance, `-` where nothing is in range, `?` where that is not known.
+fn ranges(readings: &[Reading]) -> Vec<String> {
+    let text = |reading: &Reading| match reading.status {
+        Reading::MEASURED => format!("{:>3}:{:4.2}", reading.id, reading.distance),
+        Reading::SILENT => format!("{:>3}: -  ", reading.id),
+        _ => format!("{:>3}: ?  ", reading.id),
+    };
+    readings.chunks(4).take(16).map(|four| four.iter().map(text).collect::<String>()).collect()
+}

@@ -1,0 +1,104 @@
+//! `advee doctor`: checks machine and configuration. Every check is a small function over given facts; the code that
+//! gathers them is beside it, or in [`network`] (which only reads) and [`probe`] (which sends and receives).
+
+mod buffer;
+mod bus;
+mod devices;
+mod finding;
+mod lcm_bus;
+mod machine;
+mod network;
+mod probe;
+mod real_time;
+mod report;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use super::{Common, Outcome, print};
+use finding::{Finding, Level};
+use report::Style;
+use robot::config::{CanInterface, Config, ConfigError};
+use std::fs;
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Doctor {
+    /// The simulated robot, which needs no devices
+    #[arg(long)]
+    sim: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// A heading with its findings.
+type Group = (&'static str, Vec<Finding>);
+
+/// Exit status 0 when nothing fails.
+pub fn doctor(common: &Common, command: &Doctor) -> Outcome {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let capable = |capability| tables::capable(&status, capability);
+    let user = user();
+    let loaded = common.load(command.sim);
+    let wanted =
+        loaded.as_ref().ok().and_then(|config| config.modules.iter().filter_map(|module| module.rt_priority).max());
+    let groups: [Group; 4] = [
+        ("bus", lcm_bus::check(&common.lcm_url())),
+        ("configuration", configuration_group(common, &loaded, &user)),
+        ("machine", machine_group(common, wanted, capable, &user)),
+        ("real time", real_time::check(wanted, loaded.as_ref().ok().map(|config| &config.robot))),
+    ];
+    let all = || groups.iter().flat_map(|(_, findings)| findings);
+    let count = |level| all().filter(|finding| finding.level == level).count();
+    let failed = count(Level::Fail) > 0;
+    if command.json {
+        let groups: serde_json::Map<_, _> =
+            groups.iter().map(|(name, findings)| ((*name).into(), serde_json::json!(findings))).collect();
+        print(serde_json::json!({ "ok": !failed, "lcm_url": common.lcm_url(), "checks": groups }))?;
+    } else {
+        let style = Style::of_stdout();
+        let counts = [Level::Fail, Level::Warning, Level::Ok].map(|level| (level, count(level)));
+        print(style.text(&groups, &counts).trim_end())?;
+    }
+    Ok(ExitCode::from(u8::from(failed)))
+}
+
+/// The user's name.
+fn user() -> String {
+    let uid = nix::unistd::geteuid();
+    let user = nix::unistd::User::from_uid(uid).ok().flatten();
+    user.map_or_else(|| uid.to_string(), |user| user.name)
+}
+
+fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, user: &str) -> Vec<Finding> {
+    let mut findings = devices::configuration(loaded, &common.config_dir());
+    let Ok(config) = loaded else { return findings };
+    findings.extend(config.robot.can.iter().filter_map(|bus| match &bus.interface {
+        CanInterface::Socket(name) => devices::can(bus, &devices::Can::gather(name)),
+        CanInterface::Slcan(path) => Some(devices::adapter(bus, path, &devices::Device::gather(path), user)),
+        CanInterface::Udp { .. } => None,
+    }));
+    findings.extend(
+        config.robot.rs485.iter().filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.port), user)),
+    );
+    findings.extend(config.robot.i2c.iter().filter_map(|bus| devices::i2c(bus, devices::Device::gather, user)));
+    findings.extend(config.robot.w1.iter().filter_map(devices::w1));
+    let gamepad = config.robot.joystick.as_ref();
+    findings.extend(gamepad.and_then(|gamepad| devices::gamepad(gamepad, devices::Device::gather, user)));
+    findings.extend(devices::commands(&config.modules, devices::executable));
+    findings
+}
+
+fn machine_group(common: &Common, wanted: Option<u8>, capable: impl Fn(u32) -> bool, user: &str) -> Vec<Finding> {
+    let days =
+        std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_secs() / 86_400);
+    // Accurate enough to recognize an unset clock.
+    let year = 1970 + (days as f64 / 365.2425) as i64;
+    vec![
+        machine::real_time(&machine::RealTime::gather(wanted, capable), user),
+        machine::clock(&machine::gather_clock(), year),
+        machine::governors(&machine::gather_governors()),
+        machine::run_folder(&machine::Folder::gather(&common.run_dir()), user),
+    ]
+}

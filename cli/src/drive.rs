@@ -1,0 +1,139 @@
+//! `advee drive SPEED STEERING [--for S]`: a manual source of motion at 20 Hz, which begins and ends with zero.
+
+use super::bus::{Heard, Tool};
+use super::{Common, Failed, Outcome, finite, print, seconds};
+use base::{Duration, Instant, Ticker};
+use host::clock;
+use messages::lowlevel::{CmdMotion, DataMotion};
+use messages::{Channel, Message};
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Drive {
+    /// m/s, forward
+    #[arg(value_parser = finite)]
+    speed: f64,
+    /// rad, to the left
+    #[arg(value_parser = finite)]
+    steering: f64,
+    /// Duration, s; without it until Ctrl-C
+    #[arg(long = "for", value_name = "S", value_parser = seconds)]
+    time: Option<Duration>,
+}
+
+const PERIOD: Duration = Duration::from_millis(50);
+/// Time limit, sending zero, for the robot to get ready; homing takes its time.
+const READY: Duration = Duration::from_secs(15);
+/// Time limit for standstill at the end.
+const STAND: Duration = Duration::from_secs(3);
+/// Less counts as standing.
+const STANDS_MPS: f64 = 0.01;
+/// Less counts as not having steered.
+const STEERED_RAD: f64 = 0.01;
+
+/// Commands sent, and messages received.
+struct Session {
+    tool: Tool,
+    grid: Ticker,
+    last: Option<DataMotion>,
+    told: String,
+}
+
+/// Why a phase ended.
+#[derive(PartialEq, Eq)]
+enum End {
+    Reached,
+    Time,
+    Interrupt,
+}
+
+pub fn drive(common: &Common, command: &Drive) -> Outcome {
+    let tool = Tool::join(common, "drive", &[Channel::LlDataMotion])?;
+    let mut session = Session { tool, grid: Ticker::new(clock::now(), PERIOD), last: None, told: String::new() };
+    let ready = |motion: &DataMotion| motion.homed && motion.enabled && motion.reason.is_empty();
+    match session.command(0.0, 0.0, clock::now() + READY, ready)? {
+        End::Reached => {}
+        End::Time => {
+            return Err(format!("not ready within {} s: {}", READY.as_secs(), session.reason(common)).into());
+        }
+        End::Interrupt => return Err("interrupted before the robot was ready".into()),
+    }
+    let _ = print(format_args!("driving at {} m/s, {} rad", command.speed, command.steering));
+    let from = session.last.as_ref().map_or(0.0, |motion| motion.steering);
+    let mut moved = command.speed.abs() < STANDS_MPS && (command.steering - from).abs() < STEERED_RAD;
+    let until = command.time.map_or(Instant::NEVER, |time| clock::now() + time);
+    session.command(command.speed, command.steering, until, |motion| {
+        moved |= motion.speed.abs() >= STANDS_MPS || (motion.steering - from).abs() >= STEERED_RAD;
+        false
+    })?;
+    let why_not = session.reason(common);
+    let stands = |motion: &DataMotion| motion.speed.abs() < STANDS_MPS && motion.speed_target == 0.0;
+    let stood = session.command(0.0, command.steering, clock::now() + STAND, stands)?;
+    if !moved {
+        return Err(format!("the robot did not move: {why_not}").into());
+    }
+    match stood {
+        End::Reached => {
+            let _ = print(format_args!("the robot stands"));
+            Ok(ExitCode::SUCCESS)
+        }
+        End::Time | End::Interrupt => Err("the robot was told to stop and is not known to stand".into()),
+    }
+}
+
+impl Session {
+    /// Commands this motion until `reached`, `until` or Ctrl-C, and prints on the way why the robot does not move.
+    fn command(
+        &mut self,
+        speed: f64,
+        steering: f64,
+        until: Instant,
+        mut reached: impl FnMut(&DataMotion) -> bool,
+    ) -> Result<End, Failed> {
+        loop {
+            let now = clock::now();
+            if now >= until {
+                return Ok(End::Time);
+            }
+            if self.grid.due(now) {
+                let (timestamp, source) = (self.tool.timestamp(), self.tool.source.clone());
+                self.tool.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source })?;
+            }
+            match self.tool.hear(self.grid.next().min(until))? {
+                Heard::Message(Message::LlDataMotion(motion)) => {
+                    self.tell(&motion.reason);
+                    let end = reached(&motion);
+                    self.last = Some(motion);
+                    if end {
+                        return Ok(End::Reached);
+                    }
+                }
+                Heard::Message(_) | Heard::Nothing => {}
+                Heard::Interrupt => return Ok(End::Interrupt),
+            }
+        }
+    }
+
+    /// Prints a reason when it is another one. That nobody reads it must not end the driving halfway.
+    fn tell(&mut self, reason: &str) {
+        if self.told != reason {
+            self.told = reason.into();
+            if !reason.is_empty() {
+                let _ = print(format_args!("waiting: {reason}"));
+            }
+        }
+    }
+
+    fn reason(&self, common: &Common) -> String {
+        match &self.last {
+            None => format!("LL_DATA_MOTION is not heard on {}; is advee up?", common.lcm_url()),
+            Some(motion) if !motion.reason.is_empty() => motion.reason.clone(),
+            Some(motion) if !motion.enabled => "the drives are not enabled".into(),
+            Some(motion) if motion.source != self.tool.source => {
+                format!("{:?} holds the motion", motion.source)
+            }
+            Some(_) => "no reason is known".into(),
+        }
+    }
+}

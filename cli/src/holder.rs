@@ -1,0 +1,140 @@
+//! Who has a device open, and which modules of a robot run on this machine.
+
+use super::{Cli, Command};
+use clap::Parser;
+use robot::place::Place;
+use std::ffi::OsStr;
+use std::fs;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
+
+/// A process that has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Holder {
+    /// Which.
+    pub pid: u32,
+    /// Module, if the process is one of ours.
+    pub module: Option<String>,
+    /// Name of the program.
+    name: String,
+}
+
+impl Holder {
+    /// For people: `driver_rs485a, process 123`.
+    pub fn text(&self) -> String {
+        format!("{}, process {}", self.module.as_ref().unwrap_or(&self.name), self.pid)
+    }
+}
+
+impl From<&Running> for Holder {
+    fn from(Running { pid, module, .. }: &Running) -> Self {
+        Self { pid: *pid, module: Some(module.clone()), name: module.clone() }
+    }
+}
+
+/// A module that runs.
+#[derive(Clone, Debug)]
+pub struct Running {
+    /// Process.
+    pub pid: u32,
+    /// Name.
+    pub module: String,
+    /// The robot that it is of.
+    pub place: Place,
+}
+
+/// The process that has the device open, as far as `/proc` lets us see: none for a device that is not there.
+pub fn holder(device: &Path) -> Option<Holder> {
+    let device = fs::canonicalize(device).ok()?;
+    let pid = others().find(|pid| has_open(*pid, &device))?;
+    let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+    Some(Holder { pid, module: module_of(&command_line(pid)), name: name.trim().escape_debug().to_string() })
+}
+
+/// Running modules of any robot, as far as `/proc` shows them.
+pub fn modules() -> impl Iterator<Item = Running> {
+    others().filter_map(|pid| {
+        let command = command_line(pid);
+        let module = module_of(&command)?;
+        let mut place = place_of(&command)?;
+        // Paths in its arguments are relative to its working directory.
+        let folder = fs::read_link(format!("/proc/{pid}/cwd")).unwrap_or_default();
+        (place.config, place.run_dir) = (folder.join(place.config), folder.join(place.run_dir));
+        Some(Running { pid, module, place })
+    })
+}
+
+fn others() -> impl Iterator<Item = u32> {
+    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    pids.filter(|pid| *pid != std::process::id())
+}
+
+fn command_line(pid: u32) -> Vec<u8> {
+    fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default()
+}
+
+fn has_open(pid: u32, device: &Path) -> bool {
+    let files = fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
+    files.filter_map(|file| fs::read_link(file.path()).ok()).any(|target| target == device)
+}
+
+/// The `MODULE` of `advee run MODULE …`.
+fn module_of(command: &[u8]) -> Option<String> {
+    let mut words = command.split(|byte| *byte == 0);
+    let program = words.next()?;
+    if !program.ends_with(b"advee") || words.next() != Some(b"run") {
+        return None;
+    }
+    let module = std::str::from_utf8(words.next()?).ok()?;
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    (!module.is_empty() && module.chars().all(plain)).then(|| module.into())
+}
+
+/// Robot of a module, by its arguments.
+fn place_of(command: &[u8]) -> Option<Place> {
+    let words = command.strip_suffix(&[0]).unwrap_or(command).split(|byte| *byte == 0).map(OsStr::from_bytes);
+    match Cli::try_parse_from(words).ok()? {
+        Cli { common, command: Command::Run(run) } => Some(run.place(&common)),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_module_is_known_by_how_it_was_started() {
+        let module = |command: &str| module_of(command.replace(' ', "\0").as_bytes());
+        assert_eq!(module("/opt/advee/bin/advee run driver_rs485a --state RUN"), Some("driver_rs485a".into()));
+        assert_eq!(module("/usr/bin/minicom run driver_rs485a"), None);
+        assert_eq!(module("advee rs485 monitor"), None);
+        assert_eq!(module("advee run \u{1b}[2J"), None);
+        assert_eq!(module(""), None);
+    }
+
+    #[test]
+    fn the_robot_of_a_module_is_read_from_how_it_was_started() {
+        let place = |command: &str| place_of(command.replace(' ', "\0").as_bytes());
+        let command =
+            "advee run driver_canbus --state RUN --config /c --run-dir /r --lcm-url memq:// --set a.b=1 --sim ";
+        let told = place(command).unwrap();
+        assert_eq!((told.config.as_path(), told.run_dir.as_path()), (Path::new("/c"), Path::new("/r")));
+        assert_eq!(
+            (told.lcm_url.as_str(), told.sets.as_slice(), told.sim),
+            ("memq://", &["a.b=1".to_string()][..], true)
+        );
+        assert!(place("advee run driver_canbus --no-such").is_none() && place("advee up").is_none());
+    }
+
+    #[test]
+    fn a_file_that_nobody_else_has_is_free() {
+        let file = std::env::temp_dir().join(format!("advee-holder-{}", std::process::id()));
+        let open = fs::File::create(&file).unwrap();
+        assert_eq!(holder(&file), None, "one's own does not count");
+        drop(open);
+        fs::remove_file(&file).unwrap();
+        assert_eq!(holder(&file), None);
+    }
+}

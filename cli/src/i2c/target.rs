@@ -1,0 +1,159 @@
+//! Which bus is meant, and who is known to be on it.
+
+use crate::holder::holder;
+use crate::{Common, Failed, whole};
+use base::i2c::Address;
+use robot::config::{I2cBus, I2cPlace};
+use robot::topology;
+use std::fs;
+use std::path::Path;
+
+/// Selection of a bus, common to all commands.
+#[derive(clap::Args)]
+pub struct Where {
+    /// Bus of the configuration: aux; may be left out where there is only one
+    #[arg(long, value_name = "NAME", conflicts_with = "port")]
+    bus: Option<String>,
+    /// Any bus, in place of --bus: /dev/i2c-1, gpio:/dev/gpiochip0:SDA:SCL or unix:PATH
+    #[arg(long, value_name = "PLACE", value_parser = place)]
+    port: Option<I2cPlace>,
+    /// Clock of a --port of two GPIO lines
+    #[arg(long, value_name = "HZ", requires = "port", default_value = "100000",
+          value_parser = clap::value_parser!(u32).range(1000..=1_000_000))]
+    hz: u32,
+}
+
+fn place(text: &str) -> Result<I2cPlace, String> {
+    I2cPlace::parse(text).ok_or_else(|| "expected /dev/i2c-1, gpio:/dev/gpiochip0:SDA:SCL or unix:PATH".into())
+}
+
+/// A chip that is configured.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// Name for people.
+    pub name: String,
+    /// Address.
+    pub address: Address,
+}
+
+/// A bus.
+pub struct Target {
+    /// For people: `i2c.aux`, or the device.
+    pub name: String,
+    /// Port.
+    pub port: host::ports::PortConfig,
+    /// The adapter's device file, which one process has at a time.
+    pub device: Option<std::path::PathBuf>,
+    /// Configured chips.
+    pub known: Vec<Known>,
+}
+
+impl Where {
+    /// Finds the bus: the simulated robot's while one runs in the run folder, else as configured.
+    pub fn find(&self, common: &Common) -> Result<Target, Failed> {
+        if let Some(port) = &self.port {
+            return Ok(self.find_port(common, port));
+        }
+        let (place, robot) = common.robot()?;
+        let names = robot.i2c.iter().map(|bus| bus.name.as_str()).collect::<Vec<_>>().join(", ");
+        let wanted = self.bus.as_ref().map(|name| name.strip_prefix("i2c.").unwrap_or(name));
+        let bus = match (wanted, &robot.i2c[..]) {
+            (Some(name), buses) => buses.iter().find(|bus| bus.name == name),
+            (None, [bus]) => Some(bus),
+            (None, []) => return Err("robot.toml has no table [i2c.<bus>]; name a bus with --port".into()),
+            (None, _) => return Err(format!("which bus? --bus with one of {names}, or --port").into()),
+        };
+        let bus = bus.ok_or_else(|| format!("robot.toml has no bus [i2c.{}]; it has {names}", wanted.unwrap_or("")))?;
+        let port = topology::i2c_place(&place, &bus.place, bus.hz);
+        Ok(Target { name: format!("i2c.{}", bus.name), port, device: device(&bus.place), known: known(bus) })
+    }
+
+    /// A port may be one of the robot's: then its chips are known, too.
+    fn find_port(&self, common: &Common, port: &I2cPlace) -> Target {
+        let same = |bus: &I2cBus| match (&bus.place, port) {
+            (I2cPlace::Dev(one), I2cPlace::Dev(two)) => {
+                one == two || fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(two).is_ok_and(|two| one == two))
+            }
+            (one, two) => one == two,
+        };
+        let robot = common.robot().ok();
+        let configured = robot.as_ref().and_then(|(_, robot)| robot.i2c.iter().find(|bus| same(bus)));
+        let (name, path) = match port {
+            I2cPlace::Dev(path) => (path.display().to_string(), port.clone()),
+            I2cPlace::Gpio { chip, sda, scl } => (format!("gpio:{}:{sda}:{scl}", chip.display()), port.clone()),
+            // What is named on the command line is looked for where that is.
+            I2cPlace::Socket(path) => (
+                format!("unix:{}", path.display()),
+                I2cPlace::Socket(std::path::absolute(path).unwrap_or(path.clone())),
+            ),
+        };
+        let port = match &path {
+            I2cPlace::Socket(path) => host::ports::PortConfig::I2cSocket { path: path.clone() },
+            I2cPlace::Dev(path) => host::ports::PortConfig::I2cDev { path: path.clone() },
+            I2cPlace::Gpio { chip, sda, scl } => {
+                host::ports::PortConfig::I2cGpio { chip: chip.clone(), sda: *sda, scl: *scl, hz: self.hz }
+            }
+        };
+        Target { name, port, device: device(&path), known: configured.map(known).unwrap_or_default() }
+    }
+}
+
+fn device(place: &I2cPlace) -> Option<std::path::PathBuf> {
+    match place {
+        I2cPlace::Dev(path) => Some(path.clone()),
+        I2cPlace::Gpio { chip, .. } => Some(chip.clone()),
+        I2cPlace::Socket(_) => None,
+    }
+}
+
+fn known(bus: &I2cBus) -> Vec<Known> {
+    let chips = bus.chips.iter();
+    chips.filter_map(|chip| Some(Known { name: chip.name.clone(), address: Address::new(chip.address)? })).collect()
+}
+
+impl Target {
+    /// Refuses while a module has the adapter.
+    pub fn is_free(&self) -> Result<(), Failed> {
+        let Some(holder) = self.device.as_deref().and_then(|device: &Path| holder(device)) else { return Ok(()) };
+        let whose = format!("{} is held by {}", self.name, holder.text());
+        Err(match &holder.module {
+            Some(module) => format!("{whose}: stop it first (advee state {module} TERMINATE)"),
+            None => format!("{whose}: end it first"),
+        }
+        .into())
+    }
+
+    /// The chip that is meant by a name or an address, decimal or 0x….
+    pub fn chip(&self, text: &str) -> Result<Known, Failed> {
+        if let Some(known) = self.known.iter().find(|known| known.name == text) {
+            return Ok(known.clone());
+        }
+        if let Some(address) = whole(text).and_then(Address::new) {
+            return Ok(self.at(address));
+        }
+        let names: Vec<String> = self.known.iter().map(|known| format!("{} ({})", known.name, known.address)).collect();
+        let names = if names.is_empty() { String::new() } else { format!(", or one of {}", names.join(", ")) };
+        Err(format!("no chip {text:?}: expected an address from 0x00 to 0x7f{names}").into())
+    }
+
+    /// The chip at an address.
+    pub fn at(&self, address: Address) -> Known {
+        let known = self.known.iter().find(|known| known.address == address).cloned();
+        known.unwrap_or_else(|| Known { name: "?".into(), address })
+    }
+
+    /// True if the chip is configured.
+    pub fn knows(&self, address: Address) -> bool {
+        self.known.iter().any(|known| known.address == address)
+    }
+}
+
+impl Known {
+    /// For people: `fan1 (0x18)`.
+    pub fn text(&self) -> String {
+        match self.name.as_str() {
+            "?" => format!("chip {}", self.address),
+            name => format!("{name} ({})", self.address),
+        }
+    }
+}

@@ -1,0 +1,294 @@
+//! The command line: one file per command. Exit 0 only on success; an error is one clear line on stderr.
+#![forbid(unsafe_code)]
+
+mod bench;
+mod bus;
+mod can;
+mod diag;
+mod doctor;
+mod drive;
+mod estimate;
+mod fault;
+mod goal;
+mod holder;
+mod home;
+mod i2c;
+mod lcm;
+mod log;
+mod plan;
+mod plot;
+mod port;
+mod pose;
+mod power;
+mod replay;
+mod rs485;
+mod run;
+pub mod soak;
+mod state;
+mod up;
+mod web;
+
+use clap::{Args, CommandFactory, Parser, Subcommand};
+use robot::config::{Config, ConfigError, Robot, Rs485Bus};
+use robot::place::{CHECKOUT, INSTALLED, LCM_URL, Place, in_checkout};
+use std::env;
+use std::fmt::Display;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Embedded control system of an autonomous mobile robot.
+#[derive(Parser)]
+#[command(name = "advee", version, max_term_width = 120)]
+struct Cli {
+    #[command(flatten)]
+    common: Common,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Arguments of all commands.
+#[derive(Args, Clone, Debug)]
+pub struct Common {
+    /// Configuration folder [default: conf/advee in a checkout, else /opt/advee/conf]
+    #[arg(long, global = true, value_name = "DIR")]
+    config: Option<PathBuf>,
+    /// LCM bus [default: $LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0&shm=auto]
+    #[arg(long, global = true, value_name = "URL")]
+    lcm_url: Option<String>,
+    /// Folder for what a running robot makes [default: run in a checkout, else /run/advee]
+    #[arg(long, global = true, value_name = "DIR")]
+    run_dir: Option<PathBuf>,
+    /// Override a key of robot.toml; may be given often
+    #[arg(long = "set", global = true, value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Start the robot: watchdog and all modules
+    Up(up::Up),
+    /// Run one module in the foreground
+    Run(run::Run),
+    /// The diagnostic center in a terminal: see everything, drive, command
+    Diag(diag::Diag),
+    /// Show the modules' states, or command one
+    State(state::State),
+    /// Drive by hand: speed in m/s, steering in rad; until Ctrl-C or for a time
+    Drive(drive::Drive),
+    /// Send the robot somewhere, or let it stand
+    Goal(goal::Goal),
+    /// Tell the estimator where the robot is
+    Pose(pose::Pose),
+    /// Show the power channels, or switch one
+    Power(power::Power),
+    /// Home the steering
+    Home(home::Home),
+    /// Inject a fault into the simulation
+    Fault(fault::Fault),
+    /// Plan a drivable way on a map file
+    Plan(plan::Plan),
+    /// Play again what the modules of a run were told, and compare what they answer
+    Replay(replay::Replay),
+    /// Draw a recorded run from above
+    Plot(plot::Plot),
+    /// Run the estimator over a recorded run, or over recorded data of any robot
+    Estimate(estimate::Estimate),
+    /// Robot-hours in virtual time: everything breaks, and rules must hold
+    Soak(soak::Soak),
+    /// Check machine and configuration: what is wrong, why it matters, what helps
+    Doctor(doctor::Doctor),
+    /// Measure this machine: how late the robot's loops wake up
+    Bench(bench::Bench),
+    /// Logs of runs: show, play, convert, recover, compare
+    #[command(subcommand)]
+    Log(log::Log),
+    /// See the LCM bus
+    #[command(subcommand)]
+    Lcm(lcm::Lcm),
+    /// Serve the robot's web page, and Foxglove
+    Web(web::Web),
+    /// Commission CANopen nodes
+    #[command(subcommand)]
+    Can(can::Can),
+    /// Commission the boards on EIA-485
+    #[command(subcommand)]
+    Rs485(rs485::Rs485),
+    /// Commission chips on I2C and SMBus
+    #[command(subcommand)]
+    I2c(i2c::I2c),
+}
+
+/// The command line as it is defined: what manual pages and completion are made from.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
+/// Runs the executable.
+#[must_use]
+pub fn main() -> ExitCode {
+    let Cli { common, command } = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and version are no errors.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) => {
+            complain(&one_line(&error.to_string()));
+            return ExitCode::from(2);
+        }
+    };
+    for warning in lcm_warnings(&common.lcm_url()) {
+        complain(&warning);
+    }
+    let result = match command {
+        Command::Up(command) => up::up(&common, &command),
+        Command::Run(command) => run::run(&common, &command),
+        Command::Diag(command) => diag::diag(&common, &command),
+        Command::State(command) => state::state(&common, &command),
+        Command::Drive(command) => drive::drive(&common, &command),
+        Command::Goal(command) => goal::goal(&common, &command),
+        Command::Pose(command) => pose::tell(&common, &command),
+        Command::Estimate(command) => estimate::estimate(&common, &command),
+        Command::Power(command) => power::power(&common, &command),
+        Command::Home(command) => home::home(&common, &command),
+        Command::Fault(command) => fault::fault(&common, &command),
+        Command::Plan(command) => plan::plan(&common, &command),
+        Command::Replay(command) => replay::replay(&common, &command),
+        Command::Plot(command) => plot::plot(&command),
+        Command::Soak(command) => soak::soak(&common, &command),
+        Command::Doctor(command) => doctor::doctor(&common, &command),
+        Command::Bench(command) => bench::bench(&common, &command),
+        Command::Log(command) => log::log(&common, &command),
+        Command::Web(command) => web::web(&common, &command),
+        Command::Lcm(command) => lcm::lcm(&common, &command),
+        Command::Can(command) => can::can(&common, &command),
+        Command::Rs485(command) => rs485::rs485(&common, &command),
+        Command::I2c(command) => i2c::i2c(&common, &command),
+    };
+    result.unwrap_or_else(|Failed { code, why }| {
+        if !why.is_empty() {
+            complain(&why);
+        }
+        ExitCode::from(code)
+    })
+}
+
+/// Prints a line on stderr; a failure cannot be reported.
+fn complain(what: &impl Display) {
+    let _ = std::io::stderr().write_all(format!("advee: {what}\n").as_bytes());
+}
+
+/// Joins clap's lines, without its usage hints.
+fn one_line(error: &str) -> String {
+    let lines =
+        error.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let text = lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
+    format!("{}; see --help", text.trim_start_matches("error: "))
+}
+
+/// Reason for a command's failure.
+#[derive(Debug)]
+pub struct Failed {
+    code: u8,
+    why: String,
+}
+
+impl From<String> for Failed {
+    fn from(why: String) -> Self {
+        Self { code: 1, why }
+    }
+}
+
+impl From<&str> for Failed {
+    fn from(why: &str) -> Self {
+        Self { code: 1, why: why.into() }
+    }
+}
+
+impl From<ConfigError> for Failed {
+    fn from(error: ConfigError) -> Self {
+        let heading = if error.0.len() > 1 { "the configuration is refused:\n" } else { "" };
+        Self { code: module::exit::RESOURCE, why: format!("{heading}{error}") }
+    }
+}
+
+type Outcome = Result<ExitCode, Failed>;
+
+impl Common {
+    fn config_dir(&self) -> PathBuf {
+        self.config.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.0 } else { INSTALLED.0 }).into())
+    }
+
+    fn run_dir(&self) -> PathBuf {
+        self.run_dir.clone().unwrap_or_else(|| Path::new(if in_checkout() { CHECKOUT.1 } else { INSTALLED.1 }).into())
+    }
+
+    fn lcm_url(&self) -> String {
+        let from_environment = || env::var("LCM_DEFAULT_URL").ok().filter(|url| !url.is_empty());
+        self.lcm_url.clone().or_else(from_environment).unwrap_or_else(|| LCM_URL.into())
+    }
+
+    fn load(&self, sim: bool) -> Result<Config, ConfigError> {
+        Config::load(&self.config_dir(), sim, &self.sets)
+    }
+
+    fn place(&self, sim: bool) -> Place {
+        Place {
+            config: self.config_dir(),
+            run_dir: self.run_dir(),
+            lcm_url: self.lcm_url(),
+            sets: self.sets.clone(),
+            sim,
+            world: None,
+        }
+    }
+
+    /// The robot that runs here: the simulated one while one runs in the run folder, else the configured one.
+    fn robot(&self) -> Result<(Place, Robot), Failed> {
+        let is_offered = |bus: &Rs485Bus| bus.offered().is_some_and(|name| self.run_dir().join(name).exists());
+        let is_here = |running: holder::Running| {
+            let folders = [&running.place.run_dir, &self.run_dir()].map(std::fs::canonicalize);
+            running.place.sim && matches!(folders, [Ok(theirs), Ok(ours)] if theirs == ours)
+        };
+        if let Ok(simulated) = self.load(true)
+            && (simulated.robot.rs485.iter().any(is_offered) || holder::modules().any(is_here))
+        {
+            return Ok((self.place(true), simulated.robot));
+        }
+        Ok((self.place(false), self.load(false)?.robot))
+    }
+}
+
+/// Options of a URL without effect; an invalid URL is reported by the command itself.
+fn lcm_warnings(url: &str) -> Vec<::lcm::url::Warning> {
+    ::lcm::Url::parse(url).map(|(_, warnings)| warnings).unwrap_or_default()
+}
+
+/// Prints a line of output. A reader that has read enough (`| head`) ends the command, without a word.
+fn print(line: impl Display) -> Result<(), Failed> {
+    writeln!(std::io::stdout(), "{line}").map_err(|error| match error.kind() {
+        std::io::ErrorKind::BrokenPipe => Failed { code: 0, why: String::new() },
+        _ => Failed::from(format!("stdout: {error}")),
+    })
+}
+
+/// A duration in seconds as people give it.
+fn seconds(text: &str) -> Result<std::time::Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "expected seconds".to_string())?;
+    let in_range = seconds > 0.0 && seconds <= 1e9;
+    in_range.then(|| std::time::Duration::from_secs_f64(seconds)).ok_or_else(|| "expected seconds above 0".into())
+}
+
+/// A whole number, decimal or 0x….
+fn whole<T: TryFrom<u64>>(text: &str) -> Option<T> {
+    let number = match text.strip_prefix("0x") {
+        Some(hex) => u64::from_str_radix(hex, 16),
+        None => text.parse(),
+    };
+    T::try_from(number.ok()?).ok()
+}
+
+/// A number that is one.
+fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "expected a number".into())
+}

@@ -1,0 +1,239 @@
+//! A table for each channel.
+
+use super::cells::{Shape, Sink};
+use super::decode::Decoder;
+use super::feed::{Fed, Feed};
+use super::progress::Progress;
+use super::select::Selection;
+use super::source::{Item, Log};
+use crate::lcm::types::TypesArg;
+use crate::{Failed, complain};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A wider table opens nowhere.
+const COLUMNS_MAX: usize = 100_000;
+/// Maximum number of open files; with more channels each write opens its own.
+const OPEN_MAX: usize = 500;
+/// Size of a table's write buffer, bytes.
+const BUFFER: usize = 1 << 18;
+
+/// A table.
+#[derive(Default)]
+struct Table {
+    shape: Shape,
+    path: Option<PathBuf>,
+    file: Option<File>,
+    buffer: Vec<u8>,
+    rows: u64,
+    undecoded: u64,
+    /// Messages of the channel's other types.
+    others: u64,
+    /// The type; the first message's.
+    ty: String,
+}
+
+/// Summary of the written files.
+pub struct Written {
+    /// Path, rows.
+    pub tables: Vec<(PathBuf, u64)>,
+    pub messages: u64,
+    pub bytes: u64,
+}
+
+pub struct Export<'a> {
+    pub log: Arc<Log>,
+    pub selection: Selection,
+    /// A folder; none: stdout, for one channel.
+    pub folder: Option<&'a Path>,
+    /// Maximum number of columns of an array.
+    pub elements_max: usize,
+    pub types: &'a TypesArg,
+}
+
+impl Export<'_> {
+    pub fn run(&self) -> Result<Written, Failed> {
+        let mut tables = self.measure()?;
+        if tables.is_empty() {
+            return Err("no message in that selection can be decoded".into());
+        }
+        if self.folder.is_none() && tables.len() > 1 {
+            let names: Vec<&str> = tables.keys().map(String::as_str).take(5).collect();
+            let why = format!(
+                "{} channels ({} …): one goes to stdout, more go to --out FOLDER",
+                tables.len(),
+                names.join(", ")
+            );
+            return Err(why.into());
+        }
+        if let Some(folder) = self.folder {
+            fs::create_dir_all(folder).map_err(|error| named(folder, error))?;
+        }
+        name(&mut tables, self.folder);
+        for (channel, table) in &mut tables {
+            let columns = table.shape.columns();
+            if columns > COLUMNS_MAX {
+                return Err(format!("{channel}: {columns} columns; --elements N limits those of an array").into());
+            }
+            let mut names = String::from("log_time");
+            table.shape.names("", &mut names);
+            table.buffer.extend_from_slice(names.as_bytes());
+            table.buffer.push(b'\n');
+            if let Some(path) = &table.path {
+                File::create(path).map_err(|error| named(path, error))?;
+            }
+        }
+        self.write(&mut tables)
+    }
+
+    /// Goes through what has arrays, and the first message of all else.
+    fn measure(&self) -> Result<BTreeMap<String, Table>, Failed> {
+        let mut tables: BTreeMap<String, Table> = BTreeMap::new();
+        let mut decoder = Decoder::new(self.types)?;
+        let mut sink = Sink { grow: true, elements_max: self.elements_max, ..Sink::default() };
+        self.each("measuring", |item| {
+            let table = match tables.get_mut(item.channel) {
+                Some(table) => table,
+                None => tables.entry(item.channel.into()).or_default(),
+            };
+            if table.ty.is_empty() || table.shape.may_grow() {
+                match decoder.decode(item) {
+                    Ok(message) => {
+                        let ty = message.ty().name();
+                        if table.ty.is_empty() {
+                            table.ty = ty.into();
+                        }
+                        if table.ty == ty {
+                            table.shape.take(&message, &mut sink).map_err(|error| Failed::from(error.to_string()))?;
+                        }
+                    }
+                    Err(_) => table.undecoded += 1,
+                }
+            }
+            Ok(())
+        })?;
+        for (channel, table) in &tables {
+            if table.ty.is_empty() {
+                complain(&format!("{}: no message can be decoded; left out", channel.escape_debug()));
+            }
+        }
+        tables.retain(|_, table| !table.ty.is_empty());
+        tables.values_mut().for_each(|table| table.undecoded = 0);
+        Ok(tables)
+    }
+
+    fn write(&self, tables: &mut BTreeMap<String, Table>) -> Result<Written, Failed> {
+        let mut decoder = Decoder::new(self.types)?;
+        let mut sink = Sink { elements_max: self.elements_max, ..Sink::default() };
+        let keep_open = tables.len() <= OPEN_MAX;
+        let (mut messages, mut bytes) = (0, 0);
+        self.each("writing", |item| {
+            let Some(table) = tables.get_mut(item.channel) else { return Ok(()) };
+            let message = match decoder.decode(item) {
+                Ok(message) if message.ty().name() == table.ty => message,
+                Ok(_) => {
+                    table.others += 1;
+                    return Ok(());
+                }
+                Err(_) => {
+                    table.undecoded += 1;
+                    return Ok(());
+                }
+            };
+            std::mem::swap(&mut sink.out, &mut table.buffer);
+            let written = write!(sink.out, "{}", item.log_time);
+            let taken = table.shape.take(&message, &mut sink);
+            std::mem::swap(&mut sink.out, &mut table.buffer);
+            written.map_err(|error| Failed::from(error.to_string()))?;
+            taken.map_err(|error| Failed::from(error.to_string()))?;
+            table.buffer.push(b'\n');
+            (table.rows, messages, bytes) = (table.rows + 1, messages + 1, bytes + item.data.len() as u64);
+            if table.buffer.len() >= BUFFER { table.flush(keep_open) } else { Ok(()) }
+        })?;
+        tables.values_mut().try_for_each(|table| table.flush(keep_open))?;
+        for (channel, table) in &*tables {
+            for (count, what) in [(table.undecoded, "cannot be decoded"), (table.others, "are of another type")] {
+                if count > 0 {
+                    complain(&format!("{}: {count} messages {what}; left out", channel.escape_debug()));
+                }
+            }
+        }
+        if sink.left_out > 0 {
+            let max = self.elements_max;
+            complain(&format!(
+                "{} elements beyond {max} of an array were left out; --elements says how many",
+                sink.left_out
+            ));
+        }
+        let tables = tables.values().filter_map(|table| Some((table.path.clone()?, table.rows))).collect();
+        Ok(Written { tables, messages, bytes })
+    }
+
+    fn each(&self, what: &'static str, mut take: impl FnMut(&Item<'_>) -> Result<(), Failed>) -> Result<(), Failed> {
+        let feed = Feed::start(&self.log, &self.selection)?;
+        let mut progress = Progress::new(what);
+        loop {
+            match feed.next(Duration::from_secs(1))? {
+                Fed::Batch(batch) => {
+                    (0..batch.len()).filter_map(|place| batch.get(place)).try_for_each(|item| take(&item))?;
+                    let (done, all) = feed.progress();
+                    progress.tell(done, all);
+                }
+                Fed::Nothing => {}
+                Fed::End => break,
+            }
+        }
+        if what == "writing"
+            && let Some(left_out) = feed.left_out()
+        {
+            complain(&left_out);
+        }
+        Ok(())
+    }
+}
+
+impl Table {
+    fn flush(&mut self, keep_open: bool) -> Result<(), Failed> {
+        let Some(path) = &self.path else {
+            let mut out = BufWriter::new(io::stdout().lock());
+            let written = out.write_all(&self.buffer).and_then(|()| out.flush());
+            self.buffer.clear();
+            return written.map_err(|error| match error.kind() {
+                io::ErrorKind::BrokenPipe => Failed { code: 0, why: String::new() },
+                _ => Failed::from(format!("stdout: {error}")),
+            });
+        };
+        let mut file = match self.file.take() {
+            Some(file) => file,
+            None => File::options().append(true).open(path).map_err(|error| named(path, error))?,
+        };
+        file.write_all(&self.buffer).map_err(|error| named(path, error))?;
+        self.buffer.clear();
+        self.file = Some(file).filter(|_| keep_open);
+        if self.buffer.capacity() > 4 * BUFFER || !keep_open {
+            self.buffer = Vec::new();
+        }
+        Ok(())
+    }
+}
+
+/// Gives each table its file, new and empty: `CHANNEL.csv`, what no file may be called replaced by `_`.
+fn name(tables: &mut BTreeMap<String, Table>, folder: Option<&Path>) {
+    let Some(folder) = folder else { return };
+    let mut taken = std::collections::BTreeSet::new();
+    for (channel, table) in tables {
+        let plain = |c: char| if c.is_alphanumeric() || "_-.".contains(c) { c } else { '_' };
+        let stem: String = channel.trim_start_matches(['/', '.']).chars().map(plain).take(100).collect();
+        let numbered = (1..).map(|n| if n == 1 { stem.clone() } else { format!("{stem}_{n}") });
+        let name = numbered.into_iter().find(|name| taken.insert(name.clone())).unwrap_or_default();
+        table.path = Some(folder.join(format!("{name}.csv")));
+    }
+}
+
+fn named(path: &Path, error: impl std::fmt::Display) -> Failed {
+    format!("{}: {error}", path.display()).into()
+}

@@ -1,0 +1,77 @@
+//! `advee plot RUN`: a picture of a recorded run, from its log, or from the recorded inputs of its modules.
+
+mod inputs;
+mod log;
+
+use super::{Outcome, print};
+use ::plot::Picture;
+use host::runs;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Plot {
+    /// The folder of a run, with its log or with recorded inputs (log.inputs = true); or one MCAP file
+    run: PathBuf,
+    /// Output file: .png or .svg [default: plot.png in the run's folder, or beside the file]
+    #[arg(long, value_name = "FILE", value_parser = picture)]
+    out: Option<PathBuf>,
+    /// Start of the part shown, s after the start of the run
+    #[arg(long, value_name = "SECONDS", default_value = "0")]
+    from: f64,
+    /// End of the part shown, s after the start of the run
+    #[arg(long, value_name = "SECONDS", default_value = "inf")]
+    to: f64,
+}
+
+/// A part of a run: between two moments after its start, s.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    from: f64,
+    to: f64,
+}
+
+impl Part {
+    /// True if a moment is in it; both are microseconds since the UNIX epoch.
+    fn has(self, begin_us: i64, at_us: i64) -> bool {
+        (self.from..=self.to).contains(&(at_us.saturating_sub(begin_us) as f64 / 1e6))
+    }
+}
+
+pub fn plot(command: &Plot) -> Outcome {
+    let part = Part { from: command.from, to: command.to };
+    let files = runs::log_files(&command.run);
+    let picture = match files.is_empty() {
+        true => inputs::read(&command.run, part)?,
+        false => log::read(&command.run, &files, part)?,
+    };
+    if picture.is_empty() {
+        return Err(format!("{}: nothing was said of a robot in that time", command.run.display()).into());
+    }
+    let beside = || if command.run.is_dir() { command.run.join("plot.png") } else { command.run.with_extension("png") };
+    let out = command.out.clone().unwrap_or_else(beside);
+    write(&picture, &out)?;
+    print(out.display())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn write(picture: &Picture, out: &Path) -> Result<(), String> {
+    let drawn = match is_svg(out) {
+        true => Ok(picture.svg().into_bytes()),
+        false => picture.png(),
+    };
+    let named = |error: &dyn std::fmt::Display| format!("{}: {error}", out.display());
+    fs::write(out, drawn.map_err(|error| named(&error))?).map_err(|error| named(&error))
+}
+
+/// The file of a picture, by its ending.
+fn picture(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let png = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
+    (png || is_svg(&path)).then_some(path).ok_or_else(|| "expected a file .png or .svg".into())
+}
+
+fn is_svg(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
+}

@@ -1,0 +1,111 @@
+//! A run from the recorded inputs of its modules: the outputs of each, at their own instants.
+
+use super::Part;
+use crate::Failed;
+use crate::replay::{self, FILE_MAX};
+use ::plot::{Picture, Title};
+use base::Epoch;
+use host::runs;
+use module::Action;
+use navitools::Point;
+use record::{Header, Item, Reader};
+use robot::recording;
+use simulator::world::Beacon;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Requested part of a run. A damaged file is read up to the damage, which the picture mentions.
+pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
+    let files = replay::files(run, None)?;
+    // First the beginning, then the content: no file is held longer than it is read.
+    let (known, begin) = beginnings(&files)?;
+    let refused = || format!("{}: none of its {} files is a recording of inputs", run.display(), files.len());
+    let header = known.ok_or_else(refused)?;
+    let (epoch, begin_us) = begin.ok_or_else(|| format!("{}: nothing is recorded yet", run.display()))?;
+    let (mut picture, title) = open(run, &header)?;
+    let mut remarks = Vec::new();
+    for path in &files {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if let Err(why) = take(&whole(path)?, epoch, |at_us| part.has(begin_us, at_us), &mut picture) {
+            remarks.push(format!("{name}: {why}"));
+        }
+    }
+    picture.entitle(Title { remarks, ..title });
+    Ok(picture)
+}
+
+/// A header of the run's recorded inputs, where it has any.
+pub fn header(run: &Path) -> Option<Header> {
+    beginnings(&replay::files(run, None).ok()?).ok()?.0
+}
+
+/// Clock of the first record, and its time, µs since the UNIX epoch.
+type Begin = (Epoch, i64);
+
+/// The header that says most, and when it all began.
+fn beginnings(files: &[PathBuf]) -> Result<(Option<Header>, Option<Begin>), Failed> {
+    let mut begin: Option<Begin> = None;
+    let mut known: Option<Header> = None;
+    for path in files {
+        let bytes = whole(path)?;
+        let Ok(mut reader) = Reader::open(&bytes) else { continue };
+        // The simulator's has the world.
+        if known.as_ref().is_none_or(|known| known.text(runs::WORLD).is_none()) {
+            known = Some(reader.header().clone());
+        }
+        if let Ok(Some(Item::Record(record))) = reader.read() {
+            let (epoch, first) = begin.unwrap_or((record.epoch, i64::MAX));
+            begin = Some((epoch, first.min(epoch.timestamp(record.at))));
+        }
+    }
+    Ok((known, begin))
+}
+
+/// The name of a run: of its folder.
+pub fn name(run: &Path) -> String {
+    // `.` has a name, too.
+    let run = run.canonicalize().unwrap_or_else(|_| run.into());
+    run.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// An empty picture of the run with this header.
+pub fn open(run: &Path, header: &Header) -> Result<(Picture, Title), Failed> {
+    let robot = recording::config(header, &header.texts(runs::SET))?.robot;
+    let mut world = recording::world(header)?.unwrap_or_default();
+    if world.beacons.is_empty() {
+        let beacon = |known: &robot::config::Beacon| Beacon { id: known.id, at: Point { x: known.x, y: known.y } };
+        world.beacons = robot.beacons.iter().map(beacon).collect();
+    }
+    let title = Title { run: name(run), robot: robot.name, program: header.program.clone(), remarks: Vec::new() };
+    Ok((Picture::new(world, Some(robot.geometry.footprint())), title))
+}
+
+/// What a module published and printed. All modules have one clock, which does not step: `epoch` tells its moments.
+fn take(
+    bytes: &[u8],
+    epoch: Epoch,
+    wanted: impl Fn(i64) -> bool,
+    picture: &mut Picture,
+) -> Result<(), record::Refusal> {
+    let mut reader = Reader::open(bytes)?;
+    while let Some(item) = reader.read()? {
+        let Item::Record(record) = item else { continue };
+        let at_us = epoch.timestamp(record.at);
+        for action in record.answer()?.actions.into_iter().filter(|_| wanted(at_us)) {
+            match action {
+                Action::Publish(message) => picture.take(at_us, &message),
+                Action::Note(_, line) => picture.note(&line),
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
+
+fn whole(path: &Path) -> Result<Vec<u8>, Failed> {
+    let named = |error| format!("{}: {error}", path.display());
+    if fs::metadata(path).map_err(named)?.len() > FILE_MAX {
+        return Err(format!("{}: longer than {} GiB", path.display(), FILE_MAX >> 30).into());
+    }
+    Ok(fs::read(path).map_err(named)?)
+}

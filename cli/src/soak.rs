@@ -1,0 +1,391 @@
+//! `advee soak`: robot-hours in virtual time, under chaos and calm, with rules that must hold.
+
+mod inputs;
+
+use super::{Common, Failed, Outcome, print};
+use base::Duration;
+use inputs::Inputs;
+use robot::checks;
+use robot::config::{self, ConfigError, scenario};
+use robot::place::Place;
+use robot::topology::{virtual_machine, virtual_machine_recorded};
+use serde_json::json;
+use sim::check::Limits;
+use sim::host::{self, Virtual};
+use sim::soak::{self, Behaviour, Disk, Fault, Report, Scenario, Stage, draw, shrink};
+use simulator::world::World;
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+use std::{panic, thread};
+
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Soak {
+    /// Robot-hours; rounded up to whole episodes
+    #[arg(long, value_name = "H", value_parser = hours, default_value = "1", conflicts_with = "episode")]
+    hours: f64,
+    /// What all chance follows from
+    #[arg(long, value_name = "S", default_value = "1")]
+    seed: u64,
+    /// The simulated world: a file, or a name in conf/worlds
+    #[arg(long, value_name = "FILE")]
+    world: Option<PathBuf>,
+    /// What happens [default: scenarios/default.toml in a checkout, else beside the configuration]
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Episodes at once [default: as many as there are processors]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Only the episode of this number
+    #[arg(long, value_name = "N")]
+    episode: Option<u64>,
+    /// Of its faults only those of these numbers, from 0; `none` for none
+    #[arg(long, value_name = "LIST", requires = "episode", value_parser = numbers)]
+    faults: Option<Numbers>,
+    /// Machine-readable
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which of an episode's faults.
+#[derive(Clone, Debug)]
+struct Numbers(Vec<usize>);
+
+thread_local! {
+    /// The episode that this thread runs.
+    static EPISODE: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Fewer faults are sought with at most so many runs.
+const TRIES: u32 = 200;
+
+/// Runs the command.
+///
+/// # Errors
+/// A file is refused, or the robot cannot be made.
+pub fn soak(common: &Common, command: &Soak) -> Outcome {
+    let robot = Robot::load(common, command)?;
+    let begun = Instant::now();
+    let hook = panic::take_hook();
+    tell_of_panics(robot.again.clone());
+    let result = match command.episode {
+        Some(number) => robot.one(number, command.faults.as_ref()),
+        None => {
+            let episodes = (command.hours * 3600.0 / robot.scenario.episode().as_secs_f64()).ceil().max(1.0) as u64;
+            let jobs = command.jobs.map_or_else(processors, usize::from);
+            robot.many(episodes, jobs, &Progress::new(episodes, robot.scenario.episode()))
+        }
+    };
+    let report = result?;
+    let minimal = match (report.violations.first(), &command.faults) {
+        (Some((number, violation)), None) => Some(robot.minimal(*number, violation.rule)),
+        _ => None,
+    };
+    panic::set_hook(hook);
+    let took = begun.elapsed().as_secs_f64();
+    if command.json {
+        print(robot.json(&report, minimal.as_ref(), took))?;
+    } else {
+        robot.show(&report, took, minimal.as_ref())?;
+    }
+    Ok(ExitCode::from(u8::from(!report.violations.is_empty())))
+}
+
+/// A robot that can be made again and again, and what it is put through.
+pub struct Robot {
+    place: Place,
+    scenario: Scenario,
+    world: World,
+    limits: Limits,
+    seed: u64,
+    /// All modules that run, which in virtual time the logger does not: one of them is recorded in each episode, in
+    /// turn, and played again.
+    modules: Vec<String>,
+    /// What of the command line makes the same robot again.
+    again: String,
+}
+
+impl Robot {
+    /// The simulated robot of the configuration in a world under a scenario.
+    ///
+    /// # Errors
+    /// What is wrong with any of the files.
+    pub fn new(place: Place, scenario: Scenario, seed: u64) -> Result<Self, ConfigError> {
+        let world = config::world(&place.config, place.world.as_deref(), &place.sets)?;
+        let limits = checks::limits(&place, scenario.restart_delay_max)?;
+        let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
+        // Once, so that what is wrong is told as such.
+        drop(virtual_machine(&place, host::Config::default())?);
+        let config = config::Config::load(&place.config, place.sim, &place.sets)?;
+        let run = config.modules.iter().filter(|module| module.name != logger::NAME);
+        let mut modules: Vec<String> = run.map(|module| module.name.clone()).collect();
+        modules.push(watchdog::NAME.into());
+        Ok(Self { place, scenario, world, limits, seed, modules, again: String::new() })
+    }
+
+    fn load(common: &Common, command: &Soak) -> Result<Self, Failed> {
+        let path = command.scenario.clone().unwrap_or_else(|| usual_scenario(&common.config_dir()));
+        let scenario = scenario(&path)?;
+        let place = Place { world: command.world.clone(), ..common.place(true) };
+        let mut again = format!("advee soak --seed {}", command.seed);
+        let mut option = |name: &str, value: String| again.push_str(&format!(" --{name} {}", quoted(&value)));
+        for (name, path) in [("world", &command.world), ("scenario", &command.scenario), ("config", &common.config)] {
+            path.iter().for_each(|path| option(name, path.display().to_string()));
+        }
+        common.sets.iter().for_each(|set| option("set", set.clone()));
+        Ok(Self { again, ..Self::new(place, scenario, command.seed)? })
+    }
+
+    /// Runs one episode with some of its faults, or all.
+    ///
+    /// # Errors
+    /// One line why it cannot be run.
+    pub fn episode(&self, number: u64, faults: &[Fault]) -> Result<soak::Outcome, String> {
+        EPISODE.set(number);
+        let Self { scenario, world, limits, seed, .. } = self;
+        let disk = Disk::default();
+        let stage = Stage { scenario, world, limits, seed: *seed, disk: &disk };
+        let recorded = self.modules[(number % self.modules.len() as u64) as usize].as_str();
+        let inputs = Inputs::new(recorded, disk.clone());
+        let mut outcome = soak::episode(&stage, number, faults, &mut |config| machine(&self.place, config, &inputs))?;
+        outcome.violation = outcome.violation.or_else(|| inputs.violation());
+        Ok(outcome)
+    }
+
+    /// Runs as many episodes as asked for, so many at once. After a violation no further ones are begun, and those
+    /// after the first that has one do not count: what comes out does not depend on who ran what when.
+    ///
+    /// # Errors
+    /// One line why one of them cannot be run.
+    pub fn many(&self, episodes: u64, jobs: usize, progress: &Progress) -> Result<Report, String> {
+        let (left, done) = (Mutex::new(0..episodes), Mutex::new(BTreeMap::new()));
+        let work = || {
+            loop {
+                let Some(number) = left.lock().unwrap_or_else(PoisonError::into_inner).next() else { return };
+                let outcome = self.episode(number, &draw(&self.scenario, self.seed, number));
+                if outcome.as_ref().map_or(true, |outcome| outcome.violation.is_some()) {
+                    let mut left = left.lock().unwrap_or_else(PoisonError::into_inner);
+                    left.end = left.end.min(number + 1);
+                }
+                let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+                done.insert(number, outcome);
+                progress.show(done.len() as u64);
+            }
+        };
+        thread::scope(|scope| (0..jobs.max(1)).for_each(|_| drop(scope.spawn(work))));
+        progress.end();
+        let mut report = Report::new(self.seed);
+        let end = left.into_inner().unwrap_or_else(PoisonError::into_inner).end;
+        let done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+        for (number, outcome) in done.into_iter().take_while(|(number, _)| *number < end) {
+            report.add(number, &outcome?);
+        }
+        Ok(report)
+    }
+
+    fn one(&self, number: u64, only: Option<&Numbers>) -> Result<Report, String> {
+        let mut faults = draw(&self.scenario, self.seed, number);
+        if let Some(Numbers(only)) = only {
+            if let Some(none) = only.iter().find(|place| **place >= faults.len()) {
+                return Err(format!("--faults {none}: episode {number} has {} faults, from 0 on", faults.len()));
+            }
+            faults = only.iter().map(|place| faults[*place].clone()).collect();
+            faults.sort_by_key(|fault| fault.at);
+        }
+        let mut report = Report::new(self.seed);
+        report.add(number, &self.episode(number, &faults)?);
+        Ok(report)
+    }
+
+    /// The fewest faults of an episode that were found with which the same rule breaks, by their numbers.
+    fn minimal(&self, number: u64, rule: &str) -> Minimal {
+        let all: Vec<(usize, Fault)> = draw(&self.scenario, self.seed, number).into_iter().enumerate().collect();
+        let faults = shrink(&all, TRIES, |some| {
+            let faults: Vec<Fault> = some.iter().map(|(_, fault)| fault.clone()).collect();
+            let outcome = self.episode(number, &faults);
+            outcome.is_ok_and(|outcome| outcome.violation.is_some_and(|violation| violation.rule == rule))
+        });
+        let list: Vec<String> = faults.iter().map(|(place, _)| place.to_string()).collect();
+        let list = if list.is_empty() { "none".into() } else { list.join(",") };
+        Minimal { command: format!("{} --episode {number} --faults {list}", self.again), faults, of: all.len() }
+    }
+
+    fn show(&self, report: &Report, took: f64, minimal: Option<&Minimal>) -> Result<(), Failed> {
+        let hours = report.time.as_secs_f64() / 3600.0;
+        let Report { episodes, figures, faults, .. } = report;
+        print(format_args!("robot-hours     {hours:.2} in {episodes} episodes, seed {}", self.seed))?;
+        print(format_args!("faults          {}", faults.values().sum::<u64>()))?;
+        for (kind, count) in faults {
+            print(format_args!("  {kind:<22} {count:>6}"))?;
+        }
+        print(format_args!("distance        {:.2} km", figures.distance / 1000.0))?;
+        print(format_args!("stops           {}", figures.stops))?;
+        print(format_args!("contacts        {}", figures.contacts))?;
+        print(format_args!("goals           {}", figures.goals))?;
+        for (name, time) in worst(figures) {
+            let time = time.map_or("-".into(), |time| format!("{:.1} ms", time.as_secs_f64() * 1e3));
+            print(format_args!("worst, {name:<24} {time:>10}"))?;
+        }
+        print(format_args!("digest          {:016x}", report.digest()))?;
+        print(format_args!("speed factor    {:.0} ({took:.1} s)", hours * 3600.0 / took.max(1e-9)))?;
+        print(format_args!("violations      {}", report.violations.len()))?;
+        for (number, violation) in &report.violations {
+            print(format_args!("episode {number}: {violation}"))?;
+            if minimal.is_none() {
+                print(format_args!("repeat: {} --episode {number}", self.again))?;
+            }
+        }
+        if let Some(Minimal { command, faults, of }) = minimal {
+            print(format_args!("of its {of} faults these are enough:"))?;
+            for (_, fault) in faults {
+                print(format_args!("  {fault}"))?;
+            }
+            print(format_args!("repeat: {command}"))?;
+        }
+        Ok(())
+    }
+
+    fn json(&self, report: &Report, minimal: Option<&Minimal>, took: f64) -> serde_json::Value {
+        let hours = report.time.as_secs_f64() / 3600.0;
+        let violations = report.violations.iter().map(|(number, violation)| {
+            let at = violation.at.as_nanos() as f64 / 1e9;
+            json!({ "episode": number, "at": at, "rule": violation.rule, "what": violation.what })
+        });
+        let minimal = minimal.map(|minimal| {
+            let faults = minimal.faults.iter().map(|(number, fault)| {
+                json!({ "number": number, "at": fault.at.as_secs_f64(), "kind": fault.kind, "target": fault.target,
+                    "fault": fault.fault, "value": fault.value, "lasts": fault.lasts })
+            });
+            json!({ "repeat": minimal.command, "faults": faults.collect::<Vec<_>>() })
+        });
+        let worst: serde_json::Map<_, _> = worst(&report.figures)
+            .map(|(name, time)| (name.replace(' ', "_"), json!(time.map(|time| time.as_secs_f64()))))
+            .into_iter()
+            .collect();
+        json!({
+            "hours": hours,
+            "seed": self.seed,
+            "episodes": report.episodes,
+            "digest": format!("{:016x}", report.digest()),
+            "violations": violations.collect::<Vec<_>>(),
+            "minimal": minimal,
+            "faults": report.faults,
+            "distance": report.figures.distance,
+            "stops": report.figures.stops,
+            "goals": report.figures.goals,
+            "contacts": report.figures.contacts,
+            "worst": worst,
+            "speed_factor": hours * 3600.0 / took.max(1e-9),
+        })
+    }
+}
+
+/// A module that panics is a find: where that unwinds the episode tells of it, where it aborts the last word is this.
+fn tell_of_panics(again: String) {
+    panic::set_hook(Box::new(move |panic| {
+        if cfg!(panic = "abort") {
+            let line = format!("advee: {panic}\nrepeat: {again} --episode {}\n", EPISODE.get());
+            let _ = std::io::stderr().write_all(line.as_bytes());
+        }
+    }));
+}
+
+/// The faults that are enough for a violation.
+struct Minimal {
+    command: String,
+    faults: Vec<(usize, Fault)>,
+    of: usize,
+}
+
+/// Shows on a terminal how far it is.
+pub struct Progress {
+    episodes: u64,
+    each: Duration,
+    shown: bool,
+}
+
+impl Progress {
+    fn new(episodes: u64, each: Duration) -> Self {
+        Self { episodes, each, shown: std::io::stderr().is_terminal() }
+    }
+
+    /// Shows nothing.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { episodes: 0, each: Duration::ZERO, shown: false }
+    }
+
+    fn show(&self, done: u64) {
+        if self.shown {
+            let hours = |episodes: u64| episodes as f64 * self.each.as_secs_f64() / 3600.0;
+            let line = format!("\r{:.1} of {:.1} robot-hours", hours(done), hours(self.episodes));
+            let _ = std::io::stderr().write_all(line.as_bytes());
+        }
+    }
+
+    fn end(&self) {
+        if self.shown {
+            let _ = std::io::stderr().write_all(b"\r\x1b[K");
+        }
+    }
+}
+
+fn machine(place: &Place, config: host::Config, inputs: &Inputs) -> Result<Virtual, String> {
+    let inputs = inputs.clone();
+    let machine = virtual_machine_recorded(place, config, move |module| inputs.sink(module));
+    let mut machine = machine.map_err(|error| error.to_string())?;
+    machine.keep(watchdog::NAME)?;
+    Ok(machine)
+}
+
+/// The operator knows the robot.
+fn behaviour(place: &Place, operator: Behaviour) -> Result<Behaviour, ConfigError> {
+    let config = config::Config::load(&place.config, true, &place.sets)?;
+    let config::Geometry { wheelbase_m, length_m, width_m, rear_overhang_m, .. } = config.robot.geometry;
+    let body = (rear_overhang_m, length_m - rear_overhang_m, width_m / 2.0);
+    Ok(Behaviour { wheelbase: wheelbase_m, body, ..operator })
+}
+
+fn usual_scenario(config: &Path) -> PathBuf {
+    let checkout = Path::new("scenarios/default.toml");
+    if checkout.exists() { checkout.into() } else { config.join("../scenarios/default.toml") }
+}
+
+fn worst(figures: &soak::Figures) -> [(&'static str, Option<Duration>); 6] {
+    let soak::Worst { silence_to_stop, rules, loss_to_run, calm_to_motion } = figures.worst;
+    [
+        ("silence to stop", silence_to_stop),
+        ("PAUSE known to stop", rules.pause_to_stop),
+        ("hang or death to stop", rules.loss_to_stop),
+        ("hang or death to RUN", loss_to_run),
+        ("calm to wanted states", rules.calm_to_wanted),
+        ("calm to motion", calm_to_motion),
+    ]
+}
+
+fn processors() -> usize {
+    thread::available_parallelism().map_or(1, usize::from)
+}
+
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+    if word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+}
+
+fn hours(text: &str) -> Result<f64, String> {
+    let hours: f64 = text.parse().map_err(|_| "expected hours".to_string())?;
+    (hours > 0.0 && hours <= 1e6).then_some(hours).ok_or_else(|| "expected hours above 0, up to 1e6".into())
+}
+
+fn numbers(text: &str) -> Result<Numbers, String> {
+    if text == "none" {
+        return Ok(Numbers(Vec::new()));
+    }
+    let numbers = text.split(',').map(str::parse).collect::<Result<Vec<usize>, _>>();
+    numbers.map(Numbers).map_err(|_| "expected numbers with commas between, or none".into())
+}

@@ -1,0 +1,146 @@
+//! `advee up`: the minimal parent of the watchdog; everything else is the watchdog's.
+
+mod guards;
+mod parent;
+
+use super::{Common, Failed, Outcome, web};
+use guards::Guards;
+use host::log::Log;
+use host::run_folder::RunFolder;
+use host::runs;
+use host::{beats, clock, processes};
+use parent::Parent;
+use robot::config::{self, Config, Rs485Bus};
+use std::ffi::OsString;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args)]
+pub struct Up {
+    /// The simulated robot
+    #[arg(long)]
+    sim: bool,
+    /// The simulated world: a file, or a name in conf/worlds
+    #[arg(long, value_name = "FILE", requires = "sim")]
+    world: Option<PathBuf>,
+    /// The way to drive when all is ready, of the simulated world's [default: patrol, where it has that], or none
+    #[arg(long, value_name = "NAME")]
+    goal: Option<String>,
+    /// Where the web server listens [default: web.listen of robot.toml, 127.0.0.1:8080]
+    #[arg(long, value_name = "ADDR", conflicts_with = "headless")]
+    http: Option<SocketAddr>,
+    /// No web server
+    #[arg(long)]
+    headless: bool,
+}
+
+pub fn up(common: &Common, command: &Up) -> Outcome {
+    let log = Log::new("up");
+    let mut common = common.clone();
+    common.sets.extend(command.http.map(web::listen));
+    common.sets.extend(command.headless.then(|| "web.enabled=false".into()));
+    let common = &common;
+    // Whatever is wrong is said here, once, and nothing starts.
+    let config = common.load(command.sim)?;
+    if let Some(at) = command.http.filter(|_| config.modules.iter().all(|module| module.name != ::web::NAME)) {
+        return Err(format!("--http {at}: modules.toml has no module {}", ::web::NAME).into());
+    }
+    let route = route(common, command, &config)?;
+    let watchdog = watchdog(common, command)?;
+    let goal = route.map(|route| goal(&watchdog, command, &route));
+    // Signals are held back before there is anything to leave behind.
+    let guards = Guards::new(log.clone(), config.hardware_watchdog.clone(), command.sim)?;
+    let mut parent = Parent::new(log.clone(), guards)?;
+    let folder = RunFolder::take(&common.run_dir())?;
+    parent.log_to(run(common, &config, &log));
+    parent.run_errand(goal);
+    let result = parent.run(&watchdog);
+    let beats = beats::folder(folder.path());
+    clean(&folder, &config);
+    // Also what one that was killed has left there.
+    if let Ok(beats) = beats {
+        let _ = std::fs::remove_dir_all(beats);
+    }
+    processes::clean(folder.path());
+    folder.give_back();
+    result
+}
+
+/// The way that the robot drives when all is ready. A name that the world does not have is refused.
+fn route(common: &Common, command: &Up, config: &Config) -> Result<Option<String>, Failed> {
+    let wanted = command.goal.as_deref();
+    if !command.sim {
+        let named = wanted.filter(|goal| *goal != "none");
+        return named.map_or(Ok(None), |goal| Err(format!("--goal {goal}: only with --sim; see advee goal").into()));
+    }
+    let world = config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?;
+    let has = |name: &str| world.routes.iter().any(|route| route.name == name);
+    let plans = config.modules.iter().any(|module| module.name == planner::NAME);
+    match wanted {
+        None => Ok((plans && has(PATROL)).then(|| PATROL.into())),
+        Some("none") => Ok(None),
+        Some(goal) if !has(goal) => Err(format!("--goal {goal}: the world has no route of that name").into()),
+        Some(goal) if !plans => Err(format!("--goal {goal}: modules.toml has no planner").into()),
+        Some(goal) => Ok(Some(goal.into())),
+    }
+}
+
+/// What a simulated robot does where nothing else was asked for.
+const PATROL: &str = "patrol";
+
+/// The command line of the operator who sends it there once: the planner is let go by nobody else.
+fn goal(watchdog: &[OsString], command: &Up, route: &str) -> Vec<OsString> {
+    let mut args: Vec<OsString> = vec!["goal".into(), "--when-ready".into(), "--route".into(), route.into()];
+    // As the watchdog is told, but for what is for modules alone.
+    args.extend(watchdog[2..].iter().take_while(|arg| *arg != "--sim").cloned());
+    if let Some(world) = &command.world {
+        args.extend(["--world".into(), world.into()]);
+    }
+    args
+}
+
+/// The folder of this run's logs, where anything is to be written there. Without one the robot runs all the same.
+fn run(common: &Common, config: &Config, log: &Log) -> Option<PathBuf> {
+    if !config.robot.log.inputs {
+        return None;
+    }
+    let folder = match &config.robot.log.folder {
+        Some(folder) => common.config_dir().join(folder),
+        None => robot::place::log_folder(),
+    };
+    let made = std::path::absolute(&folder).and_then(|folder| runs::make_run(&folder, clock::wall()));
+    let refused = |error| log.line(format_args!("inputs are not recorded: {}: {error}", folder.display()));
+    made.map_err(refused).ok()
+}
+
+/// Removes what modules leave in the run folder when they are killed.
+fn clean(folder: &RunFolder, config: &Config) {
+    for name in config.robot.rs485.iter().filter_map(Rs485Bus::offered) {
+        let link = folder.path().join(name);
+        for link in [link.with_extension("new"), link] {
+            if link.is_symlink() {
+                let _ = std::fs::remove_file(link);
+            }
+        }
+    }
+}
+
+/// The command line of the watchdog; all modules get the same.
+fn watchdog(common: &Common, command: &Up) -> Result<Vec<OsString>, Failed> {
+    let absolute =
+        |path: &Path| std::path::absolute(path).map_err(|error| Failed::from(format!("{}: {error}", path.display())));
+    let mut args: Vec<OsString> = vec!["run".into(), watchdog::NAME.into()];
+    args.extend(["--config".into(), absolute(&common.config_dir())?.into()]);
+    args.extend(["--run-dir".into(), absolute(&common.run_dir())?.into()]);
+    args.extend(["--lcm-url".into(), common.lcm_url().into()]);
+    for set in &common.sets {
+        args.extend(["--set".into(), set.into()]);
+    }
+    if command.sim {
+        args.push("--sim".into());
+    }
+    if let Some(world) = &command.world {
+        args.extend(["--world".into(), world.into()]);
+    }
+    Ok(args)
+}

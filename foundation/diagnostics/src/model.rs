@@ -1,0 +1,235 @@
+//! The model: the latest of everything.
+
+use crate::holds::{self, HoldRow};
+use crate::status;
+use crate::{Errors, ModuleRow, Modules, Slot, Status, Texts, Traffic, View};
+use base::{Duration, Instant};
+use messages::{Message, common, lowlevel, middlelevel, simulation};
+use std::collections::BTreeMap;
+
+/// Buses that are kept.
+const BUSES_MAX: usize = 32;
+/// Modules whose lists of causes are kept.
+const HOLDERS_MAX: usize = 16;
+/// Sources of commands that are kept.
+const SOURCES_MAX: usize = 16;
+
+const fn ms(millis: u64) -> Duration {
+    Duration::from_millis(millis)
+}
+
+/// What the model knows without hearing it.
+#[derive(Clone, Debug, Default)]
+pub struct Config {
+    /// The robot's name.
+    pub robot: String,
+    /// Modules without which it does not move.
+    pub critical: Vec<String>,
+}
+
+/// The latest of everything that is said on the bus. Periods are those of DESIGN 5.
+#[derive(Clone, Debug)]
+pub struct Model {
+    config: Config,
+    /// What is said on which channel.
+    pub traffic: Traffic,
+    /// What went wrong.
+    pub errors: Errors,
+    /// What modules say.
+    pub texts: Texts,
+    modules: Modules,
+    /// The watchdog's view of the processes.
+    pub processes: Slot<common::DataProcesses>,
+    /// The recorder.
+    pub log: Slot<common::DataLog>,
+    /// How it moves and why not.
+    pub motion: Slot<lowlevel::DataMotion>,
+    /// The PAUSE line.
+    pub stop: Slot<lowlevel::EventStop>,
+    /// The odometry.
+    pub odometry: Slot<lowlevel::DataOdo>,
+    /// The sonars.
+    pub sonars: Slot<lowlevel::DataSrfs>,
+    /// The infrared sensors.
+    pub infrareds: Slot<lowlevel::DataIrs>,
+    /// Sonars and infrared sensors, each at its own instant.
+    pub ranges: Slot<lowlevel::DataRanges>,
+    /// The beacons that were seen.
+    pub beacons: Slot<lowlevel::DataBeacons>,
+    /// The drives.
+    pub axes: Slot<lowlevel::DataAxes>,
+    /// Battery and channels.
+    pub power: Slot<lowlevel::DataPower>,
+    /// Temperatures and fans.
+    pub temperatures: Slot<lowlevel::DataTemperature>,
+    /// The gamepad.
+    pub gamepad: Slot<lowlevel::DataJoydev>,
+    /// The last answer of an object of a drive.
+    pub sdo: Slot<lowlevel::DataSdo>,
+    /// Where it is.
+    pub estimate: Slot<middlelevel::DataEstimate>,
+    /// How its goal fares.
+    pub goal: Slot<middlelevel::DataGoal>,
+    /// Where it is about to drive.
+    pub plan: Slot<middlelevel::DataPlan>,
+    /// What it believes to stand around it.
+    pub obstacles: Slot<middlelevel::DataObstacles>,
+    /// Where it is in truth, when simulated.
+    pub truth: Slot<simulation::DataTruth>,
+    /// How fast simulated time goes.
+    pub clock: Slot<simulation::DataClock>,
+    holds: BTreeMap<String, Slot<lowlevel::DataHold>>,
+    buses: BTreeMap<String, Slot<lowlevel::DataBus>>,
+    commands: BTreeMap<String, Slot<lowlevel::CmdMotion>>,
+}
+
+impl Model {
+    /// Nothing heard.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        Self {
+            modules: Modules::new(config.critical.clone()),
+            config,
+            traffic: Traffic::default(),
+            errors: Errors::default(),
+            texts: Texts::default(),
+            processes: Slot::every(ms(100)),
+            log: Slot::every(ms(1000)),
+            motion: Slot::every(ms(50)),
+            stop: Slot::every(ms(500)),
+            odometry: Slot::every(ms(250)),
+            sonars: Slot::every(ms(250)),
+            infrareds: Slot::every(ms(250)),
+            ranges: Slot::every(ms(250)),
+            beacons: Slot::every(ms(1000)),
+            axes: Slot::every(ms(200)),
+            power: Slot::every(ms(1000)),
+            temperatures: Slot::every(ms(1000)),
+            gamepad: Slot::every(ms(200)),
+            sdo: Slot::every(Duration::MAX),
+            estimate: Slot::every(ms(50)),
+            goal: Slot::every(ms(200)),
+            plan: Slot::every(ms(1000)),
+            obstacles: Slot::every(ms(1000)),
+            truth: Slot::every(ms(100)),
+            clock: Slot::every(ms(1000)),
+            holds: BTreeMap::new(),
+            buses: BTreeMap::new(),
+            commands: BTreeMap::new(),
+        }
+    }
+
+    /// The robot's name.
+    #[must_use]
+    pub fn robot(&self) -> &str {
+        &self.config.robot
+    }
+
+    /// Something of so many bytes was said at `at` on a channel; `message` is what it says, where it is one of the
+    /// robot's.
+    pub fn hear(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
+        self.traffic.hear(at, channel, bytes);
+        match message {
+            Some(Message::CmDataState(state)) => self.modules.hear(at, &state),
+            Some(Message::CmDataProcesses(processes)) => self.processes.put(at, processes),
+            Some(Message::CmEventError(error)) => self.errors.hear(at, &error),
+            Some(Message::CmDataFaults(list)) => self.errors.list(at, &list),
+            Some(Message::CmEventText(text)) => self.texts.take(&text),
+            Some(Message::CmDataLog(log)) => self.log.put(at, log),
+            Some(Message::LlDataMotion(motion)) => self.motion.put(at, motion),
+            Some(Message::LlCmdMotion(command)) => {
+                let source = command.source.clone();
+                put(&mut self.commands, SOURCES_MAX, source, ms(50), at, command);
+            }
+            Some(Message::LlEventStop(stop)) => self.stop.put(at, stop),
+            Some(Message::LlDataOdo(odometry)) => self.odometry.put(at, odometry),
+            Some(Message::LlDataSrfs(sonars)) => self.sonars.put(at, sonars),
+            Some(Message::LlDataIrs(infrareds)) => self.infrareds.put(at, infrareds),
+            Some(Message::LlDataRanges(ranges)) => self.ranges.put(at, ranges),
+            Some(Message::LlDataBeacons(beacons)) => self.beacons.put(at, beacons),
+            Some(Message::LlDataAxes(axes)) => self.axes.put(at, axes),
+            Some(Message::LlDataPower(power)) => self.power.put(at, power),
+            Some(Message::LlDataTemperature(temperatures)) => self.temperatures.put(at, temperatures),
+            Some(Message::LlDataBus(bus)) => {
+                let name = bus.bus.clone();
+                put(&mut self.buses, BUSES_MAX, name, ms(1000), at, bus);
+            }
+            Some(Message::LlDataHold(list)) => {
+                let module = list.module.clone();
+                put(&mut self.holds, HOLDERS_MAX, module, ms(200), at, list);
+            }
+            Some(Message::LlDataJoydev(gamepad)) => self.gamepad.put(at, gamepad),
+            Some(Message::LlDataSdo(sdo)) => self.sdo.put(at, sdo),
+            Some(Message::MlDataEstimate(estimate)) => self.estimate.put(at, estimate),
+            Some(Message::MlDataGoal(goal)) => self.goal.put(at, goal),
+            Some(Message::MlDataPlan(plan)) => self.plan.put(at, plan),
+            Some(Message::MlDataObstacles(obstacles)) => self.obstacles.put(at, obstacles),
+            Some(Message::SimDataTruth(truth)) => self.truth.put(at, truth),
+            Some(Message::SimDataClock(clock)) => self.clock.put(at, clock),
+            _ => {}
+        }
+    }
+
+    /// How the robot is.
+    #[must_use]
+    pub fn status(&self, now: Instant) -> Status {
+        status::of(self, now)
+    }
+
+    /// The modules.
+    #[must_use]
+    pub fn modules(&self, now: Instant) -> Vec<ModuleRow> {
+        // What was said of them long ago is no news of them.
+        let processes = self.processes.fresh(now).map_or(&[][..], |heard| &heard.processes);
+        let mut rows = self.modules.rows(now, processes);
+        for row in &mut rows {
+            row.faults = self.errors.active(&row.module, now);
+        }
+        rows
+    }
+
+    /// All for which the robot does not act.
+    #[must_use]
+    pub fn hold_rows(&self, now: Instant) -> Vec<HoldRow> {
+        holds::rows(self, now)
+    }
+
+    /// What stands against motion; `None` where its list is not current.
+    #[must_use]
+    pub fn motion_holds(&self, now: Instant) -> Option<&lowlevel::DataHold> {
+        self.holds.get(messages::MOTION_MODULE)?.fresh(now)
+    }
+
+    /// The current lists of causes: of the motion first, then in order of the modules' names.
+    pub(crate) fn holds(&self, now: Instant) -> impl Iterator<Item = &lowlevel::DataHold> {
+        let others = self.holds.values().filter_map(move |slot| slot.fresh(now)).filter(|list| !list.is_of_motion());
+        self.motion_holds(now).into_iter().chain(others)
+    }
+
+    /// Whether what stands against motion was ever listed: a log from before `LL_DATA_HOLD` has its text alone.
+    pub(crate) fn knows_holds(&self) -> bool {
+        self.holds.contains_key(messages::MOTION_MODULE)
+    }
+
+    /// The buses in order of their names.
+    pub fn buses(&self) -> impl Iterator<Item = &Slot<lowlevel::DataBus>> {
+        self.buses.values()
+    }
+
+    /// Who commands the motion, in order of the names: those who spoke of late.
+    pub fn commands(&self, now: Instant) -> impl Iterator<Item = &lowlevel::CmdMotion> {
+        self.commands.values().filter_map(move |slot| slot.get().filter(|_| slot.age(now) < Some(ms(1000))))
+    }
+
+    /// Everything that is shown.
+    #[must_use]
+    pub fn view(&self, now: Instant) -> View<'_> {
+        View::of(self, now)
+    }
+}
+
+fn put<T>(slots: &mut BTreeMap<String, Slot<T>>, most: usize, key: String, every: Duration, at: Instant, value: T) {
+    if slots.contains_key(&key) || slots.len() < most {
+        slots.entry(key).or_insert_with(|| Slot::every(every)).put(at, value);
+    }
+}

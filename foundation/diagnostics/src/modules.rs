@@ -1,0 +1,172 @@
+//! The modules: what they announce, and what the watchdog says of their processes.
+
+use crate::Slot;
+use base::{Duration, Instant};
+use messages::common::{self, Process};
+use module::{State, exit};
+use serde::Serialize;
+
+/// Modules that are kept.
+const MODULES_MAX: usize = 200;
+/// An announcement comes each second.
+const ANNOUNCED: Duration = Duration::from_secs(1);
+
+/// A module.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ModuleRow {
+    /// Its name.
+    pub module: String,
+    /// The state that it announced last.
+    pub state: &'static str,
+    /// The state that it was commanded to; empty where no watchdog guards it.
+    pub wanted: &'static str,
+    /// What its process does: `running`, `ending`, `down`; `stranger` where no watchdog guards it.
+    pub phase: &'static str,
+    /// Its process; 0: none.
+    pub pid: i32,
+    /// s.
+    pub uptime: f64,
+    /// How often it was started again.
+    pub restarts: i32,
+    /// How its last process ended, in words; empty when it never did.
+    pub last_exit: String,
+    /// Cores.
+    pub cpu: f64,
+    /// Bytes.
+    pub rss: i64,
+    /// Whether the robot does not move without it.
+    pub critical: bool,
+    /// Whether it is as it should be: runs, and is in the wanted state.
+    pub well: bool,
+    /// s since it announced its state; none: never.
+    pub age: Option<f64>,
+    /// Number of its active faults; none: not known.
+    pub faults: Option<usize>,
+}
+
+/// All modules.
+#[derive(Clone, Debug)]
+pub struct Modules {
+    announced: Vec<(String, Slot<State>)>,
+    critical: Vec<String>,
+}
+
+impl Modules {
+    /// None heard of; without `critical` ones the robot does not move.
+    #[must_use]
+    pub fn new(critical: Vec<String>) -> Self {
+        Self { announced: Vec::new(), critical }
+    }
+
+    /// A module announced its state.
+    pub fn hear(&mut self, at: Instant, announced: &common::DataState) {
+        let state = State::from_value(announced.state).unwrap_or(State::Unknown);
+        if let Some((_, slot)) = self.announced.iter_mut().find(|(name, _)| *name == announced.module) {
+            slot.put(at, state);
+        } else if self.announced.len() < MODULES_MAX {
+            let mut slot = Slot::every(ANNOUNCED);
+            slot.put(at, state);
+            self.announced.push((announced.module.clone(), slot));
+        }
+    }
+
+    /// What a module announced last, unless that is long ago.
+    #[must_use]
+    pub fn state(&self, now: Instant, module: &str) -> Option<State> {
+        self.slot(module)?.fresh(now).copied()
+    }
+
+    /// Whether the robot does not move without it.
+    #[must_use]
+    pub fn is_critical(&self, module: &str) -> bool {
+        self.critical.iter().any(|name| name == module)
+    }
+
+    fn slot(&self, module: &str) -> Option<&Slot<State>> {
+        self.announced.iter().find(|(name, _)| name == module).map(|(_, slot)| slot)
+    }
+
+    /// The modules: the watchdog's in its order, then those that only announce themselves.
+    #[must_use]
+    pub fn rows(&self, now: Instant, processes: &[Process]) -> Vec<ModuleRow> {
+        let guarded = processes.iter().take(MODULES_MAX).map(|process| self.guarded(now, process));
+        let strangers = self.announced.iter().filter(|(name, _)| processes.iter().all(|p| p.module != *name));
+        let strangers = strangers.map(|(name, slot)| ModuleRow {
+            module: name.clone(),
+            state: slot.get().map_or("UNKNOWN", |state| state.name()),
+            wanted: "",
+            phase: "stranger",
+            pid: 0,
+            uptime: 0.0,
+            restarts: 0,
+            last_exit: String::new(),
+            cpu: 0.0,
+            rss: 0,
+            critical: self.is_critical(name),
+            well: slot.fresh(now).is_some_and(|state| *state != State::Error),
+            age: slot.age(now).map(|age| age.as_secs_f64()),
+            faults: None,
+        });
+        guarded.chain(strangers).collect()
+    }
+
+    fn guarded(&self, now: Instant, process: &Process) -> ModuleRow {
+        let name = |value| State::from_value(value).unwrap_or(State::Unknown).name();
+        let phase = match process.phase {
+            Process::RUNNING => "running",
+            Process::TERMINATING => "ending",
+            _ => "down",
+        };
+        let age = self.slot(&process.module).and_then(|slot| slot.age(now));
+        ModuleRow {
+            module: process.module.clone(),
+            state: name(process.state),
+            wanted: name(process.wanted),
+            phase,
+            pid: process.pid,
+            uptime: process.uptime,
+            restarts: process.restarts,
+            last_exit: if process.restarts > 0 || process.phase == Process::TERMINATED {
+                exit_in_words(process.last_exit)
+            } else {
+                String::new()
+            },
+            cpu: process.cpu,
+            rss: process.rss,
+            critical: self.is_critical(&process.module),
+            well: process.phase == Process::RUNNING && process.state == process.wanted,
+            age: age.map(|age| age.as_secs_f64()),
+            faults: None,
+        }
+    }
+}
+
+/// How a process ended, from the number in `process_t.last_exit`: DESIGN 4's exit codes, 128 + n for signal n.
+#[must_use]
+pub fn exit_in_words(code: i32) -> String {
+    let class = |name: &str, base: u8| format!("{name} ({:#04x})", code.max(i32::from(base)));
+    match code {
+        0 => "ended as told".into(),
+        -1 => "ended unseen".into(),
+        0x10..=0x1F => class("a resource was refused", exit::RESOURCE),
+        0x20..=0x2F => class("a device failed", exit::DEVICE),
+        0x40..=0x4F => class("failed", exit::OTHER),
+        129..=192 => {
+            let name = match code - 128 {
+                1 => "SIGHUP",
+                2 => "SIGINT",
+                4 => "SIGILL: it crashed",
+                6 => "SIGABRT: it gave up",
+                7 => "SIGBUS: it crashed",
+                8 => "SIGFPE: it crashed",
+                9 => "SIGKILL: it was killed",
+                11 => "SIGSEGV: it crashed",
+                14 => "SIGALRM: it hung",
+                15 => "SIGTERM: it was ended",
+                number => return format!("signal {number}"),
+            };
+            name.into()
+        }
+        _ => format!("ended with {code}"),
+    }
+}

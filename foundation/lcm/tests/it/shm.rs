@@ -1,0 +1,280 @@
+//! The shared-memory bus between processes: they come, are killed at any instant, and plain listeners come and go.
+#![cfg(feature = "shm")]
+#![allow(clippy::disallowed_methods, reason = "real sockets and processes")]
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
+
+use crate::common;
+use lcm::live::Lcm;
+use lcm::url::{Shm, Udpm};
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+use std::{fs, thread};
+use testing::{Random, peer_or_skip, python};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn url() -> Udpm {
+    Udpm { shm: Shm::Auto, ..common::url() }
+}
+
+fn open(url: &Udpm) -> Lcm {
+    let lcm = Lcm::new(&url.clone().into()).unwrap();
+    assert!(lcm.udpm().unwrap().shares_memory(), "/dev/shm can be used");
+    lcm
+}
+
+/// The folder of a bus; taken away at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn of(url: &Udpm) -> Self {
+        let end = format!("-{}-{}", url.group, url.port);
+        let mut entries = fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().path());
+        Self(entries.find(|path| path.to_str().unwrap().ends_with(&end)).unwrap())
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+// A numbered message: who, which, and bytes that follow from both.
+
+fn fill(buffer: &mut Vec<u8>, who: u64, number: u64, len: usize) {
+    buffer.clear();
+    buffer.extend([who, number, len as u64].map(u64::to_le_bytes).as_flattened());
+    let seed = who.wrapping_mul(31).wrapping_add(number);
+    buffer.extend((0..len as u64).map(|i| (seed.wrapping_add(i).wrapping_mul(0x9e37_79b9) >> 8) as u8));
+}
+
+/// What a reader has seen of each publisher.
+#[derive(Default)]
+struct Seen {
+    last: BTreeMap<u64, u64>,
+    scratch: Vec<u8>,
+    count: u64,
+}
+
+impl Seen {
+    /// Panics if a message is torn, comes twice, or after a later one.
+    fn check(&mut self, payload: &[u8]) -> (u64, u64) {
+        let word = |at: usize| u64::from_le_bytes(*payload[8 * at..].first_chunk().unwrap());
+        let (who, number) = (word(0), word(1));
+        fill(&mut self.scratch, who, number, payload.len() - 24);
+        assert!(self.scratch == payload, "torn: {who:x} {number}, {} bytes", payload.len());
+        let before = self.last.insert(who, number);
+        assert!(before.is_none_or(|before| before < number), "{who:x}: {number} after {before:?}");
+        self.count += 1;
+        (who, number)
+    }
+}
+
+/// A process of this very program in a role, ended with this value.
+struct Actor(Child);
+
+impl Actor {
+    fn start(role: &str, url: &Udpm) -> Self {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["shm::an_actor_of_another_test", "--exact", "--nocapture"]);
+        command.env("LCM_SHM_ROLE", role).env("LCM_SHM_URL", url.to_string());
+        Self(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap())
+    }
+
+    /// Kills it; panics if it had ended by itself.
+    fn kill(&mut self) {
+        if let Some(status) = self.0.try_wait().unwrap() {
+            let mut text = String::new();
+            self.0.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+            panic!("{status}: {text}");
+        }
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+}
+
+impl Drop for Actor {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn an_actor_of_another_test() {
+    let Ok(role) = std::env::var("LCM_SHM_ROLE") else { return };
+    let (lcm::Url::Udpm(url), _) = lcm::Url::parse(&std::env::var("LCM_SHM_URL").unwrap()).unwrap() else { return };
+    let mut lcm = open(&url);
+    let mut seen = Seen::default();
+    let mut random = Random::new(u64::from(std::process::id()) << 20 | 1);
+    let mut message = Vec::new();
+    if role != "writer" {
+        lcm.subscribe("STORM_.*").unwrap();
+    }
+    for number in 0.. {
+        if role != "reader" {
+            let len = match random.below(1000) {
+                0 => 2 << 20,
+                1..10 => random.below(300_000),
+                _ => random.below(2000),
+            };
+            fill(&mut message, u64::from(std::process::id()), number, len as usize);
+            // A full socket is no matter here.
+            let _ = lcm.publish(["STORM_A", "STORM_B"][number as usize % 2], &message);
+        }
+        if role != "writer" {
+            let patience = if role == "reader" { Duration::from_millis(100) } else { Duration::ZERO };
+            while let Some(received) = lcm.recv_timeout(patience).unwrap() {
+                seen.check(received.payload);
+            }
+        } else if random.below(8) == 0 {
+            thread::sleep(Duration::from_micros(random.below(300)));
+        }
+    }
+}
+
+#[test]
+fn whoever_is_killed_whenever_no_reader_blocks_and_no_message_is_torn_or_twice() {
+    let kills = std::env::var("LCM_SHM_KILLS").map_or(150, |kills| kills.parse().unwrap());
+    let url = url();
+    let mut survivor = open(&url);
+    survivor.subscribe("STORM_.*").unwrap();
+    let folder = Folder::of(&url);
+    let mut seen = Seen::default();
+    let mut random = Random::new(u64::from(std::process::id()) << 20 | 3);
+    let roles = ["writer", "reader", "both", "writer", "reader"];
+    let mut actors: Vec<Actor> = roles.iter().map(|role| Actor::start(role, &url)).collect();
+    let mut killed = 0;
+    while killed < kills {
+        let until = Instant::now() + Duration::from_micros(random.below(20_000));
+        loop {
+            while let Some(received) = survivor.recv().unwrap() {
+                seen.check(received.payload);
+                if Instant::now() > until {
+                    break;
+                }
+            }
+            if Instant::now() > until {
+                break;
+            }
+            survivor.wait(Duration::from_millis(1)).unwrap();
+        }
+        let which = random.below(roles.len() as u64) as usize;
+        actors[which].kill();
+        actors[which] = Actor::start(roles[which], &url);
+        killed += 1;
+    }
+    // Whoever comes now is heard, and the reader is woken for it.
+    actors.iter_mut().for_each(Actor::kill);
+    let mut last = open(&url);
+    let mut message = Vec::new();
+    fill(&mut message, u64::MAX, 7, 100);
+    let begin = Instant::now();
+    while survivor.recv().unwrap().is_some() {}
+    last.publish("STORM_A", &message).unwrap();
+    loop {
+        assert!(survivor.wait(PATIENCE).unwrap(), "blocked");
+        if let Some(received) = survivor.recv().unwrap()
+            && seen.check(received.payload) == (u64::MAX, 7)
+        {
+            break;
+        }
+        assert!(begin.elapsed() < PATIENCE, "not heard");
+    }
+    println!("{killed} killed, {} messages, {} lost", seen.count, survivor.stats().lost);
+    while survivor.recv().unwrap().is_some() {}
+    drop((last, survivor));
+    drop(open(&url));
+    assert!(!folder.0.exists(), "nothing is left of {killed}");
+}
+
+/// Publishes numbers while a native reader listens and official ones come and go.
+#[test]
+fn an_official_subscriber_that_comes_late_misses_nothing_and_nobody_hears_twice() {
+    let Some(python) = peer_or_skip(python(&["lcm"])) else { return };
+    let url = url();
+    let plain = Udpm { shm: Shm::Off, ..url.clone() };
+    let mut reader = open(&url);
+    reader.subscribe("NUMBERS").unwrap();
+    let _folder = Folder::of(&url);
+    let (published, end) = (AtomicUsize::new(0), AtomicBool::new(false));
+    thread::scope(|scope| {
+        let publisher = scope.spawn(|| {
+            let mut lcm = open(&url);
+            let mut number: usize = 0;
+            while !end.load(Ordering::SeqCst) {
+                lcm.publish("NUMBERS", &(number as u64).to_le_bytes()).unwrap();
+                published.store(number, Ordering::SeqCst);
+                number += 1;
+                thread::sleep(Duration::from_micros(200));
+            }
+            number
+        });
+        let listener = scope.spawn(|| {
+            let mut next: usize = 0;
+            while !end.load(Ordering::SeqCst) || next <= published.load(Ordering::SeqCst) {
+                let Some(received) = reader.recv_timeout(Duration::from_millis(100)).unwrap() else { continue };
+                let number = u64::from_le_bytes(received.payload.try_into().unwrap()) as usize;
+                assert_eq!(number, next, "each once, in order, none missing");
+                next += 1;
+            }
+            next
+        });
+        let mut heard = 0;
+        for _ in 0..3 {
+            let mut command = Command::new(&python);
+            command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/numbers.py"));
+            command.args([plain.to_string(), "NUMBERS".into()]).stdin(Stdio::piped()).stdout(Stdio::piped());
+            let mut official = Actor(command.spawn().unwrap());
+            let mut lines = BufReader::new(official.0.stdout.take().unwrap()).lines().map(Result::unwrap);
+            assert_eq!(lines.next().as_deref(), Some("ready"));
+            let from = published.load(Ordering::SeqCst) + 1;
+            while published.load(Ordering::SeqCst) < from + 500 {
+                thread::sleep(Duration::from_millis(5));
+            }
+            drop(official.0.stdin.take());
+            let numbers: Vec<usize> = lines.map(|line| line.parse().unwrap()).collect();
+            assert!(official.0.wait().unwrap().success());
+            let first = numbers.iter().position(|&number| number >= from).unwrap();
+            assert_eq!(numbers[first], from, "all from the moment that its subscription was up");
+            assert!(numbers.is_sorted_by(|a, b| b - a == 1), "none twice, none missing");
+            heard += numbers.len();
+            // Until the datagrams have stopped.
+            thread::sleep(Duration::from_millis(2500));
+        }
+        end.store(true, Ordering::SeqCst);
+        let count = publisher.join().unwrap();
+        assert_eq!(listener.join().unwrap(), count);
+        assert!(heard < count);
+    });
+    assert_eq!(reader.stats().lost, 0);
+}
+
+#[test]
+fn an_event_loop_that_polls_the_descriptor_hears_both_paths() {
+    let url = url();
+    let mut reader = open(&url);
+    reader.subscribe("A").unwrap();
+    let _folder = Folder::of(&url);
+    let mut native = open(&url);
+    let mut plain = Lcm::new(&Udpm { shm: Shm::Off, ..url.clone() }.into()).unwrap();
+    for round in 0..200_u32 {
+        let publisher = if round % 2 == 0 { &mut native } else { &mut plain };
+        publisher.publish("A", &round.to_le_bytes()).unwrap();
+        let begin = Instant::now();
+        let got = loop {
+            assert!(reader.wait(PATIENCE).unwrap() && begin.elapsed() < PATIENCE);
+            if let Some(received) = reader.recv().unwrap() {
+                break received.payload.to_vec();
+            }
+        };
+        assert_eq!(got, round.to_le_bytes());
+        while reader.recv().unwrap().is_some() {}
+    }
+    assert_eq!(reader.stats().received, 200);
+}

@@ -1,0 +1,462 @@
+//! What all modules share, done around them once: the state machine, its announcement, commands, reports, the list of
+//! active faults, texts, the end.
+
+use crate::call::{Call, CallLog};
+use crate::sabotage::{self, Bug};
+use crate::texts::{self, Texts};
+use crate::{Action, Actions, Cause, Condition, Event, Module, State, exit};
+use base::{Deadlines, Duration, Fault, Instant, Level, Report, Severity};
+use messages::{Channel, Message, common};
+use std::collections::BTreeMap;
+use std::mem;
+
+/// The state is announced and the active faults are listed this often, and at every change.
+const ANNOUNCE: Duration = Duration::from_secs(1);
+/// More different faults than this at once are not told apart: the oldest stay, further ones are not sent.
+const FAULTS_MAX: usize = 256;
+
+/// How a shell treats its module.
+#[derive(Clone, Debug)]
+pub struct ShellConfig {
+    /// The module's name: `driver_canbus`.
+    pub name: String,
+    /// The state after INIT: RUN, or what an operator wanted before a restart. Others count as RUN.
+    pub wanted: State,
+    /// Reports of at least this severity are sent on `CM_EVENT_ERROR` and printed, and so is the end of such a fault;
+    /// others are dropped. The list on `CM_DATA_FAULTS` has all active faults, whatever their severity.
+    pub report_from: Severity,
+    /// Lowest level of texts and reports that are printed; none: `report_from` for reports, INFO for texts.
+    pub print_from: Option<Level>,
+    /// Lowest level of texts and reports that are sent; none: `report_from` for reports, INFO for texts.
+    pub send_from: Option<Level>,
+    /// Whether commands to module `*` are for it (for the watchdog they are not).
+    pub obeys_all: bool,
+    /// After TERMINATE it has ended within this time, finished or not.
+    pub end_within: Duration,
+}
+
+impl ShellConfig {
+    /// A module that wants to RUN, sends all reports and obeys commands to all.
+    #[must_use]
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            wanted: State::Run,
+            report_from: Severity::Notice,
+            print_from: None,
+            send_from: None,
+            obeys_all: true,
+            end_within: Duration::from_secs(2),
+        }
+    }
+
+    fn prints(&self, severity: Severity) -> bool {
+        self.print_from.map_or(severity >= self.report_from, |from| severity.level() >= from)
+    }
+
+    fn sends(&self, severity: Severity) -> bool {
+        self.send_from.map_or(severity >= self.report_from, |from| severity.level() >= from)
+    }
+}
+
+base::deadlines! {
+    /// What a shell waits for.
+    enum Timer {
+        /// The next announcement of the state.
+        Announce,
+        /// The latest end after TERMINATE.
+        End,
+        /// The deadline of the module inside, as it was after its last event.
+        Module,
+    }
+}
+
+/// A module with what all modules share around it; what a host runs.
+pub struct Shell {
+    config: ShellConfig,
+    module: Box<dyn Module>,
+    state: State,
+    /// Where ERROR was entered from.
+    before_error: State,
+    /// What the module said last of its device.
+    failed: bool,
+    deadlines: Deadlines<Timer>,
+    /// The active faults, each with its subject.
+    faults: BTreeMap<(Fault, String), ActiveFault>,
+    /// True if the list of active faults is to be published at the end of this call.
+    list_due: bool,
+    texts: Texts,
+    /// Room for what the module answers.
+    inner: Actions,
+    ending: Ending,
+    recorder: Option<Box<dyn CallLog>>,
+}
+
+/// An active fault.
+#[derive(Clone, Debug)]
+struct ActiveFault {
+    /// Severity of the last raise.
+    severity: Severity,
+    /// Time of the first raise, µs since the UNIX epoch.
+    since: i64,
+    /// Message of the last raise.
+    message: String,
+    /// Whether its report was printed and sent; the report of its end is treated alike.
+    printed: bool,
+    sent: bool,
+}
+
+/// How far the end has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ending {
+    No,
+    Begun,
+    Done,
+}
+
+impl Shell {
+    /// A shell around `module`, in INIT. `out` of later calls must have the same epoch as the first.
+    #[must_use]
+    pub fn new(config: ShellConfig, module: Box<dyn Module>) -> Self {
+        let mut deadlines = Deadlines::new().with(Timer::Announce, Instant::ZERO);
+        deadlines.replace(Timer::Module, module.poll_timeout());
+        Self {
+            config,
+            module,
+            state: State::Init,
+            before_error: State::Init,
+            failed: false,
+            deadlines,
+            faults: BTreeMap::new(),
+            list_due: false,
+            texts: Texts::default(),
+            inner: Actions::default(),
+            ending: Ending::No,
+            recorder: None,
+        }
+    }
+
+    /// Writes down from now on what it is told and what it answers; to be called before anything else.
+    pub fn record(&mut self, recorder: impl CallLog + 'static) {
+        self.recorder = Some(Box::new(recorder));
+    }
+
+    /// Whether some of what it was told is not written down, for want of room: the host reports that.
+    #[must_use]
+    pub fn has_lost_inputs(&self) -> bool {
+        self.recorder.as_ref().is_some_and(|recorder| recorder.has_gaps())
+    }
+
+    /// The module's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.config.name
+    }
+
+    /// The state it is in.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The module inside, for its ports and subscriptions.
+    #[must_use]
+    pub fn module(&self) -> &dyn Module {
+        &*self.module
+    }
+
+    /// The channels that its host subscribes to, so that other messages need not be decoded: commands to the state, and
+    /// the module's. A channel may come twice.
+    pub fn subscriptions(&self) -> impl Iterator<Item = Channel> {
+        [Channel::CmCmdState].into_iter().chain(self.module.subscriptions().iter().copied())
+    }
+
+    /// True if `channel` is among [`Shell::subscriptions`].
+    #[must_use]
+    pub fn wants(&self, channel: Channel) -> bool {
+        self.subscriptions().any(|subscribed| subscribed == channel)
+    }
+
+    /// Takes one event, messages on channels without subscription too: they are ignored. Pushes what the host is to do:
+    /// `Publish`, `Send`, `Report`, `Note`, `Process`, `State`, and `Exit` last.
+    pub fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        self.recorded(now, &Call::Event(event), out, |shell, out| shell.take(now, event, out));
+    }
+
+    /// Lets the recorder see a call and what follows from it.
+    fn recorded(&mut self, now: Instant, call: &Call<'_>, out: &mut Actions, f: impl FnOnce(&mut Self, &mut Actions)) {
+        let before = out.as_slice().len();
+        let Some(mut recorder) = self.recorder.take().filter(|_| self.ending != Ending::Done) else {
+            f(self, out);
+            return self.list_faults(now, before, out);
+        };
+        recorder.call(now, out.epoch(), call);
+        f(self, out);
+        self.list_faults(now, before, out);
+        recorder.answer(&out.as_slice()[before..], self.poll_timeout());
+        self.recorder = Some(recorder);
+    }
+
+    fn take(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        if self.ending == Ending::Done {
+            return;
+        }
+        match event {
+            Event::Start => {
+                self.deadlines.set(Timer::Announce, now + ANNOUNCE);
+                out.push(Action::State(self.state));
+                self.announce(now, out);
+                self.list_due = true;
+                self.pass(now, Event::Start, out);
+            }
+            Event::Timer => {
+                if self.deadlines.tick(Timer::Announce, now, ANNOUNCE) {
+                    self.announce(now, out);
+                    self.list_due = true;
+                    self.count_left_out(now, out);
+                }
+                if self.deadlines.is_due(Timer::Module, now) {
+                    self.pass(now, Event::Timer, out);
+                }
+            }
+            Event::Message { at, message } => {
+                if self.module.subscriptions().contains(&message.channel()) {
+                    self.pass(now, Event::Message { at, message }, out);
+                }
+                if let Message::CmCmdState(command) = message {
+                    self.obey(now, command, out);
+                }
+            }
+            other => self.pass(now, other, out),
+        }
+        if self.ending == Ending::Begun && (self.module.finished() || self.deadlines.is_due(Timer::End, now)) {
+            self.ending = Ending::Done;
+            self.count_left_out(now, out);
+            self.deadlines.clear_all();
+            out.push(Action::Exit(exit::OK));
+        }
+    }
+
+    /// The process was asked to end (SIGTERM, Ctrl-C): as a TERMINATE command.
+    pub fn terminate(&mut self, now: Instant, out: &mut Actions) {
+        self.recorded(now, &Call::Terminate, out, |shell, out| {
+            if shell.state != State::Terminate {
+                shell.enter(now, State::Terminate, out);
+                shell.take(now, Event::Timer, out);
+            }
+        });
+    }
+
+    /// A fault that the host found: reported once until [`Shell::clear`].
+    pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
+        self.recorded(now, &Call::Raise(&report), out, |shell, out| shell.fault(now, &report, out));
+    }
+
+    fn fault(&mut self, now: Instant, report: &Report, out: &mut Actions) {
+        let key = (report.fault, report.subject.clone());
+        if let Some(active) = self.faults.get_mut(&key) {
+            // A new severity is published at once. A message may differ in each raise: it waits for the next list.
+            self.list_due |= active.severity != report.severity;
+            active.severity = report.severity;
+            if active.message != report.message {
+                active.message.clone_from(&report.message);
+            }
+        } else if self.faults.len() < FAULTS_MAX {
+            let severity = report.severity;
+            let active = ActiveFault {
+                severity,
+                since: out.timestamp(now),
+                message: report.message.clone(),
+                printed: self.config.prints(severity),
+                sent: self.config.sends(severity),
+            };
+            let (sent, printed) = (active.sent, active.printed);
+            self.faults.insert(key, active);
+            self.list_due = true;
+            self.report(now, report.clone(), sent, printed, out);
+        }
+    }
+
+    /// A fault that the host found stands no more; who was told of it is told of its end.
+    pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
+        self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.fault_over(now, &report, out));
+    }
+
+    fn fault_over(&mut self, now: Instant, report: &Report, out: &mut Actions) {
+        let Some(active) = self.faults.remove(&(report.fault, report.subject.clone())) else { return };
+        self.list_due = true;
+        self.report(now, report.clone(), active.sent, active.printed, out);
+    }
+
+    /// Adds a line of the host for people, as if it were the module's.
+    pub fn say(&mut self, now: Instant, level: Level, text: &str, out: &mut Actions) {
+        self.recorded(now, &Call::Say(level, text), out, |shell, out| shell.text(now, level, text.into(), out));
+    }
+
+    fn text(&mut self, now: Instant, level: Level, text: String, out: &mut Actions) {
+        if level >= self.config.send_from.unwrap_or(Level::Info)
+            && let Some(message) = self.texts.take(now, out.timestamp(now), &self.config.name, level, &text)
+        {
+            out.publish(message);
+        }
+        if level >= self.config.print_from.unwrap_or(Level::Info) {
+            out.push(Action::Note(level, text));
+        }
+    }
+
+    fn count_left_out(&mut self, now: Instant, out: &mut Actions) {
+        if let Some(message) = self.texts.left_out(now, out.timestamp(now), &self.config.name) {
+            out.publish(message);
+        }
+    }
+
+    /// Publishes the list of active faults if it is due, before the reports of the current call: a reader then knows the
+    /// subject of each report.
+    fn list_faults(&mut self, now: Instant, before: usize, out: &mut Actions) {
+        if !mem::take(&mut self.list_due) {
+            return;
+        }
+        let faults = self.faults.iter().map(|((fault, subject), active)| common::Fault {
+            number: i32::from(*fault as u16),
+            subject: texts::clipped(subject),
+            severity: active.severity as i8,
+            since: active.since,
+            message: texts::clipped(&active.message),
+        });
+        let (timestamp, module) = (out.timestamp(now), self.config.name.clone());
+        let list = common::DataFaults { timestamp, module, faults: faults.collect() };
+        out.insert(before, Action::Publish(list.into()));
+    }
+
+    /// When it wants the next `Event::Timer`.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.deadlines.next()
+    }
+
+    fn pass(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        let before = out.as_slice().len();
+        self.module.handle(now, event, out);
+        self.deadlines.replace(Timer::Module, self.module.poll_timeout());
+        if !out.as_slice()[before..].iter().any(is_for_the_shell) {
+            return;
+        }
+        // Entering a state on the way calls the module again, with a list of its own.
+        let mut inner = mem::take(&mut self.inner);
+        out.split_off(before, &mut inner);
+        for action in inner.drain() {
+            match action {
+                Action::Raise(report) => self.fault(now, &report, out),
+                Action::Clear(report) => self.fault_over(now, &report, out),
+                Action::Report(report) => self.send(now, report, out),
+                Action::Note(level, text) => self.text(now, level, text, out),
+                Action::Condition(condition) => self.condition(now, condition, out),
+                other => out.push(other),
+            }
+        }
+        self.inner = inner;
+    }
+
+    fn condition(&mut self, now: Instant, condition: Condition, out: &mut Actions) {
+        self.failed = condition == Condition::Failed;
+        let next = match (condition, self.state) {
+            (Condition::Working, State::Init) => self.wanted(),
+            (Condition::Working, State::Error) => match self.before_error {
+                State::Init => self.wanted(),
+                State::Stop if sabotage::is(Bug::StopLeftByError) => State::Run,
+                before => before,
+            },
+            (Condition::Failed, state) if state.allows(State::Error, Cause::Itself) => {
+                self.before_error = state;
+                State::Error
+            }
+            _ => return,
+        };
+        self.enter(now, next, out);
+    }
+
+    fn wanted(&self) -> State {
+        match self.config.wanted {
+            wanted @ (State::Pause | State::Stop) => wanted,
+            _ => State::Run,
+        }
+    }
+
+    fn obey(&mut self, now: Instant, command: &common::CmdState, out: &mut Actions) {
+        let all = command.module == "*" && self.config.obeys_all;
+        if !all && command.module != self.config.name {
+            return;
+        }
+        let cause = if command.manual || sabotage::is(Bug::StopLeft) { Cause::Manual } else { Cause::Command };
+        match State::from_value(command.state) {
+            Some(to) if to == self.state => {}
+            Some(to) if self.state.allows(to, cause) => {
+                if self.state == State::Init {
+                    self.config.wanted = to;
+                }
+                self.enter(now, to, out);
+                // It was led through STOP out of ERROR; its device is lost as before.
+                if self.failed && matches!(self.state, State::Run | State::Pause) {
+                    self.before_error = self.state;
+                    self.enter(now, State::Error, out);
+                }
+            }
+            Some(to) => {
+                let manner = if command.manual { "manual " } else { "" };
+                let message = format!("{manner}command {to} from {} refused in {}", command.source, self.state);
+                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+            }
+            None => {
+                let message = format!("command from {} refused: {} is no state", command.source, command.state);
+                self.send(now, Report::new(Severity::Warning, Fault::CommandForbidden, "", message), out);
+            }
+        }
+    }
+
+    fn enter(&mut self, now: Instant, state: State, out: &mut Actions) {
+        self.state = state;
+        if state == State::Terminate {
+            self.ending = Ending::Begun;
+            self.deadlines.set(Timer::End, now + self.config.end_within);
+        }
+        out.push(Action::State(state));
+        self.announce(now, out);
+        self.pass(now, Event::State(state), out);
+    }
+
+    fn announce(&self, now: Instant, out: &mut Actions) {
+        out.publish(common::DataState {
+            timestamp: out.timestamp(now),
+            module: self.config.name.clone(),
+            state: self.state as i8,
+        });
+    }
+
+    fn send(&self, now: Instant, report: Report, out: &mut Actions) {
+        let (sent, printed) = (self.config.sends(report.severity), self.config.prints(report.severity));
+        self.report(now, report, sent, printed, out);
+    }
+
+    fn report(&self, now: Instant, report: Report, sent: bool, printed: bool, out: &mut Actions) {
+        if sent {
+            out.publish(common::Error {
+                timestamp: out.timestamp(now),
+                module: self.config.name.clone(),
+                number: i32::from(report.fault as u16),
+                message: report.message.clone(),
+                fatal: report.fatal,
+                r#type: report.fault.kind() as i8,
+                severity: report.severity as i8,
+                file: report.location.file.clone().into_owned(),
+                line: i32::try_from(report.location.line).unwrap_or(i32::MAX),
+            });
+        }
+        if printed {
+            out.push(Action::Report(report));
+        }
+    }
+}
+
+fn is_for_the_shell(action: &Action) -> bool {
+    matches!(action, Action::Raise(_) | Action::Clear(_) | Action::Report(_) | Action::Note(..) | Action::Condition(_))
+}

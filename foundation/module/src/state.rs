@@ -1,0 +1,159 @@
+//! The states of a module and what may lead from one to another (values as in 2011).
+
+use core::fmt;
+use messages::Hold;
+use messages::common::DataState;
+
+/// The state of a module, as `CM_DATA_STATE` announces it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(i8)]
+pub enum State {
+    /// Not heard of.
+    Unknown = DataState::UNKNOWN,
+    /// Starting: brings its devices up, does not act.
+    Init = DataState::INIT,
+    /// Held by an operator: device safe and in contact, no action; only an operator leads out.
+    Stop = DataState::STOP,
+    /// Working.
+    Run = DataState::RUN,
+    /// Its device is lost; it says so, goes on trying, and returns to where it came from.
+    Error = DataState::ERROR,
+    /// Ending.
+    Terminate = DataState::TERMINATE,
+    /// Not acting for now; anyone may end it.
+    Pause = DataState::PAUSE,
+}
+
+/// What asks for a change of state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// The module decides.
+    Itself,
+    /// A `cmd_state_t` with `manual = false`.
+    Command,
+    /// A `cmd_state_t` with `manual = true`: an operator.
+    Manual,
+}
+
+impl State {
+    /// All states, in order of their values.
+    pub const ALL: [Self; 7] =
+        [Self::Unknown, Self::Init, Self::Stop, Self::Run, Self::Error, Self::Terminate, Self::Pause];
+
+    /// The state of a value on the wire; none for a value that is no state.
+    #[must_use]
+    pub fn from_value(value: i8) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| *state as i8 == value)
+    }
+
+    /// The state of a name as people write it (`RUN`, in any case).
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.name().eq_ignore_ascii_case(name))
+    }
+
+    /// Its name as people write it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unknown => "UNKNOWN",
+            Self::Init => "INIT",
+            Self::Stop => "STOP",
+            Self::Run => "RUN",
+            Self::Error => "ERROR",
+            Self::Terminate => "TERMINATE",
+            Self::Pause => "PAUSE",
+        }
+    }
+
+    /// The cause for which a module in this state does not act; `None` in RUN.
+    #[must_use]
+    pub const fn hold(self) -> Option<Hold> {
+        match self {
+            Self::Run => None,
+            Self::Unknown | Self::Init => Some(Hold::ModuleInit),
+            Self::Pause => Some(Hold::ModulePaused),
+            Self::Stop => Some(Hold::ModuleStopped),
+            Self::Error => Some(Hold::ModuleError),
+            Self::Terminate => Some(Hold::ModuleEnding),
+        }
+    }
+
+    /// The transition table of `DESIGN` 4: whether `cause` may lead from this state to `to`.
+    ///
+    /// The return from ERROR is not asked here: it leads to the state that ERROR was entered from, be it STOP.
+    #[must_use]
+    pub const fn allows(self, to: Self, cause: Cause) -> bool {
+        use State::{Error, Init, Pause, Run, Stop, Terminate};
+        let itself = matches!(cause, Cause::Itself);
+        let manual = matches!(cause, Cause::Manual);
+        match (self, to) {
+            (Init, Run | Pause) | (Init | Run | Pause | Stop, Error) | (Error, Run | Pause) => itself,
+            (Run, Pause) | (Pause, Run) | (Init | Run | Pause | Stop | Error, Terminate) => !itself,
+            (Init | Run | Pause | Error, Stop) | (Stop, Run | Pause) => manual,
+            _ => false,
+        }
+    }
+
+    /// Whether it may act on the world.
+    #[must_use]
+    pub const fn acts(self) -> bool {
+        matches!(self, Self::Run)
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fmt::Write;
+
+    /// The table as it stands in the design, to be compared by eye.
+    const TABLE: &str = "\
+from \\ to | RUN    | PAUSE  | STOP   | ERROR  | TERMINATE
+INIT      | itself | itself | manual | itself | any
+RUN       | -      | any    | manual | itself | any
+PAUSE     | any    | -      | manual | itself | any
+STOP      | manual | manual | -      | itself | any
+ERROR     | itself | itself | manual | -      | any
+TERMINATE | -      | -      | -      | -      | -
+";
+
+    #[test]
+    fn the_transition_table_is_the_design_s() {
+        use State::{Error, Init, Pause, Run, Stop, Terminate};
+        let mut text = String::from("from \\ to | RUN    | PAUSE  | STOP   | ERROR  | TERMINATE\n");
+        for from in [Init, Run, Pause, Stop, Error, Terminate] {
+            write!(text, "{from:9}").unwrap();
+            for to in [Run, Pause, Stop, Error, Terminate] {
+                let allowed = [Cause::Itself, Cause::Command, Cause::Manual].map(|cause| from.allows(to, cause));
+                let word = match allowed {
+                    [false, false, false] => "-",
+                    [true, false, false] => "itself",
+                    [false, true, true] => "any",
+                    [false, false, true] => "manual",
+                    other => panic!("{from} to {to}: {other:?}"),
+                };
+                if to == Terminate {
+                    write!(text, " | {word}").unwrap();
+                } else {
+                    write!(text, " | {word:6}").unwrap();
+                }
+            }
+            text.push('\n');
+        }
+        assert_eq!(text, TABLE);
+    }
+
+    #[test]
+    fn states_have_the_values_of_2011() {
+        assert_eq!(State::ALL.map(|state| state as i8), [0, 1, 2, 3, 4, 5, 6]);
+        assert_eq!(State::from_value(7), None);
+        assert_eq!(State::from_name("pause"), Some(State::Pause));
+    }
+}

@@ -1,0 +1,458 @@
+//! The shell around a module that the test plays.
+
+use crate::bench::Bench;
+use crate::{Action, Actions, Channel, Event, Input, Message, Module, PortId, PortSpec, Shell, ShellConfig, State};
+use base::{Duration, Fault, Instant, Level, Report, Severity};
+use messages::common::{self, DataFaults, EventText};
+use messages::lowlevel::{CmdHoming, CmdMotion};
+
+/// Does what its port tells it: `Up` is working, `Down` is failed; the reason says which fault to raise or clear.
+struct Toy {
+    ports: [PortSpec; 1],
+    finished: bool,
+}
+
+impl Module for Toy {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::LlCmdHoming]
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Port { input: Input::Up, .. } => {
+                out.clear(Fault::PortDown, "toy", "it is back");
+                out.working();
+            }
+            Event::Port { input: Input::Down(reason), .. } => {
+                out.raise(Severity::Error, Fault::PortDown, "toy", reason);
+                out.failed();
+            }
+            Event::Port { input: Input::Sent, .. } => self.finished = true,
+            Event::State(state) => {
+                out.note(format!("{state} at {} ms", now.as_nanos() / 1_000_000));
+            }
+            Event::Message { .. } => out.note("message"),
+            _ => {}
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+
+    fn finished(&self) -> bool {
+        self.finished
+    }
+}
+
+fn bench(wanted: State) -> Bench {
+    let line = crate::Line::Can { bitrate: 1 };
+    let toy = Toy { ports: [PortSpec { bus: "toy".into(), line }], finished: false };
+    Bench::new(Shell::new(ShellConfig { wanted, ..ShellConfig::new("toy") }, Box::new(toy)))
+}
+
+fn command(module: &str, state: State, manual: bool) -> common::CmdState {
+    common::CmdState { timestamp: 0, module: module.into(), state: state as i8, manual, source: "test".into() }
+}
+
+fn down(bench: &mut Bench) {
+    bench.event(Event::Port { port: PortId(0), input: Input::Down("no carrier") });
+}
+
+fn up(bench: &mut Bench) {
+    bench.event(Event::Port { port: PortId(0), input: Input::Up });
+}
+
+fn errors(bench: &mut Bench) -> Vec<(i32, i8)> {
+    let error = |message| match message {
+        Message::CmEventError(error) => Some((error.number, error.severity)),
+        _ => None,
+    };
+    bench.published().into_iter().filter_map(error).collect()
+}
+
+#[test]
+fn the_state_is_announced_each_second_and_at_every_change() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    bench.pass(Duration::from_millis(2500));
+    let announced: Vec<(u64, i8)> = bench
+        .done()
+        .into_iter()
+        .filter_map(|(at, action)| match action {
+            Action::Publish(Message::CmDataState(state)) => Some((at.as_nanos() / 1_000_000, state.state)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(announced, [(0, State::Init as i8), (0, State::Run as i8), (1000, 3), (2000, 3)]);
+}
+
+#[test]
+fn a_module_that_is_ready_goes_to_the_wanted_state() {
+    for wanted in [State::Run, State::Pause, State::Stop] {
+        let mut bench = bench(wanted);
+        bench.start();
+        assert_eq!(bench.shell.state(), wanted);
+    }
+}
+
+#[test]
+fn error_returns_only_to_where_it_came_from() {
+    for wanted in [State::Run, State::Pause, State::Stop] {
+        let mut bench = bench(wanted);
+        bench.start();
+        down(&mut bench);
+        assert_eq!(bench.shell.state(), State::Error);
+        bench.message(command("toy", State::Run, true));
+        assert_eq!(bench.shell.state(), State::Error, "no command leads out but STOP and TERMINATE");
+        up(&mut bench);
+        assert_eq!(bench.shell.state(), wanted);
+    }
+    let mut bench = bench(State::Stop);
+    bench.event(Event::Start);
+    down(&mut bench);
+    up(&mut bench);
+    assert_eq!(bench.shell.state(), State::Stop, "an error during the start does not lead out of STOP either");
+}
+
+#[test]
+fn a_lost_device_is_not_forgotten_by_way_of_stop() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    down(&mut bench);
+    bench.message(command("toy", State::Stop, true));
+    assert_eq!(bench.shell.state(), State::Stop);
+    bench.message(command("toy", State::Run, true));
+    assert_eq!(bench.shell.state(), State::Error, "RUN without its device");
+    up(&mut bench);
+    assert_eq!(bench.shell.state(), State::Run);
+}
+
+#[test]
+fn nothing_leads_out_of_terminate() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    bench.message(command("toy", State::Terminate, false));
+    down(&mut bench);
+    up(&mut bench);
+    for state in [State::Run, State::Pause, State::Stop] {
+        bench.message(command("toy", state, true));
+    }
+    assert_eq!(bench.shell.state(), State::Terminate);
+}
+
+#[test]
+fn a_forbidden_command_changes_nothing_and_is_reported() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    bench.published();
+    bench.message(command("toy", State::Stop, false));
+    assert_eq!(bench.shell.state(), State::Run);
+    assert_eq!(errors(&mut bench), [(Fault::CommandForbidden as i32, Severity::Warning as i8)]);
+    bench.message(command("toy", State::Stop, true));
+    assert_eq!(bench.shell.state(), State::Stop);
+    bench.message(command("toy", State::Run, false));
+    assert_eq!(bench.shell.state(), State::Stop);
+    bench.message(command("other", State::Run, true));
+    assert_eq!(bench.shell.state(), State::Stop);
+    bench.message(command("*", State::Run, true));
+    assert_eq!(bench.shell.state(), State::Run);
+    bench.published();
+    bench.message(common::CmdState { state: 9, ..command("toy", State::Run, true) });
+    assert_eq!(errors(&mut bench).len(), 1);
+}
+
+#[test]
+fn a_fault_is_reported_once_and_cleared_once() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    up(&mut bench);
+    assert_eq!(errors(&mut bench), []);
+    down(&mut bench);
+    down(&mut bench);
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Error as i8)]);
+    up(&mut bench);
+    up(&mut bench);
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)]);
+}
+
+#[test]
+fn the_end_waits_for_the_module_but_not_for_ever() {
+    let mut bench = bench(State::Run);
+    bench.start();
+    bench.message(command("toy", State::Terminate, false));
+    bench.pass(Duration::from_millis(100));
+    let exits = |bench: &mut Bench| bench.done().iter().filter(|(_, action)| matches!(action, Action::Exit(0))).count();
+    assert_eq!(exits(&mut bench), 0);
+    bench.event(Event::Port { port: PortId(0), input: Input::Sent });
+    assert_eq!(exits(&mut bench), 1);
+    assert_eq!(bench.shell.poll_timeout(), None);
+
+    let mut bench = self::bench(State::Run);
+    bench.start();
+    bench.message(command("toy", State::Terminate, false));
+    bench.pass(Duration::from_secs(2));
+    assert_eq!(exits(&mut bench), 1);
+}
+
+#[test]
+fn only_what_is_wanted_reaches_the_module() {
+    let mut bench = bench(State::Run);
+    assert_eq!(bench.shell.subscriptions().collect::<Vec<_>>(), [Channel::CmCmdState, Channel::LlCmdHoming]);
+    assert!(bench.shell.wants(Channel::CmCmdState) && bench.shell.wants(Channel::LlCmdHoming));
+    assert!(!bench.shell.wants(Channel::LlCmdMotion));
+    bench.start();
+    bench.message(command("toy", State::Pause, false));
+    assert_eq!(bench.shell.state(), State::Pause);
+    bench.message(CmdMotion::default());
+    bench.message(CmdHoming::default());
+    let heard = |(_, action): &(Instant, Action)| matches!(action, Action::Note(_, text) if text == "message");
+    assert_eq!(bench.done().iter().filter(|done| heard(done)).count(), 1);
+}
+
+#[test]
+fn reports_begin_at_the_chosen_severity() {
+    let line = crate::Line::Can { bitrate: 1 };
+    let toy = Toy { ports: [PortSpec { bus: "toy".into(), line }], finished: false };
+    let config = ShellConfig { report_from: Severity::Error, ..ShellConfig::new("toy") };
+    let mut bench = Bench::new(Shell::new(config, Box::new(toy)));
+    bench.start();
+    bench.message(command("toy", State::Stop, false));
+    assert_eq!(errors(&mut bench), [], "a warning");
+    down(&mut bench);
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Error as i8)]);
+    up(&mut bench);
+    assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)], "the end of what was told");
+}
+
+/// The lists of active faults that were published since the last call, with their moments.
+fn lists(bench: &mut Bench) -> Vec<(u64, DataFaults)> {
+    let list = |(at, action): (Instant, Action)| match action {
+        Action::Publish(Message::CmDataFaults(list)) => Some((at.as_nanos() / 1_000_000, list)),
+        _ => None,
+    };
+    bench.done().into_iter().filter_map(list).collect()
+}
+
+fn subjects(list: &DataFaults) -> Vec<(i32, &str)> {
+    list.faults.iter().map(|fault| (fault.number, fault.subject.as_str())).collect()
+}
+
+/// Raises and clears what the test says, as `raise SUBJECT SEVERITY MESSAGE` and `clear SUBJECT`, and says lines.
+struct Boards;
+
+impl Module for Boards {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::CmCmdLog]
+    }
+
+    fn handle(&mut self, _: Instant, event: Event<'_>, out: &mut Actions) {
+        let Event::Message { message: Message::CmCmdLog(order), .. } = event else { return };
+        for line in order.text.lines() {
+            match line.splitn(4, ' ').collect::<Vec<_>>()[..] {
+                ["raise", subject, severity, message] => {
+                    let severity = if severity == "error" { Severity::Error } else { Severity::Warning };
+                    out.raise(severity, Fault::BoardLost, subject, message);
+                }
+                ["clear", subject] => out.clear(Fault::BoardLost, subject, "it answers"),
+                ["debug", text] => out.say(Level::Debug, text),
+                ["note", text] => out.note(text),
+                ["warning", text] => out.say(Level::Warning, text),
+                _ => panic!("{line}"),
+            }
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+}
+
+fn boards(config: ShellConfig) -> Bench {
+    let mut bench = Bench::new(Shell::new(config, Box::new(Boards)));
+    bench.start();
+    bench
+}
+
+fn order(bench: &mut Bench, text: &str) {
+    bench.message(common::CmdLog { timestamp: 0, action: 0, text: text.into() });
+}
+
+#[test]
+fn of_two_lost_boards_one_that_comes_back_leaves_the_other_in_the_list() {
+    let mut bench = boards(ShellConfig::new("driver"));
+    bench.pass(Duration::from_millis(300));
+    order(&mut bench, "raise front warning front is silent\nraise rear warning rear is silent");
+    bench.pass(Duration::from_millis(300));
+    order(&mut bench, "clear front");
+    bench.pass(Duration::from_millis(500));
+    let lists = lists(&mut bench);
+    let lost = Fault::BoardLost as i32;
+    let seen: Vec<_> = lists.iter().map(|(ms, list)| (*ms, subjects(list))).collect();
+    let rear = vec![(lost, "rear")];
+    assert_eq!(seen, [(0, vec![]), (300, vec![(lost, "front"), (lost, "rear")]), (600, rear.clone()), (1000, rear)]);
+    let fault = common::Fault {
+        number: lost,
+        subject: "rear".into(),
+        severity: Severity::Warning as i8,
+        since: 300_000,
+        message: "rear is silent".into(),
+    };
+    let list = DataFaults { timestamp: 1_000_000, module: "driver".into(), faults: vec![fault] };
+    assert_eq!(lists.last().unwrap().1, list);
+}
+
+#[test]
+fn the_list_comes_before_the_reports_that_it_explains_and_has_their_time() {
+    let mut bench = boards(ShellConfig::new("driver"));
+    bench.pass(Duration::from_millis(10));
+    bench.done();
+    order(&mut bench, "raise front error silent");
+    let published = bench.published();
+    let [Message::CmDataFaults(list), Message::CmEventError(error)] = &published[..] else { panic!("{published:?}") };
+    assert_eq!((list.timestamp, list.faults[0].since), (error.timestamp, error.timestamp));
+    // Raised and cleared in one breath it was never active.
+    order(&mut bench, "clear front\nraise front error silent\nclear front");
+    let [(_, list)] = &lists(&mut bench)[..] else { panic!("one list") };
+    assert_eq!(list.faults, []);
+}
+
+#[test]
+fn a_fault_raised_anew_is_no_report_but_its_severity_is_news() {
+    let mut bench = boards(ShellConfig::new("driver"));
+    order(&mut bench, "raise front warning one");
+    bench.pass(Duration::from_millis(400));
+    bench.done();
+    order(&mut bench, "raise front warning two");
+    assert_eq!(bench.published(), [], "a message alone waits");
+    order(&mut bench, "raise front error three");
+    let published = bench.published();
+    let [Message::CmDataFaults(list)] = &published[..] else { panic!("{published:?}") };
+    let fault = &list.faults[0];
+    assert_eq!((fault.severity, fault.since, fault.message.as_str()), (Severity::Error as i8, 0, "three"));
+    order(&mut bench, "raise front error four");
+    bench.pass(Duration::from_secs(1));
+    assert_eq!(lists(&mut bench)[0].1.faults[0].message, "four");
+}
+
+#[test]
+fn the_list_has_what_no_report_is_sent_of_and_is_bounded() {
+    let config = ShellConfig { report_from: Severity::Error, ..ShellConfig::new("driver") };
+    let mut bench = boards(config);
+    bench.done();
+    order(&mut bench, "raise front warning silent");
+    let published = bench.published();
+    let [Message::CmDataFaults(list)] = &published[..] else { panic!("{published:?}") };
+    assert_eq!(list.faults.len(), 1);
+    let long = "x".repeat(2000);
+    for n in 0..300 {
+        order(&mut bench, &format!("raise {n} warning {long}\0"));
+    }
+    bench.done();
+    bench.pass(Duration::from_secs(1));
+    let (_, list) = lists(&mut bench).remove(0);
+    assert_eq!(list.faults.len(), 256);
+    assert!(list.faults.iter().all(|fault| fault.message.len() <= 512 && !fault.message.contains('\0')));
+    assert!(Message::from(list).encode(&mut Vec::new()).is_ok());
+}
+
+#[test]
+fn what_the_host_found_is_in_the_list() {
+    let mut bench = boards(ShellConfig::new("driver"));
+    bench.done();
+    let mut out = Actions::default();
+    let report = Report::new(Severity::Warning, Fault::PortDown, "lcm", "refuses");
+    bench.shell.raise(bench.now(), report.clone(), &mut out);
+    let Some(Action::Publish(Message::CmDataFaults(list))) = out.as_slice().first() else { panic!("{out:?}") };
+    assert_eq!(subjects(list), [(Fault::PortDown as i32, "lcm")]);
+    out.drain().for_each(drop);
+    bench.shell.clear(bench.now(), report, &mut out);
+    let Some(Action::Publish(Message::CmDataFaults(list))) = out.as_slice().first() else { panic!("{out:?}") };
+    assert_eq!(list.faults, []);
+}
+
+/// The texts that were sent, and those that were printed, since the last call.
+fn texts(bench: &mut Bench) -> [Vec<(i8, String)>; 2] {
+    let (mut sent, mut printed) = (Vec::new(), Vec::new());
+    for (_, action) in bench.done() {
+        match action {
+            Action::Publish(Message::CmEventText(EventText { module, level, text, .. })) => {
+                assert_eq!(module, "driver");
+                sent.push((level, text));
+            }
+            Action::Note(level, text) => printed.push((level as i8, text)),
+            _ => {}
+        }
+    }
+    [sent, printed]
+}
+
+#[test]
+fn texts_are_sent_and_printed_each_from_its_level_on() {
+    let lines = |levels: &[i8]| levels.iter().map(|level| (*level, format!("L{level}"))).collect::<Vec<_>>();
+    let usual = ShellConfig::new("driver");
+    let quiet = ShellConfig { report_from: Severity::Error, ..usual.clone() };
+    let bus = ShellConfig { print_from: Some(Level::Error), send_from: Some(Level::Debug), ..usual.clone() };
+    let terminal = ShellConfig { print_from: Some(Level::Debug), send_from: Some(Level::Warning), ..usual.clone() };
+    for (config, sent, printed) in [
+        (usual, &[1, 2][..], &[1, 2][..]),
+        // The older key is about reports alone.
+        (quiet, &[1, 2], &[1, 2]),
+        (bus, &[0, 1, 2], &[]),
+        (terminal, &[2], &[0, 1, 2]),
+    ] {
+        let mut bench = boards(config);
+        bench.done();
+        order(&mut bench, "debug L0\nnote L1\nwarning L2");
+        assert_eq!(texts(&mut bench), [lines(sent), lines(printed)]);
+    }
+}
+
+#[test]
+fn a_report_is_sent_and_printed_each_from_its_level_on_and_so_is_its_end() {
+    let reports = |bench: &mut Bench| {
+        let (mut sent, mut printed) = (0, 0);
+        for (_, action) in bench.done() {
+            match action {
+                Action::Publish(Message::CmEventError(_)) => sent += 1,
+                Action::Report(_) => printed += 1,
+                _ => {}
+            }
+        }
+        (sent, printed)
+    };
+    let config = |print_from, send_from| ShellConfig { print_from, send_from, ..ShellConfig::new("driver") };
+    let (warning, error) = (Some(Level::Warning), Some(Level::Error));
+    for (config, expected) in
+        [(config(None, None), (1, 1)), (config(error, warning), (1, 0)), (config(warning, error), (0, 1))]
+    {
+        let mut bench = boards(config);
+        bench.done();
+        order(&mut bench, "raise front warning silent");
+        assert_eq!(reports(&mut bench), expected);
+        // That it is graver by now does not matter: nothing was said of its beginning.
+        order(&mut bench, "raise front error silent");
+        order(&mut bench, "clear front");
+        assert_eq!(reports(&mut bench), expected);
+    }
+}
+
+#[test]
+fn a_module_that_talks_without_end_is_cut_short_on_the_bus_alone() {
+    let mut bench = boards(ShellConfig::new("driver"));
+    bench.pass(Duration::from_millis(100));
+    bench.done();
+    order(&mut bench, &"note x\n".repeat(120));
+    let [sent, printed] = texts(&mut bench);
+    assert_eq!((sent.len(), printed.len()), (49, 120));
+    bench.pass(Duration::from_millis(900));
+    let [sent, _] = texts(&mut bench);
+    assert_eq!(sent, [(EventText::WARNING, "71 texts left out: more than 49 in a second".into())]);
+    bench.pass(Duration::from_millis(500));
+    order(&mut bench, "note y");
+    assert_eq!(texts(&mut bench)[0], [(EventText::INFO, "y".into())]);
+}

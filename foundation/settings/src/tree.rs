@@ -1,0 +1,232 @@
+//! TOML as a tree in which every value knows where it was written, so that an error can name file and line even after
+//! several files were laid over each other.
+
+use crate::one_line;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+use std::rc::Rc;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// Where a value was written.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Origin {
+    /// A line of a file, counted from 1.
+    File(Rc<str>, usize),
+    /// An override on the command line.
+    CommandLine,
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(file, line) => write!(f, "{file}:{line}"),
+            Self::CommandLine => f.write_str("--set"),
+        }
+    }
+}
+
+/// A value and where it was written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Node {
+    /// Where.
+    pub origin: Origin,
+    /// What.
+    pub value: Value,
+}
+
+/// What TOML can say, without dates, which no configuration of ours has.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// `true`, `false`.
+    Bool(bool),
+    /// Decimal, `0x10`, `0b1`.
+    Integer(i64),
+    /// With a point or an exponent.
+    Float(f64),
+    /// Text.
+    String(String),
+    /// `[ … ]`, `[[ … ]]`.
+    Array(Vec<Node>),
+    /// `{ … }`, `[ … ]`.
+    Table(BTreeMap<String, Node>),
+}
+
+impl Value {
+    /// The value as a number; an integer counts as one.
+    #[must_use]
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Float(value) => Some(*value),
+            Self::Integer(value) => Some(*value as f64),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Value {
+    /// As an error shows it: short.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bool(value) => write!(f, "{value}"),
+            Self::Integer(value) => write!(f, "{value}"),
+            Self::Float(value) => write!(f, "{value:?}"),
+            Self::String(value) => write!(f, "{value:?}"),
+            Self::Array(items) => write!(f, "[{} items]", items.len()),
+            Self::Table(_) => f.write_str("{table}"),
+        }
+    }
+}
+
+impl Node {
+    /// The tree of a file's text; else what is wrong with its syntax, a line each.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, Vec<String>> {
+        let source = Source { file: path.display().to_string().into(), text };
+        let (table, errors) = DeTable::parse_recoverable(text);
+        let mut problems: Vec<String> = errors
+            .iter()
+            .map(|error| format!("{}: {}", source.origin(error.span().map_or(0, |span| span.start)), error.message()))
+            .collect();
+        let root = source.table(table.get_ref(), 0, &mut problems);
+        if problems.is_empty() { Ok(root) } else { Err(problems.into_iter().map(one_line).collect()) }
+    }
+
+    /// Lays `over` over this: tables merge key by key, everything else is replaced.
+    pub fn merge(&mut self, over: Self) {
+        match (&mut self.value, over.value) {
+            (Value::Table(base), Value::Table(over)) => {
+                for (key, node) in over {
+                    match base.get_mut(&key) {
+                        Some(old) => old.merge(node),
+                        None => drop(base.insert(key, node)),
+                    }
+                }
+            }
+            (_, value) => *self = Self { origin: over.origin, value },
+        }
+    }
+
+    /// The two sides of an override `table.key=value`. The value is TOML; what is not counts as a string.
+    ///
+    /// # Errors
+    /// It is no assignment to a key.
+    pub fn assignment(text: &str) -> Result<(Vec<&str>, Self), String> {
+        let malformed = || format!("--set {text}: expected table.key=value");
+        let (path, value) = text.split_once('=').ok_or_else(malformed)?;
+        let path: Vec<&str> = path.trim().split('.').collect();
+        if path.contains(&"") {
+            return Err(malformed());
+        }
+        let text = value.trim();
+        let source = Source { file: "--set".into(), text };
+        let value = match DeValue::parse(text) {
+            Ok(value) => source.value(value.get_ref(), &mut Vec::new()).unwrap_or(Value::String(text.into())),
+            Err(_) => Value::String(text.into()),
+        };
+        let mut node = Self { origin: Origin::CommandLine, value };
+        node.came_from_command_line();
+        Ok((path, node))
+    }
+
+    /// Applies an override, as [`Self::assignment`] and [`Self::put`].
+    ///
+    /// # Errors
+    /// Theirs.
+    pub fn set(&mut self, assignment: &str) -> Result<(), String> {
+        let set = |(path, value): (Vec<&str>, Self)| {
+            self.put(&path, value).map_err(|why| format!("--set {assignment}: {why}"))
+        };
+        Self::assignment(assignment).and_then(set).map_err(one_line)
+    }
+
+    /// Lays `value` over what is at `path`. A step may be an item of an array: its `name`, or its place from 0.
+    ///
+    /// # Errors
+    /// A step leads to nothing that has keys.
+    pub fn put(&mut self, path: &[&str], value: Self) -> Result<(), String> {
+        let mut node = self;
+        for step in path {
+            let table = || Self { origin: Origin::CommandLine, value: Value::Table(BTreeMap::new()) };
+            node = match &mut node.value {
+                Value::Table(map) => map.entry((*step).into()).or_insert_with(table),
+                Value::Array(items) => {
+                    let count = items.len();
+                    let place = items.iter().position(|item| item.is_named(step)).or_else(|| step.parse().ok());
+                    let item = place.and_then(|place| items.get_mut(place));
+                    item.ok_or_else(|| format!("{step} is none of the {count} items"))?
+                }
+                other => return Err(format!("{other} has no key {step}")),
+            };
+        }
+        node.merge(value);
+        Ok(())
+    }
+
+    fn is_named(&self, name: &str) -> bool {
+        let Value::Table(map) = &self.value else {
+            return false;
+        };
+        map.get("name").is_some_and(|node| matches!(&node.value, Value::String(own) if own == name))
+    }
+
+    fn came_from_command_line(&mut self) {
+        self.origin = Origin::CommandLine;
+        match &mut self.value {
+            Value::Array(items) => items.iter_mut().for_each(Self::came_from_command_line),
+            Value::Table(map) => map.values_mut().for_each(Self::came_from_command_line),
+            _ => {}
+        }
+    }
+}
+
+/// A text and its name, to make origins of spans.
+struct Source<'a> {
+    file: Rc<str>,
+    text: &'a str,
+}
+
+impl Source<'_> {
+    fn origin(&self, at: usize) -> Origin {
+        let before = &self.text.as_bytes()[..at.min(self.text.len())];
+        Origin::File(self.file.clone(), 1 + before.iter().filter(|byte| **byte == b'\n').count())
+    }
+
+    fn table(&self, table: &DeTable<'_>, at: usize, problems: &mut Vec<String>) -> Node {
+        let entries = table.iter().filter_map(|(key, value)| {
+            // The key's line, not the value's: for a multi-line array that is where people look.
+            let origin = self.origin(key.span().start);
+            let value = self.node(value, problems)?;
+            Some((key.get_ref().to_string(), Node { origin, ..value }))
+        });
+        Node { value: Value::Table(entries.collect()), origin: self.origin(at) }
+    }
+
+    fn node(&self, value: &Spanned<DeValue<'_>>, problems: &mut Vec<String>) -> Option<Node> {
+        let origin = self.origin(value.span().start);
+        match self.value(value.get_ref(), problems) {
+            Ok(value) => Some(Node { origin, value }),
+            Err(problem) => {
+                problems.push(format!("{origin}: {problem}"));
+                None
+            }
+        }
+    }
+
+    fn value(&self, value: &DeValue<'_>, problems: &mut Vec<String>) -> Result<Value, String> {
+        Ok(match value {
+            DeValue::Boolean(value) => Value::Bool(*value),
+            DeValue::String(value) => Value::String(value.to_string()),
+            DeValue::Integer(value) => Value::Integer(
+                i64::from_str_radix(value.as_str(), value.radix())
+                    .map_err(|_| format!("{value}: expected an integer of at most 64 bits"))?,
+            ),
+            DeValue::Float(value) => {
+                Value::Float(value.as_str().parse().map_err(|_| format!("{value}: expected a number"))?)
+            }
+            DeValue::Datetime(value) => return Err(format!("{value}: no key takes a date")),
+            DeValue::Array(items) => Value::Array(items.iter().filter_map(|item| self.node(item, problems)).collect()),
+            DeValue::Table(table) => self.table(table, 0, problems).value,
+        })
+    }
+}

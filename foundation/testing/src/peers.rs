@@ -1,0 +1,78 @@
+//! Where the peers of `make test` lie.
+
+use crate::Found;
+use std::net::{Ipv4Addr, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// The checkout.
+#[must_use]
+pub fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.ancestors().nth(2).expect("foundation/testing lies two folders below the checkout").into()
+}
+
+/// A Python that has these packages: `.venv`, which `tools/venv` makes, or the one named by `ADVEE_PYTHON`.
+///
+/// # Errors
+/// A line with the package that is missing.
+pub fn python(packages: &[&str]) -> Found<PathBuf> {
+    let named = std::env::var_os("ADVEE_PYTHON");
+    let python = named.map_or_else(|| root().join(".venv/bin/python"), PathBuf::from);
+    let import = if packages.is_empty() { "pass".into() } else { format!("import {}", packages.join(", ")) };
+    let output = Command::new(&python).args(["-c", &import]).output();
+    let output = output.map_err(|error| format!("{}: {error} (tools/venv makes it)", python.display()))?;
+    if !output.status.success() {
+        let text = String::from_utf8_lossy(&output.stderr);
+        let why = text.lines().last().unwrap_or("an import fails");
+        return Err(format!("{}: {why} (tools/venv installs what is missing)", python.display()));
+    }
+    Ok(python)
+}
+
+/// A program of the PATH that answers `option` with success.
+///
+/// # Errors
+/// A line with its name.
+pub fn tool(name: &str, option: &str) -> Found<()> {
+    let status = Command::new(name).arg(option).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    match status {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => Err(format!("{name} {option}: {status}")),
+        Err(error) => Err(format!("{name}: {error} (tools/require installs it)")),
+    }
+}
+
+/// The folder with Debian's LCM 1.3.1: `bin`, `include`, `lib`.
+///
+/// # Errors
+/// A line: `tools/lcm-1.3.1` has not fetched it.
+pub fn lcm_1_3_1() -> Found<PathBuf> {
+    let prefix = root().join(".peers/lcm-1.3.1");
+    match prefix.join("version").exists() {
+        true => Ok(prefix),
+        false => Err("official LCM 1.3.1 is not in .peers (tools/lcm-1.3.1 fetches it)".into()),
+    }
+}
+
+/// A route of this machine to a multicast group, which the official LCM needs and ours does without.
+///
+/// # Errors
+/// A line with the reason.
+pub fn multicast_route(group: Ipv4Addr, port: u16) -> Found<()> {
+    let reached = UdpSocket::bind("0.0.0.0:0").and_then(|socket| socket.connect((group, port)));
+    reached.map_err(|error| format!("no route to {group}, which the official LCM needs: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checkout_is_found_and_what_is_missing_is_named() {
+        assert!(root().join("ARCHITECTURE.md").exists());
+        let why = tool("no-such-program-at-all", "--version").expect_err("there is none");
+        assert!(why.contains("no-such-program-at-all"), "{why}");
+        assert_eq!(tool("true", "--version"), Ok(()));
+    }
+}

@@ -1,0 +1,446 @@
+//! Life, measured where work is done: each thread of a module counts up in a page that its watchdog reads.
+//!
+//! The page is a file of 4 KiB in memory (`docs/beats.md` has its format, which modules in any language may write). It
+//! is written and read by plain system calls: a page of a file system in memory never waits for a disk, and a reader is
+//! not hurt by a file that somebody cuts short, as a mapping would be.
+
+use base::{Duration, Instant};
+use nix::sys::statfs::{TMPFS_MAGIC, statfs};
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Where a module finds its page.
+pub const VARIABLE: &str = "ADVEE_BEATS";
+/// A thread beats this often, or a little earlier when it is awake.
+pub const PERIOD: Duration = Duration::from_millis(50);
+const EARLY: Duration = Duration::from_millis(10);
+/// The watchdog shows this often that it reads a page.
+const SHOWN: Duration = Duration::from_millis(500);
+
+const SIZE: usize = 4096;
+const MAGIC: [u8; 4] = *b"BEAT";
+const VERSION: u32 = 1;
+/// Where the first thread's entry begins, and how long each is.
+const ENTRIES: usize = 64;
+/// Where the watchdog's own count is.
+const READER: u64 = 16;
+const ENTRY: usize = 64;
+/// Of an entry: a name, and the count behind it.
+const NAME: usize = 48;
+/// As many threads fit.
+pub const THREADS_MAX: usize = (SIZE - ENTRIES) / ENTRY;
+
+/// A module's own page.
+pub struct Beats {
+    file: Arc<File>,
+    threads: usize,
+}
+
+/// What one thread beats with; it belongs to that thread.
+pub struct Beat {
+    file: Arc<File>,
+    place: u64,
+    count: u32,
+    next: Instant,
+}
+
+impl Beats {
+    /// The page that the watchdog gave this process; none when it was started by hand.
+    ///
+    /// # Errors
+    /// The page is not there, or no page.
+    pub fn open() -> io::Result<Option<Self>> {
+        match std::env::var_os(VARIABLE) {
+            Some(path) => Self::at(Path::new(&path)).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    fn at(path: &Path) -> io::Result<Self> {
+        let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
+        if !file.metadata()?.is_file() {
+            return Err(io::ErrorKind::InvalidInput.into());
+        }
+        Ok(Self { file: Arc::new(file), threads: 0 })
+    }
+
+    /// A thread's beat, which begins now. From the first one on the watchdog judges the process by its beats.
+    ///
+    /// # Errors
+    /// The page cannot be written, or is full.
+    pub fn thread(&mut self, now: Instant, name: &str) -> io::Result<Beat> {
+        if self.threads == THREADS_MAX {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        let place = (ENTRIES + ENTRY * self.threads) as u64;
+        let mut entry = [0; ENTRY];
+        let name = &name.as_bytes()[..name.len().min(NAME)];
+        entry[..name.len()].copy_from_slice(name);
+        entry[NAME] = 1;
+        self.file.write_all_at(&entry, place)?;
+        self.threads += 1;
+        // The number of threads last: an entry counts when it is whole.
+        let mut head = [0; 16];
+        head[..4].copy_from_slice(&MAGIC);
+        head[4..8].copy_from_slice(&VERSION.to_le_bytes());
+        head[8..12].copy_from_slice(&std::process::id().to_le_bytes());
+        head[12..].copy_from_slice(&(self.threads as u32).to_le_bytes());
+        self.file.write_all_at(&head, 0)?;
+        Ok(Beat { file: self.file.clone(), place: place + NAME as u64, count: 1, next: now + PERIOD })
+    }
+}
+
+impl Beat {
+    /// Counts up when that is due; whether it was. To be called from the loop that does the work, at least each
+    /// [`PERIOD`].
+    pub fn beat(&mut self, now: Instant) -> bool {
+        let due = self.next <= now + EARLY;
+        if due {
+            self.next = now + PERIOD;
+            self.count = self.count.wrapping_add(1);
+            // A page that cannot be written is a beat that is missing, which the watchdog sees.
+            let _ = self.file.write_all_at(&self.count.to_le_bytes(), self.place);
+        }
+        due
+    }
+
+    /// What the watchdog counts up in this page while it reads it; zero where it cannot be read.
+    #[must_use]
+    pub fn reader(&self) -> u32 {
+        let mut count = [0; 4];
+        match self.file.read_exact_at(&mut count, READER) {
+            Ok(()) => u32::from_le_bytes(count),
+            Err(_) => 0,
+        }
+    }
+
+    /// When the next beat is due.
+    #[must_use]
+    pub fn next(&self) -> Instant {
+        self.next
+    }
+}
+
+/// The folder of a robot's pages: in its run folder where that lies in memory, else in `/dev/shm`.
+///
+/// # Errors
+/// It cannot be made, or is somebody else's.
+pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
+    let path = place(run_dir);
+    match DirBuilder::new().mode(0o700).create(&path) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+        _ => {}
+    }
+    let found = fs::symlink_metadata(&path)?;
+    if !found.is_dir() || found.uid() != nix::unistd::geteuid().as_raw() {
+        return Err(io::Error::new(io::ErrorKind::PermissionDenied, format!("{} is somebody else's", path.display())));
+    }
+    Ok(path)
+}
+
+/// Where that folder is, or would be.
+#[must_use]
+pub fn place(run_dir: &Path) -> PathBuf {
+    let within = run_dir.join("beats");
+    match statfs(run_dir) {
+        Ok(system) if system.filesystem_type() == TMPFS_MAGIC => within,
+        _ if Path::new("/dev/shm").is_dir() => Path::new("/dev/shm").join(shared_name(run_dir)),
+        _ => within,
+    }
+}
+
+fn shared_name(run_dir: &Path) -> String {
+    format!("advee-beats-{}-{:016x}", nix::unistd::geteuid(), hash(run_dir))
+}
+
+/// The same for the same run folder, another one for another.
+#[must_use]
+pub fn hash(run_dir: &Path) -> u64 {
+    let path = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.into());
+    fnv(path.as_os_str().as_encoded_bytes())
+}
+
+/// FNV-1a, 64 bits: for names, not for secrets.
+#[must_use]
+pub fn fnv(bytes: &[u8]) -> u64 {
+    bytes
+        .iter()
+        .fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3))
+}
+
+/// A thread that the watchdog reads of.
+#[derive(Debug)]
+struct Thread {
+    name: String,
+    count: u32,
+    /// Time when its count was last seen to change.
+    last: Instant,
+}
+
+/// A module's page, as its watchdog reads it.
+#[derive(Debug)]
+pub struct Page {
+    file: File,
+    threads: Vec<Thread>,
+    /// Time when to show the next time that it is read.
+    show: Instant,
+}
+
+/// What a page says.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Reading<'a> {
+    /// Nothing was written yet: the process is judged by its announcements.
+    Blank,
+    /// Of all its threads this one was silent longest: since then.
+    Oldest {
+        /// Name, for people.
+        thread: &'a str,
+        /// Time when it last beat.
+        last: Instant,
+    },
+    /// What stands there cannot be: forged, torn or of another version.
+    Bad(&'static str),
+}
+
+impl Page {
+    /// A blank page for a process that is about to be started; one of an earlier process is replaced.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(path)?;
+        file.set_len(SIZE as u64)?;
+        Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
+    }
+
+    /// The page of a process that runs already.
+    ///
+    /// # Errors
+    /// It is not there.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
+        Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
+    }
+
+    /// Shows the module that somebody guards it, when that is due; also where what it writes itself is bad.
+    pub fn show(&mut self, now: Instant) {
+        if self.show <= now {
+            self.show = now + SHOWN;
+            // Another watchdog may have counted before.
+            let mut count = [0; 4];
+            let _ = self.file.read_exact_at(&mut count, READER);
+            let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER);
+        }
+    }
+
+    /// Threads as of the last look: their names, and when each was last seen to beat.
+    pub fn threads(&self) -> impl Iterator<Item = (&str, Instant)> {
+        self.threads.iter().map(|thread| (thread.name.as_str(), thread.last))
+    }
+
+    /// Looks at it. `held_up` is how long nobody looked beyond the usual: nobody is to blame for that.
+    pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
+        let mut page = [0; SIZE];
+        // No more than is known to be written, and one thread that may have come.
+        let length = (ENTRIES + ENTRY * (self.threads.len() + 1)).min(SIZE);
+        if self.file.read_exact_at(&mut page[..length], 0).is_err() {
+            return Reading::Bad("is cut short");
+        }
+        let word = |place: usize| {
+            let mut bytes = [0; 4];
+            bytes.copy_from_slice(&page[place..place + 4]);
+            u32::from_le_bytes(bytes)
+        };
+        if page[..16].iter().all(|byte| *byte == 0) {
+            return Reading::Blank;
+        }
+        let count = word(12) as usize;
+        match () {
+            () if page[..4] != MAGIC => return Reading::Bad("does not begin as a page of beats"),
+            () if word(4) != VERSION => return Reading::Bad("is of another version"),
+            () if word(8) != pid => return Reading::Bad("is of another process"),
+            () if count == 0 || count > THREADS_MAX => return Reading::Bad("has a number of threads that cannot be"),
+            () if count < self.threads.len() => return Reading::Bad("has lost threads"),
+            () => {}
+        }
+        if length < ENTRIES + ENTRY * count && self.file.read_exact_at(&mut page, 0).is_err() {
+            return Reading::Bad("is cut short");
+        }
+        let word = |place: usize| {
+            let mut bytes = [0; 4];
+            bytes.copy_from_slice(&page[place..place + 4]);
+            u32::from_le_bytes(bytes)
+        };
+        for (index, thread) in self.threads.iter_mut().enumerate() {
+            let beats = word(ENTRIES + ENTRY * index + NAME);
+            thread.last = if beats == thread.count { (thread.last + held_up).min(now) } else { now };
+            thread.count = beats;
+        }
+        for index in self.threads.len()..count {
+            let entry = &page[ENTRIES + ENTRY * index..][..NAME];
+            let end = entry.iter().position(|byte| *byte == 0).unwrap_or(NAME);
+            let name = String::from_utf8_lossy(&entry[..end]).escape_debug().to_string();
+            self.threads.push(Thread { name, count: word(ENTRIES + ENTRY * index + NAME), last: now });
+        }
+        match self.threads.iter().min_by_key(|thread| thread.last) {
+            Some(Thread { name, last, .. }) => Reading::Oldest { thread: name, last: *last },
+            None => Reading::Blank,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    struct Dir(PathBuf);
+
+    impl Dir {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("advee-beats-{name}-{}", std::process::id()));
+            fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+    }
+
+    impl Drop for Dir {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn at(ms: u64) -> Instant {
+        Instant::from_millis(ms)
+    }
+
+    fn pair(dir: &Dir) -> (Page, Beats) {
+        let path = dir.0.join("module");
+        (Page::create(&path).unwrap(), Beats::at(&path).unwrap())
+    }
+
+    #[test]
+    fn the_oldest_thread_is_told() {
+        let dir = Dir::new("oldest");
+        let (mut page, mut beats) = pair(&dir);
+        let me = std::process::id();
+        assert_eq!(page.read(at(0), me, Duration::ZERO), Reading::Blank);
+        let mut loop_ = beats.thread(at(0), "main").unwrap();
+        let mut worker = beats.thread(at(0), "worker").unwrap();
+        assert_eq!(page.read(at(10), me, Duration::ZERO), Reading::Oldest { thread: "main", last: at(10) });
+        for ms in [60, 120, 180, 240] {
+            loop_.beat(at(ms));
+            if ms < 130 {
+                worker.beat(at(ms));
+            }
+            page.read(at(ms), me, Duration::ZERO);
+        }
+        assert_eq!(page.read(at(250), me, Duration::ZERO), Reading::Oldest { thread: "worker", last: at(120) });
+    }
+
+    #[test]
+    fn a_beat_is_written_no_more_often_than_its_period() {
+        let dir = Dir::new("period");
+        let (mut page, mut beats) = pair(&dir);
+        let mut beat = beats.thread(at(0), "main").unwrap();
+        for ms in 0..500 {
+            beat.beat(at(ms));
+        }
+        page.read(at(500), std::process::id(), Duration::ZERO);
+        assert_eq!(page.threads[0].count, 13, "each 40 ms: it was always awake");
+        assert_eq!(beat.next(), at(530));
+    }
+
+    #[test]
+    fn a_module_sees_whether_its_page_is_read() {
+        let dir = Dir::new("read");
+        let (mut page, mut beats) = pair(&dir);
+        let beat = beats.thread(at(0), "main").unwrap();
+        assert_eq!(beat.reader(), 0);
+        for ms in (0..1000).step_by(20) {
+            page.show(at(ms));
+        }
+        assert_eq!(beat.reader(), 2);
+        Page::open(&dir.0.join("module")).unwrap().show(at(5000));
+        assert_eq!(beat.reader(), 3, "the next watchdog goes on");
+    }
+
+    #[test]
+    fn who_was_held_up_himself_blames_nobody() {
+        let dir = Dir::new("held");
+        let (mut page, mut beats) = pair(&dir);
+        let _beat = beats.thread(at(0), "main").unwrap();
+        let me = std::process::id();
+        page.read(at(0), me, Duration::ZERO);
+        assert_eq!(page.read(at(1000), me, 980 * MS), Reading::Oldest { thread: "main", last: at(980) });
+    }
+
+    #[test]
+    fn what_cannot_be_is_bad_and_hurts_nobody() {
+        let dir = Dir::new("bad");
+        let path = dir.0.join("module");
+        let me = std::process::id();
+        let file = |bytes: &[u8]| {
+            let mut whole = vec![0; SIZE];
+            whole[..bytes.len()].copy_from_slice(bytes);
+            fs::write(&path, whole).unwrap();
+            Page::open(&path).unwrap()
+        };
+        let head = |version: u32, pid: u32, threads: u32| {
+            [MAGIC, version.to_le_bytes(), pid.to_le_bytes(), threads.to_le_bytes()].concat()
+        };
+        let bad = |bytes: &[u8]| matches!(file(bytes).read(at(0), me, Duration::ZERO), Reading::Bad(_));
+        assert!(!bad(&head(1, me, 1)));
+        assert!(bad(b"FEAT"), "another magic");
+        assert!(bad(&head(2, me, 1)), "another version");
+        assert!(bad(&head(1, me + 1, 1)), "another process");
+        assert!(bad(&head(1, me, 0)) && bad(&head(1, me, THREADS_MAX as u32 + 1)) && bad(&head(1, me, u32::MAX)));
+        let mut two = file(&head(1, me, 2));
+        two.read(at(0), me, Duration::ZERO);
+        fs::write(&path, vec![0xFF; SIZE]).unwrap();
+        assert!(matches!(two.read(at(1), me, Duration::ZERO), Reading::Bad(_)));
+        fs::write(&path, b"short").unwrap();
+        assert_eq!(two.read(at(1), me, Duration::ZERO), Reading::Bad("is cut short"));
+        let mut seed = 1_u64;
+        for _ in 0..2000 {
+            let random: Vec<u8> = (0..SIZE)
+                .map(|_| {
+                    seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    (seed >> 56) as u8
+                })
+                .collect();
+            let mut page = file(&[&head(1, me, (seed >> 40) as u32 % 64), &random[16..]].concat());
+            page.read(at(0), me, Duration::ZERO);
+        }
+    }
+
+    #[test]
+    fn no_more_threads_than_fit() {
+        let dir = Dir::new("full");
+        let (mut page, mut beats) = pair(&dir);
+        for n in 0..THREADS_MAX {
+            beats.thread(at(0), &"n".repeat(n + 1)).unwrap();
+        }
+        assert!(beats.thread(at(0), "one more").is_err());
+        assert!(matches!(page.read(at(0), std::process::id(), Duration::ZERO), Reading::Oldest { .. }));
+    }
+
+    #[test]
+    fn every_run_folder_has_pages_of_its_own() {
+        let (a, b) = (Dir::new("a"), Dir::new("b"));
+        let [a, again, b] = [&a, &a, &b].map(|dir| folder(&dir.0).unwrap());
+        assert_eq!(a, again);
+        assert_ne!(a, b);
+        for path in [a, b] {
+            fs::remove_dir(path).unwrap();
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! The LCM bus as hosts and tools use it: messages in and out, and what is no message.
+
+use super::clock;
+use base::Instant;
+use lcm::Url;
+use lcm::live::Lcm;
+use lcm::receiver::Rejected;
+use messages::{DecodeError, Message};
+use std::os::fd::{AsFd, BorrowedFd};
+
+/// A connection to the bus.
+pub struct Bus {
+    lcm: Lcm,
+    /// What is being sent.
+    buffer: Vec<u8>,
+    /// Number of datagrams LCM had refused, by kind, as of the last look.
+    told: Vec<(&'static str, u64)>,
+}
+
+/// What came.
+pub enum Received {
+    /// Nothing more for now.
+    Nothing,
+    /// A message of ours.
+    Message {
+        /// When the kernel received it, never after the `now` that was given.
+        at: Instant,
+        /// What it says.
+        message: Message,
+    },
+    /// Something that a pattern let through, on a channel that is not ours.
+    Foreign,
+    /// Something on a channel of ours that is no message of it.
+    Malformed {
+        /// Channel and kind of fault; the same for each of a kind.
+        subject: String,
+        /// One line.
+        why: String,
+    },
+    /// The socket is out of order; it is tried again.
+    Broken(String),
+}
+
+/// What came, undecoded.
+pub struct Raw<'a> {
+    /// The channel's name.
+    pub channel: &'a str,
+    /// The message.
+    pub data: &'a [u8],
+    /// When the kernel received it, nanoseconds since the UNIX epoch.
+    pub received_ns: u64,
+}
+
+impl Bus {
+    /// Joins the bus and listens to channels: names, or regular expressions that must match a whole name.
+    pub fn open(url: &str, channels: &[&str]) -> Result<Self, String> {
+        Self::open_roomy(url, channels, 0)
+    }
+
+    /// The same; where datagrams come faster than they are taken, so many bytes of them may wait, or what the URL says
+    /// if that is more. The kernel grants what it is let (`net.core.rmem_max`).
+    pub fn open_roomy(url: &str, channels: &[&str], room: usize) -> Result<Self, String> {
+        let (mut place, _) = Url::parse(url).map_err(|error| error.to_string())?;
+        if let Url::Udpm(udpm) = &mut place {
+            udpm.recv_buf_size = udpm.recv_buf_size.max(room);
+        }
+        let mut lcm = Lcm::new(&place).map_err(|error| format!("LCM bus {url}: {error}"))?;
+        for channel in channels {
+            lcm.subscribe(channel).map_err(|error| error.to_string())?;
+        }
+        Ok(Self { lcm, buffer: Vec::new(), told: Vec::new() })
+    }
+
+    /// Sends a message on its channel.
+    pub fn publish(&mut self, message: &Message) -> Result<(), String> {
+        let channel = message.channel_name();
+        self.buffer.clear();
+        message.encode(&mut self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))?;
+        self.lcm.publish(&channel, &self.buffer).map_err(|error| format!("{channel} cannot be sent: {error}"))
+    }
+
+    /// Number of datagrams the kernel had no room for so far.
+    pub fn kernel_dropped(&self) -> u64 {
+        self.lcm.stats().kernel_dropped
+    }
+
+    /// Number of messages of all that was said did not come here so far, wherever they were lost. Only who listens to
+    /// everything can tell.
+    pub fn missed(&self) -> u64 {
+        let stats = self.lcm.stats();
+        stats.lost.max(stats.kernel_dropped) + stats.queue_dropped
+    }
+
+    /// Tells of datagrams that were refused since the last call, not being LCM's: cause, one line, how many. They reach
+    /// every process on the bus.
+    pub fn rejected(&mut self, mut tell: impl FnMut(String, String, u64)) {
+        for rejections in self.lcm.rejections() {
+            let Rejected { why, .. } = rejections.last;
+            let told = match self.told.iter_mut().find(|(kind, _)| *kind == why.kind()) {
+                Some((_, told)) => std::mem::replace(told, rejections.count),
+                None => {
+                    self.told.push((why.kind(), rejections.count));
+                    0
+                }
+            };
+            if rejections.count > told {
+                tell(format!("lcm {}", why.kind()), rejections.last.to_string(), rejections.count - told);
+            }
+        }
+    }
+
+    /// Takes what has come, decoded.
+    pub fn receive(&mut self, now: Instant) -> Received {
+        self.overhear(now, |_, _| true)
+    }
+
+    /// Takes what has come; shows it to `hear` as it is, which says whether it is to be decoded, too.
+    pub fn overhear(&mut self, now: Instant, hear: impl FnOnce(Instant, &Raw<'_>) -> bool) -> Received {
+        let raw = match self.receive_raw() {
+            Ok(Some(raw)) => raw,
+            Ok(None) => return Received::Nothing,
+            Err(why) => return Received::Broken(why),
+        };
+        let at = clock::received(now, raw.received_ns);
+        if !hear(at, &raw) {
+            return Received::Foreign;
+        }
+        match Message::receive(raw.channel, raw.data) {
+            Some(Ok(message)) => Received::Message { at, message },
+            Some(Err(error)) => malformed(&raw, &error),
+            None => Received::Foreign,
+        }
+    }
+
+    /// Takes what has come, as it is.
+    pub fn receive_raw(&mut self) -> Result<Option<Raw<'_>>, String> {
+        let received = self.lcm.recv().map_err(|error| format!("LCM bus: {error}"))?;
+        Ok(received.map(|message| Raw {
+            channel: message.channel,
+            data: message.payload,
+            received_ns: u64::try_from(message.at.0).unwrap_or_default(),
+        }))
+    }
+}
+
+fn malformed(raw: &Raw<'_>, error: &DecodeError) -> Received {
+    // The kind of error without its numbers, which differ from message to message.
+    let kind = format!("{error:?}");
+    let kind = kind.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
+    let subject = format!("{} {kind}", raw.channel);
+    Received::Malformed {
+        subject,
+        why: format!("{}: a message of {} bytes is dropped: {error}", raw.channel, raw.data.len()),
+    }
+}
+
+impl AsFd for Bus {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.lcm.as_fd()
+    }
+}

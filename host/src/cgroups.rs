@@ -1,0 +1,223 @@
+//! A control group (cgroup v2) for each module, where the machine lets us make some: limits that hold for all that a
+//! module starts, and an end that nothing escapes.
+//!
+//! `OWN/advee-HASH/MODULE`, OWN being the group that we run in and HASH that of the run folder. In a group of systemd
+//! that is ours to divide (`Delegate=yes`) memory and processors can be limited; elsewhere, as far as the folder can be
+//! written, a group still ends as a whole. The kernel lets a group either hold processes or divide what it has, so
+//! whoever runs in OWN moves to `OWN/advee-HASH/guard` first (cgroups(7), "no internal processes").
+
+use nix::sys::statfs::{CGROUP2_SUPER_MAGIC, statfs};
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Where the processes of the guard go when their own group is divided.
+const GUARD: &str = "guard";
+/// Of a limit on processor time, µs: a module that used up its share waits no longer than this.
+const PERIOD_US: u64 = 100_000;
+
+/// The groups of one robot.
+#[derive(Debug)]
+pub struct Cgroups {
+    own: PathBuf,
+    robot: PathBuf,
+}
+
+/// The group of one module.
+#[derive(Debug)]
+pub struct Leaf {
+    path: PathBuf,
+}
+
+/// Which limits a group holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Held {
+    /// Of memory.
+    pub memory: bool,
+    /// Of processor time.
+    pub cpu: bool,
+}
+
+impl Cgroups {
+    /// The groups of the robot `name` below our own; with `divide` such that memory and processors can be limited, as
+    /// far as the machine lets us. None where no group can be made.
+    #[must_use]
+    pub fn open(name: &str, divide: bool) -> Option<Self> {
+        let groups = Self::find(name)?;
+        fs::create_dir(&groups.robot).or_else(exists).ok()?;
+        if divide {
+            groups.divide();
+        }
+        Some(groups)
+    }
+
+    /// Removes what is left of the groups of the robot `name`, as far as nobody is in them.
+    pub fn remove(name: &str) {
+        if let Some(groups) = Self::find(name) {
+            for entry in fs::read_dir(&groups.robot).into_iter().flatten().flatten() {
+                let _ = fs::remove_dir(entry.path());
+            }
+            let _ = fs::remove_dir(groups.robot);
+        }
+    }
+
+    fn find(name: &str) -> Option<Self> {
+        let mounts = fs::read_to_string("/proc/self/mountinfo").ok()?;
+        let own = own_group(&fs::read_to_string("/proc/self/cgroup").ok()?, &mounts, name)?;
+        let is_there = statfs(&own).is_ok_and(|system| system.filesystem_type() == CGROUP2_SUPER_MAGIC);
+        is_there.then(|| Self::at(own, name))
+    }
+
+    fn at(own: PathBuf, name: &str) -> Self {
+        let robot = own.join(name);
+        Self { own, robot }
+    }
+
+    /// Lets the groups below divide memory and processors.
+    fn divide(&self) {
+        let pass_on = |group: &Path| {
+            let has = fs::read_to_string(group.join("cgroup.controllers")).unwrap_or_default();
+            let wanted =
+                ["memory", "cpu"].into_iter().filter(|name| has.split_whitespace().any(|other| other == *name));
+            wanted
+                .map(|name| fs::write(group.join("cgroup.subtree_control"), format!("+{name}")))
+                .all(|done| done.is_ok())
+        };
+        if !pass_on(&self.own) {
+            let guard = self.robot.join(GUARD);
+            let _ = fs::create_dir(&guard);
+            for pid in fs::read_to_string(self.own.join("cgroup.procs")).unwrap_or_default().lines() {
+                let _ = fs::write(guard.join("cgroup.procs"), pid);
+            }
+            pass_on(&self.own);
+        }
+        pass_on(&self.robot);
+    }
+
+    /// The group of a module, made where it is not there.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn leaf(&self, module: &str) -> io::Result<Leaf> {
+        let path = self.robot.join(module);
+        fs::create_dir(&path).or_else(exists)?;
+        Ok(Leaf { path })
+    }
+}
+
+impl Leaf {
+    /// Sets the limits: bytes, and cores; none is no limit. Which of them hold.
+    #[must_use]
+    pub fn limit(&self, memory_max: Option<u64>, cpu_max: Option<f64>) -> Held {
+        let memory = memory_max.map_or("max".into(), |bytes| bytes.to_string());
+        let cpu = cpu_max.map_or("max".into(), |cores| format!("{:.0}", cores * PERIOD_US as f64));
+        // An existing file only: on another file system, in a group without that controller, there is none.
+        let set = |file: &str, value: String| {
+            let mut file = OpenOptions::new().write(true).open(self.path.join(file))?;
+            io::Write::write_all(&mut file, value.as_bytes())
+        };
+        Held {
+            memory: set("memory.max", memory).is_ok() && memory_max.is_some(),
+            cpu: set("cpu.max", format!("{cpu} {PERIOD_US}")).is_ok() && cpu_max.is_some(),
+        }
+    }
+
+    /// What a process writes `0` to, to be in this group from then on.
+    #[must_use]
+    pub fn entrance(&self) -> Option<File> {
+        OpenOptions::new().write(true).open(self.path.join("cgroup.procs")).ok()
+    }
+
+    /// Kills all that is in it (Linux 5.14).
+    pub fn kill(&self) {
+        if let Ok(mut file) = OpenOptions::new().write(true).open(self.path.join("cgroup.kill")) {
+            let _ = io::Write::write_all(&mut file, b"1");
+        }
+    }
+}
+
+fn exists(error: io::Error) -> io::Result<()> {
+    if error.kind() == io::ErrorKind::AlreadyExists { Ok(()) } else { Err(error) }
+}
+
+/// The folder of our own group from `/proc/self/cgroup` and `/proc/self/mountinfo`; who was moved to the guard's group
+/// by an earlier life belongs above it.
+fn own_group(cgroup: &str, mounts: &str, name: &str) -> Option<PathBuf> {
+    let path = cgroup.lines().find_map(|line| line.strip_prefix("0::/"))?;
+    // Fields up to " - " vary in number; the fourth is the root of the mount, the fifth the mount point (proc(5)).
+    let (root, point) = mounts.lines().find_map(|line| {
+        let (fields, kind) = line.split_once(" - ")?;
+        let mut fields = fields.split(' ').skip(3);
+        (kind.split(' ').next() == Some("cgroup2")).then_some((fields.next()?, fields.next()?))
+    })?;
+    let below = Path::new("/").join(path);
+    let below = below.strip_prefix(root).ok()?.to_owned();
+    let own = Path::new(point).join(below);
+    Some(match own.strip_prefix(point).ok()?.ends_with(Path::new(name).join(GUARD)) {
+        true => own.parent()?.parent()?.into(),
+        false => own,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MOUNTS: &str = "24 1 0:22 / /proc rw,nosuid - proc proc rw\n\
+        35 25 0:30 / /sys/fs/cgroup rw,nosuid shared:9 - cgroup2 cgroup2 rw,nsdelegate\n";
+
+    #[test]
+    fn our_own_group_is_found() {
+        let own = |cgroup: &str| own_group(cgroup, MOUNTS, "advee-1").map(|path| path.display().to_string());
+        let service = Some("/sys/fs/cgroup/system.slice/advee.service".to_string());
+        assert_eq!(own("0::/system.slice/advee.service\n"), service);
+        assert_eq!(own("0::/system.slice/advee.service/advee-1/guard\n"), service, "moved by an earlier life");
+        assert_eq!(own("4:memory:/x\n0::/\n"), Some("/sys/fs/cgroup/".into()));
+        assert_eq!(own("4:memory:/x\n"), None, "cgroup v1 alone");
+        assert_eq!(own_group("0::/", "24 1 0:22 / /proc rw - proc proc rw\n", "n"), None);
+        let within = "35 25 0:30 /docker/1 /sys/fs/cgroup rw - cgroup2 cgroup rw\n";
+        assert_eq!(own_group("0::/docker/1/a", within, "n"), Some("/sys/fs/cgroup/a".into()));
+        assert_eq!(own_group("0::/else", within, "n"), None);
+    }
+
+    /// Plain files where the kernel would have its own.
+    fn played(controllers: &str) -> Cgroups {
+        let own = std::env::temp_dir().join(format!("advee-cgroups-{}-{}", std::process::id(), controllers.len()));
+        let groups = Cgroups::at(own, "advee-1");
+        fs::create_dir_all(groups.robot.join("m")).unwrap();
+        for group in [&groups.own, &groups.robot] {
+            fs::write(group.join("cgroup.controllers"), controllers).unwrap();
+        }
+        groups
+    }
+
+    #[test]
+    fn limits_are_written_where_the_group_has_them() {
+        let groups = played("cpuset cpu io memory pids\n");
+        groups.divide();
+        for group in [&groups.own, &groups.robot] {
+            assert_eq!(fs::read_to_string(group.join("cgroup.subtree_control")).unwrap(), "+cpu");
+        }
+        let leaf = groups.leaf("m").unwrap();
+        let file = |name: &str| groups.robot.join("m").join(name);
+        for name in ["memory.max", "cpu.max", "cgroup.kill"] {
+            fs::write(file(name), "").unwrap();
+        }
+        assert_eq!(leaf.limit(Some(1 << 20), Some(0.25)), Held { memory: true, cpu: true });
+        let said = ["memory.max", "cpu.max"].map(|name| fs::read_to_string(file(name)).unwrap());
+        assert_eq!(said, ["1048576", "25000 100000"]);
+        assert_eq!(leaf.limit(None, None), Held::default());
+        leaf.kill();
+        assert_eq!(fs::read_to_string(file("cgroup.kill")).unwrap(), "1");
+        fs::remove_dir_all(&groups.own).unwrap();
+    }
+
+    #[test]
+    fn a_group_without_controllers_limits_nothing() {
+        let groups = played("");
+        groups.divide();
+        assert!(!groups.own.join("cgroup.subtree_control").exists());
+        assert_eq!(groups.leaf("m").unwrap().limit(Some(1), Some(1.0)), Held::default());
+        fs::remove_dir_all(&groups.own).unwrap();
+    }
+}

@@ -1,0 +1,170 @@
+//! Gives logs of earlier runs the index that they miss because the power failed or the logger died.
+//!
+//! One thread, which yields to everything else on this machine: it reads and writes no faster than [`RATE`], at the
+//! lowest priority. A file that some logger writes is known by its lock (`live/ports/store`) and left alone, whatever
+//! run it is of. What cannot be mended stays as it is: on the next start it is tried again.
+
+use crate::log::Log;
+use logger::recover::{self, Sealed};
+use nix::dir::{Dir, Type};
+use nix::fcntl::{Flock, FlockArg, OFlag, openat};
+use nix::sys::signal::{SigSet, SigmaskHow};
+use nix::sys::stat::Mode;
+use nix::unistd::{UnlinkatFlags, unlinkat};
+use std::ffi::CString;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
+
+/// Bytes a second, read and written.
+const RATE: u64 = 32_000_000;
+/// It pauses each time so many were.
+const PACE: u64 = 1 << 18;
+/// How a whole file ends.
+const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
+/// Entries of a folder that are looked at.
+const ENTRIES: usize = 100_000;
+
+/// Begins to mend what is in a folder of runs, and goes on until all is done or the process ends. Each file that was
+/// not whole gets a line in the log.
+pub fn start(folder: PathBuf, log: Log) {
+    // Signals are for the thread that has the loop, which may not have blocked them yet.
+    let (all, mut before) = (SigSet::all(), SigSet::empty());
+    if nix::sys::signal::pthread_sigmask(SigmaskHow::SIG_SETMASK, Some(&all), Some(&mut before)).is_err() {
+        return;
+    }
+    let told = log.clone();
+    let started = thread::Builder::new().name("repair".into()).spawn(move || {
+        // On Linux of this thread alone.
+        let _ = crate::sys::set_nice(19);
+        repair(&folder, RATE, |line| log.line(line));
+    });
+    let _ = before.thread_set_mask();
+    if let Err(error) = started {
+        told.line(format_args!("logs of earlier runs are not mended: {error}"));
+    }
+}
+
+/// Mends what is in a folder of runs; tells of each file that was not whole, in a line.
+fn repair(folder: &Path, rate: u64, mut tell: impl FnMut(String)) {
+    // There need not be one yet.
+    let Ok(root) = File::open(folder).map(OwnedFd::from) else { return };
+    for run in names(&root, Type::Directory) {
+        let flags = OFlag::O_RDONLY | OFlag::O_DIRECTORY | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC;
+        let Ok(run_folder) = openat(&root, run.as_c_str(), flags, Mode::empty()) else { continue };
+        for name in names(&run_folder, Type::File).into_iter().filter(|name| name.to_bytes().ends_with(b".mcap")) {
+            let told = mend(&run_folder, &name, rate);
+            let name = || format!("{}/{}", run.to_string_lossy(), name.to_string_lossy()).escape_debug().to_string();
+            match told {
+                Ok(None) => {}
+                Ok(Some(told)) => tell(format!("{}: {told}", name())),
+                Err(error) => tell(format!("{}: it has no index, and cannot get one now: {error}", name())),
+            }
+        }
+    }
+}
+
+/// The names in a folder that are of a kind, in order.
+fn names(folder: &OwnedFd, kind: Type) -> Vec<CString> {
+    let flags = OFlag::O_RDONLY | OFlag::O_DIRECTORY | OFlag::O_CLOEXEC;
+    let Ok(mut listed) = Dir::openat(folder, ".", flags, Mode::empty()) else { return Vec::new() };
+    let entries = listed.iter().flatten().take(ENTRIES);
+    // A file system that does not tell what an entry is is asked when it is opened.
+    let fits = entries.filter(|entry| entry.file_type().is_none_or(|is| is == kind));
+    let mut names: Vec<CString> = fits.map(|entry| entry.file_name().into()).collect();
+    names.retain(|name| !name.to_bytes().starts_with(b"."));
+    names.sort_unstable();
+    names
+}
+
+/// Mends a file; what became of it, if it was not whole.
+fn mend(folder: &OwnedFd, name: &CString, rate: u64) -> io::Result<Option<String>> {
+    // A pipe of that name must not hold us up.
+    let flags = OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
+    let mut reading = File::from(openat(folder, name.as_c_str(), flags | OFlag::O_RDONLY, Mode::empty())?);
+    if !reading.metadata()?.is_file() || is_whole(&mut reading)? {
+        return Ok(None);
+    }
+    drop(reading);
+    let file = File::from(openat(folder, name.as_c_str(), flags | OFlag::O_RDWR, Mode::empty())?);
+    let Ok(file) = Flock::lock(file, FlockArg::LockExclusiveNonblock) else { return Ok(None) };
+    let size = file.metadata()?.len();
+    if size == 0 {
+        // Made, and the power failed before its first bytes were safe.
+        unlinkat(folder, name.as_c_str(), UnlinkatFlags::NoRemoveDir)?;
+        return Ok(Some("removed: there was nothing in it".into()));
+    }
+    match recover::seal(Calm { file: &file, rate, spent: 0 }, &mut |_, _| ()) {
+        Ok(Sealed::Whole) => Ok(None),
+        Ok(Sealed::Sealed(report)) => {
+            file.set_len(report.written)?;
+            file.sync_all()?;
+            Ok(Some(format!("it has an index now: {} messages", report.messages)))
+        }
+        Ok(Sealed::Damaged(_)) => Ok(Some("damaged inside: advee log recover leaves out what is".into())),
+        Err(error) => {
+            // No longer than it was: the disk may be full.
+            file.set_len(size)?;
+            Err(error)
+        }
+    }
+}
+
+/// True if a file ends as whole ones do.
+fn is_whole(file: &mut File) -> io::Result<bool> {
+    let mut end = [0; MAGIC.len()];
+    if file.seek(SeekFrom::End(0))? <= 2 * end.len() as u64 {
+        return Ok(false);
+    }
+    file.seek(SeekFrom::End(-(end.len() as i64)))?;
+    file.read_exact(&mut end)?;
+    Ok(end == *MAGIC)
+}
+
+/// A file that is read and written slowly.
+struct Calm<'a> {
+    file: &'a File,
+    rate: u64,
+    spent: u64,
+}
+
+impl Calm<'_> {
+    fn spend(&mut self, bytes: io::Result<usize>) -> io::Result<usize> {
+        self.spent += *bytes.as_ref().unwrap_or(&0) as u64;
+        if self.spent >= PACE {
+            thread::sleep(Duration::from_nanos(self.spent * 1_000_000_000 / self.rate));
+            self.spent = 0;
+        }
+        bytes
+    }
+}
+
+impl Read for Calm<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read(buffer);
+        self.spend(read)
+    }
+}
+
+impl Write for Calm<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes);
+        self.spend(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Seek for Calm<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,342 @@
+//! A CAN adapter on a serial device that speaks Lawicel's ASCII protocol (`slcan`): USB sticks, pseudo-terminals.
+//!
+//! The adapter decides what it tells of the bus: many tell nothing. Its flags are asked for once a second, beside the
+//! traffic, until it does not know the question.
+
+pub mod codec;
+
+use super::queue::Queue;
+use super::restart::Restart;
+use super::{Device, Lost, Received};
+use crate::{clock, sys};
+use base::can::{BusState, Frame, Health, Id, Notice};
+use base::{Duration, Fault, Instant};
+use codec::{Flags, Lines, Said};
+use module::{Input, Line, Output};
+use nix::errno::Errno;
+use nix::fcntl::{OFlag, open};
+use nix::libc;
+use nix::sys::stat::Mode;
+use nix::sys::termios::{FlushArg, tcflush};
+use nix::unistd::{read, write};
+use std::collections::VecDeque;
+use std::io::ErrorKind;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::PathBuf;
+
+/// To a stick on USB the rate means nothing; to one behind a serial chip it is the usual one.
+const BAUD: u32 = 115_200;
+/// An adapter that was in use is given so long to close its channel and to say what it still has to say.
+const SETTLE: Duration = Duration::from_millis(50);
+/// Flags are asked for this often.
+const FLAGS: Duration = Duration::from_secs(1);
+/// Bytes per read.
+const READ_MAX: usize = 1024;
+
+/// The adapter.
+pub struct CanSlcan {
+    path: PathBuf,
+    bitrate: u32,
+    /// True if frames with long identifiers are wanted.
+    extended: bool,
+    file: Option<OwnedFd>,
+    /// Opened, and its channel being closed until then.
+    settles: Option<Instant>,
+    lines: Lines,
+    said: VecDeque<Said>,
+    /// Of a line that has not left as a whole.
+    rest: String,
+    queue: Queue,
+    /// The commands that are not answered yet.
+    asked: VecDeque<Asked>,
+    /// When the flags are asked for next; none when the adapter has none.
+    flags: Option<Instant>,
+    health: Health,
+    /// To be told before the next thing is read.
+    news: VecDeque<Notice>,
+    restart: Restart,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Asked {
+    Bitrate,
+    Open,
+    Flags,
+}
+
+impl CanSlcan {
+    /// An adapter at a device file, for a bus of so many bit/s.
+    pub fn new(path: PathBuf, bitrate: u32) -> Self {
+        Self {
+            path,
+            bitrate,
+            extended: true,
+            file: None,
+            settles: None,
+            lines: Lines::default(),
+            said: VecDeque::new(),
+            rest: String::new(),
+            queue: Queue::default(),
+            asked: VecDeque::new(),
+            flags: None,
+            health: Health::default(),
+            news: VecDeque::new(),
+            restart: Restart::default(),
+        }
+    }
+
+    fn lost(&self, why: &str) -> Lost {
+        format!("{}: {why}", self.path.display())
+    }
+
+    /// Opens the device and asks the adapter to leave the bus, whatever it was told before.
+    fn begin(&mut self, now: Instant) -> Result<(), Lost> {
+        let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
+        let file = open(&self.path, flags, Mode::empty()).map_err(|errno| self.lost(errno.desc()))?;
+        sys::take_exclusively(file.as_fd()).map_err(|error| match error.kind() {
+            ErrorKind::WouldBlock => self.lost("another process holds it"),
+            _ => self.lost(&error.to_string()),
+        })?;
+        let told = |error: std::io::Error| self.lost(&format!("its settings: {error}"));
+        let mut settings = sys::line_settings(file.as_fd()).map_err(told)?;
+        (settings.c_iflag, settings.c_oflag, settings.c_lflag) = (0, 0, 0);
+        settings.c_cflag = libc::CS8 | libc::CREAD | libc::CLOCAL | libc::BOTHER;
+        (settings.c_ispeed, settings.c_ospeed) = (BAUD, BAUD);
+        (settings.c_cc[libc::VMIN], settings.c_cc[libc::VTIME]) = (1, 0);
+        sys::set_line_settings(file.as_fd(), &settings, false).map_err(told)?;
+        self.file = Some(file);
+        // The first end of line ends what another program has left unfinished.
+        self.rest.push_str("\rC\r");
+        self.flush()?;
+        self.settles = Some(now + SETTLE);
+        Ok(())
+    }
+
+    /// Forgets what the adapter has said so far, and lets it join the bus.
+    fn join(&mut self, now: Instant, command: &str) -> Result<(), Lost> {
+        let Some(file) = &self.file else { return Ok(()) };
+        tcflush(file, FlushArg::TCIFLUSH).map_err(|errno| self.lost(errno.desc()))?;
+        self.lines.forget();
+        self.rest.push_str(command);
+        self.rest.push_str("O\r");
+        self.asked.extend([Asked::Bitrate, Asked::Open]);
+        self.flags = Some(now + FLAGS);
+        self.restart.on(now);
+        self.flush()
+    }
+
+    /// Writes what has been begun.
+    fn flush(&mut self) -> Result<(), Lost> {
+        let Some(file) = &self.file else { return Ok(()) };
+        while !self.rest.is_empty() {
+            match write(file, self.rest.as_bytes()) {
+                Ok(written) => drop(self.rest.drain(..written)),
+                Err(Errno::EAGAIN) => break,
+                Err(Errno::EINTR) => {}
+                Err(errno) => return Err(self.lost(errno.desc())),
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&mut self) -> Result<(), Lost> {
+        let Some(file) = &self.file else { return Ok(()) };
+        let mut bytes = [0; READ_MAX];
+        let length = match read(file, &mut bytes) {
+            Ok(0) => return Err(self.lost("hung up")),
+            Ok(length) => length,
+            Err(Errno::EAGAIN | Errno::EINTR) => 0,
+            Err(errno) => return Err(self.lost(errno.desc())),
+        };
+        self.said.extend(bytes[..length].iter().filter_map(|byte| self.lines.push(*byte)));
+        Ok(())
+    }
+
+    /// Asks for the flags when that is due and the last answer has come.
+    fn ask_flags(&mut self, now: Instant) -> Result<(), Lost> {
+        if self.flags.is_some_and(|due| due <= now) && self.asked.is_empty() {
+            self.flags = Some(now + FLAGS);
+            self.asked.push_back(Asked::Flags);
+            self.rest.push_str("F\r");
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// The adapter has refused something.
+    fn refused(&mut self) -> Result<Received<'static>, Lost> {
+        match self.asked.pop_front() {
+            Some(Asked::Bitrate) => Err(self.lost(&format!("the adapter refuses {} bit/s", self.bitrate))),
+            Some(Asked::Open) => Err(self.lost("the adapter does not open its channel")),
+            Some(Asked::Flags) => {
+                self.flags = None;
+                Ok(Received::Note("the adapter does not tell how its controller is".into()))
+            }
+            None => Ok(Received::Fault(Fault::PortOverrun, "the adapter refuses a frame".into())),
+        }
+    }
+
+    fn told_flags(&mut self, flags: Flags) {
+        self.asked.retain(|asked| *asked != Asked::Flags);
+        // It tells no counters.
+        self.told_health(Health { state: flags.state, ..Health::default() });
+        self.news.extend(flags.error.then_some(Notice::Errors(1)));
+        self.news.extend(flags.lost.then_some(Notice::Lost(1)));
+    }
+
+    fn told_health(&mut self, health: Health) {
+        if health != self.health {
+            self.health = health;
+            self.news.push_back(Notice::Health(health));
+        }
+    }
+
+    /// What is handed out for what the adapter says, if anything is.
+    fn heard(&mut self, now: Instant, said: Said) -> Result<Option<Received<'static>>, Lost> {
+        match said {
+            Said::Frame(frame) if self.extended || matches!(frame.id(), Id::Standard(_)) => {
+                return Ok(Some(Received::input(now, Input::Can(frame))));
+            }
+            Said::Frame(_) | Said::Other => {}
+            // Frames are answered too, by some: only the answers to what comes first are waited for.
+            Said::Yes if self.asked.front() == Some(&Asked::Flags) => {}
+            Said::Yes => drop(self.asked.pop_front()),
+            Said::No => return self.refused().map(Some),
+            Said::Flags(flags) => self.told_flags(flags),
+            Said::Health(health) => self.told_health(health),
+            Said::Malformed => {
+                let what = "dropped a line that is none of the slcan protocol";
+                return Ok(Some(Received::Fault(Fault::MessageMalformed, what.into())));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Drops what waits and has grown old; then what the kernel still has is older.
+    fn drop_old(&mut self, now: Instant) {
+        if self.queue.drop_old(now) {
+            self.drop_output();
+        }
+    }
+
+    /// What has not left is not to leave any more.
+    fn drop_output(&mut self) {
+        if let Some(file) = &self.file {
+            let _ = tcflush(file, FlushArg::TCOFLUSH);
+        }
+        // Should half a line have left, this ends it: the adapter refuses it.
+        self.rest.clear();
+        self.rest.push('\r');
+    }
+
+    fn write_frame(&mut self, frame: &Frame) -> Result<(), Lost> {
+        codec::encode(frame, &mut self.rest);
+        self.flush()
+    }
+}
+
+impl Device for CanSlcan {
+    fn expect(&mut self, _line: Line, everything: bool) {
+        self.extended = everything;
+    }
+
+    fn open(&mut self) -> Result<(), Lost> {
+        let now = clock::now();
+        let Some(command) = codec::bitrate_command(self.bitrate) else {
+            return Err(self.lost(&format!("the slcan protocol has no {} bit/s", self.bitrate)));
+        };
+        match self.settles {
+            None => {
+                self.close();
+                if self.health.state == BusState::Off && !self.restart.is_due(now) {
+                    return Err(self.lost("bus-off"));
+                }
+                self.begin(now)?;
+                Err(self.lost("its channel is being closed"))
+            }
+            Some(until) if now < until => Err(self.lost("its channel is being closed")),
+            Some(_) => {
+                self.settles = None;
+                self.health = Health::default();
+                self.join(now, command)
+            }
+        }
+    }
+
+    fn is_preparing(&self) -> bool {
+        self.settles.is_some()
+    }
+
+    fn close(&mut self) {
+        if self.file.is_some() && self.settles.is_none() {
+            self.drop_output();
+            self.rest.push_str("C\r");
+            let _ = self.flush();
+        }
+        (self.file, self.settles) = (None, None);
+        self.lines.forget();
+        self.rest.clear();
+        self.said.clear();
+        self.queue.clear();
+        self.asked.clear();
+        self.news.clear();
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        self.file.as_ref().map(AsFd::as_fd)
+    }
+
+    fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
+        self.ask_flags(now)?;
+        loop {
+            if let Some(notice) = self.news.pop_front() {
+                return Ok(Received::input(now, Input::CanNotice(notice)));
+            }
+            if self.health.state == BusState::Off {
+                self.restart.off(now);
+                return Err(self.lost("bus-off"));
+            }
+            if self.said.is_empty() {
+                self.read()?;
+            }
+            let Some(said) = self.said.pop_front() else {
+                return Ok(Received::Nothing);
+            };
+            if let Some(received) = self.heard(now, said)? {
+                return Ok(received);
+            }
+        }
+    }
+
+    fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost> {
+        let (Some(_), Output::Can(frame)) = (&self.file, output) else {
+            return Ok(false);
+        };
+        self.drop_old(now);
+        if !self.rest.is_empty() {
+            return Ok(self.queue.push(now, *frame));
+        }
+        self.queue.passed(now);
+        self.write_frame(frame)?;
+        Ok(true)
+    }
+
+    fn wants_to_write(&self) -> bool {
+        !self.rest.is_empty()
+    }
+
+    fn on_writable(&mut self, now: Instant) -> Result<(), Lost> {
+        self.drop_old(now);
+        self.flush()?;
+        while self.rest.is_empty()
+            && let Some(frame) = self.queue.front().copied()
+        {
+            self.queue.pop(now);
+            self.write_frame(&frame)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,291 @@
+//! Lawicel's ASCII protocol, as `slcan` adapters, `slcand` and python-can speak it: a line a frame, ended by CR.
+//!
+//! | line | is |
+//! |---|---|
+//! | `tIIILDD…`, `TIIIIIIIILDD…` | a data frame of 11 or 29 bits of identifier, hexadecimal |
+//! | `rIIIL`, `RIIIIIIIIL` | a remote frame |
+//! | nothing; BEL in place of CR | yes; no |
+//! | `z`, `Z` | a frame was taken |
+//! | `FXX` | the controller's flags |
+//! | `saRRRTTT` | its state (a, w, p, b) and counters, decimal, as Linux' driver expects it from some |
+//!
+//! Four hexadecimal digits may follow a frame, a time in ms that some adapters add. Nothing here allocates.
+
+use base::can::{BusState, Frame, Health, Id};
+use std::fmt::Write;
+
+/// The longest line of a frame, with a time and its end.
+pub const LINE_MAX: usize = 1 + 8 + 1 + 16 + 4 + 1;
+const CR: u8 = 0x0D;
+const BEL: u8 = 0x07;
+/// Flags: both queues, data overrun.
+const OVERRUN: u8 = 0x01 | 0x08;
+const WARNING: u8 = 0x04;
+const PASSIVE: u8 = 0x20;
+const BUS_ERROR: u8 = 0x80;
+
+/// What an adapter says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Said {
+    /// A frame from the bus.
+    Frame(Frame),
+    /// It has done what it was asked.
+    Yes,
+    /// It has not.
+    No,
+    /// Flags.
+    Flags(Flags),
+    /// State and counters.
+    Health(Health),
+    /// No line of an adapter.
+    Malformed,
+    /// Something that does not concern us.
+    Other,
+}
+
+/// What an adapter's flags say. The counters are not among them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Flags {
+    /// The controller's state; bus-off has no flag.
+    pub state: BusState,
+    /// Frames were lost for want of room.
+    pub lost: bool,
+    /// There was an error on the wire.
+    pub error: bool,
+}
+
+/// The command for a bit rate; none where there is none for it.
+pub fn bitrate_command(bitrate: u32) -> Option<&'static str> {
+    const COMMANDS: [(u32, &str); 9] = [
+        (10_000, "S0\r"),
+        (20_000, "S1\r"),
+        (50_000, "S2\r"),
+        (100_000, "S3\r"),
+        (125_000, "S4\r"),
+        (250_000, "S5\r"),
+        (500_000, "S6\r"),
+        (800_000, "S7\r"),
+        (1_000_000, "S8\r"),
+    ];
+    COMMANDS.iter().find(|(rate, _)| *rate == bitrate).map(|(_, command)| *command)
+}
+
+/// Appends the line of a frame.
+pub fn encode(frame: &Frame, line: &mut String) {
+    // Writing to a String cannot fail.
+    let _ = match (frame.id(), frame.is_remote()) {
+        (Id::Standard(id), false) => write!(line, "t{id:03X}"),
+        (Id::Standard(id), true) => write!(line, "r{id:03X}"),
+        (Id::Extended(id), false) => write!(line, "T{id:08X}"),
+        (Id::Extended(id), true) => write!(line, "R{id:08X}"),
+    };
+    let _ = write!(line, "{}", frame.dlc());
+    for byte in frame.data() {
+        let _ = write!(line, "{byte:02X}");
+    }
+    line.push('\r');
+}
+
+/// Makes lines of what comes in any pieces.
+#[derive(Debug, Default)]
+pub struct Lines {
+    line: Vec<u8>,
+    /// Too long to be a line: passed over to its end.
+    too_long: bool,
+}
+
+impl Lines {
+    /// Takes a byte; what is said when it ends a line.
+    pub fn push(&mut self, byte: u8) -> Option<Said> {
+        if byte != CR && byte != BEL {
+            self.too_long |= self.line.len() >= LINE_MAX;
+            if !self.too_long {
+                self.line.push(byte);
+            }
+            return None;
+        }
+        let said = match &self.line[..] {
+            _ if self.too_long => Said::Malformed,
+            // A line before BEL was cut off by it.
+            _ if byte == BEL => Said::No,
+            line => decode(line),
+        };
+        self.forget();
+        Some(said)
+    }
+
+    /// Forgets a line that has begun.
+    pub fn forget(&mut self) {
+        self.line.clear();
+        self.too_long = false;
+    }
+}
+
+fn decode(line: &[u8]) -> Said {
+    let Some((kind, rest)) = line.split_first() else {
+        return Said::Yes;
+    };
+    let said = match kind {
+        b't' | b'T' | b'r' | b'R' => frame(*kind, rest).map(Said::Frame),
+        b'z' | b'Z' if rest.is_empty() => Some(Said::Yes),
+        b'F' if rest.len() == 2 => hex(rest).map(|flags| Said::Flags(of_flags(flags as u8))),
+        b's' => health(rest).map(Said::Health),
+        // A version, a number, or another computer's command on the same line: C, O, S, L, F, V, N and more.
+        b'A'..=b'Z' | b'a'..=b'z' => Some(Said::Other),
+        _ => None,
+    };
+    said.unwrap_or(Said::Malformed)
+}
+
+fn frame(kind: u8, rest: &[u8]) -> Option<Frame> {
+    let digits = if kind.is_ascii_uppercase() { 8 } else { 3 };
+    let (id, rest) = rest.split_at_checked(digits)?;
+    let id = hex(id)?;
+    let id = if digits == 8 { Id::Extended(id) } else { Id::Standard(id as u16) };
+    let (length, rest) = rest.split_first()?;
+    let length = length.checked_sub(b'0').filter(|length| *length <= 8)?;
+    let remote = kind.eq_ignore_ascii_case(&b'r');
+    let (text, time) = rest.split_at_checked(if remote { 0 } else { 2 * usize::from(length) })?;
+    if !time.is_empty() && (time.len() != 4 || hex(time).is_none()) {
+        return None;
+    }
+    let mut data = [0; 8];
+    for (byte, text) in data.iter_mut().zip(text.chunks_exact(2)) {
+        *byte = hex(text)? as u8;
+    }
+    if remote { Frame::remote(id, length) } else { Frame::new(id, &data[..usize::from(length)]) }
+}
+
+fn of_flags(flags: u8) -> Flags {
+    let state = match flags {
+        flags if flags & PASSIVE != 0 => BusState::Passive,
+        flags if flags & WARNING != 0 => BusState::Warning,
+        _ => BusState::Active,
+    };
+    Flags { state, lost: flags & OVERRUN != 0, error: flags & BUS_ERROR != 0 }
+}
+
+fn health(rest: &[u8]) -> Option<Health> {
+    let (state, counters) = rest.split_first()?;
+    let state = match state {
+        b'a' => BusState::Active,
+        b'w' => BusState::Warning,
+        b'p' => BusState::Passive,
+        b'b' => BusState::Off,
+        _ => return None,
+    };
+    let (receive, transmit) = counters.split_at_checked(3).filter(|(_, transmit)| transmit.len() == 3)?;
+    let number = |text: &[u8]| std::str::from_utf8(text).ok().filter(|text| !text.starts_with('+'))?.parse().ok();
+    Some(Health { state, transmit_errors: number(transmit)?, receive_errors: number(receive)? })
+}
+
+/// At most eight digits.
+fn hex(digits: &[u8]) -> Option<u32> {
+    digits.iter().try_fold(0, |number, digit| Some(number << 4 | char::from(*digit).to_digit(16)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(text: &str) -> Vec<Said> {
+        let mut lines = Lines::default();
+        text.bytes().filter_map(|byte| lines.push(byte)).collect()
+    }
+
+    #[test]
+    fn frames_are_as_python_can_and_slcand_write_them() {
+        let cases = [
+            ("t60184041600000000000\r", Frame::standard(0x601, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0])),
+            ("t0000\r", Frame::standard(0, &[])),
+            ("T1FFFFFFF2ABCD\r", Frame::new(Id::Extended(0x1FFF_FFFF), &[0xAB, 0xCD]).unwrap()),
+            ("r7011\r", Frame::remote(Id::Standard(0x701), 1).unwrap()),
+            ("R000000018\r", Frame::remote(Id::Extended(1), 8).unwrap()),
+        ];
+        for (text, frame) in cases {
+            let mut line = String::new();
+            encode(&frame, &mut line);
+            assert_eq!((line.as_str(), said(text)), (text, vec![Said::Frame(frame)]));
+            assert!(line.len() <= LINE_MAX);
+        }
+        // Small letters, and a time.
+        assert_eq!(said("t1811ab1F2a\r"), [Said::Frame(Frame::standard(0x181, &[0xAB]))]);
+    }
+
+    #[test]
+    fn answers_flags_and_what_is_not_for_us_are_told_apart() {
+        let flags = |state, lost, error| Said::Flags(Flags { state, lost, error });
+        assert_eq!(said("\rz\rZ\r\x07"), [Said::Yes, Said::Yes, Said::Yes, Said::No]);
+        assert_eq!(
+            said("F00\rF24\rF84\rF09\r"),
+            [
+                flags(BusState::Active, false, false),
+                flags(BusState::Passive, false, false),
+                flags(BusState::Warning, false, true),
+                flags(BusState::Active, true, false),
+            ]
+        );
+        let health =
+            |state, transmit_errors, receive_errors| Said::Health(Health { state, transmit_errors, receive_errors });
+        assert_eq!(
+            said("sw100000\rsp000130\rsb000255\rsa000000\r"),
+            [
+                health(BusState::Warning, 0, 100),
+                health(BusState::Passive, 130, 0),
+                health(BusState::Off, 255, 0),
+                health(BusState::Active, 0, 0),
+            ]
+        );
+        assert_eq!(said("V1013\rNA123\rC\rS8\rO\r"), [Said::Other; 5]);
+    }
+
+    #[test]
+    fn what_is_no_line_is_malformed_and_the_next_one_is_good() {
+        for bad in [
+            "t",
+            "t18",
+            "t1819",
+            "t181",
+            "t1812AB",
+            "t1811GG",
+            "t8000",
+            "T200000000",
+            "r7019",
+            "t1811AB123",
+            "F",
+            "FGG",
+            "s",
+            "sx000000",
+            "sw256000",
+            "sw00000",
+            "s+w",
+            "sw+01000",
+            "t181-",
+            "1234",
+            "t1811\u{e9}",
+        ] {
+            let bytes = format!("{bad}\rt1811AB\r");
+            let expected = match bad {
+                // Another computer asks for the flags.
+                "F" | "FGG" => vec![Said::Other, Said::Malformed],
+                _ => vec![Said::Malformed],
+            };
+            let heard = said(&bytes);
+            assert!(expected.contains(&heard[0]), "{bad}: {heard:?}");
+            assert_eq!(heard[1..], [Said::Frame(Frame::standard(0x181, &[0xAB]))], "{bad}");
+        }
+        let flood = "t".repeat(100_000) + "\rt1811AB\r";
+        assert_eq!(said(&flood), [Said::Malformed, Said::Frame(Frame::standard(0x181, &[0xAB]))]);
+    }
+
+    #[test]
+    fn no_bytes_do_harm() {
+        let (mut lines, mut random) = (Lines::default(), 1u64);
+        let letters = b"tTrRzZFs0123456789abcdefABCDEF\r\r\r\x07\xff";
+        for _ in 0..300_000 {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            lines.push(letters[(random >> 40) as usize % letters.len()]);
+            assert!(lines.line.len() <= LINE_MAX);
+        }
+    }
+}

@@ -1,0 +1,376 @@
+//! A CAN interface of the kernel (SocketCAN), by a raw socket.
+
+mod frame;
+mod link;
+#[cfg(test)]
+mod tests;
+
+use super::queue::Queue;
+use super::restart::Restart;
+use super::{Device, Lost, Received};
+use crate::{clock, sys};
+use base::can::{BusState, Frame, Health, Notice};
+use base::{Duration, Fault, Instant};
+use frame::{Came, FRAME, decode, encode};
+use link::Link;
+use module::{Input, Line, Output};
+use nix::cmsg_space;
+use nix::errno::Errno;
+use nix::sys::socket::{ControlMessageOwned, MsgFlags, getsockopt, recvmsg, setsockopt, sockopt};
+use nix::sys::time::TimeSpec;
+use nix::unistd::write;
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind, IoSliceMut};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::{fs, mem};
+
+/// A frame of the kernel and its receive time, ns of the wall clock.
+type Stamped = ([u8; FRAME], Option<u64>);
+
+/// So many bytes may wait in the kernel, if it allows: some thousand frames.
+const RECEIVE_BUFFER: usize = 1 << 20;
+/// Errors on the wire are told this often at most, and so is that nobody acknowledges.
+const NEWS: Duration = Duration::from_millis(100);
+/// More than so many frames of others before one of ours are a matter of milliseconds.
+const LONG_QUEUE: u32 = 100;
+
+/// The interface.
+pub struct CanSocket {
+    interface: String,
+    /// What it is to run at, bit/s, where that is known.
+    bitrate: Option<u32>,
+    /// True if frames with long identifiers are wanted, which nothing of CANopen has.
+    extended: bool,
+    socket: Option<OwnedFd>,
+    control: Vec<u8>,
+    /// The kernel's count of frames that found the receive buffer full, as the last frame brought it, and how many of
+    /// them are not told yet.
+    dropped: u32,
+    untold: u32,
+    /// What is to be handed out before the socket is read again.
+    news: VecDeque<News>,
+    /// Errors on the wire that are not told yet, and when it may be told of such things again.
+    errors: u32,
+    quiet: Instant,
+    queue: Queue,
+    restart: Restart,
+}
+
+/// What waits for being handed out.
+enum News {
+    Notice(Notice),
+    Note(String),
+    Fault(String),
+    Frame { frame: Frame, at: Instant, stamp: Option<u64> },
+    Off,
+}
+
+/// What became of a frame for the kernel.
+#[derive(PartialEq)]
+enum Written {
+    Yes,
+    /// When the socket is writable again.
+    NotYet,
+    Never,
+}
+
+impl CanSocket {
+    /// A network interface, `can0`.
+    pub fn new(interface: String) -> Self {
+        Self {
+            interface,
+            bitrate: None,
+            extended: true,
+            socket: None,
+            control: cmsg_space!(u32, TimeSpec),
+            dropped: 0,
+            untold: 0,
+            news: VecDeque::new(),
+            errors: 0,
+            quiet: Instant::ZERO,
+            queue: Queue::default(),
+            restart: Restart::default(),
+        }
+    }
+
+    fn lost(&self, errno: Errno) -> Lost {
+        let interface = &self.interface;
+        match errno {
+            Errno::EAFNOSUPPORT => format!("{interface}: this kernel has no CAN"),
+            Errno::ENODEV | Errno::ENXIO => format!("{interface}: there is no such interface"),
+            Errno::ENETDOWN => format!("{interface}: the interface is down (ip link set {interface} up)"),
+            errno => format!("{interface}: {}", errno.desc()),
+        }
+    }
+
+    /// True if what is sent now will leave now. An interface that is down takes a socket all the same, with an error
+    /// pending; one that is bus-off takes frames and keeps them for later, or drops them without a word.
+    fn check(&self, socket: &impl AsFd) -> Result<(), Lost> {
+        match getsockopt(socket, sockopt::SocketError).map_err(|errno| self.lost(errno))? {
+            0 => {}
+            pending => return Err(self.lost(Errno::from_raw(pending))),
+        }
+        let interface = &self.interface;
+        match fs::read(format!("/sys/class/net/{interface}/carrier")) {
+            Ok(carrier) if carrier.starts_with(b"0") => {
+                Err(format!("{interface}: no carrier: bus-off (ip link set {interface} type can restart)"))
+            }
+            // Where there is no sysfs it cannot be asked.
+            _ => Ok(()),
+        }
+    }
+
+    /// What the kernel knows of the interface; nothing, where it does not say.
+    fn ask(&self) -> Link {
+        Link::ask(&self.interface).unwrap_or_default()
+    }
+
+    /// Restarts a controller that is bus-off when that is due; why it is still off.
+    fn bring_back(&mut self, now: Instant, link: &Link) -> Result<(), Lost> {
+        let interface = &self.interface;
+        if link.health.is_none_or(|health| health.state != BusState::Off) {
+            return Ok(());
+        }
+        if let Some(pause) = link.restart_ms.filter(|pause| *pause > 0) {
+            return Err(format!("{interface}: bus-off; the kernel restarts it after {pause} ms (restart-ms)"));
+        }
+        if !self.restart.is_due(now) {
+            return Err(format!("{interface}: bus-off"));
+        }
+        match link::restart(interface) {
+            // Opened at the next try, with what the kernel knows then.
+            Ok(()) => Err(format!("{interface}: bus-off")),
+            Err(error) => Err(match error.kind() {
+                ErrorKind::PermissionDenied => format!(
+                    "{interface}: bus-off, and restarting it needs CAP_NET_ADMIN (ip link set {interface} type can restart)"
+                ),
+                _ => format!(
+                    "{interface}: bus-off, and its driver does not restart it ({error}): ip link set {interface} down, and up"
+                ),
+            }),
+        }
+    }
+
+    /// True if the interface runs at the bit rate of the bus: another one destroys what the others say.
+    fn check_bitrate(&self, link: &Link) -> Result<(), Lost> {
+        match (self.bitrate, link.bitrate) {
+            // A hundredth is what a controller's clock may make of it.
+            (Some(wanted), Some(rate)) if rate.abs_diff(wanted) > wanted / 100 => Err(format!(
+                "{0}: runs at {rate} bit/s, the bus is configured for {wanted} (ip link set {0} down; \
+                 ip link set {0} type can bitrate {wanted}; ip link set {0} up)",
+                self.interface
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// A frame of the kernel and its receive time, nanoseconds of the wall clock, where the kernel says so.
+    fn read(&mut self) -> Result<Option<Stamped>, Lost> {
+        let Some(socket) = &self.socket else {
+            return Ok(None);
+        };
+        let mut raw = [0; FRAME];
+        let mut parts = [IoSliceMut::new(&mut raw)];
+        let message = loop {
+            match recvmsg::<()>(socket.as_raw_fd(), &mut parts, Some(&mut self.control), MsgFlags::empty()) {
+                Ok(message) => break message,
+                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EINTR) => {}
+                Err(errno) => return Err(self.lost(errno)),
+            }
+        };
+        let mut stamp = None;
+        for control in message.cmsgs().map_err(Errno::desc)? {
+            match control {
+                ControlMessageOwned::RxqOvfl(count) => {
+                    self.untold =
+                        self.untold.saturating_add(count.wrapping_sub(mem::replace(&mut self.dropped, count)));
+                }
+                ControlMessageOwned::ScmTimestampns(time) => {
+                    stamp = Some(time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64);
+                }
+                _ => {}
+            }
+        }
+        match message.bytes {
+            FRAME => Ok(Some((raw, stamp))),
+            _ => Err(format!("{}: gives frames of a strange length", self.interface)),
+        }
+    }
+
+    /// Takes what a frame of the kernel says: there may be more than one thing to hand out.
+    fn take(&mut self, now: Instant, came: Came, stamp: Option<u64>) {
+        let count = mem::take(&mut self.untold);
+        if count > 0 {
+            let what = format!("{}: the receive buffer ran over: {count} frames are lost", self.interface);
+            self.news.extend([News::Fault(what), News::Notice(Notice::Lost(count))]);
+        }
+        match came {
+            Came::Frame(frame) => {
+                self.tell_errors(now);
+                let at = stamp.map_or(now, |stamp| clock::received(now, stamp));
+                self.news.push_back(News::Frame { frame, at, stamp });
+            }
+            Came::Error(error) => {
+                self.errors = self.errors.saturating_add(u32::from(error.on_the_wire));
+                if error.lost {
+                    self.news.push_back(News::Fault("the controller's receive buffer ran over".into()));
+                }
+                self.news.extend(error.note.map(|note| News::Note(note.into())));
+                let again = now >= self.quiet;
+                let told = |notice: &Notice| again || *notice != Notice::NoAcknowledge;
+                self.news.extend(error.notices().filter(told).map(News::Notice));
+                if error.no_acknowledge && again {
+                    self.quiet = now + NEWS;
+                }
+                self.tell_errors(now);
+                if error.is_off() {
+                    self.news.push_back(News::Off);
+                }
+            }
+        }
+    }
+
+    fn tell_errors(&mut self, now: Instant) {
+        if self.errors > 0 && now >= self.quiet {
+            self.quiet = now + NEWS;
+            self.news.push_back(News::Notice(Notice::Errors(mem::take(&mut self.errors))));
+        }
+    }
+
+    fn write(&self, frame: &Frame) -> Result<Written, Lost> {
+        let Some(socket) = &self.socket else {
+            return Ok(Written::Never);
+        };
+        match write(socket, &encode(frame)) {
+            Ok(_) => Ok(Written::Yes),
+            Err(Errno::EAGAIN | Errno::EINTR) => Ok(Written::NotYet),
+            // The interface's queue is full with frames of others: no poll tells when it is not.
+            Err(Errno::ENOBUFS) => Ok(Written::Never),
+            Err(errno) => Err(self.lost(errno)),
+        }
+    }
+
+    /// What waits too long is dropped; then somebody asks why it does not leave, for few controllers say so by
+    /// themselves.
+    fn drop_old(&mut self, now: Instant) {
+        if !self.queue.drop_old(now) || now < self.quiet {
+            return;
+        }
+        self.quiet = now + NEWS;
+        if let Some(health) = self.ask().health {
+            self.news.push_back(News::Notice(Notice::Health(health)));
+            // Alone on its bus a transmitter gets passive, and there its counter stops.
+            if health.state == BusState::Passive && health.transmit_errors == 128 {
+                self.news.push_back(News::Notice(Notice::NoAcknowledge));
+            }
+        }
+    }
+}
+
+impl Device for CanSocket {
+    fn expect(&mut self, line: Line, everything: bool) {
+        if let Line::Can { bitrate } = line {
+            self.bitrate = Some(bitrate);
+        }
+        self.extended = everything;
+    }
+
+    fn open(&mut self) -> Result<(), Lost> {
+        self.close();
+        let (now, link) = (clock::now(), self.ask());
+        self.check_bitrate(&link)?;
+        self.bring_back(now, &link)?;
+        let reason = |error: io::Error| match error.raw_os_error() {
+            Some(errno) => self.lost(Errno::from_raw(errno)),
+            None => format!("{}: {error}", self.interface),
+        };
+        let index = link::index(&self.interface).map_err(reason)?;
+        let socket = sys::open_can(index, frame::ERRORS, self.extended).map_err(reason)?;
+        self.check(&socket)?;
+        setsockopt(&socket, sockopt::RxqOvfl, &1).map_err(|errno| self.lost(errno))?;
+        setsockopt(&socket, sockopt::ReceiveTimestampns, &true).map_err(|errno| self.lost(errno))?;
+        // Privileged processes get what they ask for, the others what net.core.rmem_max allows.
+        setsockopt(&socket, sockopt::RcvBufForce, &RECEIVE_BUFFER)
+            .or_else(|_| setsockopt(&socket, sockopt::RcvBuf, &RECEIVE_BUFFER))
+            .map_err(|errno| self.lost(errno))?;
+        self.socket = Some(socket);
+        self.restart.on(now);
+        if let Some(length) = link.queue.filter(|length| *length > LONG_QUEUE) {
+            let what = format!(
+                "{length} frames of others may wait before ours (ip link set {} txqueuelen 10)",
+                self.interface
+            );
+            self.news.push_back(News::Note(what));
+        }
+        let health = link.health.filter(|health| *health != Health::default());
+        self.news.extend(health.map(|health| News::Notice(Notice::Health(health))));
+        Ok(())
+    }
+
+    fn close(&mut self) {
+        (self.socket, self.dropped, self.untold, self.errors) = (None, 0, 0, 0);
+        self.news.clear();
+        self.queue.clear();
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        self.socket.as_ref().map(AsFd::as_fd)
+    }
+
+    fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
+        loop {
+            match self.news.pop_front() {
+                Some(News::Frame { frame, at, stamp }) => {
+                    return Ok(Received::Input { input: Input::Can(frame), at, stamp });
+                }
+                Some(News::Notice(notice)) => return Ok(Received::input(now, Input::CanNotice(notice))),
+                Some(News::Note(note)) => return Ok(Received::Note(note)),
+                Some(News::Fault(what)) => return Ok(Received::Fault(Fault::PortOverrun, what)),
+                // Opened anew when the controller is on the bus again; till then nothing is sent that would be old
+                // then.
+                Some(News::Off) => {
+                    self.restart.off(now);
+                    return Err(format!("{}: bus-off", self.interface));
+                }
+                None => {}
+            }
+            let Some((raw, stamp)) = self.read()? else {
+                return Ok(Received::Nothing);
+            };
+            if let Some(came) = decode(&raw) {
+                self.take(now, came, stamp);
+            }
+        }
+    }
+
+    fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost> {
+        let Output::Can(frame) = output else {
+            return Ok(false);
+        };
+        self.drop_old(now);
+        let written = if self.queue.is_empty() { self.write(frame)? } else { Written::NotYet };
+        Ok(match written {
+            Written::Yes => {
+                self.queue.passed(now);
+                true
+            }
+            Written::NotYet => self.queue.push(now, *frame),
+            Written::Never => false,
+        })
+    }
+
+    fn wants_to_write(&self) -> bool {
+        !self.queue.is_empty()
+    }
+
+    fn on_writable(&mut self, now: Instant) -> Result<(), Lost> {
+        self.drop_old(now);
+        while let Some(frame) = self.queue.front()
+            && self.write(frame)? == Written::Yes
+        {
+            self.queue.pop(now);
+        }
+        Ok(())
+    }
+}

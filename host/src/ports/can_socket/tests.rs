@@ -1,0 +1,212 @@
+//! The device on sockets that this kernel has.
+
+use super::*;
+use base::can::Id;
+use std::net::{Ipv4Addr, UdpSocket};
+
+/// The interface with one end of a UDP connection for its socket, which counts what it loses as CAN's does.
+fn connected() -> (CanSocket, UdpSocket) {
+    let [ours, peer] = [(); 2].map(|()| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap());
+    ours.connect(peer.local_addr().unwrap()).unwrap();
+    peer.connect(ours.local_addr().unwrap()).unwrap();
+    ours.set_nonblocking(true).unwrap();
+    setsockopt(&ours, sockopt::RxqOvfl, &1).unwrap();
+    setsockopt(&ours, sockopt::ReceiveTimestampns, &true).unwrap();
+    let mut port = CanSocket::new("lo".into());
+    port.socket = Some(ours.into());
+    (port, peer)
+}
+
+#[test]
+fn frames_that_found_the_buffer_full_are_counted_and_the_others_come_in_order() {
+    const SENT: u32 = 1000;
+    let (mut port, peer) = connected();
+    setsockopt(port.socket.as_ref().unwrap(), sockopt::RcvBuf, &0).unwrap();
+    let send = |id: u32| peer.send(&encode(&Frame::standard(id as u16, &[0; 8]))).unwrap();
+    (0..SENT).for_each(|id| assert_eq!(send(id), FRAME));
+    let (mut got, mut lost, mut told) = (Vec::new(), Vec::new(), 0);
+    let mut drain = |port: &mut CanSocket| loop {
+        match port.receive(Instant::ZERO).unwrap() {
+            Received::Nothing => break,
+            Received::Input { input: Input::Can(frame), .. } => got.push(frame.id()),
+            Received::Fault(Fault::PortOverrun, why) => lost.push(why),
+            Received::Input { input: Input::CanNotice(Notice::Lost(count)), .. } => told += count,
+            _ => panic!(),
+        }
+    };
+    drain(&mut port);
+    // Those lost since the last one that came are told with the next.
+    send(SENT);
+    drain(&mut port);
+    let count = SENT as usize + 1 - got.len();
+    assert!(count > 0 && got.is_sorted(), "{got:?}");
+    assert_eq!(lost, [format!("lo: the receive buffer ran over: {count} frames are lost")]);
+    assert_eq!((got.last(), told as usize), (Some(&Id::Standard(SENT as u16)), count));
+}
+
+/// An error frame of the kernel: class, data.
+fn error(class: u32, data: u64) -> [u8; FRAME] {
+    let mut raw = [0; FRAME];
+    raw[..4].copy_from_slice(&(0x2000_0000 | class).to_ne_bytes());
+    raw[4] = 8;
+    raw[8..].copy_from_slice(&data.to_be_bytes());
+    raw
+}
+
+/// What is handed out now, in words.
+fn drain(port: &mut CanSocket, now: Instant) -> Vec<String> {
+    let mut told = Vec::new();
+    loop {
+        told.push(match port.receive(now) {
+            Ok(Received::Nothing) => return told,
+            Ok(Received::Input { input: Input::CanNotice(Notice::Health(health)), .. }) => {
+                format!("{:?} {} {}", health.state, health.transmit_errors, health.receive_errors)
+            }
+            Ok(Received::Input { input: Input::CanNotice(notice), .. }) => format!("{notice:?}"),
+            Ok(Received::Input { input: Input::Can(frame), .. }) => format!("{:?}", frame.data()),
+            Ok(Received::Note(note)) => note,
+            Ok(Received::Fault(_, why)) => why,
+            Ok(Received::Input { .. }) => panic!(),
+            Err(why) => {
+                port.close();
+                format!("down: {why}")
+            }
+        });
+    }
+}
+
+#[test]
+fn error_frames_become_notices_and_many_of_a_kind_few() {
+    let (mut port, peer) = connected();
+    let now = Instant::from_millis(1000);
+    let send = |raw: [u8; FRAME]| peer.send(&raw).unwrap();
+    // A bus error in the data, three times; nobody acknowledges, twice.
+    for _ in 0..3 {
+        send(error(0x88, 0x0000_040A_0000_0000));
+    }
+    for _ in 0..2 {
+        send(error(0x20, 0));
+    }
+    send(error(0x204, 0x0020_0000_0000_8000));
+    send(encode(&Frame::standard(0x181, &[7])));
+    assert_eq!(drain(&mut port, now), ["Errors(1)", "Passive 128 0", "[7]"]);
+    send(error(0x20, 0));
+    assert_eq!(drain(&mut port, now + NEWS), ["NoAcknowledge"]);
+    send(encode(&Frame::standard(0x181, &[8])));
+    assert_eq!(drain(&mut port, now + 2 * NEWS), ["Errors(2)", "[8]"], "those that were not told");
+    send(error(0x204, 0x0001_0000_0000_0000));
+    let ran_over = "the controller's receive buffer ran over";
+    assert_eq!(drain(&mut port, now + 2 * NEWS), [ran_over, "Active 0 0", "Lost(1)"]);
+    send(error(0x240, 0x0000_0000_0000_F800));
+    assert_eq!(drain(&mut port, now), ["Off 248 0", "down: lo: bus-off"]);
+}
+
+#[test]
+fn a_frame_is_known_by_when_the_kernel_received_it() {
+    let (mut port, peer) = connected();
+    // The kernel begins to stamp a little after it is asked to.
+    std::thread::sleep(Duration::from_millis(100));
+    let before = clock::now();
+    peer.send(&encode(&Frame::standard(0x181, &[]))).unwrap();
+    let after = clock::now();
+    std::thread::sleep(Duration::from_millis(30));
+    let Ok(Received::Input { input: Input::Can(_), at: arrived, stamp: Some(_) }) = port.receive(clock::now()) else {
+        panic!("a frame with the kernel's time")
+    };
+    let slack = Duration::from_millis(10);
+    assert!(arrived + slack >= before && arrived <= after + slack, "{before:?} {arrived:?} {after:?}");
+}
+
+#[test]
+fn a_bit_rate_that_is_not_the_bus_s_is_one_clear_line_and_no_bit_rate_is_none() {
+    let mut port = CanSocket::new("can0".into());
+    port.expect(Line::Can { bitrate: 1_000_000 }, false);
+    let at = |bitrate| Link { bitrate, ..Link::default() };
+    assert_eq!(port.check_bitrate(&at(None)), Ok(()));
+    assert_eq!(port.check_bitrate(&at(Some(1_000_000))), Ok(()));
+    let why = port.check_bitrate(&at(Some(500_000))).unwrap_err();
+    assert!(why.starts_with("can0: runs at 500000 bit/s, the bus is configured for 1000000"), "{why}");
+    assert!(!why.contains('\n'));
+}
+
+#[test]
+fn a_controller_that_the_kernel_restarts_is_waited_for() {
+    let mut port = CanSocket::new("can0".into());
+    let off = Health { state: BusState::Off, ..Health::default() };
+    let link = |health, restart_ms| Link { health, restart_ms, ..Link::default() };
+    let now = Instant::from_millis(1);
+    let by_itself = port.bring_back(now, &link(Some(off), Some(100)));
+    assert_eq!(by_itself, Err("can0: bus-off; the kernel restarts it after 100 ms (restart-ms)".into()));
+    assert_eq!(port.bring_back(now, &link(Some(off), Some(0))), Err("can0: bus-off".into()));
+    assert_eq!(port.bring_back(now, &link(Some(Health::default()), Some(0))), Ok(()));
+    assert_eq!(port.bring_back(now, &Link::default()), Ok(()));
+}
+
+#[test]
+fn what_the_kernel_does_not_take_waits_and_leaves_in_order() {
+    // A pipe of messages that holds few of them.
+    let (ours, peer) = nix::sys::socket::socketpair(
+        nix::sys::socket::AddressFamily::Unix,
+        nix::sys::socket::SockType::SeqPacket,
+        None,
+        nix::sys::socket::SockFlag::SOCK_NONBLOCK,
+    )
+    .unwrap();
+    setsockopt(&ours, sockopt::SndBuf, &0).unwrap();
+    let mut port = CanSocket::new("lo".into());
+    port.socket = Some(ours);
+    let now = Instant::from_millis(1000);
+    let frame = |n: u8| Output::Can(Frame::standard(0x600, &[n]));
+    let mut sent = 0;
+    while !port.wants_to_write() {
+        assert_eq!(port.send(now, &frame(sent)), Ok(true));
+        sent += 1;
+    }
+    assert_eq!(port.send(now, &frame(sent)), Ok(true));
+    let take = || {
+        let mut raw = [0; FRAME];
+        nix::unistd::read(&peer, &mut raw).map(|_| raw[8])
+    };
+    assert_eq!(take(), Ok(0));
+    let mut next = 1;
+    while port.wants_to_write() {
+        port.on_writable(now).unwrap();
+        assert_eq!(take(), Ok(next));
+        next += 1;
+    }
+    while let Ok(n) = take() {
+        assert_eq!(n, next);
+        next += 1;
+    }
+    assert_eq!(next, sent + 1);
+    // When nothing leaves, what waits is dropped.
+    while !port.wants_to_write() {
+        assert_eq!(port.send(now, &frame(0)), Ok(true));
+    }
+    port.on_writable(now + Duration::from_millis(51)).unwrap();
+    assert!(!port.wants_to_write());
+}
+
+#[test]
+fn a_socket_with_an_error_pending_is_not_up() {
+    let (port, peer) = connected();
+    let socket = port.socket.as_ref().unwrap();
+    assert_eq!(port.check(socket), Ok(()));
+    drop(peer);
+    write(socket, b"to nobody").unwrap();
+    assert_eq!(port.check(socket), Err(format!("lo: {}", Errno::ECONNREFUSED.desc())));
+    assert_eq!(port.check(socket), Ok(()), "told once");
+}
+
+#[test]
+fn a_frame_of_a_strange_length_loses_the_port() {
+    let (mut port, peer) = connected();
+    peer.send(&[0; FRAME - 1]).unwrap();
+    assert_eq!(port.receive(Instant::ZERO).err().unwrap(), "lo: gives frames of a strange length");
+}
+
+#[test]
+fn an_interface_that_is_not_there_is_one_clear_line() {
+    let reason = CanSocket::new("can_not_here".into()).open().unwrap_err();
+    assert_eq!(reason, "can_not_here: there is no such interface");
+}

@@ -1,0 +1,240 @@
+//! A CAN bus over UDP multicast: every frame a datagram to everyone, one's own included. What keeps buses apart is
+//! the port. No order, no arbitration, no rate: not a model of CAN's timing.
+
+pub mod codec;
+
+use super::{Device, Lost, Received};
+use crate::clock;
+use base::can::{Frame, Notice};
+use base::{Fault, Instant};
+use module::{Input, Output};
+use nix::cmsg_space;
+use nix::errno::Errno;
+use nix::sys::socket::{
+    AddressFamily, ControlMessageOwned, MsgFlags, SockFlag, SockType, SockaddrIn, bind, recvmsg, setsockopt, socket,
+    sockopt,
+};
+use nix::sys::time::TimeSpec;
+use std::io::{self, ErrorKind, IoSliceMut};
+use std::mem;
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+
+/// A burst of so many bytes of datagrams may wait in the kernel, if it allows.
+const RECEIVE_BUFFER: usize = 1 << 20;
+
+/// The bus.
+pub struct CanUdp {
+    bus: SocketAddrV4,
+    sockets: Option<Sockets>,
+    datagram: Vec<u8>,
+    control: Vec<u8>,
+    /// The kernel's count of datagrams that found the receive buffer full, as the last one brought it, and how many of
+    /// them are not told yet: they are a fault of the host and news for the module.
+    dropped: u32,
+    untold: (u32, u32),
+    /// What came with such a count, and waits for it to be told.
+    next: Option<Came>,
+}
+
+/// A datagram of somebody else.
+struct Came {
+    /// A frame, or why it is none.
+    frame: Result<Frame, String>,
+    at: Instant,
+    stamp: Option<u64>,
+}
+
+struct Sockets {
+    receiver: UdpSocket,
+    /// Apart from the receiver, whose port it would share with everyone: by this one's address own frames are told.
+    sender: UdpSocket,
+    own: SocketAddr,
+}
+
+impl CanUdp {
+    /// A bus at a multicast group and port.
+    pub fn new(bus: SocketAddrV4) -> Self {
+        Self {
+            bus,
+            sockets: None,
+            datagram: Vec::new(),
+            control: cmsg_space!(u32, TimeSpec),
+            dropped: 0,
+            untold: (0, 0),
+            next: None,
+        }
+    }
+
+    /// Reads until something came that is not one's own.
+    fn read(&mut self, now: Instant) -> Result<Option<Came>, Lost> {
+        let Some(sockets) = &self.sockets else {
+            return Ok(None);
+        };
+        // One byte more than any good one, to tell those that were cut off.
+        let mut datagram = [0; codec::DATAGRAM_MAX + 1];
+        loop {
+            let mut parts = [IoSliceMut::new(&mut datagram)];
+            let fd = sockets.receiver.as_raw_fd();
+            let message = match recvmsg::<SockaddrIn>(fd, &mut parts, Some(&mut self.control), MsgFlags::empty()) {
+                Ok(message) => message,
+                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EINTR) => continue,
+                Err(errno) => return Err(errno.desc().into()),
+            };
+            let mut stamp = None;
+            for control in message.cmsgs().map_err(Errno::desc)? {
+                match control {
+                    ControlMessageOwned::RxqOvfl(count) => {
+                        let more = count.wrapping_sub(mem::replace(&mut self.dropped, count));
+                        self.untold = (self.untold.0.saturating_add(more), self.untold.1.saturating_add(more));
+                    }
+                    ControlMessageOwned::ScmTimestampns(time) => {
+                        stamp = Some(time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64);
+                    }
+                    _ => {}
+                }
+            }
+            let from = message.address.map(|from| SocketAddr::from(SocketAddrV4::from(from)));
+            let length = message.bytes;
+            if from != Some(sockets.own) {
+                let whom = from.map_or("nobody".into(), |from| from.to_string());
+                let refused = |why| format!("dropped a datagram from {whom} that is no frame: {why}");
+                let frame = codec::decode(&datagram[..length]).map_err(refused);
+                let at = stamp.map_or(now, |stamp| clock::received(now, stamp));
+                return Ok(Some(Came { frame, at, stamp }));
+            }
+        }
+    }
+}
+
+impl Sockets {
+    fn open(bus: SocketAddrV4) -> io::Result<Self> {
+        let sender = open_sender(bus)?;
+        let own = sender.local_addr()?;
+        let flags = SockFlag::SOCK_NONBLOCK | SockFlag::SOCK_CLOEXEC;
+        let receiver = socket(AddressFamily::Inet, SockType::Datagram, flags, None)?;
+        setsockopt(&receiver, sockopt::ReuseAddr, &true)?;
+        setsockopt(&receiver, sockopt::ReusePort, &true)?;
+        // Privileged processes get what they ask for, the others what net.core.rmem_max allows.
+        setsockopt(&receiver, sockopt::RcvBufForce, &RECEIVE_BUFFER)
+            .or_else(|_| setsockopt(&receiver, sockopt::RcvBuf, &RECEIVE_BUFFER))?;
+        setsockopt(&receiver, sockopt::RxqOvfl, &1)?;
+        setsockopt(&receiver, sockopt::ReceiveTimestampns, &true)?;
+        bind_to(&receiver, bus)?;
+        let receiver = UdpSocket::from(receiver);
+        // As LCM does: the interface of the default route, and the loopback.
+        let by_route = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::UNSPECIFIED);
+        let on_lo = receiver.join_multicast_v4(bus.ip(), &Ipv4Addr::LOCALHOST);
+        // Without a route both are the loopback, and the second join is refused.
+        by_route.or(on_lo)?;
+        Ok(Self { receiver, sender, own })
+    }
+}
+
+fn bind_to(receiver: &impl std::os::fd::AsRawFd, bus: SocketAddrV4) -> io::Result<()> {
+    Ok(bind(receiver.as_raw_fd(), &SockaddrIn::from(bus))?)
+}
+
+/// A sender on the interface that the routing table chooses; on the loopback where there is no route.
+fn open_sender(bus: SocketAddrV4) -> io::Result<UdpSocket> {
+    let connect = |from: Ipv4Addr| {
+        let sender = UdpSocket::bind((from, 0))?;
+        sender.set_multicast_ttl_v4(0)?;
+        sender.set_multicast_loop_v4(true)?;
+        sender.set_nonblocking(true)?;
+        sender.connect(bus)?;
+        Ok(sender)
+    };
+    // Linux sends multicast by the interface of the source address.
+    connect(Ipv4Addr::UNSPECIFIED).or_else(|_: io::Error| connect(Ipv4Addr::LOCALHOST))
+}
+
+impl Device for CanUdp {
+    fn open(&mut self) -> Result<(), Lost> {
+        self.close();
+        self.sockets = Some(Sockets::open(self.bus).map_err(|error| format!("udp:{}: {error}", self.bus))?);
+        Ok(())
+    }
+
+    fn close(&mut self) {
+        (self.sockets, self.dropped, self.untold, self.next) = (None, 0, (0, 0), None);
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        self.sockets.as_ref().map(|sockets| sockets.receiver.as_fd())
+    }
+
+    fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
+        if self.next.is_none() {
+            self.next = self.read(now)?;
+        }
+        match &mut self.untold {
+            (0, 0) => {}
+            (0, news) => return Ok(Received::input(now, Input::CanNotice(Notice::Lost(mem::take(news))))),
+            (fault, _) => {
+                let what = format!("the receive buffer ran over: {} frames are lost", mem::take(fault));
+                return Ok(Received::Fault(Fault::PortOverrun, what));
+            }
+        }
+        Ok(match self.next.take() {
+            None => Received::Nothing,
+            Some(Came { frame: Ok(frame), at, stamp }) => Received::Input { input: Input::Can(frame), at, stamp },
+            Some(Came { frame: Err(why), .. }) => Received::Fault(Fault::MessageMalformed, why),
+        })
+    }
+
+    fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
+        let (Some(sockets), Output::Can(frame)) = (&self.sockets, output) else {
+            return Ok(false);
+        };
+        codec::encode(frame, clock::wall() as f64 * 1e-9, &mut self.datagram);
+        match sockets.sender.send(&self.datagram) {
+            Ok(_) => Ok(true),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(false),
+            // An old error, told late: of a listener that is gone, which multicast does not have.
+            Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(false),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn datagrams_that_found_the_buffer_full_are_counted() {
+        let port = 20_000 + (std::process::id() % 20_000) as u16;
+        let bus = SocketAddrV4::new(Ipv4Addr::new(239, 68, 77, 78), port);
+        let [mut left, mut right] = [(); 2].map(|()| CanUdp::new(bus));
+        left.open().unwrap();
+        right.open().unwrap();
+        setsockopt(&right.sockets.as_ref().unwrap().receiver, sockopt::RcvBuf, &0).unwrap();
+        let send = |left: &mut CanUdp, n: u16| {
+            let frame = Output::Can(Frame::standard(n, &[1]));
+            assert_eq!(left.send(Instant::ZERO, &frame), Ok(true));
+        };
+        for n in 0..200 {
+            send(&mut left, n);
+        }
+        let (mut got, mut lost, mut told) = (0, Vec::new(), 0);
+        let mut drain = |right: &mut CanUdp| loop {
+            match right.receive(clock::now()).unwrap() {
+                Received::Input { input: Input::Can(_), .. } => got += 1,
+                Received::Input { input: Input::CanNotice(Notice::Lost(count)), .. } => told += count,
+                Received::Fault(Fault::PortOverrun, why) => lost.push(why),
+                Received::Nothing => break,
+                _ => panic!(),
+            }
+        };
+        drain(&mut right);
+        // Those lost since the last one that came are told with the next.
+        send(&mut left, 200);
+        drain(&mut right);
+        assert!(got < 201 && got + told == 201, "{got} {told}");
+        assert_eq!(lost, [format!("the receive buffer ran over: {told} frames are lost")]);
+        // One's own come back and are nobody's.
+        assert!(matches!(left.receive(clock::now()), Ok(Received::Nothing)));
+    }
+}

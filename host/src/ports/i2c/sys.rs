@@ -1,0 +1,190 @@
+//! The calls of i2c-dev (linux/i2c-dev.h, i2c.h) and of the GPIO character device, version 2 (linux/gpio.h).
+#![allow(unsafe_code)]
+
+use nix::libc;
+use std::io;
+use std::mem;
+use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+
+/// The adapter makes plain transfers, `I2C_FUNC_I2C`.
+pub const FUNC_I2C: libc::c_ulong = 0x0000_0001;
+/// It makes the SMBus command that reads a byte of a register, without which it is of no use here.
+pub const FUNC_READ_BYTE_DATA: libc::c_ulong = 0x0008_0000;
+/// It reads blocks whose length is their first byte, `I2C_M_RECV_LEN`.
+pub const FUNC_READ_BLOCK: libc::c_ulong = 0x0100_0000;
+
+const I2C_SLAVE: libc::Ioctl = 0x0703;
+const I2C_FUNCS: libc::Ioctl = 0x0705;
+const I2C_RDWR: libc::Ioctl = 0x0707;
+const I2C_SMBUS: libc::Ioctl = 0x0720;
+const I2C_M_RD: u16 = 0x0001;
+const I2C_M_RECV_LEN: u16 = 0x0400;
+
+/// `struct i2c_msg`.
+#[repr(C)]
+struct Message {
+    address: u16,
+    flags: u16,
+    length: u16,
+    bytes: *mut u8,
+}
+
+/// `struct i2c_rdwr_ioctl_data`.
+#[repr(C)]
+struct Messages {
+    messages: *mut Message,
+    count: u32,
+}
+
+/// `struct i2c_smbus_ioctl_data`.
+#[repr(C)]
+struct Smbus {
+    read: u8,
+    command: u8,
+    size: u32,
+    data: *mut [u8; SMBUS_DATA],
+}
+
+/// `union i2c_smbus_data`: a byte, a word in the machine's order, or length and block.
+pub const SMBUS_DATA: usize = 34;
+
+/// What the adapter can do.
+pub fn functions(adapter: BorrowedFd<'_>) -> io::Result<libc::c_ulong> {
+    let mut functions: libc::c_ulong = 0;
+    // SAFETY: the kernel fills a live unsigned long.
+    check(unsafe { libc::ioctl(adapter.as_raw_fd(), I2C_FUNCS, &raw mut functions) })?;
+    Ok(functions)
+}
+
+/// Writes, then reads, as one transfer: nothing written and something to read begins with the reading. `block`: the
+/// first byte read is the length of a block, with so many bytes around it, itself included; `read` has room for 32
+/// more.
+pub fn transfer(
+    adapter: BorrowedFd<'_>,
+    address: u8,
+    write: Option<&mut [u8]>,
+    read: Option<&mut [u8]>,
+    block: Option<u8>,
+) -> io::Result<()> {
+    let message = |flags, bytes: &mut [u8]| Message {
+        address: u16::from(address),
+        flags,
+        length: bytes.len() as u16,
+        bytes: bytes.as_mut_ptr(),
+    };
+    let read = read.map(|read| match (block, read.first_mut()) {
+        (Some(around), Some(first)) => {
+            *first = around;
+            message(I2C_M_RD | I2C_M_RECV_LEN, read)
+        }
+        _ => message(I2C_M_RD, read),
+    });
+    let mut messages: Vec<Message> = write.map(|write| message(0, write)).into_iter().chain(read).collect();
+    let data = Messages { messages: messages.as_mut_ptr(), count: messages.len() as u32 };
+    // SAFETY: the kernel reads live messages, as many as counted; each has the address and the length of a slice that
+    // is borrowed mutably until this returns, and with RECV_LEN the kernel checks that there is room for the longest
+    // block.
+    check(unsafe { libc::ioctl(adapter.as_raw_fd(), I2C_RDWR, &raw const data) })
+}
+
+/// One SMBus command of the kernel's, `I2C_SMBUS_*` in `size`.
+pub fn smbus(
+    adapter: BorrowedFd<'_>,
+    address: u8,
+    read: bool,
+    command: u8,
+    size: u32,
+    data: &mut [u8; SMBUS_DATA],
+) -> io::Result<()> {
+    // SAFETY: plain numbers.
+    check(unsafe { libc::ioctl(adapter.as_raw_fd(), I2C_SLAVE, libc::c_ulong::from(address)) })?;
+    let smbus = Smbus { read: u8::from(read), command, size, data };
+    // SAFETY: the kernel reads a live structure, and reads or fills its data, which has the size of the kernel's union.
+    check(unsafe { libc::ioctl(adapter.as_raw_fd(), I2C_SMBUS, &raw const smbus) })
+}
+
+const LINES_MAX: usize = 64;
+const ATTRIBUTES_MAX: usize = 10;
+const FLAG_OUTPUT: u64 = 1 << 3;
+const FLAG_OPEN_DRAIN: u64 = 1 << 6;
+const ATTRIBUTE_VALUES: u32 = 2;
+
+/// `struct gpio_v2_line_config_attribute`.
+#[repr(C)]
+struct Attribute {
+    id: u32,
+    padding: u32,
+    value: u64,
+    mask: u64,
+}
+
+/// `struct gpio_v2_line_request`, its `struct gpio_v2_line_config` within.
+#[repr(C)]
+struct Request {
+    offsets: [u32; LINES_MAX],
+    consumer: [u8; 32],
+    flags: u64,
+    attributes_count: u32,
+    padding: [u32; 5],
+    attributes: [Attribute; ATTRIBUTES_MAX],
+    count: u32,
+    event_buffer_size: u32,
+    padding_2: [u32; 5],
+    fd: i32,
+}
+
+/// `struct gpio_v2_line_values`.
+#[repr(C)]
+struct Values {
+    bits: u64,
+    mask: u64,
+}
+
+const GET_LINE: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x07, size_of::<Request>()) as libc::Ioctl;
+const GET_VALUES: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x0E, size_of::<Values>()) as libc::Ioctl;
+const SET_VALUES: libc::Ioctl = nix::request_code_readwrite!(0xB4, 0x0F, size_of::<Values>()) as libc::Ioctl;
+
+/// Takes lines of a GPIO chip as open-drain outputs, released; bit 0 of their values is the first of them.
+pub fn open_drain(chip: BorrowedFd<'_>, lines: [u32; 2]) -> io::Result<OwnedFd> {
+    // SAFETY: all zeros is a valid request, of no lines.
+    let mut request: Request = unsafe { mem::zeroed() };
+    request.offsets[..2].copy_from_slice(&lines);
+    request.consumer[..9].copy_from_slice(b"advee i2c");
+    request.flags = FLAG_OUTPUT | FLAG_OPEN_DRAIN;
+    request.attributes_count = 1;
+    request.attributes[0] = Attribute { id: ATTRIBUTE_VALUES, padding: 0, value: 0b11, mask: 0b11 };
+    request.count = 2;
+    // SAFETY: the kernel reads and fills a live gpio_v2_line_request.
+    check(unsafe { libc::ioctl(chip.as_raw_fd(), GET_LINE, &raw mut request) })?;
+    // SAFETY: the kernel has just opened it for us; it belongs to nobody else.
+    Ok(unsafe { OwnedFd::from_raw_fd(request.fd) })
+}
+
+/// The levels of both lines.
+pub fn levels(lines: BorrowedFd<'_>) -> io::Result<[bool; 2]> {
+    let mut values = Values { bits: 0, mask: 0b11 };
+    // SAFETY: the kernel reads and fills a live gpio_v2_line_values.
+    check(unsafe { libc::ioctl(lines.as_raw_fd(), GET_VALUES, &raw mut values) })?;
+    Ok([values.bits & 1 != 0, values.bits & 2 != 0])
+}
+
+/// Releases or pulls both lines.
+pub fn set_levels(lines: BorrowedFd<'_>, [first, second]: [bool; 2]) -> io::Result<()> {
+    let mut values = Values { bits: u64::from(first) | u64::from(second) << 1, mask: 0b11 };
+    // SAFETY: the kernel reads a live gpio_v2_line_values.
+    check(unsafe { libc::ioctl(lines.as_raw_fd(), SET_VALUES, &raw mut values) })
+}
+
+fn check(result: libc::c_int) -> io::Result<()> {
+    if result < 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn structures_have_the_sizes_of_the_kernel_s() {
+        assert_eq!((size_of::<Attribute>(), size_of::<Request>(), size_of::<Values>()), (24, 592, 16));
+    }
+}

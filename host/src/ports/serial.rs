@@ -1,0 +1,396 @@
+//! Serial lines of 9-bit words: a device that carries them as two bytes or by parity, or the simulator's end of a
+//! pseudo-terminal.
+
+mod driver;
+mod line;
+mod sender;
+mod setup;
+
+pub use driver::Driver;
+
+use super::{Device, Lost, Received};
+use base::serial::Word;
+use base::{Duration, Instant};
+use module::{Input, Output};
+use nix::errno::Errno;
+use nix::fcntl::OFlag;
+use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
+use nix::sys::termios::{self, SetArg};
+use nix::unistd::{read, write};
+use rs485::transport::{Parity, TwoByte};
+use sender::Sender;
+use setup::Setup;
+use std::collections::VecDeque;
+use std::fs;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// How nine bits cross a serial port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Two bytes a word.
+    TwoByte,
+    /// Mark and space parity.
+    Parity,
+}
+
+/// `rs485_direction = { … }`: when RTS lets the driver of the line talk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Direction {
+    /// RTS is high while sending, and low else; default true.
+    pub rts_on_send: bool,
+    /// RTS is high when not sending; default the opposite of `rts_on_send`.
+    pub rts_after_send: bool,
+    /// From RTS to the first start bit, 0..=100 ms; default 0.
+    pub delay_before_ms: u32,
+    /// From the last stop bit to RTS, 0..=100 ms; default 0.
+    pub delay_after_ms: u32,
+}
+
+/// Start bit, eight data bits, the ninth, stop bit.
+const BITS_PER_WORD: u64 = 11;
+/// Bytes that may wait for the device; more is dropped whole.
+const QUEUE_MAX: usize = 16 * 1024;
+/// Bytes per read.
+const READ_MAX: usize = 1024;
+
+/// Outputs that may wait for a change of parity; more is dropped whole.
+const OUTPUTS_MAX: usize = 32;
+
+/// A device file, and what it is to be made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TerminalConfig {
+    /// The device file, or a link to it.
+    pub path: PathBuf,
+    /// Any rate, also none of termios' list.
+    pub baud: u32,
+    /// How nine bits cross it.
+    pub transport: Transport,
+    /// A program and its arguments, run before each opening; none: nothing is run.
+    pub setup: Vec<String>,
+    /// Lets the port's driver switch the direction of the line.
+    pub direction: Option<Direction>,
+    /// Asks the driver not to collect bytes.
+    pub low_latency: bool,
+}
+
+impl TerminalConfig {
+    /// Two bytes a word, and nothing special.
+    #[must_use]
+    pub const fn new(path: PathBuf, baud: u32) -> Self {
+        Self { path, baud, transport: Transport::TwoByte, setup: Vec::new(), direction: None, low_latency: false }
+    }
+}
+
+/// A serial line.
+pub struct Serial {
+    place: Place,
+    baud: u32,
+    file: Option<Arc<OwnedFd>>,
+    codec: Codec,
+    /// Sends by parity, while the device is open.
+    sender: Option<Sender>,
+    setup: Setup,
+    /// Lines for people that were not told yet.
+    notes: VecDeque<String>,
+    words: Vec<Word>,
+    queue: VecDeque<u8>,
+    /// Bytes written since the device was opened.
+    written: u64,
+    /// Outputs that are not wholly written: where each ends, and its words.
+    outputs: VecDeque<(u64, u64)>,
+    /// Time when the last word of each written output leaves the wire.
+    sent: VecDeque<Instant>,
+    /// Time when the wire is free.
+    wire_free: Instant,
+}
+
+enum Place {
+    Terminal(TerminalConfig),
+    /// The link, and the device file of the other side that it leads to while this is open.
+    Pseudo(PathBuf, PathBuf),
+}
+
+enum Codec {
+    TwoByte(TwoByte),
+    Parity(Parity),
+}
+
+impl Codec {
+    fn decode(&mut self, byte: u8) -> Option<Word> {
+        match self {
+            Self::TwoByte(codec) => codec.decode(byte),
+            Self::Parity(codec) => codec.decode(byte),
+        }
+    }
+
+    fn reset(&mut self) {
+        match self {
+            Self::TwoByte(codec) => codec.reset(),
+            Self::Parity(codec) => codec.reset(),
+        }
+    }
+}
+
+impl Serial {
+    /// A device file.
+    pub fn terminal(mut config: TerminalConfig) -> Self {
+        let codec = match config.transport {
+            Transport::TwoByte => Codec::TwoByte(TwoByte::new()),
+            Transport::Parity => Codec::Parity(Parity::new()),
+        };
+        let setup = Setup::new(std::mem::take(&mut config.setup));
+        let baud = config.baud;
+        Self::new(Place::Terminal(config), baud, codec, setup)
+    }
+
+    /// A pseudo-terminal, its other side offered by a link.
+    pub fn pseudo(link: PathBuf, baud: u32) -> Self {
+        // What one that was killed left leads to a number that is given to the next terminal, of whatever line: nobody
+        // may find that there.
+        let _ = fs::remove_file(&link);
+        Self::new(Place::Pseudo(link, PathBuf::new()), baud, Codec::TwoByte(TwoByte::new()), Setup::new(Vec::new()))
+    }
+
+    fn new(place: Place, baud: u32, codec: Codec, setup: Setup) -> Self {
+        Self {
+            place,
+            baud: baud.max(1),
+            file: None,
+            codec,
+            sender: None,
+            setup,
+            notes: VecDeque::new(),
+            words: Vec::new(),
+            queue: VecDeque::new(),
+            written: 0,
+            outputs: VecDeque::new(),
+            sent: VecDeque::new(),
+            wire_free: Instant::ZERO,
+        }
+    }
+
+    /// What the words of an output cost on the wire.
+    fn wire_time(&self, words: u64) -> Duration {
+        Duration::from_nanos(words.saturating_mul(BITS_PER_WORD * 1_000_000_000) / u64::from(self.baud))
+    }
+
+    fn forget(&mut self) {
+        self.queue.clear();
+        self.outputs.clear();
+        self.sent.clear();
+        self.notes.clear();
+        self.written = 0;
+    }
+
+    /// The other side of a pseudo-terminal is closed: what is sent goes nowhere, as on a wire without a listener.
+    fn nobody_listens(&mut self, now: Instant) {
+        let waiting = self.queue.len();
+        self.queue.clear();
+        self.count_written(now, waiting);
+        self.codec.reset();
+    }
+
+    fn count_written(&mut self, now: Instant, bytes: usize) {
+        self.written += bytes as u64;
+        while let Some(&(end, words)) = self.outputs.front()
+            && end <= self.written
+        {
+            self.outputs.pop_front();
+            self.wire_free = self.wire_free.max(now) + self.wire_time(words);
+            self.sent.push_back(self.wire_free);
+        }
+    }
+
+    fn write_what_goes(&mut self, now: Instant) -> Result<(), Lost> {
+        while !self.queue.is_empty() {
+            let Some(file) = &self.file else {
+                return Ok(());
+            };
+            match write(file, self.queue.as_slices().0) {
+                Ok(count) => {
+                    self.queue.drain(..count);
+                    self.count_written(now, count);
+                }
+                Err(Errno::EAGAIN) => return Ok(()),
+                Err(Errno::EINTR) => {}
+                Err(Errno::EIO) if self.by_edge() => self.nobody_listens(now),
+                Err(errno) => return Err(errno.desc().into()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes what the sending thread has to say.
+    fn look_after_sender(&mut self, now: Instant) -> Result<(), Lost> {
+        let Some(sender) = &mut self.sender else {
+            return Ok(());
+        };
+        while let Some(result) = sender.sent() {
+            self.notes.extend(result.map_err(|error| error.to_string())?);
+            self.sent.push_back(now);
+        }
+        Ok(())
+    }
+
+    fn open_file(&mut self) -> Result<(), Lost> {
+        match &mut self.place {
+            Place::Pseudo(link, other_side) => self.file = Some(Arc::new(open_pseudo(link, other_side)?)),
+            Place::Terminal(config) => {
+                // A device that is not there is nothing to set up: opening says so.
+                if config.path.exists() {
+                    self.setup.proceed()?;
+                    if self.setup.runs() {
+                        return Err("its set-up command runs".into());
+                    }
+                }
+                let line::Opened { file, notes } = line::open_terminal(config)?;
+                let file = Arc::new(file);
+                if config.transport == Transport::Parity {
+                    let sender = Sender::start(file.clone());
+                    self.sender = Some(sender.map_err(|error| format!("{}: {error}", config.path.display()))?);
+                }
+                self.file = Some(file);
+                self.notes.extend(notes);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Makes a pseudo-terminal and a link to its other side, in place of any old link.
+fn open_pseudo(link: &Path, other_side: &mut PathBuf) -> Result<OwnedFd, Lost> {
+    let master = posix_openpt(OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC);
+    let named = |errno: Errno| format!("pseudo-terminal: {}", errno.desc());
+    let master = master.map_err(named)?;
+    grantpt(&master).map_err(named)?;
+    unlockpt(&master).map_err(named)?;
+    *other_side = ptsname_r(&master).map_err(named)?.into();
+    // On Linux the attributes of a master are those of its other side.
+    let mut settings = termios::tcgetattr(&master).map_err(named)?;
+    termios::cfmakeraw(&mut settings);
+    termios::tcsetattr(&master, SetArg::TCSANOW, &settings).map_err(named)?;
+    let fresh = link.with_extension("new");
+    let _ = fs::remove_file(&fresh);
+    std::os::unix::fs::symlink(&*other_side, &fresh)
+        .and_then(|()| fs::rename(&fresh, link))
+        .map_err(|error| format!("{}: {error}", link.display()))?;
+    Ok(master.into())
+}
+
+impl Device for Serial {
+    fn open(&mut self) -> Result<(), Lost> {
+        self.close();
+        self.open_file()
+    }
+
+    fn is_preparing(&self) -> bool {
+        self.setup.runs()
+    }
+
+    fn close(&mut self) {
+        self.forget();
+        self.codec.reset();
+        self.sender = None;
+        let was_open = self.file.take().is_some();
+        if was_open {
+            self.setup.forget();
+        }
+        let Place::Pseudo(link, other_side) = &self.place else {
+            return;
+        };
+        // Only while it is ours: another may have made its own meanwhile.
+        if was_open && fs::read_link(link).is_ok_and(|target| target == *other_side) {
+            let _ = fs::remove_file(link);
+        }
+    }
+
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        match &self.sender {
+            Some(sender) => Some(sender.fd()),
+            None => self.file.as_ref().map(|file| file.as_fd()),
+        }
+    }
+
+    fn by_edge(&self) -> bool {
+        matches!(self.place, Place::Pseudo(..))
+    }
+
+    fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
+        self.look_after_sender(now)?;
+        if let Some(note) = self.notes.pop_front() {
+            return Ok(Received::Note(note));
+        }
+        let mut bytes = [0; READ_MAX];
+        loop {
+            let Some(file) = &self.file else {
+                return Ok(Received::Nothing);
+            };
+            match read(file, &mut bytes) {
+                Ok(0) => return Err("the device is gone".into()),
+                Ok(count) => {
+                    self.words.clear();
+                    self.words.extend(bytes[..count].iter().filter_map(|byte| self.codec.decode(*byte)));
+                    return Ok(Received::input(now, Input::Words(&self.words)));
+                }
+                Err(Errno::EINTR) => {}
+                Err(Errno::EAGAIN) => return Ok(Received::Nothing),
+                Err(Errno::EIO) if self.by_edge() => {
+                    self.nobody_listens(now);
+                    return Ok(Received::Nothing);
+                }
+                Err(errno) => return Err(errno.desc().into()),
+            }
+        }
+    }
+
+    fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost> {
+        let Output::Words(words) = output else {
+            return Ok(false);
+        };
+        if let Some(sender) = &mut self.sender {
+            let room = sender.waiting < OUTPUTS_MAX;
+            if room {
+                sender.send(words.clone());
+            }
+            return Ok(room);
+        }
+        if self.queue.len() + 2 * words.len() > QUEUE_MAX {
+            return Ok(false);
+        }
+        self.queue.extend(words.iter().copied().flat_map(TwoByte::encode));
+        self.outputs.push_back((self.written + self.queue.len() as u64, words.len() as u64));
+        self.write_what_goes(now)?;
+        Ok(true)
+    }
+
+    fn wants_to_write(&self) -> bool {
+        !self.queue.is_empty()
+    }
+
+    fn on_writable(&mut self, now: Instant) -> Result<(), Lost> {
+        self.write_what_goes(now)
+    }
+
+    fn sent_at(&self) -> Option<Instant> {
+        self.sent.front().copied()
+    }
+
+    fn take_sent(&mut self, now: Instant) -> bool {
+        let sent = self.sent.front().is_some_and(|at| *at <= now);
+        if sent {
+            self.sent.pop_front();
+        }
+        sent
+    }
+}
+
+impl Drop for Serial {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+#[cfg(test)]
+mod tests;

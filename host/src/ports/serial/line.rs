@@ -1,0 +1,183 @@
+//! Opening a serial device, and setting it up: what was asked for is read back, and what it cannot do is said.
+
+use super::driver::Driver;
+use super::{Direction, TerminalConfig, Transport};
+use crate::ports::Lost;
+use crate::sys::{self, CMSPAR, Rs485Direction};
+use nix::errno::Errno;
+use nix::fcntl::{OFlag, open};
+use nix::libc::{self, termios2};
+use nix::sys::stat::Mode;
+use nix::sys::termios::{FlushArg, tcflush};
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+/// What a receiver of 11 bits forgives, parts of the asked rate: half a bit over its length, shared by both ends.
+const BAUD_TOLERANCE: f64 = 0.02;
+
+/// An opened device.
+pub struct Opened {
+    pub file: OwnedFd,
+    /// Lines for people: what is not as asked, and not bad enough to refuse.
+    pub notes: Vec<String>,
+}
+
+/// Opens a device raw, 8 data bits, 1 stop bit, no parity or space parity, and keeps others out.
+pub fn open_terminal(config: &TerminalConfig) -> Result<Opened, Lost> {
+    let named = |why: &dyn std::fmt::Display| format!("{}: {why}", config.path.display());
+    let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
+    let file = open(&config.path, flags, Mode::empty()).map_err(|errno| match errno {
+        Errno::EBUSY => named(&"another process holds it"),
+        errno => named(&errno.desc()),
+    })?;
+    let settings = sys::line_settings(file.as_fd()).map_err(|_| named(&"is no terminal"))?;
+    sys::take_exclusively(file.as_fd()).map_err(|error| match error.kind() {
+        io::ErrorKind::WouldBlock => named(&"another process holds it"),
+        _ => named(&error),
+    })?;
+    let mut notes = Vec::new();
+    set_up(file.as_fd(), settings, config, &mut notes).map_err(|why| named(&why))?;
+    tcflush(&file, FlushArg::TCIOFLUSH).map_err(|errno| named(&errno.desc()))?;
+    Ok(Opened { file, notes })
+}
+
+fn set_up(
+    file: BorrowedFd<'_>,
+    settings: termios2,
+    config: &TerminalConfig,
+    notes: &mut Vec<String>,
+) -> Result<(), String> {
+    let driver = Driver::of(file);
+    if config.transport == Transport::Parity {
+        if driver == Driver::Pseudo {
+            return Err("transport \"parity\" needs a real port: this is a pseudo-terminal, whose driver (pty) drops \
+                        PARENB without a word; there \"two-byte\" is what works"
+                .into());
+        }
+        notes.extend(driver.parity());
+    }
+    let asked = raw(settings, config);
+    let told = |error: io::Error| format!("its settings: {error}");
+    sys::set_line_settings(file, &asked, false).map_err(told)?;
+    compare(&asked, &sys::line_settings(file).map_err(told)?).map_err(|what| format!("{what}: {driver} cannot"))?;
+    if let Some(direction) = config.direction {
+        switch_direction(file, direction).map_err(|why| format!("rs485_direction: {why}; {driver}"))?;
+    }
+    if config.low_latency
+        && driver != Driver::Pseudo
+        && let Err(error) = sys::set_low_latency(file)
+    {
+        notes.push(format!("low_latency: {driver} does not take it: {error}"));
+    }
+    Ok(())
+}
+
+/// The settings for nine bits at the rate of `config`, in place of what the device has.
+fn raw(settings: termios2, config: &TerminalConfig) -> termios2 {
+    let parity = config.transport == Transport::Parity;
+    let mut raw = settings;
+    // A break is not ignored: it reads as an address word, and so ends the frame that it broke.
+    raw.c_iflag = if parity { libc::INPCK | libc::PARMRK } else { 0 };
+    raw.c_oflag = 0;
+    raw.c_lflag = 0;
+    // No CIBAUD bits: the input's speed is the output's.
+    raw.c_cflag = libc::CS8 | libc::CREAD | libc::CLOCAL | libc::BOTHER;
+    if parity {
+        raw.c_cflag |= libc::PARENB | CMSPAR;
+    }
+    raw.c_ispeed = config.baud;
+    raw.c_ospeed = config.baud;
+    raw.c_cc[libc::VMIN] = 1;
+    raw.c_cc[libc::VTIME] = 0;
+    raw
+}
+
+/// The same settings in mark or space parity.
+pub fn with_parity(settings: &termios2, mark: bool) -> termios2 {
+    let mut settings = *settings;
+    settings.c_cflag = settings.c_cflag & !libc::PARODD | if mark { libc::PARODD } else { 0 };
+    settings
+}
+
+/// What a port made of the settings: what it did not take, in words.
+fn compare(asked: &termios2, got: &termios2) -> Result<(), String> {
+    let differs = |flags: libc::tcflag_t| (asked.c_cflag ^ got.c_cflag) & flags != 0;
+    let wants_parity = asked.c_cflag & libc::PARENB != 0;
+    if differs(libc::PARENB) && wants_parity {
+        return Err("parity".into());
+    }
+    if wants_parity && differs(CMSPAR | libc::PARODD) {
+        return Err("mark and space parity (CMSPAR)".into());
+    }
+    if differs(libc::CSIZE | libc::CSTOPB | libc::PARENB) {
+        return Err("8 data bits, 1 stop bit, no parity".into());
+    }
+    let (wanted, runs_at) = (f64::from(asked.c_ospeed), f64::from(got.c_ospeed));
+    if (runs_at - wanted).abs() > BAUD_TOLERANCE * wanted {
+        return Err(format!("{wanted} Bd (it stays at {runs_at})"));
+    }
+    Ok(())
+}
+
+fn switch_direction(file: BorrowedFd<'_>, direction: Direction) -> Result<(), String> {
+    let Direction { rts_on_send, rts_after_send, delay_before_ms, delay_after_ms } = direction;
+    let flags = 1 | u32::from(rts_on_send) << 1 | u32::from(rts_after_send) << 2;
+    let asked = Rs485Direction::new(flags, delay_before_ms, delay_after_ms);
+    match sys::set_rs485_direction(file, asked) {
+        Ok(got) if got == asked => Ok(()),
+        Ok(got) => Err(format!("the port makes something else of it: asked for {asked}, it has {got}")),
+        Err(error) if error.raw_os_error() == Some(libc::ENOTTY) => {
+            Err("the port does not switch directions (TIOCSRS485): leave the key out where the adapter does".into())
+        }
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(transport: Transport) -> TerminalConfig {
+        TerminalConfig { transport, ..TerminalConfig::new("/dev/ttyS0".into(), 250_000) }
+    }
+
+    fn blank() -> termios2 {
+        termios2 {
+            c_iflag: 0x7FF,
+            c_oflag: 5,
+            c_cflag: 0xBF,
+            c_lflag: 0x8A3B,
+            c_line: 0,
+            c_cc: [3; 19],
+            c_ispeed: 9600,
+            c_ospeed: 9600,
+        }
+    }
+
+    #[test]
+    fn parity_is_eight_bits_with_space_parity_and_marked_errors_at_any_rate() {
+        let asked = raw(blank(), &config(Transport::Parity));
+        assert_eq!(asked.c_iflag, libc::INPCK | libc::PARMRK);
+        assert_eq!(asked.c_cflag & (libc::PARENB | libc::PARODD | CMSPAR), libc::PARENB | CMSPAR);
+        assert_eq!((asked.c_cflag & libc::CBAUD, asked.c_ospeed, asked.c_lflag), (libc::BOTHER, 250_000, 0));
+        assert_eq!(with_parity(&asked, true).c_cflag ^ asked.c_cflag, libc::PARODD);
+        assert_eq!(with_parity(&with_parity(&asked, true), false), asked);
+        assert_eq!(raw(blank(), &config(Transport::TwoByte)).c_iflag, 0);
+    }
+
+    #[test]
+    fn what_a_driver_drops_silently_is_named() {
+        let asked = raw(blank(), &config(Transport::Parity));
+        let made = |change: fn(&mut termios2)| {
+            let mut got = asked;
+            change(&mut got);
+            compare(&asked, &got)
+        };
+        assert_eq!(made(|_| {}), Ok(()));
+        assert_eq!(made(|got| got.c_cflag &= !libc::PARENB), Err("parity".into()));
+        assert_eq!(made(|got| got.c_cflag &= !CMSPAR), Err("mark and space parity (CMSPAR)".into()));
+        assert_eq!(made(|got| got.c_cflag &= !libc::CSIZE), Err("8 data bits, 1 stop bit, no parity".into()));
+        assert_eq!(made(|got| got.c_ospeed = 9600), Err("250000 Bd (it stays at 9600)".into()));
+        assert_eq!(made(|got| got.c_ospeed = 249_000), Ok(()), "what a divisor leaves");
+    }
+}

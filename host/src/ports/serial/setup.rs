@@ -1,0 +1,165 @@
+//! The command that makes a port an EIA-485 port, where a board wants a register written for it: run before each
+//! opening, never waited for.
+
+use crate::clock;
+use crate::ports::Lost;
+use crate::sys;
+use base::{Duration, Instant};
+use std::io::Read;
+use std::process::{Child, Command, ExitStatus, Stdio};
+
+/// It may take so long.
+const LIMIT: Duration = Duration::from_secs(5);
+/// One that failed is tried again after this.
+const AGAIN: Duration = Duration::from_secs(5);
+/// So much of what it complains is passed on.
+const COMPLAINT_MAX: u64 = 200;
+
+/// A command and how far it is.
+pub struct Setup {
+    command: Vec<String>,
+    state: State,
+}
+
+enum State {
+    NotRun,
+    Runs { child: Child, until: Instant },
+    Done,
+    Failed { why: Lost, again: Instant },
+}
+
+impl Setup {
+    /// A program and its arguments; nothing at all is done at once.
+    pub fn new(command: Vec<String>) -> Self {
+        Self { command, state: State::NotRun }
+    }
+
+    /// True if it is running.
+    pub fn runs(&self) -> bool {
+        matches!(self.state, State::Runs { .. })
+    }
+
+    /// The next opening wants it run anew.
+    pub fn forget(&mut self) {
+        if matches!(self.state, State::Done) {
+            self.state = State::NotRun;
+        }
+    }
+
+    /// Starts it, or looks after it. `Ok` when the port may be opened; look again soon while [`Setup::runs`].
+    pub fn proceed(&mut self) -> Result<(), Lost> {
+        let now = clock::now();
+        if let State::Failed { again, .. } = self.state
+            && again <= now
+        {
+            self.state = State::NotRun;
+        }
+        if let (State::NotRun, Some((program, arguments))) = (&self.state, self.command.split_first()) {
+            self.state = match start(program, arguments) {
+                Ok(child) => State::Runs { child, until: now + LIMIT },
+                Err(error) => self.failed(now, &error.to_string()),
+            };
+        }
+        if let State::Runs { child, until } = &mut self.state {
+            let news = match child.try_wait() {
+                Ok(None) if now < *until => return Err(format!("set-up command {} runs", self.command[0])),
+                Ok(None) => {
+                    // Killed and reaped: not to be left over.
+                    let _ = child.kill().and_then(|()| child.wait());
+                    Err(format!("it takes longer than {} s", LIMIT.as_secs()))
+                }
+                Ok(Some(status)) if status.success() => Ok(()),
+                Ok(Some(status)) => Err(complaint(child, status)),
+                Err(error) => Err(error.to_string()),
+            };
+            self.state = match news {
+                Ok(()) => State::Done,
+                Err(why) => self.failed(now, &why),
+            };
+        }
+        match &self.state {
+            State::Failed { why, .. } => Err(why.clone()),
+            _ => Ok(()),
+        }
+    }
+
+    fn failed(&self, now: Instant, why: &str) -> State {
+        State::Failed { why: format!("set-up command {}: {why}", self.command.join(" ")), again: now + AGAIN }
+    }
+}
+
+impl Drop for Setup {
+    fn drop(&mut self) {
+        if let State::Runs { child, .. } = &mut self.state {
+            let _ = child.kill().and_then(|()| child.wait());
+        }
+    }
+}
+
+fn start(program: &str, arguments: &[String]) -> std::io::Result<Child> {
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    sys::die_with_parent(&mut command);
+    command.spawn()
+}
+
+/// How it ended, and the first line of what it said of that. It has ended, but what it started may hold its stderr
+/// open: only what is there is read.
+fn complaint(child: &mut Child, status: ExitStatus) -> String {
+    let mut said = Vec::new();
+    if let Some(stderr) = &mut child.stderr {
+        use nix::fcntl::{FcntlArg, OFlag, fcntl};
+        if fcntl(&*stderr, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).is_ok() {
+            let _ = stderr.take(COMPLAINT_MAX).read_to_end(&mut said);
+        }
+    }
+    let said = String::from_utf8_lossy(&said);
+    match said.lines().next() {
+        Some(line) if !line.is_empty() => format!("{status}: {}", line.escape_debug()),
+        _ => status.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(command: &[&str]) -> Result<(), Lost> {
+        let mut setup = Setup::new(command.iter().map(ToString::to_string).collect());
+        loop {
+            let result = setup.proceed();
+            if !setup.runs() {
+                return result;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    }
+
+    #[test]
+    fn a_command_that_succeeds_opens_the_way_and_none_does_too() {
+        assert_eq!(run(&["/bin/true"]), Ok(()));
+        assert_eq!(run(&[]), Ok(()));
+    }
+
+    #[test]
+    fn a_command_that_fails_is_a_line_with_what_it_said() {
+        let failed = run(&["/bin/sh", "-c", "echo no such register >&2; exit 3"]).unwrap_err();
+        assert!(failed.starts_with("set-up command /bin/sh -c "), "{failed}");
+        assert!(failed.ends_with("exit status: 3: no such register"), "{failed}");
+        let absent = run(&["/no/such/program"]).unwrap_err();
+        assert!(absent.starts_with("set-up command /no/such/program: No such file"), "{absent}");
+    }
+
+    #[test]
+    fn a_command_runs_once_an_opening_and_a_failed_one_not_at_every_try() {
+        let file = std::env::temp_dir().join(format!("advee-setup-{}", std::process::id()));
+        let script = format!("echo x >> {}; exit $(wc -l < {} | tr -d ' ')", file.display(), file.display());
+        let mut setup = Setup::new(vec!["/bin/sh".into(), "-c".into(), script]);
+        for _ in 0..200 {
+            assert!(setup.proceed().is_err());
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "x\n");
+        let _ = std::fs::remove_file(file);
+    }
+}

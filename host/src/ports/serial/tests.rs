@@ -1,0 +1,142 @@
+//! Serial devices on pseudo-terminals: all that has no parity.
+
+use super::*;
+use crate::clock;
+use crate::ports::{Port, PortConfig, PortState};
+use crate::sys;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread;
+
+fn path(name: &str) -> PathBuf {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let count = NEXT.fetch_add(1, Ordering::Relaxed);
+    std::env::temp_dir().join(format!("advee-serial-{name}-{}-{count}", std::process::id()))
+}
+
+fn offer(link: &Path) -> Serial {
+    let mut side = Serial::pseudo(link.into(), 115_200);
+    side.open().unwrap();
+    side
+}
+
+#[test]
+fn a_pseudo_terminal_is_refused_for_parity_by_the_name_of_its_driver() {
+    let link = path("parity");
+    let _side = offer(&link);
+    let config = TerminalConfig { transport: Transport::Parity, ..TerminalConfig::new(link.clone(), 115_200) };
+    let refused = Serial::terminal(config).open().unwrap_err();
+    assert!(refused.starts_with(&format!("{}: transport \"parity\" needs a real port", link.display())), "{refused}");
+    assert!(refused.contains("(pty) drops PARENB") && !refused.contains('\n'), "{refused}");
+}
+
+#[test]
+fn a_port_without_a_wire_does_not_tell_whether_all_has_left() {
+    let side = offer(&path("wire"));
+    assert_eq!(sys::line_has_sent(side.file.as_ref().unwrap().as_fd()).unwrap(), None);
+    let (no_terminal, _other) = nix::unistd::pipe().unwrap();
+    assert!(sys::line_has_sent(no_terminal.as_fd()).is_err());
+}
+
+#[test]
+fn what_a_killed_one_left_leads_nowhere_before_the_first_terminal_is_open() {
+    let link = path("left");
+    std::os::unix::fs::symlink("/dev/pts/0", &link).unwrap();
+    let _side = Serial::pseudo(link.clone(), 115_200);
+    assert!(!link.is_symlink());
+}
+
+#[test]
+fn a_rate_beyond_the_list_of_posix_is_set_as_asked() {
+    let link = path("rate");
+    let side = offer(&link);
+    let mut device = Serial::terminal(TerminalConfig::new(link, 250_000));
+    device.open().unwrap();
+    let settings = sys::line_settings(side.file.as_ref().unwrap().as_fd()).unwrap();
+    assert_eq!((settings.c_ospeed, settings.c_ispeed), (250_000, 250_000));
+}
+
+#[test]
+fn what_a_port_cannot_do_is_a_line_that_says_so() {
+    let link = path("direction");
+    let _side = offer(&link);
+    let direction = Direction { rts_on_send: true, rts_after_send: false, delay_before_ms: 0, delay_after_ms: 0 };
+    let config = TerminalConfig { direction: Some(direction), ..TerminalConfig::new(link.clone(), 115_200) };
+    let refused = Serial::terminal(config).open().unwrap_err();
+    assert!(refused.contains("rs485_direction: the port does not switch directions (TIOCSRS485)"), "{refused}");
+    let low_latency = TerminalConfig { low_latency: true, ..TerminalConfig::new(link, 115_200) };
+    let mut device = Serial::terminal(low_latency);
+    assert_eq!((device.open(), device.notes.len()), (Ok(()), 0), "a pseudo-terminal collects nothing");
+    assert_eq!(
+        Serial::terminal(TerminalConfig::new("/dev/null".into(), 9600)).open(),
+        Err("/dev/null: is no terminal".into())
+    );
+}
+
+/// Tries to open the port until `done`, for two seconds at most; what was told meanwhile.
+fn try_until(port: &mut Port, done: impl Fn(&Port) -> bool) -> Vec<Result<(), Lost>> {
+    let mut told = Vec::new();
+    for _ in 0..400 {
+        told.extend(port.try_open(clock::now()));
+        if done(port) {
+            return told;
+        }
+        thread::sleep(std::time::Duration::from_millis(5));
+    }
+    panic!("{told:?}")
+}
+
+#[test]
+fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() {
+    let link = path("adapter");
+    let first = offer(&link);
+    let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200)));
+    assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
+    // Half a word waits in the codec when the adapter is pulled.
+    write(first.file.as_ref().unwrap(), &[0x55]).unwrap();
+    while !matches!(port.device.receive(clock::now()), Ok(Received::Input { .. })) {}
+    drop(first);
+    let lost = (0..200).find_map(|_| {
+        thread::sleep(std::time::Duration::from_millis(1));
+        port.device.receive(clock::now()).err()
+    });
+    assert!(lost.is_some(), "a read tells");
+    port.lose(clock::now());
+    let away_until = clock::now() + Duration::from_millis(100);
+    let told = try_until(&mut port, |_| clock::now() > away_until);
+    assert_eq!(told, [Err(format!("{}: No such file or directory", link.display()))], "once");
+    let mut second = offer(&link);
+    assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
+    let words = [Word::address(0x20), Word::data(1)];
+    assert_eq!(second.send(clock::now(), &Output::Words(words.to_vec())), Ok(true));
+    for _ in 0..200 {
+        if let Received::Input { input: Input::Words(heard), .. } = port.device.receive(clock::now()).unwrap() {
+            assert_eq!(heard, words, "nothing of what was half read before");
+            return;
+        }
+        thread::sleep(std::time::Duration::from_millis(1));
+    }
+    panic!("nothing comes");
+}
+
+#[test]
+fn the_set_up_command_is_run_before_each_opening_and_its_failure_keeps_the_port_shut() {
+    let (link, count) = (path("setup"), path("count"));
+    let side = offer(&link);
+    let script = format!("sleep 0.1; echo x >> {}", count.display());
+    let setup = vec!["/bin/sh".into(), "-c".into(), script];
+    let config = TerminalConfig { setup, ..TerminalConfig::new(link.clone(), 115_200) };
+    let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(config.clone()));
+    // That it takes a while is no news.
+    assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
+    port.lose(clock::now());
+    assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
+    assert_eq!(fs::read_to_string(&count).unwrap(), "x\nx\n");
+    drop(port);
+    let setup = vec!["/bin/sh".into(), "-c".into(), "echo no such register >&2; exit 3".into()];
+    let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(TerminalConfig { setup, ..config }));
+    let told = try_until(&mut port, |port| matches!(port.state, PortState::Down { told: true, .. }));
+    let [Err(why)] = &told[..] else { panic!("{told:?}") };
+    assert!(why.contains("exit status: 3: no such register"), "{why}");
+    let _ = fs::remove_file(count);
+    drop(side);
+}

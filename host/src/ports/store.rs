@@ -1,0 +1,58 @@
+//! A folder of log files. Its disk may be slow, full, or gone, and a call to it then takes its time or fails: a thread
+//! of its own makes them, one after the other, and a port of this kind is never lost.
+
+pub(crate) mod disk;
+
+use super::threaded::Service;
+use base::store::{Answer, Request};
+use disk::Disk;
+use module::{Input, Output};
+use std::path::PathBuf;
+
+/// Log files in a folder, which is made when the first of them is.
+pub struct Files {
+    folder: PathBuf,
+    /// Called by the thread before each request.
+    #[cfg(test)]
+    before: fn(&Request),
+}
+
+impl Files {
+    /// Files in this folder.
+    pub fn new(folder: PathBuf) -> Self {
+        Self {
+            folder,
+            #[cfg(test)]
+            before: |_| (),
+        }
+    }
+}
+
+impl Service for Files {
+    type Request = Request;
+    type Answer = Answer;
+    const THREAD: &'static str = "store";
+    const BUSY: &'static str = "the last write has not come back";
+
+    fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
+        let mut disk = Disk::new(&self.folder);
+        #[cfg(test)]
+        let before = self.before;
+        move |request| {
+            #[cfg(test)]
+            before(&request);
+            disk.perform(request)
+        }
+    }
+
+    fn request(output: &Output) -> Option<&Request> {
+        if let Output::Store(request) = output { Some(request) } else { None }
+    }
+
+    fn input(answer: &Answer) -> Input<'_> {
+        Input::Store(answer)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,39 @@
+//! 1-Wire thermometers: those that the kernel's `w1_therm` has under `/sys/bus/w1/devices`, and the simulator's end,
+//! which offers a folder that looks the same.
+
+mod folder;
+pub mod read;
+
+pub use folder::Folder;
+
+use super::threaded::Service;
+use base::w1::{Answer, Request};
+use module::{Input, Output};
+use std::path::PathBuf;
+
+/// The kernel's thermometers in this folder. A folder that is missing is an answer, no error: a bus may come with its
+/// adapter. Each measurement takes most of a second.
+pub struct Thermometers(pub PathBuf);
+
+impl Service for Thermometers {
+    type Request = Request;
+    type Answer = Answer;
+    const THREAD: &'static str = "w1";
+    const BUSY: &'static str = "its last measurement has not come back";
+
+    fn work(&self) -> impl FnMut(Request) -> Answer + Send + 'static {
+        let folder = self.0.clone();
+        move |request| read::answer(&folder, request)
+    }
+
+    fn request(output: &Output) -> Option<&Request> {
+        if let Output::OneWire(request) = output { Some(request) } else { None }
+    }
+
+    fn input(answer: &Answer) -> Input<'_> {
+        Input::OneWire(answer)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,309 @@
+//! Writes what a module is told and answers to `RUN/inputs/<module>`, beside the loop that does the work.
+//!
+//! The loop never waits for the disk: it leaves records in a buffer of bounded size, which a thread of its own empties
+//! ten times a second. Where the disk is so slow that the buffer is full, records are lost, and the file and a report
+//! say so. That thread does not beat, on purpose: a watchdog that ended a module because a disk is slow would stop the
+//! robot for the sake of a log. What it does wrong shows as a report instead.
+
+use module::Shell;
+use nix::sys::statvfs::fstatvfs;
+use record::{Header, Recorder};
+use std::fs::{File, OpenOptions, create_dir_all};
+use std::io::{self, ErrorKind, Write};
+use std::mem;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// The folder of a run that these files are in.
+pub const FOLDER: &str = "inputs";
+/// The buffer is emptied this often.
+const PERIOD: Duration = Duration::from_millis(100);
+/// What the buffer takes: a minute and more of a driver's inputs.
+const ROOM: usize = 1 << 20;
+/// The disk keeps as much free.
+const FLOOR: u64 = 64 << 20;
+/// It is looked whether it does each time so much was written.
+const LOOK: u64 = 1 << 20;
+/// Time when the module ends it waits this long for the disk.
+const LAST: Duration = Duration::from_millis(500);
+
+/// What is to be written, and where.
+pub struct Inputs {
+    /// The run's folder.
+    pub run: PathBuf,
+    /// The beginning of the file; it names the module.
+    pub header: Header,
+    /// The file is not longer than this, bytes.
+    pub limit: u64,
+}
+
+/// A file that is being written; dropped after the shell that it is of, it waits for the last record.
+pub struct Recording {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    told: bool,
+}
+
+#[derive(Default)]
+struct Shared {
+    waiting: Mutex<Vec<u8>>,
+    /// No more comes.
+    closed: AtomicBool,
+    /// Something found no room.
+    full: AtomicBool,
+    /// Why nothing more is written.
+    failed: Mutex<Option<String>>,
+}
+
+/// What the loop has of it.
+struct Feeder {
+    shared: Arc<Shared>,
+    /// What met the other thread at the buffer.
+    held: Vec<u8>,
+}
+
+impl Recording {
+    /// Makes the file, and lets `shell` write to it from now on.
+    ///
+    /// # Errors
+    /// The file cannot be made: the module does without.
+    pub fn start(shell: &mut Shell, inputs: &Inputs) -> io::Result<Self> {
+        let folder = inputs.run.join(FOLDER);
+        create_dir_all(&folder)?;
+        let file = create(&folder, &inputs.header.module)?;
+        let shared = Arc::new(Shared::default());
+        let mut feeder = Feeder { shared: shared.clone(), held: Vec::new() };
+        let writer = shared.clone();
+        let thread = thread::Builder::new().name("inputs".into()).spawn(move || writer.write(file))?;
+        shell.record(Recorder::new(&inputs.header, inputs.limit, move |record| feeder.take(record)));
+        Ok(Self { shared, thread: Some(thread), told: false })
+    }
+
+    /// That not all is written, and why; told once.
+    pub fn trouble(&mut self) -> Option<String> {
+        if self.told {
+            return None;
+        }
+        let failed = self.shared.failed.try_lock().ok().and_then(|why| why.clone());
+        let full = self.shared.full.load(Ordering::Relaxed).then(|| "the disk is too slow".into());
+        let trouble = failed.or(full).map(|why| format!("inputs are no longer recorded whole: {why}"));
+        self.told = trouble.is_some();
+        trouble
+    }
+}
+
+impl Drop for Recording {
+    fn drop(&mut self) {
+        let Some(thread) = self.thread.take() else { return };
+        // The feeder has closed when the shell was dropped; one that lives yet has no more to say.
+        self.shared.closed.store(true, Ordering::Release);
+        thread.thread().unpark();
+        let until = Instant::now() + LAST;
+        while !thread.is_finished() && Instant::now() < until {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+/// A new file for each life of the module: `driver_canbus`, `driver_canbus.2`, …
+fn create(folder: &Path, module: &str) -> io::Result<File> {
+    let open = |name: &str| OpenOptions::new().write(true).create_new(true).open(folder.join(name));
+    let mut life = 1;
+    loop {
+        let name = if life == 1 { module.to_string() } else { format!("{module}.{life}") };
+        match open(&name) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists && life < 100_000 => life += 1,
+            result => return result,
+        }
+    }
+}
+
+impl Feeder {
+    /// Leaves a record for the writer, without waiting; false when there is no room.
+    fn take(&mut self, record: &[u8]) -> bool {
+        let room = match self.shared.waiting.try_lock() {
+            Ok(mut waiting) => {
+                waiting.append(&mut self.held);
+                let room = waiting.len() + record.len() <= ROOM;
+                if room {
+                    waiting.extend_from_slice(record);
+                }
+                room
+            }
+            Err(_) => {
+                let room = self.held.len() + record.len() <= ROOM;
+                if room {
+                    self.held.extend_from_slice(record);
+                }
+                room
+            }
+        };
+        if !room {
+            self.shared.full.store(true, Ordering::Relaxed);
+        }
+        room
+    }
+}
+
+impl Drop for Feeder {
+    fn drop(&mut self) {
+        self.shared.waiting.lock().unwrap_or_else(PoisonError::into_inner).append(&mut self.held);
+        self.shared.closed.store(true, Ordering::Release);
+    }
+}
+
+impl Shared {
+    /// The other thread: writes what waits, until no more comes.
+    fn write(&self, mut file: File) {
+        let (mut taken, mut unlooked, mut works) = (Vec::new(), LOOK, true);
+        loop {
+            // Before the last look into the buffer: what was there when it was closed is seen then.
+            let closed = self.closed.load(Ordering::Acquire);
+            mem::swap(&mut *self.waiting.lock().unwrap_or_else(PoisonError::into_inner), &mut taken);
+            if works && let Err(error) = put(&mut file, &taken, &mut unlooked) {
+                works = false;
+                *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
+            }
+            taken.clear();
+            if closed {
+                return;
+            }
+            thread::park_timeout(PERIOD);
+        }
+    }
+}
+
+fn put(file: &mut File, bytes: &[u8], unlooked: &mut u64) -> io::Result<()> {
+    *unlooked += bytes.len() as u64;
+    if *unlooked >= LOOK {
+        *unlooked = 0;
+        let disk = fstatvfs(&*file)?;
+        if (disk.blocks_available() as u128 * disk.fragment_size() as u128) < FLOOR.into() {
+            return Err(io::Error::new(ErrorKind::StorageFull, format!("less than {} MiB are free", FLOOR >> 20)));
+        }
+    }
+    file.write_all(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use base::{Epoch, Instant as Moment};
+    use module::{Actions, Event, Module, ShellConfig, State};
+    use record::{End, Item, Reader, Why};
+
+    struct Idle;
+
+    impl Module for Idle {
+        fn handle(&mut self, _: Moment, _: Event<'_>, _: &mut Actions) {}
+        fn poll_timeout(&self) -> Option<Moment> {
+            None
+        }
+    }
+
+    struct Run(PathBuf);
+
+    impl Run {
+        fn new(name: &str) -> Self {
+            Self(std::env::temp_dir().join(format!("advee-inputs-{name}-{}", std::process::id())))
+        }
+
+        fn inputs(&self) -> Inputs {
+            let header =
+                Header { program: "test".into(), module: "idle".into(), wanted: State::Run, texts: Vec::new() };
+            Inputs { run: self.0.clone(), header, limit: 1 << 30 }
+        }
+    }
+
+    impl Drop for Run {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn shell() -> Shell {
+        Shell::new(ShellConfig::new("idle"), Box::new(Idle))
+    }
+
+    fn live(shell: &mut Shell, calls: u64) {
+        let mut out = Actions::new(Epoch::default());
+        shell.handle(Moment::ZERO, Event::Start, &mut out);
+        for n in 0..calls {
+            shell.handle(Moment::from_nanos(n), Event::Timer, &mut out);
+            out.drain().for_each(drop);
+        }
+    }
+
+    fn read(path: &Path) -> (u64, Result<End, Why>) {
+        let bytes = std::fs::read(path).unwrap();
+        let (mut reader, mut count) = (Reader::open(&bytes).unwrap(), 0);
+        loop {
+            match reader.read() {
+                Ok(Some(Item::Record(_))) => count += 1,
+                Ok(Some(Item::End(end))) => return (count, Ok(end)),
+                Ok(None) => unreachable!("it has an end"),
+                Err(refusal) => return (count, Err(refusal.why)),
+            }
+        }
+    }
+
+    #[test]
+    fn each_life_has_a_file_and_all_of_it_is_there_when_it_ends() {
+        let run = Run::new("lives");
+        for calls in [10_000, 20] {
+            let mut shell = shell();
+            let recording = Recording::start(&mut shell, &run.inputs()).unwrap();
+            live(&mut shell, calls);
+            shell.terminate(Moment::from_millis(1), &mut Actions::default());
+            drop(shell);
+            drop(recording);
+        }
+        assert_eq!(read(&run.0.join("inputs/idle")), (10_002, Ok(End::Exited)));
+        assert_eq!(read(&run.0.join("inputs/idle.2")), (22, Ok(End::Exited)));
+    }
+
+    #[test]
+    fn a_disk_that_takes_nothing_stops_nobody_and_leaves_a_gap() {
+        let run = Run::new("slow");
+        std::fs::create_dir_all(&run.0).unwrap();
+        // A writer that does not come: what a disk is that hangs.
+        let shared = Arc::new(Shared::default());
+        let mut feeder = Feeder { shared: shared.clone(), held: Vec::new() };
+        let mut shell = shell();
+        shell.record(Recorder::new(&run.inputs().header, 1 << 30, move |record| feeder.take(record)));
+        live(&mut shell, 200_000);
+        let mut recording = Recording { shared: shared.clone(), thread: None, told: false };
+        assert_eq!(recording.trouble().unwrap(), "inputs are no longer recorded whole: the disk is too slow");
+        assert_eq!(recording.trouble(), None, "told once");
+        assert!(shared.waiting.lock().unwrap().len() <= ROOM);
+        // Now it comes.
+        let path = run.0.join("file");
+        let file = File::create(&path).unwrap();
+        let writer = thread::spawn(move || shared.write(file));
+        thread::sleep(2 * PERIOD);
+        live(&mut shell, 10);
+        drop(shell);
+        writer.join().unwrap();
+        let (count, end) = read(&path);
+        assert!(count > 10_000 && count < 200_000, "{count}");
+        assert!(matches!(end, Err(Why::Gap(lost)) if u64::from(lost) + count == 200_001), "{count} {end:?}");
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_told() {
+        let run = Run::new("full");
+        let mut shell = shell();
+        let shared = Arc::new(Shared::default());
+        let mut feeder = Feeder { shared: shared.clone(), held: Vec::new() };
+        shell.record(Recorder::new(&run.inputs().header, 1 << 30, move |record| feeder.take(record)));
+        live(&mut shell, 10);
+        drop(shell);
+        shared.write(OpenOptions::new().write(true).open("/dev/full").unwrap());
+        let mut recording = Recording { shared, thread: None, told: false };
+        let trouble = recording.trouble().unwrap();
+        assert!(trouble.starts_with("inputs are no longer recorded whole: "), "{trouble}");
+    }
+}

@@ -1,0 +1,209 @@
+//! Which type travels on which channel.
+
+use std::borrow::Cow;
+use std::ops::Deref;
+
+use lcm::codec::{DecodeError, EncodeError, Reader, Type, Writer};
+use serde::Serialize;
+
+use crate::{common, lowlevel, middlelevel, simulation};
+
+macro_rules! channels {
+    ($($variant:ident = $name:literal: $type:ty;)*) => {
+        /// A channel of the robot's.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum Channel {
+            $(#[doc = concat!("`", $name, "`")] $variant,)*
+        }
+
+        impl Channel {
+            /// All of them.
+            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
+
+            /// The name on the bus; of the family `LL_DATA_RAW_<BUS>` the part that all have in common. What a message
+            /// is published under is [`Message::channel_name`].
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name),* }
+            }
+
+            /// The name of the type, with its package: `common.data_state_t`.
+            #[must_use]
+            pub const fn type_name(self) -> &'static str {
+                match self { $(Self::$variant => <$type>::NAME),* }
+            }
+
+            /// The fingerprint of the type.
+            #[must_use]
+            pub const fn fingerprint(self) -> u64 {
+                match self { $(Self::$variant => <$type>::FINGERPRINT),* }
+            }
+
+            fn from_full_name(name: &str) -> Option<Self> {
+                match name {
+                    $($name => Some(Self::$variant),)*
+                    _ => None,
+                }
+            }
+        }
+
+        /// A message of the robot's: the variant is the channel. Serialized it is the message alone.
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        #[serde(untagged)]
+        pub enum Message {
+            $(#[doc = concat!("On `", $name, "`.")] $variant($type),)*
+        }
+
+        impl Message {
+            /// The channel that it travels on.
+            #[must_use]
+            pub const fn channel(&self) -> Channel {
+                match self { $(Self::$variant(_) => Channel::$variant),* }
+            }
+
+            /// When it was made, microseconds since the UNIX epoch.
+            #[must_use]
+            pub fn timestamp(&self) -> i64 {
+                match self { $(Self::$variant(message) => message.timestamp),* }
+            }
+
+            /// Appends the encoded message to `out`.
+            ///
+            /// # Errors
+            /// When LCM cannot express it: a string holds a NUL, arrays that share a length differ in theirs. `out` is as
+            /// before then.
+            pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), EncodeError> {
+                match self { $(Self::$variant(message) => message.encode(out)),* }
+            }
+
+            /// Reads a message that came on `channel`. Which bus a raw frame is from stands in the channel's full name
+            /// only: [`Message::receive`] knows it, here [`Raw::bus`] stays empty.
+            ///
+            /// # Errors
+            /// When `bytes` are anything but one message of the channel's type.
+            pub fn decode(channel: Channel, bytes: &[u8]) -> Result<Self, DecodeError> {
+                match channel { $(Channel::$variant => <$type>::decode(bytes).map(Self::$variant)),* }
+            }
+        }
+
+        $(impl From<$type> for Message {
+            fn from(message: $type) -> Self {
+                Self::$variant(message)
+            }
+        })*
+    };
+}
+
+channels! {
+    CmDataState = "CM_DATA_STATE": common::DataState;
+    CmCmdState = "CM_CMD_STATE": common::CmdState;
+    CmEventError = "CM_EVENT_ERROR": common::Error;
+    CmDataFaults = "CM_DATA_FAULTS": common::DataFaults;
+    CmEventText = "CM_EVENT_TEXT": common::EventText;
+    CmDataProcesses = "CM_DATA_PROCESSES": common::DataProcesses;
+    CmCmdLog = "CM_CMD_LOG": common::CmdLog;
+    CmDataLog = "CM_DATA_LOG": common::DataLog;
+    LlDataOdo = "LL_DATA_ODO": lowlevel::DataOdo;
+    LlDataSrfs = "LL_DATA_SRFS": lowlevel::DataSrfs;
+    LlDataIrs = "LL_DATA_IRS": lowlevel::DataIrs;
+    LlDataRanges = "LL_DATA_RANGES": lowlevel::DataRanges;
+    LlDataBeacons = "LL_DATA_BEACONS": lowlevel::DataBeacons;
+    LlDataActiveBeacons = "LL_DATA_ACTIVE_BEACONS": lowlevel::DataActiveBeacons;
+    LlCmdMotion = "LL_CMD_MOTION": lowlevel::CmdMotion;
+    LlDataMotion = "LL_DATA_MOTION": lowlevel::DataMotion;
+    LlDataAxes = "LL_DATA_AXES": lowlevel::DataAxes;
+    LlDataHold = "LL_DATA_HOLD": lowlevel::DataHold;
+    LlCmdHoming = "LL_CMD_HOMING": lowlevel::CmdHoming;
+    LlCmdPower = "LL_CMD_POWER": lowlevel::CmdPower;
+    LlDataPower = "LL_DATA_POWER": lowlevel::DataPower;
+    LlEventStop = "LL_EVENT_STOP": lowlevel::EventStop;
+    LlDataTemperature = "LL_DATA_TEMPERATURE": lowlevel::DataTemperature;
+    LlDataBus = "LL_DATA_BUS": lowlevel::DataBus;
+    LlDataRaw = "LL_DATA_RAW_": Raw;
+    LlCmdSdo = "LL_CMD_SDO": lowlevel::CmdSdo;
+    LlDataSdo = "LL_DATA_SDO": lowlevel::DataSdo;
+    LlDataJoydev = "LL_DATA_JOYDEV": lowlevel::DataJoydev;
+    MlDataEstimate = "ML_DATA_ESTIMATE": middlelevel::DataEstimate;
+    MlCmdEstimate = "ML_CMD_ESTIMATE": middlelevel::CmdEstimate;
+    MlCmdGoal = "ML_CMD_GOAL": middlelevel::CmdGoal;
+    MlDataGoal = "ML_DATA_GOAL": middlelevel::DataGoal;
+    MlDataPlan = "ML_DATA_PLAN": middlelevel::DataPlan;
+    MlDataObstacles = "ML_DATA_OBSTACLES": middlelevel::DataObstacles;
+    SimDataTruth = "SIM_DATA_TRUTH": simulation::DataTruth;
+    SimCmdFault = "SIM_CMD_FAULT": simulation::CmdFault;
+    SimDataClock = "SIM_DATA_CLOCK": simulation::DataClock;
+}
+
+impl Channel {
+    /// The channel of that name on the bus; `LL_DATA_RAW_` with any bus behind it is [`Channel::LlDataRaw`].
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        match name.strip_prefix(Self::LlDataRaw.name()) {
+            Some("") => None,
+            Some(_bus) => Some(Self::LlDataRaw),
+            None => Self::from_full_name(name),
+        }
+    }
+}
+
+impl Message {
+    /// The name of the channel that it is published under.
+    #[must_use]
+    pub fn channel_name(&self) -> Cow<'static, str> {
+        match self {
+            Self::LlDataRaw(raw) => Cow::Owned(format!("{}{}", Channel::LlDataRaw.name(), raw.bus)),
+            other => Cow::Borrowed(other.channel().name()),
+        }
+    }
+
+    /// Reads a message that came on the channel of that name; `None` when the channel is none of the robot's.
+    ///
+    /// # Errors
+    /// When `bytes` are anything but one message of the channel's type.
+    #[must_use]
+    pub fn receive(channel_name: &str, bytes: &[u8]) -> Option<Result<Self, DecodeError>> {
+        let channel = Channel::from_name(channel_name)?;
+        let mut message = Self::decode(channel, bytes);
+        if let Ok(Self::LlDataRaw(raw)) = &mut message {
+            raw.bus = channel_name[channel.name().len()..].to_owned();
+        }
+        Some(message)
+    }
+}
+
+/// A raw frame and its bus. The bus is no part of the message: it stands in the channel's name, `LL_DATA_RAW_<BUS>`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct Raw {
+    /// The bus as in the channel's name: upper case.
+    #[serde(skip)]
+    pub bus: String,
+    /// The message.
+    pub frame: lowlevel::DataRaw,
+}
+
+impl Deref for Raw {
+    type Target = lowlevel::DataRaw;
+
+    fn deref(&self) -> &Self::Target {
+        &self.frame
+    }
+}
+
+impl Type for Raw {
+    const FINGERPRINT: u64 = lowlevel::DataRaw::FINGERPRINT;
+    const NAME: &'static str = lowlevel::DataRaw::NAME;
+    const MIN_SIZE: usize = lowlevel::DataRaw::MIN_SIZE;
+
+    fn body_size(&self) -> usize {
+        self.frame.body_size()
+    }
+
+    fn encode_body(&self, w: &mut Writer<'_>) -> Result<(), EncodeError> {
+        self.frame.encode_body(w)
+    }
+
+    fn decode_body(r: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        Ok(Self { bus: String::new(), frame: Type::decode_body(r)? })
+    }
+}

@@ -1,0 +1,411 @@
+//! Why the robot does not act: one list of causes for all modules, by number, with the words that people read.
+//!
+//! Modules publish numbers on `LL_DATA_HOLD` and programs compare numbers. Words are made at the reader, here alone:
+//! [`lowlevel::Hold::words`]. `docs/holds.md` is the same list for people; a test holds the two together.
+//!
+//! | numbers | about |
+//! |---|---|
+//! | 100 to 199 | the PAUSE line |
+//! | 200 to 299 | the CAN bus and its drives |
+//! | 300 to 399 | modules |
+//! | 400 to 499 | who commands the motion |
+//! | 500 to 599 | position and sensors that the planner needs |
+//! | 600 to 699 | the goal |
+
+use crate::{StopSource, lowlevel};
+
+macro_rules! holds {
+    ($(#[doc = $means:literal] $name:ident = $code:literal, $words:literal, $remedy:literal;)*) => {
+        /// A cause. Numbers are never used for another one; a new cause gets a new number.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[repr(i32)]
+        pub enum Hold { $(#[doc = $means] $name = $code),* }
+
+        impl Hold {
+            /// All of them, in order of their numbers.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+
+            /// The name in `docs/holds.md`.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$name => stringify!($name)),* }
+            }
+
+            /// What it means, and what its subject is.
+            #[must_use]
+            pub const fn means(self) -> &'static str {
+                match self { $(Self::$name => $means.trim_ascii_start()),* }
+            }
+
+            /// The sentence, with `{}` in the place of the subject's name.
+            #[must_use]
+            pub const fn sentence(self) -> &'static str {
+                match self { $(Self::$name => $words),* }
+            }
+
+            /// What an operator does about it, with `{}` in the place of the subject as people call it.
+            #[must_use]
+            pub const fn what_to_do(self) -> &'static str {
+                match self { $(Self::$name => $remedy),* }
+            }
+        }
+    };
+}
+
+holds! {
+    /// The power controller does not report the PAUSE line. No subject.
+    PauseUnknown = 101, "the state of the PAUSE line is unknown",
+        "Check that the power controller is on and that its link is plugged in.";
+    /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
+    PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";
+    /// Floor sensors engage the PAUSE line. Subject: `sd1_front` or `sd1_rear`.
+    PauseFloor = 112, "PAUSE is engaged by {}", "Push the robot back by hand until {} are over a flat floor.";
+    /// The stop button engages the PAUSE line. Subject: `button`.
+    PauseButton = 113, "PAUSE is engaged by {}", "Turn the red button until it springs out.";
+    /// Another source engages the PAUSE line. Subject: its name as it was reported.
+    PauseOther = 119, "PAUSE is engaged by {}", "Release the PAUSE line at {}.";
+
+    /// The CAN bus is not open. Subject: the bus.
+    BusDown = 201, "{} is down", "Check the CAN adapter of {}; it is opened again by itself.";
+    /// No node acknowledges frames. Subject: the bus.
+    BusUnacknowledged = 202, "nobody on {} acknowledges what is sent",
+        "Check cable, termination and bit rate of {}, and that the drives have power.";
+    /// Another CANopen master is on the bus. Subject: the bus.
+    SecondMaster = 203, "another master commands the drives", "End the other program that commands the drives on {}.";
+    /// A drive is being booted. Subject: `propulsion` or `steering`.
+    DriveBooting = 211, "the {} drive is being booted", "Wait some seconds.";
+    /// A step of a drive's boot-up failed; it is tried again each second. Subject: the drive.
+    DriveBootFailed = 212, "the {} drive cannot be booted", "Look at the errors; check type and power of the {}.";
+    /// A drive's heartbeat is missing, or it left operation. Subject: the drive.
+    DriveLost = 213, "the {} drive is lost", "Check power and cable of the {}; it is booted again by itself.";
+    /// A drive's heartbeat goes on but requests are not answered. Subject: the drive.
+    DriveDeaf = 214, "the {} drive does not answer", "Wait some seconds: the {} is booted again by itself.";
+    /// A drive left operation without a command. Subject: the drive.
+    DriveDropped = 215, "the {} drive changed its state by itself", "Look at the errors of the {}.";
+    /// A drive does not reach the state that is commanded. Subject: the drive.
+    DriveStuck = 216, "the {} drive does not reach the state that is commanded", "Look at the errors of the {}.";
+    /// A drive does not acknowledge its set-point. Subject: the drive.
+    DriveNoTarget = 217, "the {} drive does not take its target", "Look at the errors of the {}.";
+    /// A drive is in its fault state; the fault is reset each second. Subject: the drive.
+    DriveFault = 218, "the {} drive is in fault", "Look at the errors of the {}; the fault is reset by itself.";
+    /// A drive is booted and its state was not received yet. Subject: the drive.
+    DriveUnseen = 219, "the {} drive has not told its state", "Wait some seconds.";
+    /// The steering has no reference. Subject: the axis.
+    NotHomed = 221, "the {} is not homed yet", "Home it, with room at the front wheels.";
+    /// The steering is being homed. Subject: the axis.
+    Homing = 222, "the {} is being homed", "Wait some seconds: it looks for its switch, then turns straight.";
+    /// The steering is homed and on its way to straight ahead. Subject: the axis.
+    Centering = 223, "the {} is homed and turns straight", "Wait some seconds.";
+    /// Homing failed; it is not tried again by itself. Subject: the axis.
+    HomingFailed = 224, "homing the {} failed", "Home it again, with room at the front wheels.";
+
+    /// A module without which the robot must not move does not run. Subject: the module.
+    CriticalModule = 301, "critical module {} is not running",
+        "Wait some seconds: {} is started again by itself. If not, look at the modules.";
+    /// The list of processes does not come from the watchdog. No subject.
+    WatchdogSilent = 302, "the watchdog is not heard", "Wait some seconds: the watchdog is started again by itself.";
+    /// The module has not begun to work. Subject: the module.
+    ModuleInit = 311, "{} is in INIT", "Wait some seconds; what it waits for is among the errors.";
+    /// The module was commanded into PAUSE. Subject: the module.
+    ModulePaused = 312, "{} is in PAUSE", "Command {} to RUN.";
+    /// The module was commanded into STOP. Subject: the module.
+    ModuleStopped = 313, "{} is in STOP", "Command {} to RUN by hand.";
+    /// The module lost its device. Subject: the module.
+    ModuleError = 314, "{} is in ERROR", "Look at the errors of {}.";
+    /// The module ends. Subject: the module.
+    ModuleEnding = 315, "{} is in TERMINATE", "Command {} to RUN.";
+    /// Messages of a module that are needed do not come. Subject: the module.
+    ModuleSilent = 321, "{} is not heard", "Look at the modules: {} must run.";
+
+    /// No source commands the motion: nothing is wrong. No subject.
+    NobodyCommands = 401, "nobody commands the motion", "Drive by hand, or send the robot to a goal.";
+    /// A command was out of limits or not a number; ends when it has been absent for its time to live. No subject.
+    CommandRefused = 402, "a command was out of limits", "Look at the errors: they name the source and the value.";
+    /// A source commands while another one of higher priority moves the robot. Subject: the source.
+    Overruled = 403, "{} is overruled by a higher priority", "Wait until the other source lets go.";
+    /// A source commands while another one of its priority moves the robot. Subject: the source.
+    Contested = 404, "{} must wait: another source of its priority moves the robot",
+        "Wait until the other source lets go.";
+    /// The robot was stopped and the source has not let go since. Subject: the source.
+    NotReleased = 405, "{} must send zero first: the robot was stopped", "Let go of the controls, then press anew.";
+    /// The robot was stopped, or driven by hand, and no operator has let the planner go since. Subject: the source.
+    PlannerLatched = 406, "{} must be let go by an operator first",
+        "Give the goal anew, or let the robot go on.";
+    /// Another source moves the robot. Subject: that source.
+    OtherSource = 407, "{} drives the robot", "Wait until {} lets go, then let the robot go on.";
+
+    /// No estimate was received since the start. No subject.
+    NoEstimate = 501, "no estimate of the position has come yet", "Wait some seconds; the estimator must run.";
+    /// The estimator does not know the position. No subject.
+    EstimateLost = 502, "the estimator is lost", "Set the position by hand, or move the robot where beacons are seen.";
+    /// The estimator looks for the position. No subject.
+    EstimateSearching = 503, "the estimator searches where the robot is", "Wait some seconds; keep the beacons in sight.";
+    /// The estimate is too old, or not a number. No subject.
+    EstimateBad = 504, "the estimate is old or no number", "Look at the modules: the estimator must run.";
+    /// Readings of the sonars do not come. No subject.
+    SonarsSilent = 505, "the sonars are not heard", "Look at the modules and buses: the ranging boards must answer.";
+    /// Nothing is known of the sonars that look where the robot drives. Subject: `front` or `rear`.
+    SonarsUnknown = 506, "nothing is known of the sonars at the {}",
+        "Look at the errors: the ranging board at the {} must answer.";
+    /// A module without which the planner must not drive does not run. Subject: the module.
+    PlannerModule = 511, "the planner may not drive: {} is not running",
+        "Wait some seconds: {} is started again by itself. Then let the robot go on.";
+    /// The estimate is missing, lost or too old to be driven by. No subject.
+    PlannerNoEstimate = 512, "the planner has no estimate to drive by",
+        "Wait until the estimator knows the position, then let the robot go on.";
+
+    /// The planner has no goal: nothing is wrong. No subject.
+    NoGoal = 601, "there is no goal", "Send the robot to a goal.";
+    /// The planner begins: its first command is on its way. No subject.
+    Starting = 602, "the planner begins to drive", "Wait a moment.";
+    /// A path is being searched. No subject.
+    Planning = 603, "the planner looks for a way", "Wait some seconds.";
+    /// Something stands on the path. Subject: where, `X, Y` in m in the map frame.
+    InTheWay = 604, "somebody stands in the way at {}", "Clear the place; after a while a way around is tried.";
+    /// Something stands too near to drive. No subject.
+    SomebodyNear = 605, "somebody stands near", "Step back; after a while a way around is tried.";
+    /// The robot drives back a little before it looks for another way. No subject.
+    BackingOut = 606, "the planner backs out", "Wait some seconds.";
+    /// A loop of one waypoint: the robot is there. No subject.
+    AtLoop = 607, "the robot stands at the only waypoint of its loop", "Send the robot to another goal.";
+    /// No path: the robot does not fit in at the waypoint. Subject: the waypoint, counted from 1.
+    GoalBlocked = 611, "no way to waypoint {}: the robot does not fit in at the goal",
+        "Clear the place, or send the robot to another one.";
+    /// No path: the robot stands in an obstacle or outside the map. Subject: the waypoint, counted from 1.
+    StartBlocked = 612, "no way to waypoint {}: the robot stands in an obstacle or outside of the map",
+        "Check the position; drive the robot free by hand.";
+    /// No path: everything within reach was tried. Subject: the waypoint, counted from 1.
+    Unreachable = 613, "no way to waypoint {}: no way leads to the goal",
+        "Clear the passage, or send the robot to another place.";
+    /// No path was found with the work allowed. Subject: the waypoint, counted from 1.
+    SearchExhausted = 614, "no way to waypoint {}: no way was found with the work allowed",
+        "Clear the passage, or send the robot there in shorter legs.";
+    /// No path: a coordinate is not a number. Subject: the waypoint, counted from 1.
+    GoalInvalid = 615, "no way to waypoint {}: a coordinate is no number", "Give the goal anew.";
+    /// No path: start and goal are farther apart than a floor without a map can hold. Subject: the waypoint, from 1.
+    FloorTooLarge = 616, "no way to waypoint {}: the floor between is too large",
+        "Send the robot there in shorter legs, or give it a map.";
+    /// The robot was commanded to drive and stood. Subject: the waypoint, counted from 1.
+    NotMoving = 617, "no way to waypoint {}: the robot was told to drive and does not move",
+        "Check that nothing blocks the wheels.";
+    /// The robot came to a stop beside the waypoint. Subject: the waypoint, counted from 1.
+    StoppedBeside = 618, "no way to waypoint {}: the robot came to stand beside it",
+        "Wait some seconds: it is tried again.";
+    /// No path: what stands in the way does not leave. Subject: the waypoint, counted from 1.
+    WayBlocked = 619, "no way to waypoint {}: something stands in the way", "Clear the passage.";
+}
+
+impl Hold {
+    /// The number on the wire.
+    #[must_use]
+    pub const fn code(self) -> i32 {
+        self as i32
+    }
+
+    /// The cause of a number; `None` for one that a later version knows.
+    #[must_use]
+    pub fn from_code(code: i32) -> Option<Self> {
+        Self::ALL.iter().copied().find(|hold| hold.code() == code)
+    }
+
+    /// Nothing is wrong: the module acts as soon as it is asked to.
+    #[must_use]
+    pub const fn is_idle(self) -> bool {
+        matches!(self, Self::NobodyCommands | Self::NoGoal)
+    }
+
+    /// Stays until a person acts, as far as the cause alone tells: a command, or a new press.
+    #[must_use]
+    pub const fn is_latched(self) -> bool {
+        matches!(
+            self,
+            Self::ModulePaused | Self::ModuleStopped | Self::HomingFailed | Self::NotReleased | Self::PlannerLatched
+        )
+    }
+
+    /// The sentence about a subject.
+    #[must_use]
+    pub fn words(self, subject: &str) -> String {
+        let nameless = self == Self::PauseOther && subject.is_empty();
+        self.sentence().replace("{}", if nameless { StopSource::Unknown.words() } else { subject })
+    }
+
+    /// The subject as people call it: `bumper 3`, `propulsion drive`.
+    #[must_use]
+    pub fn who(self, subject: &str) -> String {
+        match self {
+            Self::PauseBumper | Self::PauseFloor | Self::PauseButton | Self::PauseOther => {
+                match StopSource::from_name(subject) {
+                    StopSource::Unknown if !subject.is_empty() => subject.into(),
+                    source => source.words().into(),
+                }
+            }
+            Self::DriveBooting
+            | Self::DriveBootFailed
+            | Self::DriveLost
+            | Self::DriveDeaf
+            | Self::DriveDropped
+            | Self::DriveStuck
+            | Self::DriveNoTarget
+            | Self::DriveFault
+            | Self::DriveUnseen => format!("{subject} drive"),
+            _ => subject.into(),
+        }
+    }
+
+    /// What an operator does about it.
+    #[must_use]
+    pub fn remedy(self, subject: &str) -> String {
+        self.what_to_do().replace("{}", &self.who(subject))
+    }
+}
+
+impl lowlevel::Hold {
+    /// The cause; `None` where the number is of a later version.
+    #[must_use]
+    pub fn cause(&self) -> Option<Hold> {
+        Hold::from_code(self.code)
+    }
+
+    /// The sentence that people read.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self.cause() {
+            Some(hold) => hold.words(&self.subject),
+            None if self.subject.is_empty() => format!("cause {}, which this version does not know", self.code),
+            None => format!("cause {} of {}, which this version does not know", self.code, self.subject),
+        }
+    }
+}
+
+/// The module that lists what stands against motion.
+pub const MOTION_MODULE: &str = "driver_canbus";
+/// The module that lists what keeps a goal from being driven to.
+pub const GOAL_MODULE: &str = "planner";
+
+impl lowlevel::DataHold {
+    /// Whether it is about the motion.
+    #[must_use]
+    pub fn is_of_motion(&self) -> bool {
+        self.module == MOTION_MODULE
+    }
+
+    /// Whether it is about the goal.
+    #[must_use]
+    pub fn is_of_goal(&self) -> bool {
+        self.module == GOAL_MODULE
+    }
+
+    /// Whether a cause is listed, about any subject.
+    #[must_use]
+    pub fn has(&self, cause: Hold) -> bool {
+        self.holds.iter().any(|hold| hold.cause() == Some(cause))
+    }
+
+    /// The weightiest cause; `None` where the module acts, or the number is of a later version.
+    #[must_use]
+    pub fn first(&self) -> Option<Hold> {
+        self.holds.first()?.cause()
+    }
+
+    /// Whether the module acts, or would as soon as it is asked to.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        self.holds.iter().all(|hold| hold.cause().is_some_and(Hold::is_idle))
+    }
+
+    /// Whether it would act as soon as it is asked to, and is not.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        !self.holds.is_empty() && self.is_free()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hold(code: i32, subject: &str) -> lowlevel::Hold {
+        lowlevel::Hold { code, subject: subject.into(), latched: false, since: 0 }
+    }
+
+    #[test]
+    fn numbers_are_in_order_each_once_and_lead_back() {
+        assert!(Hold::ALL.is_sorted_by(|a, b| a.code() < b.code()), "{:?}", Hold::ALL);
+        for cause in Hold::ALL {
+            assert_eq!(Hold::from_code(cause.code()), Some(*cause));
+        }
+        assert_eq!((Hold::from_code(0), Hold::from_code(-1), Hold::from_code(999)), (None, None, None));
+    }
+
+    /// The sentences of `LL_DATA_MOTION.reason` are a contract: programs outside print them.
+    #[test]
+    fn sentences_are_those_of_the_contract() {
+        for (code, subject, words) in [
+            (101, "", "the state of the PAUSE line is unknown"),
+            (111, "bumper2", "PAUSE is engaged by bumper2"),
+            (112, "sd1_front", "PAUSE is engaged by sd1_front"),
+            (113, "button", "PAUSE is engaged by button"),
+            (119, "a hand", "PAUSE is engaged by a hand"),
+            (119, "", "PAUSE is engaged by an unknown source"),
+            (201, "can.main", "can.main is down"),
+            (202, "can.main", "nobody on can.main acknowledges what is sent"),
+            (203, "can.main", "another master commands the drives"),
+            (211, "propulsion", "the propulsion drive is being booted"),
+            (212, "steering", "the steering drive cannot be booted"),
+            (213, "steering", "the steering drive is lost"),
+            (214, "steering", "the steering drive does not answer"),
+            (217, "steering", "the steering drive does not take its target"),
+            (218, "propulsion", "the propulsion drive is in fault"),
+            (219, "propulsion", "the propulsion drive has not told its state"),
+            (221, "steering", "the steering is not homed yet"),
+            (222, "steering", "the steering is being homed"),
+            (223, "steering", "the steering is homed and turns straight"),
+            (224, "steering", "homing the steering failed"),
+            (301, "driver_power", "critical module driver_power is not running"),
+            (302, "", "the watchdog is not heard"),
+            (312, "driver_canbus", "driver_canbus is in PAUSE"),
+            (401, "", "nobody commands the motion"),
+            (402, "", "a command was out of limits"),
+            (403, "planner", "planner is overruled by a higher priority"),
+            (404, "web:Jana", "web:Jana must wait: another source of its priority moves the robot"),
+            (405, "web:Jana", "web:Jana must send zero first: the robot was stopped"),
+            (406, "planner", "planner must be let go by an operator first"),
+            (511, "estimator", "the planner may not drive: estimator is not running"),
+            (512, "", "the planner has no estimate to drive by"),
+        ] {
+            assert_eq!(hold(code, subject).words(), words);
+        }
+        assert_eq!(hold(999, "x").words(), "cause 999 of x, which this version does not know");
+        assert_eq!(hold(0, "").words(), "cause 0, which this version does not know");
+    }
+
+    #[test]
+    fn a_remedy_names_its_subject_as_people_do() {
+        assert_eq!(Hold::PauseBumper.remedy("bumper3"), "Clear what touches bumper 3.");
+        assert_eq!(Hold::PauseOther.remedy(""), "Release the PAUSE line at an unknown source.");
+        assert_eq!(Hold::PauseOther.remedy("rope"), "Release the PAUSE line at rope.");
+        assert_eq!(Hold::DriveDropped.remedy("steering"), "Look at the errors of the steering drive.");
+    }
+
+    #[test]
+    fn each_cause_has_sentence_and_remedy_and_no_subject_is_lost() {
+        for cause in Hold::ALL {
+            let (words, remedy) = (cause.words("SUBJECT"), cause.remedy("SUBJECT"));
+            assert!(!words.contains(['{', '|', '\n']) && !words.ends_with('.'), "{words}");
+            assert!(!remedy.contains(['{', '|', '\n']) && remedy.ends_with('.'), "{remedy}");
+        }
+    }
+
+    #[test]
+    fn a_list_without_a_cause_is_free_and_one_that_is_not_known_stands_against_acting() {
+        let list = |holds| lowlevel::DataHold { holds, ..Default::default() };
+        let idle = list(vec![hold(401, "")]);
+        assert!(idle.is_free() && idle.is_idle() && idle.first() == Some(Hold::NobodyCommands));
+        let acting = list(vec![]);
+        assert!(acting.is_free() && !acting.is_idle() && acting.first().is_none());
+        for holds in [vec![hold(999, "")], vec![hold(401, ""), hold(999, "")], vec![hold(111, "bumper1")]] {
+            assert!(!list(holds.clone()).is_free() && !list(holds).is_idle());
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! Who engaged the PAUSE line, from the names in `LL_EVENT_STOP`.
+
+use crate::Hold;
+
+/// A source of PAUSE. The numbers are those that the power controller sends; 0 is a source that has none of the names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum StopSource {
+    /// A name that is not in the contract, or an empty one.
+    Unknown = 0,
+    /// Bumper switch 1, in front.
+    Bumper1 = 1,
+    /// Bumper switch 2, in front.
+    Bumper2 = 2,
+    /// Bumper switch 3, in front.
+    Bumper3 = 3,
+    /// Bumper switch 4, in front.
+    Bumper4 = 4,
+    /// Bumper switch 5, at the rear.
+    Bumper5 = 5,
+    /// Bumper switch 6, at the rear.
+    Bumper6 = 6,
+    /// Bumper switch 7, at the rear.
+    Bumper7 = 7,
+    /// Bumper switch 8, at the rear.
+    Bumper8 = 8,
+    /// The floor sensors of the front ranging board.
+    Sd1Front = 0x10,
+    /// The floor sensors of the rear ranging board.
+    Sd1Rear = 0x11,
+    /// The stop button.
+    Button = 0x20,
+}
+
+impl StopSource {
+    /// All of them, [`StopSource::Unknown`] first.
+    pub const ALL: [Self; 12] = [
+        Self::Unknown,
+        Self::Bumper1,
+        Self::Bumper2,
+        Self::Bumper3,
+        Self::Bumper4,
+        Self::Bumper5,
+        Self::Bumper6,
+        Self::Bumper7,
+        Self::Bumper8,
+        Self::Sd1Front,
+        Self::Sd1Rear,
+        Self::Button,
+    ];
+
+    /// The source of a name, as `source` of `LL_EVENT_STOP` has it. The only reader of these names.
+    #[must_use]
+    pub fn from_name(name: &str) -> Self {
+        Self::ALL.into_iter().find(|source| !name.is_empty() && source.name() == name).unwrap_or(Self::Unknown)
+    }
+
+    /// The name in `LL_EVENT_STOP`; empty of [`StopSource::Unknown`].
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unknown => "",
+            Self::Bumper1 => "bumper1",
+            Self::Bumper2 => "bumper2",
+            Self::Bumper3 => "bumper3",
+            Self::Bumper4 => "bumper4",
+            Self::Bumper5 => "bumper5",
+            Self::Bumper6 => "bumper6",
+            Self::Bumper7 => "bumper7",
+            Self::Bumper8 => "bumper8",
+            Self::Sd1Front => "sd1_front",
+            Self::Sd1Rear => "sd1_rear",
+            Self::Button => "button",
+        }
+    }
+
+    /// The name as an operator reads it.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Unknown => "an unknown source",
+            Self::Bumper1 => "bumper 1",
+            Self::Bumper2 => "bumper 2",
+            Self::Bumper3 => "bumper 3",
+            Self::Bumper4 => "bumper 4",
+            Self::Bumper5 => "bumper 5",
+            Self::Bumper6 => "bumper 6",
+            Self::Bumper7 => "bumper 7",
+            Self::Bumper8 => "bumper 8",
+            Self::Sd1Front => "the front floor sensors",
+            Self::Sd1Rear => "the rear floor sensors",
+            Self::Button => "the red button",
+        }
+    }
+
+    /// True for a bumper in front, false for one at the rear, `None` for what is no bumper.
+    #[must_use]
+    pub const fn is_front_bumper(self) -> Option<bool> {
+        match self {
+            Self::Bumper1 | Self::Bumper2 | Self::Bumper3 | Self::Bumper4 => Some(true),
+            Self::Bumper5 | Self::Bumper6 | Self::Bumper7 | Self::Bumper8 => Some(false),
+            Self::Unknown | Self::Sd1Front | Self::Sd1Rear | Self::Button => None,
+        }
+    }
+
+    /// The cause while it engages the line.
+    #[must_use]
+    pub const fn hold(self) -> Hold {
+        match self {
+            Self::Unknown => Hold::PauseOther,
+            Self::Sd1Front | Self::Sd1Rear => Hold::PauseFloor,
+            Self::Button => Hold::PauseButton,
+            _ => Hold::PauseBumper,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_name_of_the_contract_is_its_source_and_no_other_text_is_one() {
+        for source in StopSource::ALL {
+            assert_eq!(StopSource::from_name(source.name()), source);
+        }
+        for other in ["", "bumper", "bumper0", "bumper9", "bumper01", "bumper1 ", "Button", "an unknown source"] {
+            assert_eq!(StopSource::from_name(other), StopSource::Unknown, "{other:?}");
+        }
+    }
+
+    #[test]
+    fn bumpers_1_to_4_are_in_front() {
+        let front = |front| StopSource::ALL.into_iter().filter(move |source| source.is_front_bumper() == Some(front));
+        assert_eq!(front(true).map(|source| source as u8).collect::<Vec<_>>(), [1, 2, 3, 4]);
+        assert_eq!(front(false).map(|source| source as u8).collect::<Vec<_>>(), [5, 6, 7, 8]);
+    }
+}

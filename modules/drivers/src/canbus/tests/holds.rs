@@ -1,0 +1,175 @@
+//! What stands against motion, as `LL_DATA_HOLD` lists it: all of it, in order, with the moment it began.
+
+use super::super::objection::{Axis, Objection};
+use super::super::{drive, steering};
+use super::*;
+use canopen::master::{BootError, LostReason, Step};
+use messages::middlelevel::{CmdGoal, DataEstimate, Waypoint};
+use module::Standing;
+
+fn pause(engaged: bool, source: &str) -> lowlevel::EventStop {
+    lowlevel::EventStop { timestamp: 0, engaged, source: source.into() }
+}
+
+#[test]
+fn all_that_stands_is_listed_the_weightiest_first() {
+    let mut robot = Robot::ready();
+    robot.drive(0.4, 500);
+    assert_eq!((robot.holds(), robot.reason().as_str()), (vec![], ""), "it drives");
+    robot.missing = "driver_rs485a";
+    robot.bench.message(pause(true, "bumper2"));
+    let now = robot.bench.now();
+    robot.epos.fault(now, 0x2310);
+    robot.drive(0.4, 200);
+    let stands = [
+        (Hold::PauseBumper, "bumper2"),
+        (Hold::DriveFault, "propulsion"),
+        (Hold::CriticalModule, "driver_rs485a"),
+        (Hold::NotReleased, "test"),
+    ];
+    assert_eq!(robot.holds(), stands);
+    assert_eq!(robot.reason(), "PAUSE is engaged by bumper2");
+    let latched: Vec<bool> = robot.holds.holds.iter().map(|hold| hold.latched).collect();
+    assert_eq!(latched, [false, false, false, true]);
+    // One of them is over; the others have stood since the same moments as before.
+    let since = |robot: &Robot, hold: Hold| {
+        robot.holds.holds.iter().find(|row| row.cause() == Some(hold)).map(|row| row.since).expect("it stands")
+    };
+    let before = (since(&robot, Hold::DriveFault), since(&robot, Hold::CriticalModule));
+    robot.bench.message(pause(false, ""));
+    robot.exchange();
+    assert_eq!(robot.holds(), stands[1..], "at once, not with the next period");
+    assert_eq!((since(&robot, Hold::DriveFault), since(&robot, Hold::CriticalModule)), before);
+}
+
+#[test]
+fn the_list_is_published_five_times_a_second_and_on_change() {
+    let mut robot = Robot::ready();
+    let stamp = |robot: &Robot| (robot.holds.timestamp, robot.holds.module.clone());
+    let mut stamps = vec![stamp(&robot)];
+    for _ in 0..1000 {
+        robot.pass(1);
+        stamps.push(stamp(&robot));
+    }
+    stamps.dedup();
+    assert!((5..=6).contains(&stamps.len()), "{}", stamps.len());
+    assert!(stamps.iter().all(|(_, module)| module == NAME));
+    let before = robot.holds.timestamp;
+    robot.pass(30);
+    robot.bench.message(pause(true, "button"));
+    robot.exchange();
+    assert!(robot.holds.timestamp > before && robot.hold() == Some(Hold::PauseButton));
+}
+
+#[test]
+fn who_pulled_pause_is_a_number() {
+    let mut robot = Robot::ready();
+    for (source, hold) in [
+        ("bumper1", Hold::PauseBumper),
+        ("bumper8", Hold::PauseBumper),
+        ("sd1_front", Hold::PauseFloor),
+        ("sd1_rear", Hold::PauseFloor),
+        ("button", Hold::PauseButton),
+        ("bumper9", Hold::PauseOther),
+        ("", Hold::PauseOther),
+    ] {
+        robot.bench.message(pause(true, source));
+        robot.exchange();
+        assert_eq!(robot.holds(), [(hold, source)]);
+    }
+    // The power controller's names are those of the contract.
+    for byte in 0..=u8::MAX {
+        let known = rs485::boards::psc1::source_name(byte).map(messages::StopSource::from_name);
+        assert!(known.is_none_or(|source| source as u8 == byte), "{byte:#x}: {known:?}");
+    }
+}
+
+#[test]
+fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() {
+    let mut robot = Robot::ready();
+    let command = |robot: &mut Robot, source: &str, priority| {
+        robot.bench.message(lowlevel::CmdMotion {
+            timestamp: 0,
+            speed: 0.4,
+            steering: 0.0,
+            priority,
+            source: source.into(),
+        });
+        robot.exchange();
+    };
+    command(&mut robot, "planner", 0);
+    assert_eq!(robot.holds(), [(Hold::PlannerNoEstimate, ""), (Hold::PlannerLatched, "planner")]);
+    robot.bench.message(DataEstimate { quality: DataEstimate::FINE, ..Default::default() });
+    robot.exchange();
+    assert_eq!(robot.holds(), [(Hold::PlannerLatched, "planner")]);
+    assert_eq!(robot.holds.holds[0].words(), "planner must be let go by an operator first");
+    robot.pass(300);
+    // Two gamepads and the planner behind a hand.
+    robot.drive(0.0, 50);
+    robot.drive(0.4, 100);
+    command(&mut robot, "planner", 0);
+    command(&mut robot, "other", 1);
+    assert_eq!(robot.holds(), [], "the motion acts");
+    robot.pass(1);
+    robot.bench.message(pause(true, "button"));
+    robot.exchange();
+    let stands = [(Hold::PauseButton, "button"), (Hold::Contested, "other"), (Hold::Overruled, "planner")];
+    assert_eq!(robot.holds(), stands);
+    command(&mut robot, "planner", 0);
+    command(&mut robot, "other", 1);
+    command(&mut robot, "test", 1);
+    // Equal causes in the order in which their sources first commanded.
+    let stands = [
+        (Hold::PauseButton, "button"),
+        (Hold::NotReleased, "test"),
+        (Hold::NotReleased, "other"),
+        (Hold::PlannerLatched, "planner"),
+    ];
+    assert_eq!(robot.holds(), stands);
+    // Whoever lets go is not named any more.
+    robot.pass(300);
+    robot.bench.message(pause(false, ""));
+    robot.exchange();
+    assert_eq!(robot.holds(), [(Hold::NobodyCommands, "")]);
+}
+
+#[test]
+fn a_planner_that_is_stopped_for_its_estimate_says_so_before_it_is_to_be_let_go() {
+    let mut robot = Robot::ready();
+    let goal = Message::from(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
+    robot.bench.event(Event::Message { at: robot.bench.now(), message: &goal });
+    robot.bench.message(DataEstimate { quality: DataEstimate::FINE, ..Default::default() });
+    let source: String = "planner".into();
+    robot.bench.message(lowlevel::CmdMotion { timestamp: 0, speed: 0.4, steering: 0.0, priority: 0, source });
+    robot.pass(100);
+    assert_eq!(robot.holds(), [], "{}", robot.reason());
+    robot.bench.message(DataEstimate { quality: DataEstimate::LOST, ..Default::default() });
+    robot.exchange();
+    assert_eq!(robot.holds(), [(Hold::PlannerNoEstimate, ""), (Hold::PlannerLatched, "planner")]);
+    robot.missing = "planner";
+    robot.pass(100);
+    assert_eq!(robot.holds()[0], (Hold::PlannerModule, "planner"));
+}
+
+#[test]
+fn causes_are_compared_without_strings_and_their_words_are_those_of_the_list() {
+    fn is_plain<T: Copy + PartialEq>(_: T) {}
+    let canbus = Canbus::new(config()).expect("a good configuration");
+    let steering = |objection| Objection::Drive(Axis::Steering, objection);
+    let absent = drive::Absence::Lost(LostReason::Heartbeat);
+    let failed = drive::Absence::BootFailed(Step::DeviceType, BootError::NoHeartbeat);
+    let homing = canopen::axis::modes::hm::HomingError::Timeout;
+    for (objection, words) in [
+        (steering(drive::Objection::Absent(absent)), "the steering drive is lost: heartbeat missing"),
+        (steering(drive::Objection::Absent(failed)), "the steering drive cannot be booted: device type: no heartbeat"),
+        (steering(drive::Objection::Fault(0)), "the steering drive is in fault since before it was booted"),
+        (steering(drive::Objection::Deaf), "the steering drive does not answer"),
+        (steering(drive::Objection::Unseen), "the steering drive has not told its state"),
+        (Objection::NotHomed(steering::NotHomed::Failed(homing)), "homing the steering failed: takes too long"),
+    ] {
+        is_plain(objection);
+        assert_eq!(canbus.words(objection), words);
+        let Standing { hold, subject, .. } = canbus.standing(objection);
+        assert!(words.starts_with(&hold.words(subject)), "{hold:?}");
+    }
+}

@@ -1,0 +1,385 @@
+//! The link to the power controller BR-PSC1.
+//!
+//! Device    `docs/facts/boards.md` 6
+//! Protocol  the 9-bit frames of `rs485` on two pairs of wires: the board speaks by itself, too
+//! PAUSE     each word of the board on the PAUSE line becomes `LL_EVENT_STOP`: on change and every 500 ms. When the board
+//!           is silent nothing is sent, and who moves the robot stops it 1.2 s after the last one. So in every state
+//! Data      `LL_DATA_POWER` with each answer (1 Hz), `LL_DATA_BUS` once a second
+//! Commands  `LL_CMD_POWER` in RUN; channel `host` means the whole robot: an ordered shutdown, or a restart
+//! The end   announced by the board, or ordered: the modules are ended, then the computer is halted
+//!
+//! In STOP it asks nothing, and switches nothing.
+
+mod channels;
+mod config;
+mod gauge;
+mod shutdown;
+
+pub use config::{Config, ConfigError};
+
+use crate::line::{self, Heard, Line, PORT};
+use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
+use channels::{Channels, Outcome};
+use gauge::Gauge;
+use messages::lowlevel::{self, CmdPower, DataPower, EventStop};
+use messages::{Channel, Message};
+use module::{Action, Actions, Event, Module, PortSpec, State};
+use rs485::boards::Implausible;
+use rs485::boards::psc1::{
+    self, CHANNELS, Currents, GET_CURRENTS, GET_PWR_STATUS, SET_PWR_STATUS, Unasked, build_set, parse_currents,
+    parse_status, parse_unasked, source_name,
+};
+use rs485::master;
+use rs485::schedule::Turn;
+use shutdown::{Aim, Shutdown};
+
+/// The module's name.
+pub const NAME: &str = "driver_power";
+/// The board tells of the PAUSE line every 500 ms; without a word for this long it is unknown (design, section 4).
+const PAUSE_UNKNOWN: Duration = Duration::from_millis(1200);
+/// No sensor of the board measures more, mA.
+const CURRENT_MAX: u16 = 40_000;
+/// A channel that is off draws less than this, mA.
+const OFF_DRAWS: u16 = 500;
+/// The battery is not low any more when it has so much more than the reserve.
+const RESERVE_MARGIN: f64 = 0.02;
+/// A computer that still runs so long after it was halted was not.
+const HALTS_WITHIN: Duration = Duration::from_secs(60);
+const HOST: usize = 0;
+
+base::deadlines! {
+    /// What the driver itself waits for.
+    enum Timer {
+        /// The state of the PAUSE line becomes unknown. Set while it is known.
+        Pause,
+        /// A computer that was halted and still runs was not halted. Set after the command to halt.
+        Halted,
+    }
+}
+
+/// The driver of the power controller.
+#[derive(Debug)]
+pub struct Power {
+    config: Config,
+    ports: [PortSpec; 1],
+    line: Line,
+    channels: Channels,
+    /// What the board is being told.
+    telling: (u8, u8),
+    gauge: Gauge,
+    /// The last reported state of the PAUSE line: engaged or not, and its source.
+    pause: Option<(bool, u8)>,
+    shutdown: Option<Shutdown>,
+    deadlines: Deadlines<Timer>,
+}
+
+impl Power {
+    /// A driver that has not started.
+    ///
+    /// # Errors
+    /// When the configuration cannot be.
+    pub fn new(config: Config) -> Result<Self, ConfigError> {
+        config.check()?;
+        let period = Duration::from_secs_f64(1.0 / config.rate_hz);
+        let polls = vec![(GET_PWR_STATUS, period), (GET_CURRENTS, period)];
+        let board = line::Board::new(&config.name, config.address, psc1::INSTRUCTIONS, polls);
+        let link = master::Config {
+            baud: config.baud,
+            crc: config.crc,
+            full_duplex: true,
+            unasked: psc1::UNASKED,
+            ..master::Config::default()
+        };
+        let line = Line::new(&config.bus, link, vec![(board, config.timeout)]);
+        Ok(Self {
+            ports: [line.port()],
+            line,
+            channels: Channels::default(),
+            telling: (0, 0),
+            gauge: Gauge::new(config.capacity_ah, config.cells),
+            pause: None,
+            shutdown: None,
+            deadlines: Deadlines::new(),
+            config,
+        })
+    }
+
+    fn on_heard(&mut self, now: Instant, heard: &Heard, out: &mut Actions) {
+        let address = self.config.address;
+        match heard {
+            Heard::Unasked { from, instruction, data } if *from == address => {
+                match self.line.judge(address, parse_unasked(*instruction, data), out) {
+                    Some(Unasked::PauseChanged { engaged, source }) => self.on_pause(now, engaged, source, out),
+                    Some(Unasked::PowerOffRequested { seconds }) => self.shut_down(now, Aim::Cut, Some(seconds), out),
+                    None => {}
+                }
+            }
+            Heard::Answer { instruction, data, .. } => match *instruction {
+                code if code == GET_PWR_STATUS.code => {
+                    if let Some(state) = self.line.judge(address, parse_status(data), out) {
+                        self.on_state(now, state, out);
+                    }
+                }
+                code if code == GET_CURRENTS.code => {
+                    let currents = parse_currents(data).and_then(|currents| self.plausible(currents));
+                    if let Some(currents) = self.line.judge(address, currents, out) {
+                        self.on_currents(now, &currents, out);
+                    }
+                }
+                code if code == SET_PWR_STATUS.code => {
+                    if let Some(target) = self.line.judge(address, parse_status(data), out) {
+                        self.on_told(now, target);
+                    }
+                }
+                _ => {}
+            },
+            Heard::Unasked { .. } | Heard::Failed { .. } | Heard::Back => {}
+        }
+        if matches!(heard, Heard::Answer { .. } | Heard::Back) {
+            self.tell();
+        }
+    }
+
+    /// What its CRC lets pass and no battery of so many cells, no sensor, can say.
+    fn plausible(&self, currents: Currents) -> Result<Currents, Implausible> {
+        if let Some(index) = currents.milliamps.iter().position(|milliamps| *milliamps > CURRENT_MAX) {
+            return Err(Implausible::Value { index, value: currents.milliamps[index].into() });
+        }
+        let cell = f64::from(currents.battery_mv) / 1000.0 / f64::from(self.config.cells);
+        if (1.0..=5.0).contains(&cell) {
+            return Ok(currents);
+        }
+        Err(Implausible::Value { index: CHANNELS.len(), value: currents.battery_mv.into() })
+    }
+
+    fn on_pause(&mut self, now: Instant, engaged: bool, source: u8, out: &mut Actions) {
+        let known = self.pause.replace((engaged, source));
+        self.deadlines.set(Timer::Pause, now + PAUSE_UNKNOWN);
+        let name = self.config.name.as_str();
+        out.clear(Fault::PauseUnknown, name, format!("{name} tells of the PAUSE line again"));
+        let who = if engaged { source_name(source).unwrap_or_default() } else { "" };
+        if known.map(|(engaged, _)| engaged).unwrap_or_default() != engaged {
+            out.note(if engaged { format!("PAUSE: engaged by {who}") } else { "PAUSE: released".into() });
+        }
+        out.publish(EventStop { timestamp: out.timestamp(now), engaged, source: who.into() });
+    }
+
+    fn on_state(&mut self, now: Instant, state: u8, out: &mut Actions) {
+        for outcome in self.channels.on_state(now, state) {
+            let word = |on| if on { "on" } else { "off" };
+            match outcome {
+                Outcome::Done { channel, on } => {
+                    let name = CHANNELS[channel];
+                    out.note(format!("power channel {name} is {}", word(on)));
+                    out.clear(Fault::ChannelStuck, name, format!("power channel {name} does as it is told"));
+                }
+                Outcome::Stuck { channel, on } => {
+                    let name = CHANNELS[channel];
+                    let message = format!("power channel {name} was switched {} and is not", word(on));
+                    out.raise(Severity::Error, Fault::ChannelStuck, name, message);
+                }
+            }
+        }
+    }
+
+    fn on_told(&mut self, now: Instant, target: u8) {
+        let (mask, states) = self.telling;
+        // What the board does not mean to do stays to be told.
+        let agreed = mask & !(target ^ states);
+        self.channels.told(now, agreed, states);
+        if let Some(shutdown) = &mut self.shutdown
+            && shutdown.releases()
+        {
+            shutdown.released();
+        }
+    }
+
+    fn on_currents(&mut self, now: Instant, currents: &Currents, out: &mut Actions) {
+        let Some(state) = self.channels.state() else { return };
+        let amperes = currents.milliamps.map(|milliamps| f64::from(milliamps) / 1000.0);
+        let voltage = f64::from(currents.battery_mv) / 1000.0;
+        self.gauge.measured(now, voltage, amperes.iter().sum());
+        let channel = |channel: usize| lowlevel::Channel {
+            name: CHANNELS[channel].into(),
+            on: state >> channel & 1 == 1,
+            current: amperes[channel],
+        };
+        out.publish(DataPower {
+            timestamp: out.timestamp(now),
+            voltage,
+            charge: self.gauge.charge(),
+            remaining: self.gauge.remaining(),
+            channels: (0..CHANNELS.len()).map(channel).collect(),
+        });
+        self.watch_reserve(out);
+        for (channel, name) in CHANNELS.iter().enumerate() {
+            if state >> channel & 1 == 0 && currents.milliamps[channel] > OFF_DRAWS {
+                let message = format!("power channel {name} is off and draws {} A", amperes[channel]);
+                out.raise(Severity::Error, Fault::ChannelStuck, *name, message);
+            }
+        }
+    }
+
+    fn watch_reserve(&self, out: &mut Actions) {
+        let (charge, reserve, name) = (self.gauge.charge(), self.config.reserve, self.config.name.as_str());
+        let percent = charge * 100.0;
+        if charge < reserve {
+            let message = format!("the battery has {percent:.0} %: drive it to its charger");
+            out.raise(Severity::Warning, Fault::BatteryLow, name, message);
+        } else if charge >= reserve + RESERVE_MARGIN {
+            out.clear(Fault::BatteryLow, name, format!("the battery has {percent:.0} %"));
+        }
+    }
+
+    fn on_command(&mut self, now: Instant, command: &CmdPower, out: &mut Actions) {
+        let channel = usize::try_from(command.device).ok().filter(|channel| *channel < CHANNELS.len());
+        let refused = match (channel, command.action) {
+            _ if self.line.state() != State::Run => format!("{NAME} is in {}", self.line.state()),
+            _ if self.shutdown.is_some() => "the robot is being shut down".into(),
+            (None, _) => format!("there is no power channel {}", command.device),
+            (Some(HOST), CmdPower::OFF) => return self.shut_down(now, Aim::Off, None, out),
+            (Some(HOST), CmdPower::REBOOT) if self.config.reboot.is_empty() => "no reboot_command is configured".into(),
+            (Some(HOST), CmdPower::REBOOT) => return self.shut_down(now, Aim::Reboot, None, out),
+            (Some(channel), CmdPower::OFF) => return self.order(channel, false, false),
+            (Some(channel), CmdPower::ON) => return self.order(channel, true, false),
+            (Some(channel), CmdPower::REBOOT) => return self.order(channel, false, true),
+            (_, action) => format!("{action} is no action"),
+        };
+        out.report(Severity::Warning, Fault::CommandForbidden, "power", format!("power command refused: {refused}"));
+    }
+
+    fn order(&mut self, channel: usize, on: bool, again: bool) {
+        self.channels.order(channel, on, again);
+        self.tell();
+    }
+
+    /// Has the board told what it does not know yet.
+    fn tell(&mut self) {
+        let releases = self.shutdown.as_ref().is_some_and(Shutdown::releases);
+        if self.channels.telling().is_some() || releases {
+            self.line.demand(self.config.address, &SET_PWR_STATUS);
+        }
+    }
+
+    fn shut_down(&mut self, now: Instant, aim: Aim, seconds: Option<u8>, out: &mut Actions) {
+        if self.shutdown.is_some() || self.deadlines.is_set(Timer::Halted) {
+            return;
+        }
+        let what = match seconds {
+            Some(seconds) => format!("the supply is cut in {seconds} s"),
+            None if aim == Aim::Reboot => "the computer is to be restarted".into(),
+            None => "all is to be switched off".into(),
+        };
+        let message = format!("{what}: the modules are ended, then the computer");
+        out.raise(Severity::Warning, Fault::PowerOff, self.config.name.as_str(), message);
+        self.channels.forget();
+        self.shutdown = Some(Shutdown::new(now, aim, &self.config.modules, seconds));
+    }
+
+    fn advance_shutdown(&mut self, now: Instant, out: &mut Actions) {
+        let Some(shutdown) = &mut self.shutdown else { return };
+        let released = shutdown.releases();
+        shutdown.advance(now, NAME, out);
+        let (ready, releases, aim) = (shutdown.is_ready(), shutdown.releases(), shutdown.aim);
+        if releases && !released {
+            self.tell();
+        }
+        if !ready {
+            return;
+        }
+        self.shutdown = None;
+        self.deadlines.set(Timer::Halted, now + HALTS_WITHIN);
+        let command = if aim == Aim::Reboot { &self.config.reboot } else { &self.config.halt };
+        let name = self.config.name.as_str();
+        let line = command.join(" ");
+        if command.is_empty() {
+            out.report(Severity::Warning, Fault::PowerOff, name, "no halt_command is configured: the computer runs on");
+        } else if self.config.simulated {
+            let message = format!("a simulated robot: its computer would be halted now by: {line}");
+            out.report(Severity::Notice, Fault::PowerOff, name, message);
+        } else {
+            out.report(Severity::Notice, Fault::PowerOff, name, format!("the computer is halted by: {line}"));
+            out.push(Action::Run(command.clone()));
+        }
+    }
+
+    fn on_timer(&mut self, now: Instant, out: &mut Actions) {
+        self.line.on_timer(now, out);
+        let name = self.config.name.as_str();
+        if self.deadlines.take(Timer::Pause, now) {
+            let message = format!("{name} does not tell of the PAUSE line: the robot stops");
+            out.raise(Severity::Error, Fault::PauseUnknown, name, message);
+        }
+        if self.deadlines.take(Timer::Halted, now) {
+            out.clear(Fault::PowerOff, name, "the computer still runs");
+        }
+        if self.channels.on_timer(now) {
+            self.tell();
+        }
+    }
+
+    fn drain(&mut self, now: Instant, out: &mut Actions) {
+        while let Some(heard) = self.line.hear(now, out) {
+            self.on_heard(now, &heard, out);
+        }
+        self.advance_shutdown(now, out);
+        if let Some(turn) = self.line.turn(now) {
+            self.ask(turn);
+        }
+        self.line.serve(now, out);
+    }
+
+    fn ask(&mut self, turn: Turn) {
+        if turn.instruction != SET_PWR_STATUS.code {
+            self.line.ask(turn, &[]);
+            return;
+        }
+        let releases = self.shutdown.as_ref().is_some_and(Shutdown::releases);
+        let telling = if releases { Some((0xFF, 0)) } else { self.channels.telling() };
+        // Demanded twice, told once.
+        if let Some((mask, states)) = telling {
+            self.telling = (mask, states);
+            self.line.ask(turn, &build_set(mask, states));
+        }
+    }
+}
+
+impl Module for Power {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::LlCmdPower, Channel::CmDataProcesses]
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Start => {
+                self.line.start(now);
+                self.deadlines.set(Timer::Pause, now + PAUSE_UNKNOWN);
+            }
+            Event::Port { port: PORT, input } => {
+                self.line.on_port(now, &input, out);
+            }
+            Event::Message { message: Message::LlCmdPower(command), .. } => self.on_command(now, command, out),
+            Event::Message { message: Message::CmDataProcesses(list), .. } => {
+                if let Some(shutdown) = &mut self.shutdown {
+                    shutdown.on_processes(now, list);
+                }
+            }
+            Event::State(state) => self.line.set_state(state),
+            Event::Timer => self.on_timer(now, out),
+            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+        }
+        self.drain(now, out);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let shutdown = self.shutdown.as_ref().and_then(Shutdown::poll_timeout);
+        earliest([self.deadlines.next(), self.channels.poll_timeout(), shutdown, self.line.poll_timeout()])
+    }
+}
+
+#[cfg(test)]
+mod tests;

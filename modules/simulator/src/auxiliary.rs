@@ -1,0 +1,213 @@
+//! Cooling and temperatures: the chips on I2C buses, the thermometers on 1-Wire.
+
+use crate::boards::climate::Climate;
+use crate::boards::fan1::Fan1;
+use crate::faults::Ailment;
+use base::i2c::{Address, Error, Outcome, Transfer};
+use base::w1::{self, Answer, Rom};
+use base::{Duration, Instant, Ticker};
+use std::collections::VecDeque;
+
+/// The climate goes on this often.
+const SECOND: Duration = Duration::from_secs(1);
+
+/// An I2C bus and its boards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct I2cConfig {
+    /// The bus's name, as its driver has it: `i2c.aux`.
+    pub bus: String,
+    /// Hz.
+    pub hz: u32,
+    /// The fan boards on it: name and address.
+    pub fans: Vec<(String, Address)>,
+}
+
+/// A 1-Wire bus and its thermometers. The first of them is at the battery, the others are in the box.
+#[derive(Clone, Debug, PartialEq)]
+pub struct W1Config {
+    /// The bus's name, as its driver has it: `w1`.
+    pub bus: String,
+    /// Code and name, the target of faults.
+    pub thermometers: Vec<(Rom, String)>,
+}
+
+/// State.
+#[derive(Debug)]
+pub(crate) struct Auxiliary {
+    buses: Vec<Bus>,
+    thermometers: Vec<Thermometer>,
+    /// Output for the 1-Wire port.
+    news: VecDeque<Answer>,
+    climate: Climate,
+    second: Ticker,
+}
+
+#[derive(Debug)]
+struct Bus {
+    hz: u32,
+    fans: Vec<Fan1>,
+    /// Outcomes of transfers, and the instants of their ends on the wire.
+    outcomes: VecDeque<(Instant, Outcome)>,
+}
+
+#[derive(Debug)]
+struct Thermometer {
+    rom: Rom,
+    name: String,
+    absent: Instant,
+    wrong: Instant,
+    hot: (Instant, f64),
+    told: Option<Result<i32, w1::Error>>,
+}
+
+impl Auxiliary {
+    pub fn new(i2c: &[I2cConfig], w1: Option<&W1Config>, now: Instant) -> Self {
+        let buses = i2c.iter().map(|bus| Bus {
+            hz: bus.hz,
+            fans: bus.fans.iter().map(|(name, address)| Fan1::new(name, *address)).collect(),
+            outcomes: VecDeque::new(),
+        });
+        let thermometers = w1.iter().flat_map(|w1| &w1.thermometers).map(|(rom, name)| Thermometer {
+            rom: *rom,
+            name: name.clone(),
+            absent: Instant::ZERO,
+            wrong: Instant::ZERO,
+            hot: (Instant::ZERO, 0.0),
+            told: None,
+        });
+        let (buses, thermometers): (Vec<Bus>, Vec<Thermometer>) = (buses.collect(), thermometers.collect());
+        let nothing = buses.is_empty() && thermometers.is_empty();
+        let second = Ticker::new(if nothing { Instant::NEVER } else { now + SECOND }, SECOND);
+        Self { buses, thermometers, news: VecDeque::new(), climate: Climate::default(), second }
+    }
+
+    /// Takes a transfer of a bus's master; with `wire_time` its outcome comes after its duration on the wire.
+    pub fn on_asked(&mut self, now: Instant, bus: usize, transfer: &Transfer, wire_time: bool) {
+        let Some(bus) = self.buses.get_mut(bus) else { return };
+        let mut outcome = Err(Error::NoAddress);
+        for fan in &mut bus.fans {
+            fan.advance(now, &self.climate);
+            if let Some(answer) = fan.answer(now, transfer) {
+                outcome = answer;
+            }
+        }
+        if bus.fans.iter().any(|fan| fan.holds(now)) {
+            outcome = Err(Error::Stuck);
+        }
+        let free = bus.outcomes.back().map_or(now, |(at, _)| *at);
+        let at = if wire_time { free + i2c::duration(transfer, &outcome, bus.hz) } else { now };
+        bus.outcomes.push_back((at, outcome));
+    }
+
+    /// The next thing that has come of a transfer, and on which bus.
+    pub fn poll_outcome(&mut self, now: Instant) -> Option<(usize, Outcome)> {
+        let due = |bus: &Bus| bus.outcomes.front().is_some_and(|(at, _)| *at <= now);
+        let place = self.buses.iter().position(due)?;
+        self.buses[place].outcomes.pop_front().map(|(_, outcome)| (place, outcome))
+    }
+
+    /// Drops pending transfers of a bus whose masters have gone.
+    pub fn forget(&mut self, bus: usize) {
+        if let Some(bus) = self.buses.get_mut(bus) {
+            bus.outcomes.clear();
+        }
+    }
+
+    /// Takes the opening of the 1-Wire port: all values are sent.
+    pub fn on_w1_up(&mut self, now: Instant) {
+        self.thermometers.iter_mut().for_each(|thermometer| thermometer.told = None);
+        self.list(now);
+        self.measure(now);
+    }
+
+    /// Next output for the 1-Wire port.
+    pub fn poll_w1(&mut self) -> Option<Answer> {
+        self.news.pop_front()
+    }
+
+    pub fn handle_timeout(&mut self, now: Instant, speed_mps: f64) {
+        while self.second.due(now) {
+            let fans = || self.buses.iter().flat_map(|bus| &bus.fans);
+            let flow = fans().map(Fan1::flow).sum::<f64>() / (fans().count().max(1) as f64);
+            self.climate.second(speed_mps, flow);
+            for fan in self.buses.iter_mut().flat_map(|bus| &mut bus.fans) {
+                fan.advance(now, &self.climate);
+            }
+            if self.thermometers.iter().any(|thermometer| thermometer.is_absent(now) != thermometer.told.is_none()) {
+                self.list(now);
+            }
+            self.measure(now);
+        }
+    }
+
+    pub fn poll_timeout(&self) -> Instant {
+        let outcomes = self.buses.iter().filter_map(|bus| bus.outcomes.front().map(|(at, _)| *at));
+        outcomes.fold(self.second.next(), Instant::min)
+    }
+
+    /// Injects a fault into a board or a thermometer; false if there is none of that name, or it has no such fault.
+    pub fn suffer(&mut self, now: Instant, target: &str, ailment: Ailment, until: Instant) -> bool {
+        if let Some(fan) = self.buses.iter_mut().flat_map(|bus| &mut bus.fans).find(|fan| fan.name == target) {
+            return fan.suffer(now, ailment, until);
+        }
+        let Some(thermometer) = self.thermometers.iter_mut().find(|thermometer| thermometer.name == target) else {
+            return false;
+        };
+        match ailment {
+            Ailment::Silent => thermometer.absent = until,
+            Ailment::Wrong => thermometer.wrong = until,
+            Ailment::Hot(celsius) => thermometer.hot = (until, celsius),
+            Ailment::None => {
+                (thermometer.absent, thermometer.wrong) = (now, now);
+                thermometer.hot.0 = now;
+            }
+            _ => return false,
+        }
+        self.list(now);
+        self.measure(now);
+        true
+    }
+
+    fn list(&mut self, now: Instant) {
+        let there = self.thermometers.iter().filter(|thermometer| !thermometer.is_absent(now));
+        let mut roms: Vec<Rom> = there.map(|thermometer| thermometer.rom).collect();
+        roms.sort_unstable();
+        self.news.push_back(Answer::List(roms.into_iter().take(w1::MAX).collect()));
+    }
+
+    /// Sends the readings that have changed.
+    fn measure(&mut self, now: Instant) {
+        for (place, thermometer) in self.thermometers.iter_mut().enumerate() {
+            let warm = if place == 0 { self.climate.battery_c } else { self.climate.box_c };
+            let says = thermometer.says(now, warm);
+            if says != std::mem::replace(&mut thermometer.told, says)
+                && let Some(says) = says
+            {
+                self.news.push_back(Answer::Temperature(thermometer.rom, says));
+            }
+        }
+    }
+}
+
+impl Thermometer {
+    fn is_absent(&self, now: Instant) -> bool {
+        now < self.absent
+    }
+
+    /// Reading at this temperature, °C; `None` while it is absent.
+    fn says(&self, now: Instant, celsius: f64) -> Option<Result<i32, w1::Error>> {
+        if self.is_absent(now) {
+            return None;
+        }
+        if now < self.wrong {
+            return Some(Err(w1::Error::Crc));
+        }
+        let (until, hot) = self.hot;
+        let celsius = if now < until { hot } else { celsius };
+        // Sixteenths of a degree.
+        Some(Ok((celsius.clamp(-55.0, 125.0) * 16.0) as i32 * 125 / 2))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,582 @@
+//! The robot's body: mass, motor force, losses, steering, wheels with encoders, and what it bumps into.
+//!
+//! Steps of [`STEP`], in each of which acceleration is constant: straight runs and ramps are exact, and so is the arc
+//! of the step's mean speed. The current loop and the speed loop of the drive are faster than a step (time constants
+//! 0.7 ms and 4 ms, docs/facts/robot.md 2.4): within its force the motor has the demanded speed at the step's end.
+
+use crate::people::Hull;
+use crate::random::Random;
+use crate::world::World;
+use base::Duration;
+use navitools::{Ackermann, Motion, Pose};
+
+/// The step of the integration.
+pub const STEP: Duration = Duration::from_millis(5);
+const DT: f64 = 0.005;
+const GRAVITY: f64 = 9.81;
+/// A contact lasts until the body is this far away, m.
+const RELEASE: f64 = 0.01;
+
+/// Parameters of the body; the defaults are those of docs/facts/robot.md 1.2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameters {
+    /// Between the axles, m.
+    pub wheelbase: f64,
+    /// Between the front hubs, m.
+    pub track: f64,
+    /// Behind the rear axle, m.
+    pub overhang_rear: f64,
+    /// Ahead of the front axle, m.
+    pub overhang_front: f64,
+    /// m.
+    pub width: f64,
+    /// kg.
+    pub mass: f64,
+    /// Radius of all wheels, m.
+    pub wheel_radius: f64,
+    /// Motor turns per turn of the driven wheels.
+    pub gear: f64,
+    /// Greatest force of the motor at the wheel, N.
+    pub force_max: f64,
+    /// Greatest speed that gear and supply allow, m/s.
+    pub speed_max: f64,
+    /// Rolling resistance by weight.
+    pub rolling: f64,
+    /// Drag of motor and gear at the wheel, N.
+    pub drag: f64,
+    /// The steering's mechanical stop on either side, rad; beyond the switch.
+    pub steering_stop: f64,
+    /// Switching angle of the homing switch, rad: closed below it.
+    pub steering_switch: f64,
+    /// Greatest rate, rad/s.
+    pub steering_rate: f64,
+    /// Time constant of the position loop, s.
+    pub steering_lag: f64,
+    /// Play between drive and wheels, rad.
+    pub steering_play: f64,
+    /// Counts of an encoder per wheel turn.
+    pub encoder_counts: f64,
+    /// Deviations from these, also from run to run.
+    pub errors: Errors,
+}
+
+/// Deviations of a robot from its drawing: bounds of those constant for a run, standard deviations of those that
+/// change.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Errors {
+    /// An encoder counts up to this part more or less than the truth, each by itself.
+    pub encoder_scale: f64,
+    /// The track is up to this part wider or narrower.
+    pub track: f64,
+    /// Common scale noise of both front wheels, m per √m.
+    pub along: f64,
+    /// Differential scale noise, as a rotation of the robot, rad per √m.
+    pub turn: f64,
+    /// Slip of the driven wheels where force is the robot's weight; front wheels are not driven, and roll.
+    pub slip: f64,
+}
+
+impl Errors {
+    /// Errors of docs/facts/robot.md 1.2. The slip is that of a hard tyre on a smooth floor: 1.5 % in a quick stop.
+    #[must_use]
+    pub fn usual() -> Self {
+        Self { encoder_scale: 0.01, track: 0.01, along: 0.01, turn: 0.5f64.to_radians(), slip: 0.1 }
+    }
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            wheelbase: 0.60,
+            track: 0.50,
+            overhang_rear: 0.15,
+            overhang_front: 0.15,
+            width: 0.60,
+            mass: 95.0,
+            wheel_radius: 0.100,
+            gear: 26.0,
+            force_max: 208.0,
+            speed_max: 2.42,
+            rolling: 0.015,
+            drag: 2.4,
+            steering_stop: 37.5f64.to_radians(),
+            steering_switch: -36f64.to_radians(),
+            steering_rate: 40f64.to_radians(),
+            steering_lag: 0.10,
+            steering_play: 0.5f64.to_radians(),
+            encoder_counts: 4096.0,
+            errors: Errors::default(),
+        }
+    }
+}
+
+impl Parameters {
+    /// Motor turns per metre driven.
+    #[must_use]
+    pub fn motor_turns_per_metre(&self) -> f64 {
+        self.gear / (2.0 * core::f64::consts::PI * self.wheel_radius)
+    }
+
+    /// Way of a wheel per encoder count, m.
+    #[must_use]
+    pub fn metres_per_tick(&self) -> f64 {
+        2.0 * core::f64::consts::PI * self.wheel_radius / self.encoder_counts
+    }
+
+    /// Deceleration with the power stage off, m/s².
+    #[must_use]
+    pub fn coasting(&self) -> f64 {
+        self.rolling * GRAVITY + self.drag / self.mass
+    }
+}
+
+/// Demand of the drives.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Demand {
+    /// Speed over ground, m/s; `None` with the power stage off: it coasts.
+    pub speed: Option<f64>,
+    /// Angle of the steering drive's output, rad; none with the power stage off: the gear holds it.
+    pub steering: Option<f64>,
+}
+
+/// The body in the world.
+#[derive(Clone, Debug)]
+pub struct Body {
+    parameters: Parameters,
+    geometry: Ackermann,
+    pose: Pose,
+    speed: f64,
+    /// Force of the motor at the wheel, N.
+    force: f64,
+    /// Signed way of the rear axle's middle since the start.
+    travelled: f64,
+    /// Output of the steering drive, and the wheels behind the play.
+    steering: (f64, f64),
+    /// Curvature by the wheels' angle, and path of the front hubs per path.
+    curvature: f64,
+    hub_ratios: (f64, f64),
+    /// Ways of the front wheels by their encoders, and how much these count more than the truth.
+    hubs: (f64, f64),
+    scales: (f64, f64),
+    /// Slip: excess path of the driven wheels.
+    slipped: f64,
+    random: Random,
+    /// Path within which no part of the body can reach a wall, m.
+    free_way: f64,
+    touching: bool,
+    /// Something was in the way of the last step.
+    blocked: bool,
+    collisions: u32,
+}
+
+impl Body {
+    /// Standing at `pose`, wheels straight.
+    #[must_use]
+    pub fn new(parameters: Parameters, pose: Pose) -> Self {
+        Self::drawn(parameters, pose, Random::new(0))
+    }
+
+    /// A body whose errors have a random stream of their own.
+    #[must_use]
+    pub fn drawn(parameters: Parameters, pose: Pose, mut random: Random) -> Self {
+        let mut about_one = |part: f64| 1.0 + part * (2.0 * random.uniform() - 1.0);
+        let Errors { encoder_scale, track, .. } = parameters.errors;
+        let scales = (about_one(encoder_scale), about_one(encoder_scale));
+        let track = parameters.track * about_one(track);
+        let geometry = Ackermann { wheelbase_m: parameters.wheelbase, track_m: track };
+        Self {
+            parameters,
+            geometry,
+            pose,
+            speed: 0.0,
+            force: 0.0,
+            travelled: 0.0,
+            steering: (0.0, 0.0),
+            curvature: 0.0,
+            hub_ratios: (1.0, 1.0),
+            hubs: (0.0, 0.0),
+            scales,
+            slipped: 0.0,
+            random,
+            free_way: 0.0,
+            touching: false,
+            blocked: false,
+            collisions: 0,
+        }
+    }
+
+    /// Parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// Pose of the rear axle's centre.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        self.pose
+    }
+
+    /// m/s.
+    #[must_use]
+    pub fn speed(&self) -> f64 {
+        self.speed
+    }
+
+    /// Force of the motor at the wheel in the last step, N, forward positive.
+    #[must_use]
+    pub fn force(&self) -> f64 {
+        self.force
+    }
+
+    /// Signed way since the start, m.
+    #[must_use]
+    pub fn travelled(&self) -> f64 {
+        self.travelled
+    }
+
+    /// Motion by the motor's own encoder: on its driven wheels.
+    #[must_use]
+    pub fn motor_way(&self) -> f64 {
+        self.travelled + self.slipped
+    }
+
+    /// Angle of the equivalent single front wheel, rad.
+    #[must_use]
+    pub fn steering(&self) -> f64 {
+        self.steering.1
+    }
+
+    /// Angle of the steering drive's output, rad: what its encoder sees; the wheels lag by the play.
+    #[must_use]
+    pub fn steering_output(&self) -> f64 {
+        self.steering.0
+    }
+
+    /// True if the homing switch is closed.
+    #[must_use]
+    pub fn switch_closed(&self) -> bool {
+        self.steering.0 <= self.parameters.steering_switch
+    }
+
+    /// The encoder counts of the left and the right front wheel since the start.
+    #[must_use]
+    pub fn ticks(&self) -> (i64, i64) {
+        let count = |way: f64| libm::floor(way / self.parameters.metres_per_tick()) as i64;
+        (count(self.hubs.0), count(self.hubs.1))
+    }
+
+    /// Number of collisions.
+    #[must_use]
+    pub fn collisions(&self) -> u32 {
+        self.collisions
+    }
+
+    /// True if something was in the way of the last step: a bumper is pressed.
+    #[must_use]
+    pub fn is_blocked(&self) -> bool {
+        self.blocked
+    }
+
+    /// Outline and how it moves, as people meet it.
+    #[must_use]
+    pub fn hull(&self) -> Hull {
+        let p = &self.parameters;
+        let outline = (-p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0);
+        Hull::new(self.pose, outline, (self.speed, self.speed * self.curvature))
+    }
+
+    /// The farthest that a part of it moves while the rear axle's middle moves by `way`, m.
+    #[must_use]
+    pub fn sweep(&self, way: f64) -> f64 {
+        let corner = self.parameters.wheelbase + self.parameters.overhang_front + self.parameters.width / 2.0;
+        libm::fabs(way) * (1.0 + libm::fabs(self.curvature) * corner)
+    }
+
+    /// Undoes the last step, which led here from `before`, because a person was in the way. `anew`: not in the step
+    /// before.
+    pub fn stop_at(&mut self, before: &Self, anew: bool) {
+        self.clone_from(before);
+        (self.speed, self.blocked) = (0.0, true);
+        self.collisions += u32::from(anew);
+    }
+
+    /// Lifted and put elsewhere: its wheels have not turned.
+    pub fn put(&mut self, pose: Pose) {
+        (self.pose, self.speed, self.force, self.free_way) = (pose, 0.0, 0.0, 0.0);
+        (self.touching, self.blocked) = (false, false);
+    }
+
+    /// Distance of the body's rectangle to the nearest wall or column, m; infinite without one.
+    #[must_use]
+    pub fn clearance(&self, world: &World) -> f64 {
+        self.clearance_at(world, self.pose)
+    }
+
+    fn clearance_at(&self, world: &World, pose: Pose) -> f64 {
+        let p = &self.parameters;
+        world.clearance(pose, -p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0)
+    }
+
+    /// True if a step with this demand changes nothing.
+    #[must_use]
+    pub fn rests(&self, demand: &Demand) -> bool {
+        self.speed == 0.0
+            && demand.speed.is_none_or(|speed| speed == 0.0)
+            && demand.steering.is_none_or(|angle| self.reachable(angle) == self.steering.0)
+    }
+
+    fn reachable(&self, angle: f64) -> f64 {
+        angle.clamp(-self.parameters.steering_stop, self.parameters.steering_stop)
+    }
+
+    /// Goes on by [`STEP`].
+    pub fn step(&mut self, world: &World, demand: &Demand) {
+        self.steer(demand.steering);
+        let way = self.accelerate(demand.speed);
+        self.blocked = way != 0.0 && !self.advance(world, way);
+        if self.blocked {
+            self.speed = 0.0;
+            self.collisions += u32::from(!self.touching);
+            self.touching = true;
+        }
+    }
+
+    fn steer(&mut self, demand: Option<f64>) {
+        let p = &self.parameters;
+        if let Some(angle) = demand {
+            let target = self.reachable(angle);
+            let gap = target - self.steering.0;
+            let rate = (gap / p.steering_lag.max(DT)).clamp(-p.steering_rate, p.steering_rate);
+            // The last thousandth of a degree is friction's.
+            self.steering.0 = if libm::fabs(gap) < 2e-5 { target } else { self.steering.0 + rate * DT };
+        }
+        let half = p.steering_play / 2.0;
+        let wheels = self.steering.1.clamp(self.steering.0 - half, self.steering.0 + half);
+        if wheels != self.steering.1 {
+            self.steering.1 = wheels;
+            self.curvature = self.geometry.curvature(wheels);
+            self.hub_ratios = self.geometry.hub_ratios(self.curvature);
+        }
+    }
+
+    /// The new speed; answers the way of the step.
+    fn accelerate(&mut self, demand: Option<f64>) -> f64 {
+        let p = &self.parameters;
+        let losses = p.coasting();
+        let old = self.speed;
+        let Some(demand) = demand else {
+            self.force = 0.0;
+            let slower = losses * DT;
+            if libm::fabs(old) <= slower {
+                self.speed = 0.0;
+                return libm::copysign(old * old / (2.0 * losses), old);
+            }
+            self.speed = old - libm::copysign(slower, old);
+            return (old + self.speed) / 2.0 * DT;
+        };
+        let demand = demand.clamp(-p.speed_max, p.speed_max);
+        let force = p.force_max / p.mass;
+        // Losses help to brake and hinder to gain speed, whichever way it rolls.
+        let towards = if old == 0.0 { demand } else { old };
+        let against = if towards == 0.0 { 0.0 } else { libm::copysign(losses, towards) };
+        let change = (demand - old).clamp((-force - against) * DT, (force - against) * DT);
+        self.speed = old + change;
+        self.force = (change / DT + against) * p.mass;
+        (old + self.speed) / 2.0 * DT
+    }
+
+    /// Moves along the arc; false, and nothing moved, when something is in the way.
+    fn advance(&mut self, world: &World, way: f64) -> bool {
+        let p = &self.parameters;
+        let pose = self.pose.along(Motion { translation: way, rotation: way * self.curvature });
+        self.free_way -= self.sweep(way);
+        if self.free_way <= 0.0 {
+            self.free_way = self.clearance_at(world, pose);
+            if self.free_way == 0.0 {
+                return false;
+            }
+            self.touching &= self.free_way < RELEASE;
+        }
+        self.pose = pose;
+        self.travelled += way;
+        // Forward force makes them roll more than the way going forward, and less going back.
+        self.slipped += libm::fabs(way) * p.errors.slip * self.force / (p.mass * GRAVITY);
+        let (mut left, mut right) = (way * self.hub_ratios.0 * self.scales.0, way * self.hub_ratios.1 * self.scales.1);
+        let Errors { along, turn, .. } = p.errors;
+        if along > 0.0 || turn > 0.0 {
+            let root = libm::sqrt(libm::fabs(way));
+            let (both, apart) = (along * root * self.random.normal(), turn * root * self.random.normal());
+            left += both - apart * p.track / 2.0;
+            right += both + apart * p.track / 2.0;
+        }
+        (self.hubs.0, self.hubs.1) = (self.hubs.0 + left, self.hubs.1 + right);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use navitools::odometry::SteeredWheels;
+
+    fn body() -> (Body, World) {
+        (Body::new(Parameters::default(), Pose::default()), World::default())
+    }
+
+    fn run(body: &mut Body, world: &World, seconds: f64, demand: Demand) {
+        for _ in 0..libm::round(seconds / DT) as u32 {
+            body.step(world, &demand);
+        }
+    }
+
+    fn speed(speed: f64) -> Demand {
+        Demand { speed: Some(speed), steering: None }
+    }
+
+    #[test]
+    fn a_straight_run_is_speed_times_time() {
+        let (mut body, world) = body();
+        run(&mut body, &world, 2.0, speed(0.8));
+        let start = body.pose().x;
+        run(&mut body, &world, 10.0, speed(0.8));
+        assert!((body.pose().x - start - 8.0).abs() < 1e-9 && body.pose().y == 0.0);
+        let ticks = 8.0 / body.parameters().metres_per_tick();
+        let (left, right) = body.ticks();
+        assert_eq!(left, right);
+        assert!((left as f64 - ticks - start / body.parameters().metres_per_tick()).abs() < 2.0);
+    }
+
+    #[test]
+    fn the_motor_s_force_limits_the_acceleration() {
+        let (mut body, world) = body();
+        run(&mut body, &world, 0.5, speed(2.4));
+        // (208 N - 14 N - 2.4 N) / 95 kg for half a second.
+        let expected = (208.0 / 95.0 - 0.015 * 9.81 - 2.4 / 95.0) * 0.5;
+        assert!((body.speed() - expected).abs() < 1e-9, "{} {expected}", body.speed());
+        run(&mut body, &world, 5.0, speed(9.0));
+        assert_eq!(body.speed(), 2.42);
+    }
+
+    #[test]
+    fn without_power_it_coasts_as_far_as_its_losses_let_it() {
+        let (mut body, world) = body();
+        run(&mut body, &world, 2.0, speed(0.8));
+        let start = body.pose().x;
+        run(&mut body, &world, 10.0, Demand::default());
+        let expected = 0.8 * 0.8 / (2.0 * body.parameters().coasting());
+        assert!((body.pose().x - start - expected).abs() < 1e-9, "{} {expected}", body.pose().x - start);
+        assert!(body.rests(&Demand::default()));
+    }
+
+    #[test]
+    fn full_lock_drives_a_circle_of_the_table_s_radius_and_the_odometry_agrees() {
+        let (mut body, world) = body();
+        let lock = 35f64.to_radians();
+        let steer = Demand { speed: Some(0.0), steering: Some(lock + 0.25f64.to_radians()) };
+        run(&mut body, &world, 3.0, steer);
+        assert!((body.steering() - lock).abs() < 1e-6, "{}", body.steering().to_degrees());
+        run(&mut body, &world, 1.0, Demand { speed: Some(0.5), ..steer });
+        let (from, path, ticks) = (body.pose(), body.travelled(), body.ticks());
+        run(&mut body, &world, 4.0, Demand { speed: Some(0.5), ..steer });
+        let radius = 0.60 / libm::tan(lock);
+        let turned = (body.pose().theta - from.theta).radians();
+        let expected = navitools::wrap((body.travelled() - path) / radius);
+        assert!((turned - expected).abs() < 1e-6, "{turned} {expected}");
+        assert!((radius - 0.857).abs() < 0.0005);
+        let per_tick = body.parameters().metres_per_tick();
+        let way = |new: i64, old: i64| (new - old) as f64 * per_tick;
+        let seen = SteeredWheels::new(0.60, 0.50).motion(way(body.ticks().0, ticks.0), way(body.ticks().1, ticks.1));
+        assert!((seen.translation - 2.0).abs() < 1e-3 && (seen.rotation - 2.0 / radius).abs() < 3e-3, "{seen:?}");
+    }
+
+    #[test]
+    fn steering_is_limited_in_rate_then_lags_and_has_play() {
+        let (mut body, world) = body();
+        let demand = Demand { speed: None, steering: Some(30f64.to_radians()) };
+        run(&mut body, &world, 0.5, demand);
+        assert!((body.steering_output().to_degrees() - 20.0).abs() < 1e-9, "40 deg/s for 0.5 s");
+        // The rate limit lasts until the gap is 4 deg (0.65 s); from there it closes with 0.1 s.
+        run(&mut body, &world, 0.15, demand);
+        assert!((body.steering_output().to_degrees() - 26.0).abs() < 1e-6);
+        run(&mut body, &world, 0.1, demand);
+        let gap = 30.0 - body.steering_output().to_degrees();
+        assert!((gap - 4.0 * libm::exp(-1.0)).abs() < 0.05, "{gap}");
+        run(&mut body, &world, 2.0, demand);
+        assert!(body.rests(&demand));
+        assert!((body.steering().to_degrees() - 29.75).abs() < 1e-9, "{}", body.steering().to_degrees());
+    }
+
+    /// What odometry measures over 4 m straight ahead: way and turn.
+    fn measured(errors: Errors, seed: u64) -> (f64, f64) {
+        let parameters = Parameters { errors, ..Parameters::default() };
+        let mut body = Body::drawn(parameters, Pose::default(), Random::stream(9, seed));
+        while body.travelled() < 4.0 {
+            body.step(&World::default(), &speed(0.8));
+        }
+        let ways = body.ticks();
+        let way = |ticks: i64| ticks as f64 * body.parameters().metres_per_tick() / body.travelled() * 4.0;
+        (((way(ways.0) + way(ways.1)) / 2.0 - 4.0), (way(ways.1) - way(ways.0)) / 0.5)
+    }
+
+    fn deviation(values: &[f64]) -> f64 {
+        libm::sqrt(values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64)
+    }
+
+    #[test]
+    fn odometry_is_as_wrong_as_the_table_says() {
+        let Errors { along, turn, encoder_scale, track, .. } = Errors::usual();
+        let random = Errors { along, turn, ..Errors::default() };
+        let (ways, turns): (Vec<f64>, Vec<f64>) = (0..300).map(|seed| measured(random, seed)).unzip();
+        // Over 4 m twice the deviation over 1 m.
+        assert!((deviation(&ways) - 0.02).abs() < 0.003, "{}", deviation(&ways));
+        assert!((deviation(&turns).to_degrees() - 1.0).abs() < 0.15, "{}", deviation(&turns).to_degrees());
+        let constant = Errors { encoder_scale, track, ..Errors::default() };
+        let (ways, turns): (Vec<f64>, Vec<f64>) = (0..300).map(|seed| measured(constant, seed)).unzip();
+        let most = |values: &[f64]| values.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+        assert!(most(&ways) < 0.0405 && most(&ways) > 0.03, "{}", most(&ways));
+        assert!(most(&turns) < 0.165 && most(&turns) > 0.1, "{}", most(&turns));
+        assert_eq!(measured(Errors::usual(), 1), measured(Errors::usual(), 1));
+        assert_eq!(measured(constant, 1), measured(constant, 1));
+    }
+
+    #[test]
+    fn the_driven_wheels_slip_when_it_starts_and_stops_and_the_front_ones_roll() {
+        let errors = Errors { slip: 0.1, ..Errors::default() };
+        let mut body = Body::new(Parameters { errors, ..Parameters::default() }, Pose::default());
+        run(&mut body, &World::default(), 1.0, speed(0.8));
+        let started = body.motor_way() - body.travelled();
+        // A tenth of 208 N on 932 N of weight while it gains speed, over 0.158 m, then of the 16.4 N of its losses.
+        let expected = 0.1 / 932.0 * (208.0 * 0.158 + 16.4 * (body.travelled() - 0.158));
+        assert!((started - expected).abs() < 1e-4, "{started} {expected}");
+        run(&mut body, &World::default(), 2.0, speed(0.0));
+        assert!(body.motor_way() - body.travelled() < started - 2e-3);
+        let (left, _) = body.ticks();
+        assert!((left as f64 * body.parameters().metres_per_tick() - body.travelled()).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_switch_closes_before_the_stop() {
+        let (mut body, world) = body();
+        let demand = Demand { speed: None, steering: Some(-1.0) };
+        run(&mut body, &world, 0.8, demand);
+        assert!(!body.switch_closed());
+        run(&mut body, &world, 2.0, demand);
+        assert!(body.switch_closed());
+        assert!((body.steering_output().to_degrees() + 37.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn it_stops_at_a_wall_and_the_collision_counts_once() {
+        let world = World::hall(20.0, 12.0);
+        let mut body = Body::new(Parameters::default(), Pose::new(18.0, 6.0, 0.0));
+        run(&mut body, &world, 5.0, speed(1.0));
+        assert_eq!((body.speed(), body.collisions()), (0.0, 1));
+        let gap = body.clearance(&world);
+        assert!(gap > 0.0 && gap < 0.006, "within a step of the wall: {gap}");
+        run(&mut body, &world, 2.0, speed(-0.5));
+        assert!(body.clearance(&world) > 0.5);
+        run(&mut body, &world, 5.0, speed(0.5));
+        assert_eq!(body.collisions(), 2);
+    }
+}

@@ -1,0 +1,335 @@
+//! The robot in its world, as the boards' sensors and drives meet it: a body that steps, and where it was a moment ago.
+
+use crate::body::{Body, Demand, Parameters, STEP};
+use crate::people::{self, Contact, Floor, Hull, Moment, Mover, People};
+use crate::random::Random;
+use crate::sonar::{Cone, Echo, Sonar, floor_distance};
+use crate::world::World;
+use base::Instant;
+use navitools::{Point, Pose};
+use std::collections::VecDeque;
+
+/// Number of poses kept: steps of the greatest age of the beacon scanner's answer (a sweep of 1 s), and some.
+const MEMORY: usize = 256;
+/// A step, ns.
+const STEP_NS: u64 = STEP.as_nanos() as u64;
+/// Free distance around a kidnapped robot, m.
+const KIDNAP_ROOM: f64 = 0.3;
+/// Greatest distance of an echo from legs, m: the legs' range, and half a stride.
+const LEGS_WITHIN: f64 = 2.9;
+/// The floor rangers hang this high, m.
+pub const RANGER_HEIGHT: f64 = 0.12;
+
+/// Body, world, people and chance.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    world: World,
+    body: Body,
+    people: People,
+    contacts: Vec<Contact>,
+    cone: Cone,
+    /// Scale of distances by the air's temperature.
+    stretch: f64,
+    seed: u64,
+    /// Demand of the drives from the next step on.
+    pub demand: Demand,
+    start: Instant,
+    steps: u64,
+    /// From which step on the body was where.
+    past: VecDeque<(u64, Pose)>,
+}
+
+impl Scene {
+    /// The body at the world's start; time counts from `start`.
+    #[must_use]
+    pub fn new(start: Instant, world: World, parameters: Parameters, sonar: Sonar, seed: u64) -> Self {
+        let random = Random::stream(seed, u64::from_le_bytes(*b"the body"));
+        let body = Body::drawn(parameters, world.start, random);
+        let people = People::new(&world, seed, &body.hull());
+        let mut past = VecDeque::with_capacity(MEMORY);
+        past.push_back((0, body.pose()));
+        let (contacts, cone, demand) = (Vec::new(), Cone::new(sonar), Demand::default());
+        let stretch = cone.stretch(&mut Random::stream(seed, u64::from_le_bytes(*b"the air ")));
+        Self { world, body, people, contacts, cone, stretch, seed, demand, start, steps: 0, past }
+    }
+
+    /// The body.
+    #[must_use]
+    pub fn body(&self) -> &Body {
+        &self.body
+    }
+
+    /// The world.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Instant of the next step.
+    #[must_use]
+    pub fn next_step(&self) -> Instant {
+        Instant::from_nanos(self.start.as_nanos() + (self.steps + 1) * STEP_NS)
+    }
+
+    /// True if a step would change nothing.
+    #[must_use]
+    pub fn rests(&self) -> bool {
+        self.body.rests(&self.demand)
+    }
+
+    /// The people.
+    #[must_use]
+    pub fn people(&self) -> &People {
+        &self.people
+    }
+
+    /// The contacts since it was asked last.
+    pub fn take_contacts(&mut self) -> Vec<Contact> {
+        std::mem::take(&mut self.contacts)
+    }
+
+    /// Goes on by one step.
+    pub fn step(&mut self) {
+        self.steps += 1;
+        let before = self.body.clone();
+        self.body.step(&self.world, &self.demand);
+        if self.body.collisions() > before.collisions() {
+            let robot_mps = libm::fabs(before.speed());
+            self.contacts.push(Contact { mover: Mover::Robot, person: None, robot_mps, at: self.body.pose().point() });
+        }
+        self.meet(&before);
+        if self.body.pose() != before.pose() {
+            self.remember();
+        }
+    }
+
+    fn remember(&mut self) {
+        if self.past.len() == MEMORY {
+            self.past.pop_front();
+        }
+        self.past.push_back((self.steps, self.body.pose()));
+    }
+
+    /// The people go on as far as the body is, and are met on the way from `before`.
+    fn meet(&mut self, before: &Body) {
+        let moment = self.steps * STEP_NS;
+        if self.people.next_step() <= moment {
+            self.people.step(&self.world, &self.body.hull());
+        }
+        let way = self.body.sweep(self.body.travelled() - before.travelled());
+        if !self.people.may_meet(way, STEP_NS as f64 / 1e9) {
+            return;
+        }
+        let known = self.contacts.len();
+        if self.people.meet(moment, &self.body.hull(), &mut self.contacts) {
+            let anew = self.contacts[known..].iter().any(|contact| contact.mover == Mover::Robot);
+            self.body.stop_at(before, anew);
+        }
+    }
+
+    /// Leaves out the steps up to `now`, in which the body did nothing.
+    pub fn skip(&mut self, now: Instant) {
+        let passed = self.moment(now) / STEP_NS;
+        while self.people.next_step() <= passed * STEP_NS {
+            let moment = self.people.next_step();
+            let hull = self.body.hull();
+            self.people.step(&self.world, &hull);
+            if self.people.may_meet(0.0, people::PERIOD.as_secs_f64()) {
+                self.people.meet(moment, &hull, &mut self.contacts);
+            }
+        }
+        self.steps = self.steps.max(passed);
+    }
+
+    /// Puts the robot there by hand; false, and nothing happens, where there is no room for it.
+    pub fn put(&mut self, pose: Pose) -> bool {
+        let mut body = self.body.clone();
+        body.put(pose);
+        let free = body.clearance(&self.world) > 0.0 && self.people.clearance(self.steps * STEP_NS, &body.hull()) > 0.0;
+        if free {
+            self.body = body;
+            self.people.forget();
+            self.remember();
+        }
+        free
+    }
+
+    /// Puts the robot somewhere, by the number of a draw; false where there is no such place.
+    pub fn kidnap(&mut self, number: u64) -> bool {
+        let floor = Floor::new(&self.world);
+        let mut random = Random::stream(self.seed ^ number, u64::from_le_bytes(*b"kidnap  "));
+        (0..1000).any(|_| {
+            let place = floor.somewhere(&mut random);
+            let heading = core::f64::consts::TAU * random.uniform();
+            place.is_some_and(|place| {
+                let pose = Pose::new(place.x, place.y, heading);
+                let p = self.body.parameters();
+                let front = p.wheelbase + p.overhang_front;
+                let room = self.world.clearance(pose, -p.overhang_rear, front, p.width / 2.0);
+                room > KIDNAP_ROOM && self.put(pose)
+            })
+        })
+    }
+
+    fn moment(&self, at: Instant) -> Moment {
+        at.since(self.start).as_nanos() as u64
+    }
+
+    /// Distance of the body to the nearest wall, column or person, m; infinite without one.
+    #[must_use]
+    pub fn clearance(&self) -> f64 {
+        let people = self.people.clearance(self.steps * STEP_NS, &self.body.hull());
+        self.body.clearance(&self.world).min(people)
+    }
+
+    /// Distance of a rectangle from `rear` to `front` and `half_width` to each side at `pose`.
+    #[must_use]
+    pub fn clearance_of(&self, pose: Pose, rear: f64, front: f64, half_width: f64) -> f64 {
+        let hull = Hull::new(pose, (rear, front, half_width), (0.0, 0.0));
+        let people = self.people.clearance(self.steps * STEP_NS, &hull);
+        self.world.clearance(pose, rear, front, half_width).min(people)
+    }
+
+    /// Pose of the body at a recent instant.
+    #[must_use]
+    pub fn pose_at(&self, at: Instant) -> Pose {
+        let step = self.moment(at) / STEP_NS;
+        let known = self.past.iter().rev().find(|(from, _)| *from <= step);
+        known.or(self.past.front()).map_or(self.body.pose(), |(_, pose)| *pose)
+    }
+
+    /// Reflector of the sound of a sonar at `mount` on the robot, fired at `at`. The same call has the same result,
+    /// here and below: randomness comes from a stream of its own.
+    #[must_use]
+    pub fn echo(&self, mount: Pose, at: Instant, stream: u64) -> Option<Echo> {
+        let sensor = self.pose_at(at) * mount;
+        let people = self.people.legs(self.moment(at), sensor.point(), LEGS_WITHIN);
+        self.cone.echo(&self.world, people, sensor, &mut Random::stream(self.seed, stream))
+    }
+
+    /// Distance at which a sonar at `mount` received the sound of another one sent at `at`, m.
+    #[must_use]
+    pub fn overheard(&self, mount: Pose, at: Instant, other: &Echo, stream: u64) -> Option<f64> {
+        self.cone.overheard(&self.world, self.pose_at(at) * mount, other, &mut Random::stream(self.seed, stream))
+    }
+
+    /// Reading of a sonar whose first echo was at this distance, m.
+    #[must_use]
+    pub fn reading(&self, heard: Option<f64>, stream: u64) -> Option<f64> {
+        self.cone.measure(heard, self.stretch, &mut Random::stream(self.seed, stream))
+    }
+
+    /// Number of people between two points at a recent instant.
+    #[must_use]
+    pub fn people_between(&self, at: Instant, a: Point, b: Point) -> usize {
+        self.people.between(self.moment(at), a, b)
+    }
+
+    /// A sequence of its own for each `stream`: the same question has the same answer.
+    #[must_use]
+    pub fn random(&self, stream: u64) -> Random {
+        Random::stream(self.seed, stream)
+    }
+
+    /// Reading of a floor ranger at `mount` on the robot, m.
+    #[must_use]
+    pub fn ranger(&self, mount: Point, stream: u64) -> Option<f64> {
+        let at = self.body.pose() * mount;
+        floor_distance(&self.world, at, RANGER_HEIGHT, &mut Random::stream(self.seed, stream))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn put_at(scene: &mut Scene, x: f64, y: f64) -> bool {
+        scene.put(Pose::new(x, y, 1.0))
+    }
+
+    #[test]
+    fn a_robot_that_is_carried_off_is_elsewhere_and_its_wheels_have_not_turned() {
+        let world = World::hall(20.0, 12.0);
+        let mut scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1);
+        scene.demand.speed = Some(0.5);
+        for _ in 0..100 {
+            scene.step();
+        }
+        let (ticks, before) = (scene.body().ticks(), scene.body().pose());
+        assert!(!put_at(&mut scene, 19.8, 6.0) && scene.body().pose() == before, "there is a wall");
+        assert!(put_at(&mut scene, 3.0, 4.0));
+        assert_eq!(
+            (scene.body().pose(), scene.body().ticks(), scene.body().speed()),
+            (Pose::new(3.0, 4.0, 1.0), ticks, 0.0)
+        );
+        let mut poses: Vec<_> = (0..20)
+            .map(|number| {
+                assert!(scene.kidnap(number) && scene.clearance() > 0.3);
+                let Pose { x, y, .. } = scene.body().pose();
+                (x * 1000.0) as i64 * 100_000 + (y * 1000.0) as i64
+            })
+            .collect();
+        let last = scene.body().pose();
+        assert!(scene.kidnap(3) && scene.kidnap(19) && scene.body().pose() == last, "by its number");
+        poses.sort_unstable();
+        poses.dedup();
+        assert!(poses.len() > 15, "{poses:?}");
+    }
+
+    #[test]
+    fn a_robot_that_runs_into_somebody_stops_and_its_bumper_is_pressed() {
+        let mut world = World::hall(20.0, 12.0);
+        world.places = vec![Point { x: 10.0, y: 6.0 }, Point { x: 10.0, y: 6.5 }];
+        // Nobody looks: all that they do is stop at their feet.
+        world.people = crate::world::Crowd { count: 60, attentive: 0.0, ..crate::world::Crowd::default() };
+        let mut scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 2);
+        let (mut blocked, mut contacts) = (0, Vec::new());
+        for step in 0..40_000 {
+            let forward = (step / 800) % 2 == 0;
+            scene.demand.speed = Some(if forward { 0.8 } else { -0.8 });
+            let before = scene.body().pose();
+            scene.step();
+            assert!(scene.people().is_empty() || scene.clearance() >= 0.0);
+            let new = scene.take_contacts();
+            if scene.body().is_blocked() {
+                blocked += 1;
+                assert!(scene.body().speed() == 0.0 && scene.body().pose() == before);
+            }
+            let walls = new.iter().filter(|contact| contact.person.is_none()).count();
+            assert!(walls == 0 || scene.body().is_blocked(), "{new:?}");
+            contacts.extend(new);
+        }
+        let robots = contacts.iter().filter(|contact| contact.mover == Mover::Robot);
+        assert_eq!(u32::try_from(robots.count()).unwrap(), scene.body().collisions(), "{contacts:?}");
+        assert!(blocked > 0 && scene.body().collisions() > 3, "{contacts:?}");
+        for contact in &contacts {
+            assert!((contact.mover == Mover::Robot) == (contact.robot_mps > people::TOWARDS), "{contact}");
+        }
+    }
+
+    #[test]
+    fn it_remembers_where_it_was() {
+        let start = Instant::from_millis(3);
+        let mut scene = Scene::new(start, World::hall(20.0, 12.0), Parameters::default(), Sonar::default(), 1);
+        scene.demand.speed = Some(0.5);
+        let mut true_pose = vec![(start, scene.body().pose())];
+        for _ in 0..400 {
+            let at = scene.next_step();
+            scene.step();
+            true_pose.push((at, scene.body().pose()));
+        }
+        for (at, pose) in &true_pose[true_pose.len() - 60..] {
+            assert_eq!(scene.pose_at(*at), *pose);
+        }
+        // Standing still leaves no trace and needs none.
+        scene.demand.speed = None;
+        while !scene.rests() {
+            scene.step();
+        }
+        let rest = scene.body().pose();
+        let later = scene.next_step() + base::Duration::from_secs(10);
+        scene.skip(later);
+        assert!(scene.next_step() > later);
+        assert_eq!(scene.pose_at(later), rest);
+    }
+}

@@ -1,0 +1,551 @@
+//! The simulator: a module that sits on the robot's buses and answers as its boards would.
+
+use crate::auxiliary::{Auxiliary, I2cConfig, W1Config};
+use crate::boards::battery::BatteryConfig;
+use crate::boards::can_line::CanLine;
+use crate::boards::drive::{self, Drive, Layout};
+use crate::boards::icla::Gearing;
+use crate::boards::line::{Board, Kind, SerialLine, Wire};
+use crate::boards::psc1::{self, Psc1};
+use crate::boards::sbs1::{Sbs1, Sbs1Config};
+use crate::boards::sd1::{RANGER_PERIOD, Sd1, Sd1Config};
+use crate::boards::so1::So1;
+use crate::body::{Parameters, STEP};
+use crate::faults::{self, Ailment};
+use crate::gamepad::{self, Gamepad};
+use crate::random::Random;
+use crate::scene::Scene;
+use crate::sonar::Sonar;
+use crate::world::World;
+use base::{Deadlines, Duration, Fault, Instant, Severity};
+use messages::{Channel, Message, simulation};
+use module::{Actions, Event, Input, Line, Module, Output, PortId, PortSpec};
+use rs485::boards::sd1::PauseSource;
+use rs485::crc::Crc8;
+use rs485::slave::{self, Slave};
+
+/// The target of what is done to the whole of it.
+const ROBOT: &str = "robot";
+/// Period of `SIM_DATA_TRUTH`.
+const TRUTH: Duration = Duration::from_millis(50);
+/// Period of `SIM_DATA_CLOCK`.
+const CLOCK: Duration = Duration::from_secs(1);
+
+/// A board of a serial bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardConfig {
+    /// Name, the target of faults: `sd1_front`.
+    pub name: String,
+    /// Address on the bus.
+    pub address: u8,
+    /// Kind.
+    pub kind: BoardKind,
+}
+
+/// Kinds of boards.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BoardKind {
+    /// BR-SD1 and what hangs on it.
+    Sd1(Sd1Config),
+    /// BR-SO1.
+    So1,
+    /// BR-SBS1, where it sits, and how well it sees.
+    Sbs1(Sbs1Config),
+    /// BR-PSC1 and its battery. It feeds the other boards and the motors.
+    Psc1(BatteryConfig),
+}
+
+/// A serial bus and its boards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SerialConfig {
+    /// The bus's name, as its driver has it: `rs485.a`.
+    pub bus: String,
+    /// Bd.
+    pub baud: u32,
+    /// The bus's CRC.
+    pub crc: Crc8,
+    /// True if the port has a wire of its own, whatever [`Config::wire_time`] is for the others.
+    pub real: bool,
+    /// The boards on it.
+    pub boards: Vec<BoardConfig>,
+}
+
+/// The CAN bus and its drives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CanConfig {
+    /// The bus's name, as its driver has it: `can.main`.
+    pub bus: String,
+    /// bit/s.
+    pub bitrate: u32,
+    /// The node id of the EPOS 70/10.
+    pub propulsion: u8,
+    /// The node id of the IclA.
+    pub steering: u8,
+    /// Conversion of the IclA's counts to an angle.
+    pub gearing: Gearing,
+}
+
+/// Configuration of the simulation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// World with the robot's start pose.
+    pub world: World,
+    /// Body.
+    pub parameters: Parameters,
+    /// Acoustics of its sonars.
+    pub sonar: Sonar,
+    /// The seed of all noise.
+    pub seed: u64,
+    /// The CAN bus.
+    pub can: Option<CanConfig>,
+    /// The serial buses.
+    pub serial: Vec<SerialConfig>,
+    /// The I2C buses.
+    pub i2c: Vec<I2cConfig>,
+    /// The 1-Wire bus.
+    pub w1: Option<W1Config>,
+    /// Port of a gamepad, as in its driver: `joystick`. It is unplugged until requested.
+    pub gamepad: Option<String>,
+    /// True if answers are delayed by the time that request and answer take on the wire: true where the port has no
+    /// wire (a pseudo-terminal), false where the host models it (`host::Virtual`) or it is real.
+    pub wire_time: bool,
+    /// Value of `SIM_DATA_CLOCK`: the factor by which it runs faster than real time.
+    pub rate: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            world: World::hall(20.0, 12.0),
+            parameters: Parameters::default(),
+            sonar: Sonar::default(),
+            seed: 1,
+            can: None,
+            serial: Vec::new(),
+            i2c: Vec::new(),
+            w1: None,
+            gamepad: None,
+            wire_time: false,
+            rate: 1.0,
+        }
+    }
+}
+
+base::deadlines! {
+    /// Periodic work of the simulator; its boards have deadlines of their own.
+    enum Timer {
+        /// `SIM_DATA_TRUTH` is published.
+        Truth,
+        /// `SIM_DATA_CLOCK` is published.
+        Clock,
+        /// The floor rangers measure. Set in a world with drops.
+        Rangers,
+    }
+}
+
+/// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
+/// its configuration, then the 1-Wire bus, if there is one, and last the gamepad.
+pub struct Simulator {
+    config: Config,
+    ports: Vec<PortSpec>,
+    scene: Scene,
+    drives: Vec<Drive>,
+    can: CanLine,
+    lines: Vec<SerialLine>,
+    auxiliary: Auxiliary,
+    gamepad: Gamepad,
+    deadlines: Deadlines<Timer>,
+    /// True if the motors are fed.
+    motors: bool,
+    /// Ports whose state is known; modules that depend on the simulator start when all are.
+    told: Vec<PortId>,
+}
+
+impl Simulator {
+    /// The simulator of this configuration; its time begins with its start.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        let can =
+            config.can.iter().map(|can| PortSpec { bus: can.bus.clone(), line: Line::Can { bitrate: can.bitrate } });
+        let serial = config
+            .serial
+            .iter()
+            .map(|serial| PortSpec { bus: serial.bus.clone(), line: Line::Serial { baud: serial.baud } });
+        let i2c = config.i2c.iter().map(|i2c| PortSpec { bus: i2c.bus.clone(), line: Line::I2c { hz: i2c.hz } });
+        let w1 = config.w1.iter().map(|w1| PortSpec { bus: w1.bus.clone(), line: Line::OneWire });
+        let gamepad = config.gamepad.iter().map(|bus| PortSpec { bus: bus.clone(), line: Line::Gamepad });
+        let ports = can.chain(serial).chain(i2c).chain(w1).chain(gamepad).collect();
+        Self {
+            scene: scene(&config, Instant::ZERO),
+            drives: Vec::new(),
+            can: can_line(&config),
+            lines: Vec::new(),
+            auxiliary: Auxiliary::new(&[], None, Instant::ZERO),
+            gamepad: Gamepad::default(),
+            config,
+            ports,
+            deadlines: Deadlines::new(),
+            motors: true,
+            told: Vec::new(),
+        }
+    }
+
+    /// The robot in its world.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn start(&mut self, now: Instant, out: &mut Actions) {
+        self.scene = scene(&self.config, now);
+        self.motors = true;
+        self.gamepad = Gamepad::default();
+        self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
+        self.auxiliary = Auxiliary::new(&self.config.i2c, self.config.w1.as_ref(), now);
+        let body = self.scene.body();
+        self.can = can_line(&self.config);
+        self.drives = match &self.config.can {
+            Some(can) => {
+                vec![Drive::propulsion(can.propulsion), Drive::steering(can.steering, can.gearing, body)]
+            }
+            None => Vec::new(),
+        };
+        for drive in &mut self.drives {
+            drive.power_on(now, body);
+        }
+        self.deadlines = Deadlines::new().with(Timer::Truth, now).with(Timer::Clock, now);
+        // Without drops the floor rangers find nothing.
+        if !self.scene.world().drops.is_empty() {
+            self.deadlines.set(Timer::Rangers, now + RANGER_PERIOD);
+        }
+        if self.ports.is_empty() {
+            out.working();
+        }
+    }
+
+    /// The number of the I2C bus at a port; one more for the 1-Wire bus.
+    fn i2c_of(&self, port: PortId) -> Option<usize> {
+        usize::from(port.0).checked_sub(self.first_i2c())
+    }
+
+    fn first_i2c(&self) -> usize {
+        usize::from(self.config.can.is_some()) + self.config.serial.len()
+    }
+
+    fn on_port_state(&mut self, now: Instant, port: PortId, up: bool, out: &mut Actions) {
+        match self.i2c_of(port) {
+            Some(bus) if bus < self.config.i2c.len() => self.auxiliary.forget(bus),
+            Some(bus) if up && bus == self.config.i2c.len() && self.config.w1.is_some() => self.auxiliary.on_w1_up(now),
+            _ => {}
+        }
+        if !self.told.contains(&port) {
+            self.told.push(port);
+            if self.told.len() == self.ports.len() {
+                out.working();
+            }
+        }
+    }
+
+    fn line(&self, serial: &SerialConfig, now: Instant) -> SerialLine {
+        let board = |board: &BoardConfig| {
+            let config = slave::Config { baud: serial.baud, crc: serial.crc, ..slave::Config::new(board.address) };
+            let kind = match &board.kind {
+                BoardKind::Sd1(config) => Kind::Sd1(Sd1::new(board.address, config.clone(), now)),
+                BoardKind::So1 => Kind::So1(So1::new(&self.scene)),
+                BoardKind::Sbs1(config) => Kind::Sbs1(Sbs1::new(board.address, *config, now)),
+                BoardKind::Psc1(battery) => Kind::Psc1(Box::new(Psc1::new(*battery, now))),
+            };
+            Board::new(&board.name, Slave::new(config), kind)
+        };
+        let boards: Vec<Board> = serial.boards.iter().map(board).collect();
+        let chance = self.scene.random(serial.bus.bytes().fold(0, |sum, byte| sum << 8 | u64::from(byte)));
+        let wire = match (self.config.wire_time, serial.real) {
+            (_, true) => Wire::Real,
+            (true, false) => Wire::None,
+            (false, false) => Wire::Modelled,
+        };
+        SerialLine::new(serial.baud, serial.crc, wire, boards, chance)
+    }
+
+    /// The number of the serial line at a port.
+    fn line_of(&self, port: PortId) -> Option<usize> {
+        usize::from(port.0).checked_sub(usize::from(self.config.can.is_some()))
+    }
+
+    /// Lets drives and body move up to `now`.
+    fn catch_up(&mut self, now: Instant) {
+        while !self.rests() && self.scene.next_step() <= now {
+            self.step();
+        }
+        self.scene.skip(now);
+    }
+
+    /// True if no step is needed until something comes from outside.
+    fn rests(&self) -> bool {
+        self.scene.rests() && self.drives.iter().all(Drive::rests)
+    }
+
+    fn step(&mut self) {
+        let (at, dt) = (self.scene.next_step(), STEP.as_nanos() as f64 / 1e9);
+        for drive in &mut self.drives {
+            let demand = drive.step(at, self.scene.body(), dt);
+            match drive.kind {
+                drive::Kind::Epos(_) => self.scene.demand.speed = demand,
+                drive::Kind::Icla(_) => self.scene.demand.steering = demand,
+            }
+        }
+        let before = self.scene.body().steering_output();
+        self.scene.step();
+        let turned = (self.scene.body().steering_output() - before) / dt;
+        for drive in &mut self.drives {
+            drive.stepped(at, self.scene.body(), turned);
+        }
+        if self.scene.body().is_blocked() {
+            for board in boards(&mut self.lines) {
+                if let Kind::Psc1(psc1) = &mut board.kind {
+                    psc1.bump(at, &self.scene);
+                }
+            }
+            self.wire_up(at);
+        }
+    }
+
+    /// Wired connections: the PAUSE line, which cuts the motors' supply by itself, and the supply of motors and boards.
+    fn wire_up(&mut self, now: Instant) {
+        let scene = &self.scene;
+        let pulls = boards(&mut self.lines).find_map(|board| match &board.kind {
+            Kind::Sd1(sd1) if sd1.pause() != PauseSource::None => Some(sd1.address()),
+            _ => None,
+        });
+        let (mut motors, mut sensors) = (pulls.is_none(), true);
+        for board in boards(&mut self.lines) {
+            if let Kind::Psc1(psc1) = &mut board.kind {
+                psc1.pull(pulls);
+                psc1.handle_timeout(now, scene);
+                motors = !psc1.is_engaged() && psc1.feeds(psc1::MOTORS);
+                sensors = psc1.feeds(psc1::SENSORS);
+            }
+        }
+        for board in boards(&mut self.lines).filter(|board| !matches!(board.kind, Kind::Psc1(_))) {
+            board.feed(now, sensors, scene);
+        }
+        for line in &mut self.lines {
+            line.speak(now);
+        }
+        if self.motors != motors {
+            self.motors = motors;
+            for drive in &mut self.drives {
+                drive.feed_motor(now, motors, self.scene.body());
+            }
+        }
+    }
+
+    fn timer(&mut self, now: Instant, out: &mut Actions) {
+        if self.deadlines.tick(Timer::Truth, now, TRUTH) {
+            out.publish(self.truth(out.timestamp(now)));
+        }
+        if self.deadlines.tick(Timer::Clock, now, CLOCK) {
+            out.publish(simulation::DataClock { timestamp: out.timestamp(now), rate: self.config.rate });
+        }
+        if self.deadlines.tick(Timer::Rangers, now, RANGER_PERIOD) {
+            for board in boards(&mut self.lines) {
+                if let Kind::Sd1(board) = &mut board.kind {
+                    board.sample(now, &self.scene);
+                }
+            }
+        }
+        for drive in &mut self.drives {
+            drive.handle_timeout(now, self.scene.body());
+        }
+        self.can.handle_timeout(now);
+        self.gamepad.handle_timeout(now);
+        for line in &mut self.lines {
+            line.handle_timeout(now);
+        }
+        self.auxiliary.handle_timeout(now, self.scene.body().speed());
+    }
+
+    fn truth(&self, timestamp: i64) -> simulation::DataTruth {
+        let body = self.scene.body();
+        let clearance = self.scene.clearance();
+        simulation::DataTruth {
+            timestamp,
+            x: body.pose().x,
+            y: body.pose().y,
+            theta: body.pose().theta.radians(),
+            speed: body.speed(),
+            steering: body.steering(),
+            // What is infinite has no place in JSON.
+            clearance: if clearance.is_finite() { clearance } else { f64::NAN },
+            collisions: i32::try_from(body.collisions()).unwrap_or(i32::MAX),
+        }
+    }
+
+    fn fault(&mut self, now: Instant, command: &simulation::CmdFault, out: &mut Actions) {
+        let until = faults::until(now, command.duration);
+        let known = match &*command.target {
+            ROBOT => self.carry_off(&command.fault, command.value),
+            gamepad::TARGET if self.config.gamepad.is_some() => {
+                self.gamepad.ask(now, &command.fault, command.value, until)
+            }
+            target => Ailment::from_name(&command.fault, command.value)
+                .is_some_and(|ailment| self.ail(now, target, ailment, until)),
+        };
+        if !known {
+            let subject = format!("{} {}", command.target, command.fault);
+            let why =
+                format!("fault {} of {}: no such target, or not a fault of its kind", command.fault, command.target);
+            out.report(Severity::Warning, Fault::FaultUnknown, subject, why);
+        }
+    }
+
+    /// Moves the robot by hand (kidnapped robot).
+    fn carry_off(&mut self, fault: &str, value: f64) -> bool {
+        match fault.strip_prefix("put:") {
+            Some(pose) => faults::pose(pose).is_some_and(|pose| self.scene.put(pose)),
+            None => fault == "kidnap" && self.scene.kidnap(value.to_bits()),
+        }
+    }
+
+    /// Injects a fault into a target; false if there is no such target, or it cannot have that fault.
+    fn ail(&mut self, now: Instant, target: &str, ailment: Ailment, until: Instant) -> bool {
+        if let Some(drive) = self.drives.iter_mut().find(|drive| drive.name == target) {
+            match ailment {
+                Ailment::Silent => drive.silent_until = until,
+                Ailment::None => {
+                    drive.silent_until = now;
+                    drive.set_layout(now, Layout::Usual, self.scene.body());
+                    self.can.heal_node(drive.id);
+                }
+                Ailment::Fault(code) => drive.fault(now, code, self.scene.body()),
+                Ailment::Reboot => drive.power_on(now, self.scene.body()),
+                Ailment::Layout => return drive.set_layout(now, Layout::Profile, self.scene.body()),
+                ailment => {
+                    let dictionary = || drive::dictionary(&drive.kind, drive.id);
+                    return self.can.suffer_node(now, drive.id, ailment, until, dictionary);
+                }
+            }
+            return true;
+        }
+        if self.config.can.as_ref().is_some_and(|can| can.bus == target) {
+            return self.can.suffer(now, ailment, until);
+        }
+        if let Some(line) = self.config.serial.iter().position(|serial| serial.bus == target) {
+            return self.lines[line].disturb(now, ailment, until);
+        }
+        if self.auxiliary.suffer(now, target, ailment, until) {
+            return true;
+        }
+        let board = boards(&mut self.lines).find(|board| board.name == target);
+        board.is_some_and(|board| board.suffer(now, ailment, until, &self.scene))
+    }
+
+    fn drain(&mut self, now: Instant, out: &mut Actions) {
+        for drive in &mut self.drives {
+            while let Some(frame) = drive.poll_tx() {
+                if self.can.passes(now, &frame) {
+                    out.send_can(PortId(0), frame);
+                }
+            }
+        }
+        while let Some(frame) = self.can.poll_tx(now) {
+            if self.can.passes(now, &frame) {
+                out.send_can(PortId(0), frame);
+            }
+        }
+        let first = usize::from(self.config.can.is_some());
+        for (port, line) in (first..).zip(&mut self.lines) {
+            while let Some(words) = line.poll_tx(now) {
+                out.push(module::Action::Send(PortId(port as u8), Output::Words(words)));
+            }
+        }
+        let first = self.first_i2c();
+        while let Some((bus, outcome)) = self.auxiliary.poll_outcome(now) {
+            out.push(module::Action::Send(PortId((first + bus) as u8), Output::I2cAnswer(outcome)));
+        }
+        while let Some(answer) = self.auxiliary.poll_w1() {
+            let port = PortId((first + self.config.i2c.len()) as u8);
+            out.push(module::Action::Send(port, Output::OneWireIs(answer)));
+        }
+        while let Some(event) = self.gamepad.poll() {
+            if let Some(port) = self.ports.iter().position(|port| port.line == Line::Gamepad) {
+                out.push(module::Action::Send(PortId(port as u8), Output::Gamepad(event)));
+            }
+        }
+    }
+}
+
+fn boards(lines: &mut [SerialLine]) -> impl Iterator<Item = &mut Board> {
+    lines.iter_mut().flat_map(|line| &mut line.boards)
+}
+
+fn can_line(config: &Config) -> CanLine {
+    let bitrate = config.can.as_ref().map_or(1, |can| can.bitrate);
+    CanLine::new(bitrate, config.wire_time, Random::stream(config.seed, u64::from_le_bytes(*b"can line")))
+}
+
+fn scene(config: &Config, start: Instant) -> Scene {
+    Scene::new(start, config.world.clone(), config.parameters, config.sonar, config.seed)
+}
+
+impl Module for Simulator {
+    fn subscriptions(&self) -> &[Channel] {
+        &[Channel::SimCmdFault]
+    }
+
+    fn ports(&self) -> &[PortSpec] {
+        &self.ports
+    }
+
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        if !matches!(event, Event::Start) {
+            self.catch_up(now);
+        }
+        match event {
+            Event::Start => self.start(now, out),
+            Event::Timer => self.timer(now, out),
+            Event::Port { port, input: Input::Words(words) } => {
+                if let Some(line) = self.line_of(port).and_then(|line| self.lines.get_mut(line)) {
+                    line.handle_rx(now, words, &self.scene);
+                }
+            }
+            Event::Port { port, input: Input::I2cAsked(transfer) } => {
+                if let Some(bus) = self.i2c_of(port) {
+                    self.auxiliary.on_asked(now, bus, transfer, self.config.wire_time);
+                }
+            }
+            Event::Port { port, input: Input::Up } => self.on_port_state(now, port, true, out),
+            Event::Port { port, input: Input::Down(_) } => self.on_port_state(now, port, false, out),
+            Event::Port { input: Input::Can(frame), .. } if self.can.passes(now, &frame) => {
+                self.can.handle_rx(now, &frame);
+                for drive in &mut self.drives {
+                    drive.handle_rx(now, &frame, self.scene.body());
+                }
+            }
+            Event::Port { input: Input::Gamepad(input), .. } => self.gamepad.play(now, input.into()),
+            Event::Message { message: Message::SimCmdFault(command), .. } => self.fault(now, command, out),
+            _ => {}
+        }
+        self.wire_up(now);
+        for contact in self.scene.take_contacts() {
+            out.note(contact.to_string());
+        }
+        self.drain(now, out);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let step = (!self.rests()).then(|| self.scene.next_step());
+        let parts = [self.gamepad.poll_timeout(), self.auxiliary.poll_timeout()].into_iter();
+        let parts = parts.chain(self.lines.iter().map(SerialLine::poll_timeout));
+        let drives = self.drives.iter().filter_map(Drive::poll_timeout);
+        let own = [self.deadlines.next(), step, self.can.poll_timeout()].into_iter().flatten();
+        own.chain(parts).chain(drives).min()
+    }
+}
+
+mod offered;
+
+#[cfg(test)]
+mod drive_tests;
+#[cfg(test)]
+mod tests;

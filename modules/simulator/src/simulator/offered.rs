@@ -1,0 +1,129 @@
+//! What can be broken: found by trying everything on everything, so that no list can differ from what is done.
+
+use super::{Config, ROBOT, Simulator, boards};
+use crate::faults::{Ailment, NAMES};
+use crate::gamepad::{self, Gamepad};
+use crate::world::World;
+use base::Instant;
+use module::Actions;
+
+/// Values tried: many faults take any, some one of a few.
+const VALUES: [f64; 3] = [0.0, 1.0, 24.0];
+
+impl Simulator {
+    /// The targets of `SIM_CMD_FAULT` that there are with this configuration, each with the faults that it can have.
+    /// The robot can be `put:X,Y,THETA`, too, which is no name.
+    #[must_use]
+    pub fn offered(config: Config) -> Vec<(String, Vec<&'static str>)> {
+        let now = Instant::ZERO;
+        let mut simulator = Self::new(Config { world: World::default(), ..config });
+        simulator.start(now, &mut Actions::default());
+        let mut offered = vec![(ROBOT.to_owned(), vec!["kidnap"])];
+        if simulator.config.gamepad.is_some() {
+            let does = |what: &&str| Gamepad::default().ask(now, what, 0.0, Instant::NEVER);
+            offered.push((gamepad::TARGET.into(), gamepad::NAMES.iter().copied().filter(does).collect()));
+        }
+        for target in simulator.targets() {
+            let mut suffers = |name: &&str| {
+                let mut ailments = VALUES.iter().filter_map(|value| Ailment::from_name(name, *value));
+                ailments.any(|ailment| simulator.ail(now, &target, ailment, now))
+            };
+            let faults = NAMES.iter().copied().filter(|name| suffers(name)).collect();
+            offered.push((target, faults));
+        }
+        offered
+    }
+
+    /// All names: drives, boards, chips, thermometers, then buses.
+    fn targets(&mut self) -> Vec<String> {
+        let config = &self.config;
+        let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.name.into()).collect();
+        targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
+        targets.extend(config.i2c.iter().flat_map(|i2c| &i2c.fans).map(|(name, _)| name.clone()));
+        targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
+        targets.extend(config.can.iter().map(|can| can.bus.clone()));
+        targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
+        targets
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::auxiliary::{I2cConfig, W1Config};
+    use crate::boards::icla::Gearing;
+    use crate::simulator::{BoardConfig, BoardKind, CanConfig, SerialConfig};
+    use messages::simulation;
+    use module::bench::Bench;
+    use module::{Shell, ShellConfig};
+    use rs485::crc::Crc8;
+
+    fn config() -> Config {
+        let gearing = Gearing { counts_per_turn: 4096.0, gear: 180.0 };
+        let can = CanConfig { bus: "can.main".into(), bitrate: 500_000, propulsion: 1, steering: 2, gearing };
+        let board = |name: &str, address, kind| BoardConfig { name: name.into(), address, kind };
+        let boards = vec![
+            board("so1", 0x20, BoardKind::So1),
+            board("sbs1", 0x30, BoardKind::Sbs1(Default::default())),
+            board("psc1", 0x40, BoardKind::Psc1(Default::default())),
+        ];
+        let serial = SerialConfig { bus: "rs485.a".into(), baud: 115_200, crc: Crc8::SAE_J1850, real: false, boards };
+        let fans = vec![("fan1".into(), base::i2c::Address::new(0x18).unwrap())];
+        Config {
+            can: Some(can),
+            serial: vec![serial],
+            i2c: vec![I2cConfig { bus: "i2c.aux".into(), hz: 100_000, fans }],
+            w1: Some(W1Config {
+                bus: "w1".into(),
+                thermometers: vec![(base::w1::Rom::new(0x28, 1).unwrap(), "cabin".into())],
+            }),
+            gamepad: Some("joystick".into()),
+            wire_time: true,
+            ..Config::default()
+        }
+    }
+
+    /// True if a simulator accepts the fault, with any value.
+    fn takes(target: &str, fault: &str) -> bool {
+        VALUES.into_iter().any(|value| {
+            let mut bench = Bench::new(Shell::new(ShellConfig::new("simulator"), Box::new(Simulator::new(config()))));
+            bench.start();
+            bench.done();
+            let (target, fault) = (target.into(), fault.into());
+            bench.message(simulation::CmdFault { timestamp: 0, target, fault, value, duration: 0.1 });
+            let refused = |action: &module::Action| {
+                matches!(action, module::Action::Report(report) if report.fault == base::Fault::FaultUnknown)
+            };
+            !bench.done().iter().any(|(_, action)| refused(action))
+        })
+    }
+
+    #[test]
+    fn what_is_offered_is_taken_and_nothing_else_is() {
+        let offered = Simulator::offered(config());
+        let targets: Vec<&str> = offered.iter().map(|(target, _)| target.as_str()).collect();
+        let all = [
+            "robot",
+            "gamepad",
+            "propulsion",
+            "steering",
+            "so1",
+            "sbs1",
+            "psc1",
+            "fan1",
+            "cabin",
+            "can.main",
+            "rs485.a",
+        ];
+        assert_eq!(targets, all);
+        for (target, faults) in &offered {
+            assert!(!faults.is_empty(), "{target}");
+            for name in NAMES.iter().chain(gamepad::NAMES).chain(&["kidnap"]) {
+                assert_eq!(takes(target, name), faults.contains(name), "{target} {name}");
+            }
+        }
+        let of = |target: &str| offered.iter().find(|(name, _)| name == target).unwrap().1.as_slice();
+        assert!(of("psc1").contains(&"bumper") && of("psc1").contains(&"battery") && !of("so1").contains(&"bumper"));
+        assert!(of("steering").contains(&"layout") && !of("propulsion").contains(&"layout"));
+    }
+}

@@ -1,0 +1,407 @@
+//! The world: walls, columns, drops in the floor; what a ray meets and how near a body is.
+//!
+//! Plain data. The file format (`conf/worlds/*.toml`) is read by `robot`; its keys are the fields here.
+
+use navitools::{Point, Pose};
+
+/// A straight wall, seen and felt from both sides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// One end, m.
+    pub a: Point,
+    /// The other end, m.
+    pub b: Point,
+}
+
+/// A round column (or a leg).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Column {
+    /// Middle, m.
+    pub centre: Point,
+    /// m; above zero.
+    pub radius: f64,
+}
+
+/// An infrared beacon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beacon {
+    /// Identity.
+    pub id: u8,
+    /// Position, m.
+    pub at: Point,
+}
+
+/// Visitors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crowd {
+    /// Number, at most [`Crowd::MOST`].
+    pub count: u32,
+    /// The share of them that walks in groups of two to four, 0..=1.
+    pub grouped: f64,
+    /// Fraction of people who look where they go, 0..=1: others see the robot only at their feet.
+    pub attentive: f64,
+}
+
+impl Crowd {
+    /// Maximum number of people in a world.
+    pub const MOST: u32 = 200;
+}
+
+impl Default for Crowd {
+    /// An empty crowd; people added to it walk in groups half of the time and mostly look where they go.
+    fn default() -> Self {
+        Self { count: 0, grouped: 0.5, attentive: 0.9 }
+    }
+}
+
+/// A way through the world, by name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Route {
+    /// Name in `--goal`.
+    pub name: String,
+    /// Waypoints in order, m; at least one.
+    pub waypoints: Vec<Point>,
+    /// After the last comes the first again.
+    pub looped: bool,
+}
+
+/// All static objects, and the number of people.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct World {
+    /// Walls.
+    pub walls: Vec<Segment>,
+    /// Columns.
+    pub columns: Vec<Column>,
+    /// Areas without floor: polygons, m, at least three corners.
+    pub drops: Vec<Vec<Point>>,
+    /// Beacons.
+    pub beacons: Vec<Beacon>,
+    /// Visitors.
+    pub people: Crowd,
+    /// Places that visitors walk to; empty: anywhere.
+    pub places: Vec<Point>,
+    /// Ways for the robot.
+    pub routes: Vec<Route>,
+    /// Start pose of the robot.
+    pub start: Pose,
+}
+
+/// Defect of a world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WorldError {
+    /// A coordinate of the wall of this index is not a number within ±10 km.
+    Wall(usize),
+    /// The column of this index has such a coordinate, or a radius that is not above zero.
+    Column(usize),
+    /// The drop of this index has such a coordinate, or fewer than three corners.
+    Drop(usize),
+    /// The beacon of this index has such a coordinate, or an earlier one's identity.
+    Beacon(usize),
+    /// The place of this index has such a coordinate.
+    Place(usize),
+    /// The route of this index has such a coordinate, no waypoint, or an earlier one's name.
+    Route(usize),
+    /// More people than [`Crowd::MOST`], or an invalid fraction of them.
+    People,
+    /// The start has such a coordinate.
+    Start,
+}
+
+impl core::fmt::Display for WorldError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Wall(i) => write!(f, "walls[{i}]: not numbers within ±10000 m"),
+            Self::Column(i) => write!(f, "columns[{i}]: not numbers within ±10000 m, or no radius above 0"),
+            Self::Drop(i) => write!(f, "drops[{i}]: not numbers within ±10000 m, or fewer than 3 corners"),
+            Self::Beacon(i) => write!(f, "beacons[{i}]: not numbers within ±10000 m, or an id twice"),
+            Self::Place(i) => write!(f, "places[{i}]: not numbers within ±10000 m"),
+            Self::Route(i) => write!(f, "routes[{i}]: not numbers within ±10000 m, no waypoint, or a name twice"),
+            Self::People => write!(f, "people: not from 0 to {}, or a share that is not from 0 to 1", Crowd::MOST),
+            Self::Start => write!(f, "start: not numbers within ±10000 m"),
+        }
+    }
+}
+
+/// Object hit by a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// m along the ray.
+    pub distance: f64,
+    /// Cosine of the angle between the ray and the surface's normal, 0..=1.
+    pub cos_incidence: f64,
+    /// The radius of what was hit, m; infinite for a wall.
+    pub radius: f64,
+}
+
+fn sane(point: Point) -> bool {
+    libm::fabs(point.x) <= 1e4 && libm::fabs(point.y) <= 1e4
+}
+
+/// The wall's nearest point to `point`.
+pub(crate) fn nearest(wall: &Segment, point: Point) -> Point {
+    let (dx, dy) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
+    let length2 = dx * dx + dy * dy;
+    let along = if length2 == 0.0 {
+        0.0
+    } else {
+        (((point.x - wall.a.x) * dx + (point.y - wall.a.y) * dy) / length2).clamp(0.0, 1.0)
+    };
+    Point { x: wall.a.x + along * dx, y: wall.a.y + along * dy }
+}
+
+impl World {
+    /// A world of these walls, columns, drops and beacons.
+    ///
+    /// # Errors
+    /// The first thing that is not as its field says.
+    pub fn new(
+        walls: Vec<Segment>,
+        columns: Vec<Column>,
+        drops: Vec<Vec<Point>>,
+        beacons: Vec<Beacon>,
+        start: Pose,
+    ) -> Result<Self, WorldError> {
+        let world = Self { walls, columns, drops, beacons, start, ..Self::default() };
+        world.check()?;
+        Ok(world)
+    }
+
+    /// A hall of this size, m, with its corner at the origin; the robot in the middle.
+    #[must_use]
+    pub fn hall(width: f64, depth: f64) -> Self {
+        let corner = |x, y| Point { x, y };
+        let corners = [corner(0.0, 0.0), corner(width, 0.0), corner(width, depth), corner(0.0, depth)];
+        let walls = (0..4).map(|i| Segment { a: corners[i], b: corners[(i + 1) % 4] }).collect();
+        Self { walls, start: Pose::new(width / 2.0, depth / 2.0, 0.0), ..Self::default() }
+    }
+
+    /// Checks the ranges of all fields.
+    ///
+    /// # Errors
+    /// The first thing that is not.
+    pub fn check(&self) -> Result<(), WorldError> {
+        let bad = |ok: bool, error| if ok { Ok(()) } else { Err(error) };
+        for (i, wall) in self.walls.iter().enumerate() {
+            bad(sane(wall.a) && sane(wall.b), WorldError::Wall(i))?;
+        }
+        for (i, column) in self.columns.iter().enumerate() {
+            bad(sane(column.centre) && column.radius > 0.0 && column.radius <= 1e4, WorldError::Column(i))?;
+        }
+        for (i, drop) in self.drops.iter().enumerate() {
+            bad(drop.len() >= 3 && drop.iter().all(|corner| sane(*corner)), WorldError::Drop(i))?;
+        }
+        for (i, beacon) in self.beacons.iter().enumerate() {
+            let twice = self.beacons[..i].iter().any(|other| other.id == beacon.id);
+            bad(sane(beacon.at) && !twice, WorldError::Beacon(i))?;
+        }
+        for (i, place) in self.places.iter().enumerate() {
+            bad(sane(*place), WorldError::Place(i))?;
+        }
+        for (i, route) in self.routes.iter().enumerate() {
+            let twice = self.routes[..i].iter().any(|other| other.name == route.name);
+            let good = !route.waypoints.is_empty() && route.waypoints.iter().all(|point| sane(*point));
+            bad(good && !twice, WorldError::Route(i))?;
+        }
+        let share = |share: f64| (0.0..=1.0).contains(&share);
+        let people = self.people;
+        let good = people.count <= Crowd::MOST && share(people.grouped) && share(people.attentive);
+        bad(good, WorldError::People)?;
+        bad(sane(self.start.point()) && !self.start.theta.radians().is_nan(), WorldError::Start)
+    }
+
+    /// First object hit by a ray from `from` within `reach` m; `(dx, dy)` has length 1. An object that contains `from`
+    /// is not hit.
+    #[must_use]
+    pub fn ray(&self, from: Point, (dx, dy): (f64, f64), reach: f64) -> Option<Hit> {
+        let mut hit: Option<Hit> = None;
+        let mut best = reach;
+        for wall in &self.walls {
+            let (ex, ey) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
+            let (ox, oy) = (wall.a.x - from.x, wall.a.y - from.y);
+            let det = dx * ey - dy * ex;
+            // Signs first: most walls are missed, and a division is dear.
+            let (t, s) = (ox * ey - oy * ex, ox * dy - oy * dx);
+            let (t, s, det) = if det < 0.0 { (-t, -s, -det) } else { (t, s, det) };
+            if det == 0.0 || t < 0.0 || s < 0.0 || s > det || t > best * det {
+                continue;
+            }
+            best = t / det;
+            hit =
+                Some(Hit { distance: best, cos_incidence: det / libm::sqrt(ex * ex + ey * ey), radius: f64::INFINITY });
+        }
+        for column in &self.columns {
+            let (ox, oy) = (column.centre.x - from.x, column.centre.y - from.y);
+            let along = ox * dx + oy * dy;
+            let across2 = ox * ox + oy * oy - along * along;
+            let r2 = column.radius * column.radius;
+            if along <= 0.0 || across2 >= r2 {
+                continue;
+            }
+            let half = libm::sqrt(r2 - across2);
+            let distance = along - half;
+            if distance < 0.0 || distance > best {
+                continue;
+            }
+            best = distance;
+            hit = Some(Hit { distance, cos_incidence: half / column.radius, radius: column.radius });
+        }
+        hit
+    }
+
+    /// The walls' points nearest to `point` and the columns' middles: where a mirror of sound sends it back.
+    pub(crate) fn mirrors(&self, point: Point) -> impl Iterator<Item = Point> + '_ {
+        let feet = self.walls.iter().map(move |wall| nearest(wall, point));
+        feet.chain(self.columns.iter().map(|column| column.centre))
+    }
+
+    /// True if there is floor under a point.
+    #[must_use]
+    pub fn floor(&self, point: Point) -> bool {
+        !self.drops.iter().any(|drop| inside(drop, point))
+    }
+
+    /// The distance, m, between the nearest wall or column and a rectangle from (`rear`, -`half_width`) to (`front`,
+    /// `half_width`) in the frame of `pose`; 0 when they touch, infinite in an empty world.
+    #[must_use]
+    pub fn clearance(&self, pose: Pose, rear: f64, front: f64, half_width: f64) -> f64 {
+        let robot_from_world = pose.inverse();
+        let (sin, cos) = robot_from_world.theta.sin_cos();
+        let inner = |p: Point| Point {
+            x: robot_from_world.x + cos * p.x - sin * p.y,
+            y: robot_from_world.y + sin * p.x + cos * p.y,
+        };
+        let gap = |p: Point| {
+            let x = (rear - p.x).max(p.x - front).max(0.0);
+            let y = (libm::fabs(p.y) - half_width).max(0.0);
+            libm::sqrt(x * x + y * y)
+        };
+        let corners = [(rear, -half_width), (rear, half_width), (front, half_width), (front, -half_width)];
+        let mut least = f64::INFINITY;
+        for wall in &self.walls {
+            let wall = Segment { a: inner(wall.a), b: inner(wall.b) };
+            if crosses(&wall, rear, front, half_width) {
+                return 0.0;
+            }
+            least = least.min(gap(wall.a)).min(gap(wall.b));
+            for (x, y) in corners {
+                let corner = Point { x, y };
+                least = least.min(nearest(&wall, corner).distance(corner));
+            }
+        }
+        for column in &self.columns {
+            least = least.min(gap(inner(column.centre)) - column.radius);
+        }
+        least.max(0.0)
+    }
+}
+
+/// True if a segment has a point inside the rectangle (Liang and Barsky 1984).
+fn crosses(wall: &Segment, rear: f64, front: f64, half_width: f64) -> bool {
+    let (dx, dy) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
+    let (mut from, mut to) = (0.0f64, 1.0f64);
+    let sides =
+        [(-dx, wall.a.x - rear), (dx, front - wall.a.x), (-dy, wall.a.y + half_width), (dy, half_width - wall.a.y)];
+    for (slope, room) in sides {
+        if slope == 0.0 {
+            if room < 0.0 {
+                return false;
+            }
+        } else if slope < 0.0 {
+            from = from.max(room / slope);
+        } else {
+            to = to.min(room / slope);
+        }
+    }
+    from <= to
+}
+
+/// True if a point is inside a polygon (even-odd rule).
+fn inside(polygon: &[Point], point: Point) -> bool {
+    let mut inside = false;
+    let mut previous = polygon[polygon.len() - 1];
+    for &corner in polygon {
+        if (corner.y > point.y) != (previous.y > point.y) {
+            let x = corner.x + (point.y - corner.y) / (previous.y - corner.y) * (previous.x - corner.x);
+            inside ^= point.x < x;
+        }
+        previous = corner;
+    }
+    inside
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn p(x: f64, y: f64) -> Point {
+        Point { x, y }
+    }
+
+    #[test]
+    fn rays_meet_what_geometry_says() {
+        let mut world = World::hall(20.0, 12.0);
+        let (sin, cos) = libm::sincos(0.3);
+        let hit = world.ray(p(10.0, 6.0), (cos, sin), 100.0).unwrap();
+        assert!((hit.distance - 10.0 / cos).abs() < 1e-12 && (hit.cos_incidence - cos).abs() < 1e-12, "{hit:?}");
+        assert_eq!(world.ray(p(10.0, 6.0), (1.0, 0.0), 9.9), None);
+        world.columns.push(Column { centre: p(14.0, 6.1), radius: 0.5 });
+        let hit = world.ray(p(10.0, 6.0), (1.0, 0.0), 100.0).unwrap();
+        let half = libm::sqrt(0.25 - 0.01);
+        assert!((hit.distance - (4.0 - half)).abs() < 1e-12 && (hit.cos_incidence - half / 0.5).abs() < 1e-12);
+        assert_eq!(world.ray(p(10.0, 6.0), (-1.0, 0.0), 100.0).unwrap().distance, 10.0);
+    }
+
+    #[test]
+    fn clearance_is_the_gap_between_rectangle_and_world() {
+        let mut world = World::hall(20.0, 12.0);
+        let robot = |pose| (pose, -0.15, 0.75, 0.30);
+        let clearance = |world: &World, (pose, rear, front, half)| world.clearance(pose, rear, front, half);
+        assert!((clearance(&world, robot(Pose::new(10.0, 6.0, 0.0))) - 5.7).abs() < 1e-12);
+        assert!((clearance(&world, robot(Pose::new(19.0, 6.0, 0.0))) - 0.25).abs() < 1e-12);
+        // Turned by 45 degrees the front left corner is the nearest to the right wall... and the right one to the same.
+        let turned = clearance(&world, robot(Pose::new(18.0, 6.0, core::f64::consts::FRAC_PI_4)));
+        let reach = (0.75 + 0.30) * core::f64::consts::FRAC_1_SQRT_2;
+        assert!((turned - (2.0 - reach)).abs() < 1e-12, "{turned}");
+        world.columns.push(Column { centre: p(11.75, 6.3), radius: 0.4 });
+        assert!((clearance(&world, robot(Pose::new(10.0, 6.0, 0.0))) - 0.6).abs() < 1e-12);
+        assert_eq!(clearance(&world, robot(Pose::new(19.5, 6.0, 0.0))), 0.0);
+        // A wall that runs through the body without an end in it.
+        assert_eq!(clearance(&world, robot(Pose::new(10.0, 0.1, 0.0))), 0.0);
+        assert_eq!(World::default().clearance(Pose::default(), -0.1, 0.1, 0.1), f64::INFINITY);
+    }
+
+    #[test]
+    fn there_is_no_floor_inside_a_drop() {
+        let mut world = World::hall(20.0, 12.0);
+        world.drops.push(vec![p(1.0, 1.0), p(3.0, 1.0), p(3.0, 2.0), p(1.0, 2.0)]);
+        assert!(!world.floor(p(2.0, 1.5)) && world.floor(p(2.0, 2.5)) && world.floor(p(0.5, 1.5)));
+    }
+
+    #[test]
+    fn a_world_that_is_none_says_where() {
+        let good = World::hall(20.0, 12.0);
+        let mut bad = good.clone();
+        bad.walls[2].a.x = f64::NAN;
+        assert_eq!(bad.check(), Err(WorldError::Wall(2)));
+        let mut bad = good.clone();
+        bad.columns.push(Column { centre: p(0.0, 0.0), radius: 0.0 });
+        assert_eq!(bad.check(), Err(WorldError::Column(0)));
+        let mut bad = good.clone();
+        bad.beacons = vec![Beacon { id: 1, at: p(0.0, 0.0) }; 2];
+        assert_eq!(bad.check(), Err(WorldError::Beacon(1)));
+        let mut bad = good.clone();
+        bad.places = vec![p(1.0, 1.0), p(1.0, f64::INFINITY)];
+        assert_eq!(bad.check(), Err(WorldError::Place(1)));
+        let mut bad = good.clone();
+        bad.routes = vec![Route { name: "patrol".into(), ..Route::default() }];
+        assert_eq!(bad.check(), Err(WorldError::Route(0)));
+        bad.routes[0].waypoints.push(p(1.0, 1.0));
+        assert_eq!(bad.check(), Ok(()));
+        bad.routes.push(bad.routes[0].clone());
+        assert_eq!(bad.check(), Err(WorldError::Route(1)));
+        let mut bad = good.clone();
+        bad.people.attentive = f64::NAN;
+        assert_eq!(bad.check(), Err(WorldError::People));
+        assert_eq!(good.check(), Ok(()));
+    }
+}

@@ -1,0 +1,122 @@
+// The map under the hand: a goal by a tap and a confirmation, a route, the robot's own position.
+import { deepEqual, equal, match, ok } from "node:assert/strict";
+import { HOLD } from "../src/holds";
+import { PROFILES, type Visit } from "./support/browser";
+import { scene } from "./support/scene";
+import { until } from "./support/until";
+
+/** Taps the map at a share of its width and height; with `to` it drags from there. */
+async function touch(v: Visit, [x, y]: [number, number], to?: [number, number]): Promise<void> {
+  const canvas = v.page.locator("canvas.map-canvas");
+  await canvas.scrollIntoViewIfNeeded();
+  const box = await canvas.boundingBox();
+  if (!box) throw new Error("the map is not to be seen");
+  const hand = v.hand();
+  await hand.down(box.x + box.width * x, box.y + box.height * y);
+  if (to) for (let n = 1; n <= 4; n += 1) await hand.move(box.x + box.width * (x + ((to[0] - x) * n) / 4), box.y + box.height * (y + ((to[1] - y) * n) / 4));
+  await hand.up();
+}
+const field = async (v: Visit, label: string): Promise<number> => Number(await v.page.getByLabel(label).inputValue());
+
+for (const profile of PROFILES) {
+  scene(`a tap and a confirmation send it somewhere; cancelled it stands (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile, as: "operator" });
+    await v.takeControl();
+    await v.go("Map");
+    await v.press(v.button("Go to"));
+    await touch(v, [0.4, 0.5]);
+    const tapped = await until("the place is in the fields", 5, async () => (await v.page.getByLabel("x, m").inputValue()) && [await field(v, "x, m"), await field(v, "y, m")]);
+    deepEqual(robot.bus.said("ML_CMD_GOAL"), [], "a tap alone says nothing");
+    await touch(v, [0.5, 0.5]);
+    ok((await field(v, "x, m")) > (tapped[0] as number), "to the right is east");
+    // A place that is surely free, typed.
+    await v.page.getByLabel("x, m").fill("6");
+    await v.page.getByLabel("y, m").fill("6");
+    await v.page.getByLabel("y, m").blur();
+    await v.press(v.button("Go there"));
+    const goal = (await robot.bus.hears("ML_CMD_GOAL")) as { waypoints: { x: number; y: number }[]; loop: boolean };
+    // A field that shows what was tapped keeps what is behind its last figure.
+    const at = goal.waypoints.map(({ x, y }) => [Math.round(x * 100) / 100, Math.round(y * 100) / 100]);
+    deepEqual([at, goal.loop], [[[6, 6]], false]);
+    await until("it drives", 30, async () => {
+      // Where a busy machine made it stop once, the planner waits for an operator.
+      if (robot.bus.stands(HOLD.PlannerLatched)) await robot.advee("state", "planner", "RUN");
+      return (await v.word.textContent())?.includes("Driving");
+    });
+    await v.text(/^Drives to waypoint 1/).waitFor();
+    await v.press(v.button("Cancel goal"));
+    await v.text(/^Cancelled/).waitFor();
+    await until("it stands", 10, () => Math.abs(robot.bus.truth().speed) < 0.02);
+  });
+
+  scene(`the position is set by hand: tap, drag to the heading, confirm (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile, as: "operator" });
+    await v.takeControl();
+    await v.go("Map");
+    await v.press(v.button("Set position"));
+    await touch(v, [0.5, 0.6], [0.5, 0.4]);
+    const heading = await until("a heading", 5, () => field(v, "heading, °"));
+    ok(Math.abs(heading - 90) < 2, `up on the map is north, not ${heading}°`);
+    // What it says on the bus is where it really is, so that it still knows.
+    const { x, y, theta } = robot.bus.truth();
+    for (const [label, value] of [["x, m", x], ["y, m", y], ["heading, °", (theta * 180) / Math.PI]] as const) {
+      await v.page.getByLabel(label).fill(value.toFixed(2));
+      await v.page.getByLabel(label).blur();
+    }
+    await v.press(v.button("The robot is here"));
+    const said = (await robot.bus.hears("ML_CMD_ESTIMATE")) as { x: number; y: number; theta: number };
+    ok(Math.hypot(said.x - x, said.y - y) < 0.02 && Math.cos(said.theta - theta) > 0.99);
+  });
+}
+
+scene("a long press on the map begins a goal; looking around commands nothing", async ({ robot, visit }) => {
+  const v = await visit({ as: "operator" });
+  await v.takeControl();
+  await v.go("Map");
+  const canvas = v.page.locator("canvas.map-canvas");
+  await touch(v, [0.5, 0.5], [0.6, 0.6]);
+  await canvas.hover();
+  await v.page.mouse.wheel(0, -300);
+  for (const name of ["Nearer", "Farther", "Show all", "Follow the robot"]) await v.button(name).click();
+  equal(await v.page.getByLabel("x, m").count(), 0);
+  const box = await canvas.boundingBox();
+  ok(box);
+  await v.page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await v.page.mouse.down();
+  await v.button("Go there").waitFor();
+  await v.page.mouse.up();
+  await v.button("Cancel").click();
+  deepEqual(robot.bus.commands, []);
+});
+
+scene("a way of waypoints and the world's own route are said as they are", async ({ robot, visit }) => {
+  const v = await visit({ as: "operator" });
+  await v.takeControl();
+  await v.go("Map");
+  await v.button("Route").click();
+  await touch(v, [0.4, 0.5]);
+  await touch(v, [0.5, 0.5]);
+  await touch(v, [0.6, 0.5]);
+  await v.button("Take the last one back").click();
+  await v.button("Loop").click();
+  await v.button("Drive 2 waypoints").click();
+  const goal = (await robot.bus.hears("ML_CMD_GOAL")) as { waypoints: object[]; loop: boolean };
+  deepEqual([goal.waypoints.length, goal.loop], [2, true]);
+  await v.button("Cancel goal").click();
+  await v.text(/^Cancelled/).waitFor();
+  robot.bus.forget();
+  await v.button("patrol").click();
+  const route = (await robot.bus.hears("ML_CMD_GOAL")) as { waypoints: object[]; loop: boolean };
+  ok(route.waypoints.length > 4);
+  await v.button("Cancel goal").click();
+  await v.text(/^Cancelled/).waitFor();
+});
+
+scene("the map has words for who does not see it", async ({ robot, visit }) => {
+  const v = await visit();
+  await v.go("Map");
+  const { x } = robot.bus.truth();
+  const words = await until("position in words", 20, async () => /At (-?[0-9.]+), /.exec((await v.page.locator(".map-words").textContent()) ?? ""));
+  ok(Math.abs(Number(words[1]) - x) < 0.5, words[0]);
+  match((await v.page.locator("canvas.map-canvas").getAttribute("aria-label")) ?? "", /^Map\. At /);
+});

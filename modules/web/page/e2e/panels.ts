@@ -1,0 +1,150 @@
+// What the panels show is what the bus says, and their commands reach it.
+import { deepEqual, equal, match, ok } from "node:assert/strict";
+import { HOLD } from "../src/holds";
+import { PROFILES } from "./support/browser";
+import { scene } from "./support/scene";
+import { pass, until } from "./support/until";
+
+for (const profile of PROFILES) {
+  scene(`a module is paused and let run; its row follows (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile, as: "engineer" });
+    await v.go("Modules");
+    const row = v.row("driver_aux");
+    await row.getByText("RUN", { exact: true }).waitFor();
+    await v.press(v.page.getByRole("button", { name: "Details and commands of driver_aux" }));
+    const dialog = v.page.getByRole("dialog", { name: "driver_aux" });
+    await v.press(dialog.getByRole("button", { name: "Pause" }));
+    deepEqual((await robot.bus.hears("CM_CMD_STATE"))["module"], "driver_aux");
+    await dialog.getByText("PAUSE", { exact: true }).first().waitFor();
+    await v.press(dialog.getByRole("button", { name: "Run" }));
+    await dialog.getByText("RUN", { exact: true }).first().waitFor();
+    await v.press(dialog.getByRole("button", { name: "Close" }));
+    equal(await dialog.count(), 0);
+  });
+}
+
+scene("the modules' table has processes as the watchdog has them, and how one ended in words", async ({ robot, visit }) => {
+  const v = await visit({ as: "engineer" });
+  await v.go("Modules");
+  const pid = () => {
+    const { processes } = robot.bus.last["CM_DATA_PROCESSES"] as unknown as { processes: { module: string; pid: number; restarts: number }[] };
+    return processes.find(({ module }) => module === "driver_joydev")?.pid ?? 0;
+  };
+  const before = pid();
+  await v.row("driver_joydev").getByText(String(before), { exact: true }).waitFor();
+  ok(before > 1);
+  process.kill(before, "SIGKILL");
+  await until("it is started anew", 20, () => pid() !== before && pid() > 1);
+  await v.row("driver_joydev").getByText(String(pid()), { exact: true }).waitFor();
+  await v.row("driver_joydev").getByText(/kill/i).waitFor();
+});
+
+scene("what stops a critical module is confirmed by a slide", async ({ robot, visit }) => {
+  const v = await visit({ as: "engineer" });
+  await v.go("Modules");
+  await v.page.getByRole("button", { name: "Details and commands of driver_power" }).click();
+  const dialog = v.page.getByRole("dialog", { name: "driver_power" });
+  equal(await dialog.getByRole("button", { name: /Pause|Stop|Terminate/ }).count(), 0, "no button does it");
+  await dialog.getByRole("slider", { name: /^Pause driver_power/ }).click();
+  await v.slide(/^Pause driver_power/, 0.6);
+  await pass(200);
+  deepEqual(v.said, []);
+  await v.slide(/^Pause driver_power/);
+  await dialog.getByText("PAUSE", { exact: true }).first().waitFor();
+  await dialog.getByRole("button", { name: "Run" }).click();
+  await dialog.getByText("RUN", { exact: true }).first().waitFor();
+  await until("it runs", 10, () => !robot.bus.stands(HOLD.CriticalModule));
+});
+
+for (const profile of PROFILES) {
+  scene(`a power channel is switched off by a slide, and on again (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile, as: "engineer" });
+    await v.go("Power");
+    const row = v.row("monitor");
+    await row.getByText("on", { exact: true }).waitFor();
+    await v.press(v.button("Switch monitor"));
+    await v.slide(/^Switch monitor off/);
+    await robot.bus.hears("LL_CMD_POWER");
+    await row.getByText("off", { exact: true }).waitFor();
+    await v.press(v.button("Switch monitor"));
+    await v.press(v.button("Switch on"));
+    await row.getByText("on", { exact: true }).waitFor();
+  });
+}
+
+scene("battery, temperatures and fans are shown with figures", async ({ visit }) => {
+  const v = await visit();
+  await v.go("Power");
+  const all = await until("figures", 15, async () => /\d.* V[\s\S]*°C/.exec((await v.page.locator("main").innerText()) ?? ""));
+  match(all[0], /°C/);
+  match(await v.page.locator("main").innerText(), /fan/i);
+});
+
+scene("buses and drives: nodes with their figures, NMT and CiA 402 in words; an object is read", async ({ visit }) => {
+  const v = await visit({ as: "engineer" });
+  await v.go("Buses");
+  for (const name of ["so1", "sd1_front", "sd1_rear", "sbs1", "psc1"]) await v.row(name).waitFor();
+  const drive = v.card("Drive: propulsion");
+  await drive.getByText(/operational/i).first().waitFor();
+  await drive.getByText(/^0x[0-9a-f]{4}/i).first().waitFor();
+  await v.page.getByLabel("Index, hex").fill("1000");
+  await v.page.getByLabel("Sub-index").fill("0");
+  await v.button("Read").click();
+  const result = v.row("node 1, 0x1000:0").locator("b.figure");
+  await result.waitFor();
+  // CiA 402 drives say 402 in the lower half.
+  equal(Number((await result.textContent())?.replace(/\D/g, "")) & 0xffff, 402);
+  await v.page.getByLabel("Index, hex").fill("5fff");
+  await v.button("Read").click();
+  await v.row("node 1, 0x5FFF:0").or(v.row("node 1, 0x5fff:0")).getByText(/0x06020000|not exist/i).first().waitFor();
+});
+
+scene("sensors are shown with distance and age", async ({ visit }) => {
+  const v = await visit();
+  await v.go("Sensors");
+  await v.page.locator("main").getByText(/ m$/).first().waitFor();
+  ok((await v.page.getByRole("row").count()) >= 20, "sixteen sonars and four infrareds");
+  await until("none is stale", 10, async () => (await v.page.locator("main .age.is-stale").count()) <= 1);
+});
+
+for (const profile of PROFILES) {
+  scene(`the inspector shows a channel's fields live, and plots any (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile });
+    await v.go("Messages");
+    await v.page.getByPlaceholder("Channel or type").fill("SIM_DATA_TRUTH");
+    await v.row("SIM_DATA_TRUTH").getByText(/Hz/).waitFor();
+    await v.press(v.row("SIM_DATA_TRUTH").getByRole("button"));
+    const tree = v.page.getByRole("list", { name: "Fields of SIM_DATA_TRUTH" });
+    const x = await tree.locator("li", { hasText: "x" }).locator("output").first().textContent();
+    ok(Math.abs(Number(x?.replace("−", "-")) - robot.bus.truth().x) < 0.1, `${x}`);
+    await v.press(tree.getByRole("button", { name: "Plot x", exact: true }));
+    const plot = v.page.getByRole("img", { name: "Course of SIM_DATA_TRUTH x" });
+    await plot.locator("canvas").waitFor();
+    // The line grows: the picture of it changes.
+    const ink = () => plot.locator("canvas").evaluate((canvas: HTMLCanvasElement) => canvas.toDataURL());
+    const before = await ink();
+    await until("the plot goes on", 10, async () => (await ink()) !== before);
+  });
+}
+
+scene("errors are grouped, with count and when they were seen, and whether they stand", async ({ robot, visit }) => {
+  const v = await visit();
+  await robot.fault("sd1_rear", "silent");
+  await v.go("Errors");
+  const row = v.page.getByRole("row").filter({ hasText: "sd1_rear" }).filter({ hasText: "driver_rs485a" }).first();
+  await row.getByText("stands").waitFor();
+  await v.page.getByRole("navigation").getByText(/to look at/).first().waitFor({ state: "attached" });
+  await robot.advee("fault", "sd1_rear", "none");
+  await row.getByText("over").waitFor();
+  await v.button("Standing only").click();
+  equal(await row.count(), 0);
+});
+
+scene("the steering is homed by the page", async ({ robot, visit }) => {
+  const v = await visit({ as: "operator" });
+  await v.takeControl();
+  await v.slide(/^Home the steering anew/);
+  deepEqual((await robot.bus.hears("LL_CMD_HOMING"))["axis"], "steering");
+  await until("it homes", 10, () => !robot.bus.motion()?.homed);
+  await v.card("Steering").getByText("homed", { exact: true }).waitFor({ timeout: 20_000 });
+});

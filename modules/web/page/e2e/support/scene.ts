@@ -1,0 +1,64 @@
+// One robot and one browser for all scenes; each scene begins with a robot that stands and is well.
+import { after, test } from "node:test";
+import { appendFileSync } from "node:fs";
+import type { Browser } from "playwright-core";
+import { hasChromium, launch, Visit, type Wish } from "./browser";
+import { Robot } from "./robot";
+
+let shared: Promise<[Robot, Browser]> | null = null;
+const begin = (): Promise<[Robot, Browser]> => (shared ??= Promise.all([Robot.start(), launch()]));
+after(async () => {
+  const both = await shared;
+  await both?.[1].close();
+  await both?.[0].end();
+});
+
+// Ended by a signal it ends what it has started, too.
+for (const signal of ["SIGINT", "SIGTERM"] as const) process.once(signal, () => process.exit(1));
+
+/** s that a scene may take on the slowest of machines. */
+const PATIENCE = 90;
+let skipped = 0;
+process.once("exit", () => {
+  if (!skipped) return;
+  const why = "there is no chromium (make test installs it)";
+  console.error(`skipped: ${skipped} tests of the page in a browser: ${why}`);
+  // The list that make test prints at its end: foundation/testing.
+  const list = process.env["ADVEE_SKIPPED"];
+  if (list) appendFileSync(list, `peer\tpage: ${skipped} tests in a browser\t${why}\n`);
+});
+
+export interface Stage {
+  robot: Robot;
+  visit(wish?: Wish): Promise<Visit>;
+}
+
+/** A test with any number of visits, which are watched and closed. */
+export function scene(name: string, body: (stage: Stage) => Promise<void>): void {
+  if (!hasChromium && process.env["ADVEE_PEERS"] !== "required") {
+    skipped += 1;
+    test(name, { skip: "no chromium" }, () => {});
+    return;
+  }
+  test(name, { timeout: 1000 * PATIENCE }, async () => {
+    const [robot, browser] = await begin();
+    await robot.calm();
+    const visits: Visit[] = [];
+    const visit = async (wish?: Wish) => {
+      const opened = await Visit.open(browser, robot, wish);
+      visits.push(opened);
+      return opened;
+    };
+    let failed: unknown = null;
+    try {
+      await body({ robot, visit });
+    } catch (error) {
+      failed = error;
+      for (const [n, each] of visits.entries()) {
+        await each.page.screenshot({ path: `node_modules/.e2e/${name.replace(/[^a-z0-9]+/gi, "-")}-${n}.png`, timeout: 5000 }).catch(() => {});
+      }
+    }
+    for (const each of visits) await each.close().catch((error) => (failed ??= error));
+    if (failed) throw failed;
+  });
+}

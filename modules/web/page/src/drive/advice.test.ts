@@ -1,0 +1,47 @@
+import { equal, ok } from "node:assert/strict";
+import { test } from "node:test";
+import { HOLD } from "../holds";
+import type { DrivePart, HoldRow } from "../protocol";
+import { advice } from "./advice";
+
+/** A robot for which these numbers stand, with words that are never read. */
+function part(of: { word?: string; homed?: boolean; stop?: string; holds?: [number, Partial<HoldRow>?][]; reason?: string }): DrivePart {
+  const shown = (value: object) => ({ age: 0, period: null, freshness: "fresh", value });
+  const row = ([code, more]: [number, Partial<HoldRow>?]) => ({ module: "driver_canbus", code, name: "", subject: "", who: "", words: "reworded", remedy: "", latched: false, since: 0, ...more });
+  return {
+    status: { word: of.word ?? "ready", reason: of.reason ?? "reworded" },
+    motion: shown({ reason: of.reason ?? "reworded", homed: of.homed ?? true }),
+    holds: (of.holds ?? []).map(row),
+    stop: shown({ engaged: of.stop !== undefined, source: of.stop ?? "" }),
+    goal: shown({ message: "reworded" }),
+  } as unknown as DrivePart;
+}
+
+test("each cause that needs a hand has its advice, whatever its words", () => {
+  const bumper = advice(part({ word: "paused", stop: "bumper1", holds: [[HOLD.PauseBumper, { who: "bumper 1", remedy: "Clear what touches bumper 1." }]] }), false);
+  equal(bumper?.title, "PAUSE: bumper 1 stops the robot");
+  equal(bumper?.steps[0], "Clear what touches bumper 1.");
+  equal(advice(part({ word: "stopped", holds: [[HOLD.ModulePaused]] }), true)?.offer, null);
+  equal(advice(part({ word: "waiting", holds: [[HOLD.PlannerLatched]] }), false)?.offer, "resume");
+  equal(advice(part({ word: "waiting", holds: [[HOLD.NobodyCommands], [HOLD.PlannerLatched, { module: "planner" }]] }), false)?.offer, "resume");
+  ok(advice(part({ word: "waiting", holds: [[HOLD.NotReleased]] }), false)?.steps[0]?.startsWith("Let go"));
+  equal(advice(part({ word: "fault", holds: [[301]] }), false)?.offer, "modules");
+  equal(advice(part({ word: "stopped", holds: [[221]], homed: false }), false)?.offer, "home");
+  equal(advice(part({ word: "stopped", holds: [[HOLD.Homing]], homed: false }), false)?.offer, null);
+  equal(advice(part({ word: "stopped", holds: [[HOLD.Centering]], homed: false }), false)?.offer, null);
+});
+
+test("what comes after a weightier cause is not advised yet", () => {
+  equal(advice(part({ word: "stopped", holds: [[213, { subject: "steering" }], [HOLD.PlannerLatched]] }), false)?.offer, "modules");
+});
+
+test("a recording from before the numbers shows its text", () => {
+  const old = part({ word: "stopped", holds: [[0]], reason: "planner must be let go by an operator first" });
+  equal(advice(old, false)?.steps[0], "planner must be let go by an operator first");
+  equal(advice(part({ word: "paused", stop: "bumper1" }), false)?.title, "PAUSE: bumper1 stops the robot");
+});
+
+test("where there is nothing to be done there is no advice", () => {
+  equal(advice(part({ word: "driving" }), false), null);
+  equal(advice(part({ word: "ready", holds: [[HOLD.NobodyCommands]] }), false), null);
+});

@@ -1,0 +1,44 @@
+// Why the robot does not move, and what to do about it. The words are the robot's own; the advice is by the numbers of what stands.
+import { HOLD, leads, pausedBy, pausedByWords } from "../holds";
+import type { DrivePart } from "../protocol";
+
+export interface Advice {
+  title: string;
+  /** What to do, step by step. */
+  steps: string[];
+  /** What is offered besides. */
+  offer: "home" | "resume" | "modules" | null;
+}
+
+/** null: there is nothing to be done, it moves or only waits to be told. */
+export function advice(part: DrivePart, held: boolean): Advice | null {
+  if (part.stop.value?.engaged) {
+    const who = pausedByWords(part);
+    return {
+      title: `PAUSE: ${who} stops the robot`,
+      steps: [
+        pausedBy(part.holds)?.remedy || `Release the PAUSE line at ${who}.`,
+        "The status goes back to ready by itself.",
+        "Then drive by hand, or let the robot go on with what it did.",
+      ],
+      offer: null,
+    };
+  }
+  if (held) return { title: "Stopped by an operator", steps: ["Take control, if nobody has it.", "Slide “Let it go on”, where Stop was."], offer: null };
+  if (leads(part.holds, HOLD.PlannerLatched)) {
+    return { title: "It waits to be let go on", steps: ["After a stop, or after a hand drove it, it goes on only when an operator says so."], offer: "resume" };
+  }
+  if (leads(part.holds, HOLD.NotReleased)) return { title: "The hand was never off", steps: ["Let go of the pad, then press anew."], offer: null };
+  if (part.status.word === "fault" || part.status.word === "silent") {
+    return { title: "Something is wrong", steps: [part.status.reason, "Look at the modules and errors; a module that failed is started anew by itself."], offer: "modules" };
+  }
+  if (leads(part.holds, HOLD.Homing, HOLD.Centering)) {
+    return { title: "The steering is being homed", steps: ["It looks for its switch, then turns straight. Wait some seconds."], offer: null };
+  }
+  if (part.motion.value && !part.motion.value.homed) {
+    const why = part.motion.value.reason || "The steering does not know where straight ahead is.";
+    return { title: "The steering is not homed", steps: [why, "Home it, with room at the front wheels."], offer: "home" };
+  }
+  if (part.status.word === "stopped") return { title: "It does not move", steps: [part.status.reason], offer: "modules" };
+  return null;
+}

@@ -1,0 +1,211 @@
+// Driving by hand: who has control, the pad, what the robot does, and why it does not.
+import { Gamepad2, Hand, House, Keyboard, ListChecks, Move } from "lucide-preact";
+import { useEffect, useRef } from "preact/hooks";
+import { deg, num, span } from "../format";
+import { standing } from "../holds";
+import { MapPanel } from "../map";
+import { order, release, resume, sentence, stopped, take } from "../operate";
+import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
+import type { DrivePart } from "../protocol";
+import { Age, Badge, Button, Card, Slide } from "../ui";
+import { type Advice, advice } from "./advice";
+import { Gauge } from "./gauge";
+import { Pad } from "./pad";
+import { begin, commanded, endedWhy, gamepadName, PACES, pace } from "./session";
+import "./drive.css";
+
+export function Drive() {
+  useEffect(begin, []);
+  return (
+    <div class="drive">
+      <div class="drive-map">
+        <MapPanel />
+      </div>
+      <div class="drive-side">
+        <Control />
+        <Why />
+        {may("operator") ? <Hands /> : null}
+        <Motion />
+        <Homing />
+      </div>
+    </div>
+  );
+}
+
+/** Takes control, or over from who has it, by a gesture that names them. */
+function Control() {
+  if (demo.value) return null;
+  const who = holder.value;
+  const yours = authority.value.yours;
+  const pairing = may("operator") ? null : "Pair this device to take control";
+  if (!may("operator")) {
+    return (
+      <Card title="You are watching" icon={Hand} class="control">
+        <p>To drive, enter the code from the robot's console.</p>
+        <a class="button primary" href="#/access">
+          Pair this device
+        </a>
+      </Card>
+    );
+  }
+  if (yours) {
+    return (
+      <section class="card control is-yours" aria-label="Control">
+        <h2>
+          <Hand size={18} aria-hidden /> You have control
+        </h2>
+        <Button onClick={() => void release()}>Give it back</Button>
+      </section>
+    );
+  }
+  return (
+    <Card
+      title={who ? `${who.name} has control` : "Nobody has control"}
+      icon={Hand}
+      aside={who ? <Badge tone={who.driving ? "good" : "off"}>{who.driving ? "drives" : `since ${span(who.since)}`}</Badge> : null}
+    >
+      {who ? (
+        <Slide label={`Take over from ${who.name}`} tone="danger" whyNot={pairing} onConfirm={() => void take()} />
+      ) : (
+        <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? pairing : "There is no connection"} onClick={() => void take()}>
+          Take control
+        </Button>
+      )}
+    </Card>
+  );
+}
+
+/** Why it does not move, and what to do. */
+function Why() {
+  const part = drive.value;
+  const last = useRef<{ said: Advice | null; part: DrivePart | null }>({ said: null, part: null });
+  // While a hand is on the pad nothing above it comes or goes: the pad would move under the hand.
+  if (commanded.value === null) {
+    last.current = { said: part && connection.value.state === "live" ? advice(part, stopped.value) : null, part };
+  }
+  const { said } = last.current;
+  if (!said) return null;
+  return (
+    <Card title={said.title} icon={ListChecks} class="why tone-warn">
+      <ol class="steps">
+        {said.steps.map((step) => (
+          <li key={step}>{step}</li>
+        ))}
+      </ol>
+      <Standing part={last.current.part} />
+      {said.offer === "resume" && may("operator") ? (
+        <Slide label="Let it go on" tone="good" whyNot={whyNot.value} onConfirm={() => void resume()} />
+      ) : null}
+      {said.offer === "modules" ? (
+        <div class="row">
+          <a class="button" href="#/modules">
+            Modules
+          </a>
+          <a class="button" href="#/errors">
+            Errors
+          </a>
+        </div>
+      ) : null}
+    </Card>
+  );
+}
+
+/** All that stands against acting, where that is more than one thing. */
+function Standing({ part }: { part: DrivePart | null }) {
+  const rows = standing(part?.holds ?? []);
+  const now = part?.motion.value?.timestamp ?? null;
+  if (rows.length < 2) return null;
+  return (
+    <ul class="standing" aria-label="All that stands against moving">
+      {rows.map((row) => (
+        <li key={`${row.code} ${row.subject}`}>
+          {sentence(row.words)}
+          {now !== null && row.since !== null ? <span class="age"> {span(Math.max(0, (now - row.since) / 1e6))}</span> : null}
+          {row.latched ? <Badge tone="warn">until somebody acts</Badge> : null}
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+/** What is, and what is commanded. */
+function Motion() {
+  const shown = drive.value?.motion;
+  const motion = shown?.value ?? null;
+  const grey = stale(shown);
+  const { speed, steering } = scene.value?.limits ?? { speed: 1, steering: 1 };
+  const of = (value: number | null | undefined, most: number): number | null => (typeof value === "number" ? value / most : null);
+  return (
+    <Card title="Motion" icon={Move} aside={<Age shown={shown} />}>
+      <Gauge
+        name="Speed"
+        actual={num(motion?.speed, 2, "m/s")}
+        commanded={num(motion?.speed_target, 2, "m/s")}
+        is={of(motion?.speed, speed)}
+        wanted={of(motion?.speed_target, speed)}
+        stale={grey}
+      />
+      <Gauge
+        name="Steering"
+        actual={side(motion?.steering)}
+        commanded={side(motion?.steering_target)}
+        is={of(motion?.steering, steering)}
+        wanted={of(motion?.steering_target, steering)}
+        stale={grey}
+        mirrored
+      />
+      <p class="why-not">{motion?.source ? `${motion.source} commands.` : "Nobody commands the motion."}</p>
+    </Card>
+  );
+}
+
+/** An angle of the steering, in words which side. */
+function side(value: number | null | undefined): string {
+  const text = deg(typeof value === "number" ? Math.abs(value) : value);
+  return typeof value !== "number" || text === "0°" ? text : `${text} ${value > 0 ? "left" : "right"}`;
+}
+
+function Hands() {
+  const limits = scene.value?.limits;
+  const now = commanded.value;
+  return (
+    <Card title="Hold to drive" icon={Gamepad2} class="hands">
+      <div class="choice" role="group" aria-label="How fast at most">
+        {(Object.keys(PACES) as (keyof typeof PACES)[]).map((each) => (
+          <Button key={each} pressed={pace.value === each} onClick={() => (pace.value = each)}>
+            {each === "slow" ? "Slow" : "Normal"} {limits ? num(limits.speed * PACES[each], 1, "m/s") : ""}
+          </Button>
+        ))}
+      </div>
+      <Pad />
+      <p class="hands-said figure" role="status">
+        {now ? `${num(now.speed, 2, "m/s")}, ${side(now.steering)}` : endedWhy.value ? sentence(endedWhy.value) : "Let go, and it stops."}
+      </p>
+      <p class="why-not hands-keys">
+        <Keyboard size={16} aria-hidden /> arrow keys or WASD
+        <Gamepad2 size={16} aria-hidden /> {gamepadName.value ? `${gamepadName.value}: hold a shoulder button` : "gamepad: press one of its buttons"}
+      </p>
+    </Card>
+  );
+}
+
+function Homing() {
+  const motion = fresh(drive.value?.motion);
+  const needed = motion !== null && !motion.homed;
+  const home = () => void order({ type: "home", axis: "steering" }, "The steering looks for its switch.");
+  return (
+    <Card
+      title="Steering"
+      icon={House}
+      aside={motion === null ? <Badge tone="off">not known</Badge> : <Badge tone={motion.homed ? "good" : "warn"}>{motion.homed ? "homed" : "not homed"}</Badge>}
+    >
+      {!may("operator") ? null : needed ? (
+        <Button icon={House} kind="primary" whyNot={whyNot.value} onClick={home}>
+          Home the steering
+        </Button>
+      ) : (
+        <Slide label="Home the steering anew" whyNot={whyNot.value} onConfirm={home} />
+      )}
+    </Card>
+  );
+}

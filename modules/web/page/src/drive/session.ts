@@ -1,0 +1,125 @@
+// The hands of this page: its pad, keys and gamepad, and one hold for all of them. Whatever takes the page out of sight or
+// the hand off ends it.
+import { computed, effect, signal } from "@preact/signals";
+import { listen, send } from "../connection/command";
+import { onStop, stopped } from "../operate";
+import { pausedByWords } from "../holds";
+import { clock, connection, drive, fresh, roundTrip, scene, TOO_SLOW, whyNot } from "../state";
+import { types } from "../shell/keys";
+import { type Act, Gamepads, isDriveKey, Keys, type Stick } from "./hands";
+import { Hold, type Source } from "./hold";
+
+/** How often it is looked whether something is due, ms; and every how many turns while nobody drives. */
+const TURN = 10;
+const IDLE_TURNS = 4;
+
+/** Share of the limit that a hand gets. */
+export const PACES = { slow: 1 / 3, normal: 1 } as const;
+export const pace = signal<keyof typeof PACES>("slow");
+
+/** Why the pad is off; null: it is not. */
+export const whyNoDrive = computed<string | null>(() => {
+  if (whyNot.value !== null) return whyNot.value;
+  const link = connection.value;
+  if (link.state === "live" && link.quality === "bad") {
+    return `The connection is too slow to drive: ${Math.round(roundTrip.value ?? 0)} ms there and back, more than ${TOO_SLOW} ms.`;
+  }
+  if (stopped.value) return "The robot is stopped. Let it go on first.";
+  const line = fresh(drive.value?.stop);
+  if (line?.engaged) return `PAUSE: ${pausedByWords(drive.value)} stops the robot.`;
+  return null;
+});
+
+/** What the hand wants now, m/s and rad; null: no hand. */
+export const commanded = signal<{ source: Source; speed: number; steering: number } | null>(null);
+/** Why the last hold ended, other than by letting go. */
+export const endedWhy = signal("");
+/** A gamepad is there. */
+export const gamepadName = signal<string | null>(null);
+
+export const hold = new Hold((command) => send(command));
+const keys = new Keys();
+const gamepads = new Gamepads();
+
+/** To be called after each event: shows what the hold does. */
+export function shown(): void {
+  const now = hold.commanded;
+  const next = now && hold.holding ? { source: hold.holding, ...now } : null;
+  const old = commanded.peek();
+  if (next?.source !== old?.source || next?.speed !== old?.speed || next?.steering !== old?.steering) commanded.value = next;
+  if (hold.holding !== "gamepad") gamepads.over();
+  endedWhy.value = hold.ended;
+}
+
+function act(source: Source, what: Act): void {
+  if (what === null) return;
+  if (what.act === "press") hold.press(source, what.wish, clock());
+  else if (what.act === "move") hold.move(source, what.wish);
+  else hold.release(source);
+  shown();
+}
+
+export function letGo(why: string): void {
+  keys.lost();
+  hold.letGo(why);
+  shown();
+}
+
+/** Takes part while the drive view is shown; what it answers ends it. */
+export function begin(): () => void {
+  const gone = new AbortController();
+  const on = { signal: gone.signal };
+  const down = (event: KeyboardEvent) => {
+    if (event.ctrlKey || event.altKey || event.metaKey) return letGo("Another key was held.");
+    const at = event.target instanceof HTMLElement ? event.target : null;
+    if (!isDriveKey(event.code) || event.defaultPrevented || types(at)) return;
+    event.preventDefault();
+    act("keys", keys.down(event.code, event.repeat));
+  };
+  addEventListener("keydown", down, on);
+  addEventListener("keyup", (event) => act("keys", keys.up(event.code)), on);
+  addEventListener("blur", () => letGo("The page lost the focus."), on);
+  addEventListener("pagehide", () => letGo("The page was left."), on);
+  document.addEventListener("visibilitychange", () => document.hidden && letGo("The page was hidden."), on);
+  document.addEventListener("freeze", () => letGo("The page was frozen."), on);
+
+  const ends = [
+    () => gone.abort(),
+    onStop(() => letGo("Stop was pressed.")),
+    listen({
+      authority: (holds, why) => holds || letGo(why || "You have no control any more."),
+      ended: (number, why) => (hold.endedByRobot(number, why), shown()),
+      closed: () => letGo("The connection was lost."),
+    }),
+    effect(() => {
+      const limits = scene.value?.limits ?? { speed: 0, steering: 0 };
+      hold.limit(limits.speed * PACES[pace.value], limits.steering);
+      hold.allow(whyNoDrive.value);
+      queueMicrotask(shown);
+    }),
+  ];
+  let turns = 0;
+  const turn = setInterval(() => {
+    turns += 1;
+    if (hold.holding === null && turns % IDLE_TURNS !== 0) return;
+    act("gamepad", gamepads.read(readGamepad()));
+    if (hold.holding === null) return;
+    hold.tick(clock());
+    shown();
+  }, TURN);
+  return () => {
+    clearInterval(turn);
+    letGo("The view was left.");
+    for (const end of ends) end();
+  };
+}
+
+/** The first gamepad of the usual layout: left stick forward and back, right stick's sides steer, a shoulder is the dead man. */
+function readGamepad(): Stick | null {
+  const pad = navigator.getGamepads?.().find((each) => each?.connected && each.mapping === "standard") ?? null;
+  const name = pad?.id.replace(/\s*\(.*$/, "") ?? null;
+  if (name !== gamepadName.peek()) gamepadName.value = name;
+  if (!pad || document.hidden || !document.hasFocus()) return null;
+  const pressed = (button: number): boolean => pad.buttons[button]?.pressed ?? false;
+  return { deadMan: pressed(4) || pressed(5), speed: -(pad.axes[1] ?? 0), steering: -(pad.axes[2] ?? pad.axes[0] ?? 0) };
+}

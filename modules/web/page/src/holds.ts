@@ -1,0 +1,55 @@
+// Why the robot does not act, by number: those of docs/holds.md of which the page does something of its own. The words are the
+// robot's; nothing here reads them.
+import type { DrivePart, HoldRow } from "./protocol";
+
+export const HOLD = {
+  PauseUnknown: 101,
+  PauseBumper: 111,
+  PauseFloor: 112,
+  PauseButton: 113,
+  PauseOther: 119,
+  Homing: 222,
+  Centering: 223,
+  CriticalModule: 301,
+  ModulePaused: 312,
+  ModuleStopped: 313,
+  NobodyCommands: 401,
+  NotReleased: 405,
+  PlannerLatched: 406,
+  NoGoal: 601,
+} as const;
+
+const PAUSE: readonly number[] = [HOLD.PauseBumper, HOLD.PauseFloor, HOLD.PauseButton, HOLD.PauseOther];
+const IDLE: readonly number[] = [HOLD.NobodyCommands, HOLD.NoGoal];
+
+/** The weightiest of each module: they are in order, those of a module together. */
+export function leading(holds: readonly HoldRow[]): HoldRow[] {
+  return holds.filter((row, n) => row.module !== holds[n - 1]?.module);
+}
+
+/** Whether one of these numbers is the weightiest of a module. */
+export function leads(holds: readonly HoldRow[], ...codes: number[]): boolean {
+  return leading(holds).some(({ code }) => codes.includes(code));
+}
+
+/** What engages the PAUSE line. */
+export function pausedBy(holds: readonly HoldRow[]): HoldRow | null {
+  return holds.find(({ code }) => PAUSE.includes(code)) ?? null;
+}
+
+/** The same as people call it; of a recording from before the numbers by the name on the line. */
+export function pausedByWords(part: DrivePart | null): string {
+  return pausedBy(part?.holds ?? [])?.who || part?.stop.value?.source || "somebody";
+}
+
+/** driver_canbus was commanded into PAUSE or STOP; null: its list is not known. */
+export function isHeld(holds: readonly HoldRow[]): boolean | null {
+  // A recording from before the numbers.
+  if (holds.some(({ code }) => code === 0)) return null;
+  return holds.some(({ code, subject }) => subject === "driver_canbus" && (code === HOLD.ModulePaused || code === HOLD.ModuleStopped));
+}
+
+/** All but that nobody asks for anything. */
+export function standing(holds: readonly HoldRow[]): HoldRow[] {
+  return holds.filter(({ code }) => !IDLE.includes(code));
+}

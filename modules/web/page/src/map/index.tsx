@@ -1,0 +1,157 @@
+// The map: what the robot believes of the place and of itself, and where to send it.
+import { CircleX, Crosshair, Expand, Flag, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Undo2 } from "lucide-preact";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { order } from "../operate";
+import { drive, fresh, may, scene, stale, whyNot } from "../state";
+import { Badge, Button, type Tone } from "../ui";
+import { type Looker, MapCanvas } from "./canvas";
+import { begin, change, confirm, loop, type Mode, mode, places, sent, undo } from "./draft";
+import { goalWords, positionWords, QUALITIES } from "./words";
+import "./map.css";
+
+export function MapView() {
+  return <MapPanel />;
+}
+
+export function MapPanel() {
+  const looker = useRef<Looker | null>(null);
+  const [follow, setFollow] = useState(false);
+  const part = drive.value;
+  const goal = part?.goal.value;
+  useEffect(() => () => begin("look"), []);
+  return (
+    <section class="map" aria-label="Map">
+      <div class="map-picture">
+        <MapCanvas follow={follow} onFollow={setFollow} looker={looker} label={`Map. ${positionWords(part)} ${goalWords(goal)}`} />
+        <div class="map-zoom">
+          <Button icon={Plus} label="Nearer" onClick={() => looker.current?.zoom(1.4)} />
+          <Button icon={Minus} label="Farther" onClick={() => looker.current?.zoom(1 / 1.4)} />
+          <Button icon={Expand} label="Show all" onClick={() => looker.current?.fit()} />
+          <Button icon={LocateFixed} label="Follow the robot" pressed={follow} onClick={() => setFollow(!follow)} />
+        </div>
+        <Legend />
+      </div>
+      <div class="map-below">
+        {mode.value === "look" ? <Tools /> : <Draft />}
+        <div class="map-words" role="status" aria-live="off">
+          <Quality />
+          <p class={stale(part?.estimate) ? "is-stale" : ""}>{positionWords(part)}</p>
+          <p>{goalWords(goal)}</p>
+        </div>
+      </div>
+    </section>
+  );
+}
+
+function Quality() {
+  const estimate = drive.value?.estimate;
+  const quality = fresh(estimate)?.quality;
+  const tones: Tone[] = ["bad", "warn", "info", "good"];
+  if (quality === undefined) return <Badge tone="off">position not known</Badge>;
+  return <Badge tone={tones[quality] ?? "off"}>{`position ${QUALITIES[quality] ?? "not known"}`}</Badge>;
+}
+
+function Tools() {
+  const active = [1, 3].includes(drive.value?.goal.value?.status ?? 0);
+  if (!may("operator")) return null;
+  const start = (next: Mode) => () => begin(next);
+  return (
+    <div class="map-tools">
+      <Button icon={Flag} whyNot={whyNot.value} onClick={start("go")}>
+        Go to
+      </Button>
+      <Button icon={Route} whyNot={whyNot.value} onClick={start("route")}>
+        Route
+      </Button>
+      <Button icon={Crosshair} whyNot={whyNot.value} onClick={start("pose")}>
+        Set position
+      </Button>
+      {(scene.value?.routes ?? []).map(({ name }) => (
+        <Button key={name} icon={Repeat} whyNot={whyNot.value} onClick={() => void order({ type: "route", name }, `It was told to drive the route ${name}.`)}>
+          {name}
+        </Button>
+      ))}
+      {active ? (
+        <Button icon={CircleX} kind="danger" onClick={() => void order({ type: "cancel" }, "The goal is cancelled.").then((well) => well && (sent.value = []))}>
+          Cancel goal
+        </Button>
+      ) : null}
+    </div>
+  );
+}
+
+/** What is being placed, and what to do with it. */
+function Draft() {
+  const all = places.value;
+  const last = all.at(-1);
+  const kind = mode.value;
+  const hint = { look: "", go: "Tap the map where it shall go; drag to set the heading.", route: "Tap the waypoints one after another.", pose: "Tap where the robot is; drag to where it looks." }[kind];
+  const said = { look: "", go: "Go there", route: `Drive ${all.length} waypoints`, pose: "The robot is here" }[kind];
+  return (
+    <form class="map-draft" onSubmit={(event) => (event.preventDefault(), whyNot.value === null && void confirm())} aria-label="Place on the map">
+      <p>{hint}</p>
+      <div class="map-fields">
+        <Field label="x, m" value={last?.x ?? null} onChange={(x) => (last ? change({ x }) : (places.value = [{ x, y: 0, theta: null }]))} />
+        <Field label="y, m" value={last?.y ?? null} onChange={(y) => (last ? change({ y }) : (places.value = [{ x: 0, y, theta: null }]))} />
+        <Field
+          label="heading, °"
+          value={last?.theta === null || last === undefined ? null : (last.theta * 180) / Math.PI}
+          onChange={(degrees) => last && change({ theta: (degrees * Math.PI) / 180 })}
+        />
+        {kind === "route" ? <Button icon={Milestone} label="Add a waypoint" whyNot={last ? null : "Place the first one"} onClick={() => last && (places.value = [...all, { ...last, theta: null }])} /> : null}
+        {kind === "route" ? <Button icon={Undo2} label="Take the last one back" whyNot={last ? null : "There is none"} onClick={undo} /> : null}
+        {kind === "route" ? (
+          <Button icon={Repeat} pressed={loop.value} onClick={() => (loop.value = !loop.value)}>
+            Loop
+          </Button>
+        ) : null}
+      </div>
+      <div class="map-confirm">
+        <Button onClick={() => begin("look")}>Cancel</Button>
+        <Button kind="primary" type="submit" icon={kind === "pose" ? Crosshair : Flag} whyNot={whyNot.value ?? (last ? null : hint)} onClick={() => {}}>
+          {said}
+        </Button>
+      </div>
+    </form>
+  );
+}
+
+function Field({ label, value, onChange }: { label: string; value: number | null; onChange: (value: number) => void }) {
+  return (
+    <label class="field">
+      {label}
+      <input
+        type="number"
+        step="any"
+        inputMode="decimal"
+        value={value === null ? "" : Number(value.toFixed(2))}
+        onChange={(event) => Number.isFinite(event.currentTarget.valueAsNumber) && onChange(event.currentTarget.valueAsNumber)}
+      />
+    </label>
+  );
+}
+
+function Legend() {
+  const rows: [string, string][] = [
+    ["robot", "robot and its uncertainty"],
+    ...(scene.value?.simulated ? ([["truth", "where it really is (simulation)"]] as [string, string][]) : []),
+    ["plan", "plan"],
+    ["obstacle", "obstacles it senses"],
+    ["sonar", "sonar; dotted: nothing within range"],
+    ["ir", "▽ no floor seen by infrared; dashed: not known"],
+    ["beacon", "beacon: filled when seen"],
+    ["trail", "trail"],
+  ];
+  return (
+    <details class="map-legend">
+      <summary>Legend</summary>
+      <ul>
+        {rows.map(([ink, words]) => (
+          <li key={ink}>
+            <i class={`ink-${ink}`} /> {words}
+          </li>
+        ))}
+      </ul>
+    </details>
+  );
+}

@@ -1,0 +1,353 @@
+// Draws the map on a canvas, from the signals as they are.
+import { floor } from "../panels/sensors/near";
+import { infrareds, sonars } from "../panels/sensors/readings";
+import type { DrivePart, MapPart, ScenePart, SensorsPart } from "../protocol";
+import { drive, fresh, map, scene, sensors, stale } from "../state";
+import { barLength, type Camera, type Point, type Size, toScreen } from "./camera";
+import { mode, type Place, places, sent } from "./draft";
+import { trail } from "./trail";
+
+const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "sonar", "ir", "robot", "truth", "beacon", "goal"] as const;
+export type Inks = Record<(typeof INKS)[number] | "ink" | "surface" | "muted", string>;
+
+/** The colours of the theme that is shown. */
+export function inks(): Inks {
+  const style = getComputedStyle(document.documentElement);
+  const of = (name: string): string => style.getPropertyValue(name).trim();
+  const all = Object.fromEntries(INKS.map((ink) => [ink, of(`--map-${ink}`)]));
+  return { ...all, ink: of("--ink"), surface: of("--surface"), muted: of("--muted") } as Inks;
+}
+
+interface Brush {
+  on: CanvasRenderingContext2D;
+  camera: Camera;
+  size: Size;
+  ink: Inks;
+  at: (x: number, y: number) => Point;
+}
+
+export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, ink: Inks): void {
+  const at = (x: number, y: number): Point => toScreen(camera, size, [x, y]);
+  const brush: Brush = { on, camera, size, ink, at };
+  on.fillStyle = ink.floor;
+  on.fillRect(0, 0, size.width, size.height);
+  on.lineJoin = on.lineCap = "round";
+  grid(brush);
+  if (map.value) obstacles(brush, map.value);
+  if (scene.value) walls(brush, scene.value);
+  line(brush, trail.value, ink.trail, 2, [1, 5]);
+  if (map.value) plan(brush, map.value);
+  if (scene.value) beacons(brush, scene.value, drive.value, sensors.value);
+  if (scene.value && drive.value) {
+    if (sensors.value) cones(brush, scene.value, drive.value, sensors.value);
+    truth(brush, scene.value, drive.value);
+    robot(brush, scene.value, drive.value);
+    if (sensors.value) holes(brush, drive.value, sensors.value);
+  }
+  marks(brush);
+  bar(brush);
+}
+
+function grid({ on, camera, size, ink, at }: Brush): void {
+  const step = camera.scale >= 18 ? 1 : 5;
+  const across = size.width / camera.scale / 2;
+  const up = size.height / camera.scale / 2;
+  on.strokeStyle = ink.grid;
+  on.lineWidth = 1;
+  on.beginPath();
+  for (let x = Math.ceil((camera.x - across) / step) * step; x <= camera.x + across; x += step) {
+    const sx = Math.round(at(x, 0)[0]) + 0.5;
+    on.moveTo(sx, 0);
+    on.lineTo(sx, size.height);
+  }
+  for (let y = Math.ceil((camera.y - up) / step) * step; y <= camera.y + up; y += step) {
+    const sy = Math.round(at(0, y)[1]) + 0.5;
+    on.moveTo(0, sy);
+    on.lineTo(size.width, sy);
+  }
+  on.stroke();
+}
+
+function walls({ on, camera, ink, at }: Brush, scene: ScenePart): void {
+  on.strokeStyle = on.fillStyle = ink.wall;
+  on.lineWidth = Math.min(5, Math.max(2, 0.06 * camera.scale));
+  on.beginPath();
+  for (const [x1, y1, x2, y2] of scene.walls) {
+    on.moveTo(...at(x1, y1));
+    on.lineTo(...at(x2, y2));
+  }
+  on.stroke();
+  for (const [x, y, radius] of scene.columns) disc(on, at(x, y), Math.max(2, radius * camera.scale));
+}
+
+function obstacles({ on, camera, ink, at }: Brush, part: MapPart): void {
+  const cells = part.obstacles.value;
+  if (!cells) return;
+  const side = Math.max(2, cells.size * camera.scale);
+  on.fillStyle = ink.obstacle;
+  on.globalAlpha = stale(part.obstacles) ? 0.2 : 0.5;
+  cells.x.forEach((x, i) => {
+    const y = cells.y[i];
+    if (x === null || typeof y !== "number") return;
+    const [sx, sy] = at(x, y);
+    on.fillRect(sx - side / 2, sy - side / 2, side, side);
+  });
+  on.globalAlpha = 1;
+}
+
+function plan(brush: Brush, part: MapPart): void {
+  const { x, y } = part.plan.value ?? { x: [], y: [] };
+  const points = x.flatMap((px, i): Point[] => (px === null || typeof y[i] !== "number" ? [] : [[px, y[i]]]));
+  if (points.length < 2) return;
+  line(brush, points, brush.ink.plan, 3, stale(part.plan) ? [4, 8] : []);
+  if (sent.value.length === 0 && mode.value === "look") flag(brush, points.at(-1) as Point, brush.ink.goal, "");
+}
+
+/** Seen ones are filled and joined with the robot, unseen ones are hollow. */
+function beacons({ on, ink, at, camera }: Brush, scene: ScenePart, drive: DrivePart | null, sensors: SensorsPart | null): void {
+  const seen = new Set(fresh(sensors?.beacons)?.beacons.map((beacon) => beacon.id));
+  const robot = pose(drive);
+  on.font = "600 11px system-ui, sans-serif";
+  on.textBaseline = "middle";
+  for (const { id, x, y } of scene.beacons) {
+    const place = at(x, y);
+    const is = seen.has(id);
+    if (is && robot) {
+      on.strokeStyle = ink.beacon;
+      on.globalAlpha = 0.35;
+      on.lineWidth = 1;
+      on.setLineDash([2, 6]);
+      stroke(on, [at(robot.x, robot.y), place]);
+      on.setLineDash([]);
+      on.globalAlpha = 1;
+    }
+    const half = Math.min(9, Math.max(6, 0.12 * camera.scale));
+    on.beginPath();
+    on.moveTo(place[0], place[1] - half);
+    on.lineTo(place[0] + half, place[1]);
+    on.lineTo(place[0], place[1] + half);
+    on.lineTo(place[0] - half, place[1]);
+    on.closePath();
+    on.fillStyle = is ? ink.beacon : ink.floor;
+    on.fill();
+    on.strokeStyle = ink.beacon;
+    on.lineWidth = 2;
+    on.stroke();
+    on.fillStyle = ink.muted;
+    on.fillText(String(id), place[0] + half + 4, place[1]);
+  }
+}
+
+interface Pose {
+  x: number;
+  y: number;
+  theta: number;
+}
+
+/** Where it believes itself to be. */
+export function pose(drive: DrivePart | null): Pose | null {
+  const { x, y, theta } = drive?.estimate.value ?? {};
+  return typeof x === "number" && typeof y === "number" && typeof theta === "number" ? { x, y, theta } : null;
+}
+
+/** A point of the robot's frame on the map. */
+function from({ x, y, theta }: Pose, dx: number, dy: number): Point {
+  const [c, s] = [Math.cos(theta), Math.sin(theta)];
+  return [x + c * dx - s * dy, y + s * dx + c * dy];
+}
+
+/** Beams without an echo are drawn to here, m. */
+const QUIET = 0.35;
+
+/** What sonars measured; a dotted front where nothing is in range, a dashed red one where it is not known. */
+function cones(brush: Brush, scene: ScenePart, drive: DrivePart, sensors: SensorsPart): void {
+  const robot = pose(drive);
+  if (!robot) return;
+  const { on, ink, at, camera } = brush;
+  const { shown, rows } = sonars(sensors, scene.sonar.field_of_view);
+  const grey = stale(shown);
+  on.lineWidth = 1.5;
+  for (const { x, y, theta, beam, known, distance } of rows ?? []) {
+    const [sx, sy] = at(...from(robot, x, y));
+    const middle = -(robot.theta + theta);
+    const radius = (distance ?? QUIET) * camera.scale;
+    on.fillStyle = on.strokeStyle = grey ? ink.truth : known === "unknown" ? ink.ir : ink.sonar;
+    if (known === "measured") {
+      on.beginPath();
+      on.moveTo(sx, sy);
+      on.arc(sx, sy, radius, middle - beam / 2, middle + beam / 2);
+      on.closePath();
+      on.globalAlpha = grey ? 0.05 : 0.09;
+      on.fill();
+    }
+    on.globalAlpha = grey ? 0.35 : 0.9;
+    on.setLineDash(known === "measured" ? [] : known === "silent" ? [1, 4] : [5, 3]);
+    on.beginPath();
+    on.arc(sx, sy, radius, middle - beam / 2, middle + beam / 2);
+    on.stroke();
+  }
+  on.setLineDash([]);
+  on.globalAlpha = 1;
+}
+
+/** The infrared rangers look at the floor: where it is missing there is a mark, a little outside; an open one where it is not known. */
+function holes({ on, ink, at }: Brush, drive: DrivePart, sensors: SensorsPart): void {
+  const robot = pose(drive);
+  const { shown, rows } = infrareds(sensors);
+  if (!robot || stale(shown)) return;
+  for (const range of rows ?? []) {
+    const seen = floor(range);
+    if (seen === "floor") continue;
+    const [sx, sy] = at(...from(robot, range.x + 0.12 * Math.cos(range.theta), range.y + 0.12 * Math.sin(range.theta)));
+    on.beginPath();
+    on.moveTo(sx - 8, sy - 6);
+    on.lineTo(sx + 8, sy - 6);
+    on.lineTo(sx, sy + 8);
+    on.closePath();
+    if (seen === "hole") {
+      on.fillStyle = ink.ir;
+      on.fill();
+    }
+    on.strokeStyle = seen === "hole" ? ink.floor : ink.ir;
+    on.lineWidth = 1.5;
+    on.stroke();
+  }
+}
+
+/** Where it really is: only the simulation knows. */
+function truth(brush: Brush, scene: ScenePart, drive: DrivePart): void {
+  const { x, y, theta } = fresh(drive.truth) ?? {};
+  if (typeof x !== "number" || typeof y !== "number" || typeof theta !== "number") return;
+  const { on, ink } = brush;
+  outline(brush, scene, { x, y, theta });
+  on.setLineDash([5, 4]);
+  on.strokeStyle = ink.truth;
+  on.lineWidth = 1.5;
+  on.stroke();
+  on.setLineDash([]);
+}
+
+/** Where it believes itself to be, with two standard deviations around. Hollow while it is not sure. */
+function robot(brush: Brush, scene: ScenePart, drive: DrivePart): void {
+  const is = pose(drive);
+  if (!is) return;
+  const { on, ink, at, camera } = brush;
+  const known = !stale(drive.estimate) && (drive.estimate.value?.quality ?? 0) >= 2;
+  const colour = known ? ink.robot : ink.truth;
+  const middle = at(is.x, is.y);
+  if (drive.ellipse) {
+    const { long, short, angle } = drive.ellipse;
+    on.beginPath();
+    on.ellipse(...middle, Math.min(long * camera.scale, 4000), Math.min(short * camera.scale, 4000), -angle, 0, 2 * Math.PI);
+    on.fillStyle = on.strokeStyle = colour;
+    on.globalAlpha = 0.14;
+    on.fill();
+    on.globalAlpha = 0.7;
+    on.lineWidth = 1.5;
+    on.stroke();
+    on.globalAlpha = 1;
+  }
+  // From afar it is a mark that can still be seen.
+  if (camera.scale < 22) {
+    on.fillStyle = colour;
+    disc(on, middle, 8);
+    on.strokeStyle = colour;
+    on.lineWidth = 3;
+    stroke(on, [middle, [middle[0] + 16 * Math.cos(is.theta), middle[1] - 16 * Math.sin(is.theta)]]);
+    return;
+  }
+  outline(brush, scene, is);
+  on.fillStyle = known ? colour : ink.floor;
+  on.globalAlpha = known ? 1 : 0.6;
+  on.fill();
+  on.globalAlpha = 1;
+  on.strokeStyle = colour;
+  on.lineWidth = 2;
+  on.stroke();
+  // Its nose: between the middle of the rear axle and the front.
+  const front = Math.max(...scene.outline.map(([x]) => x), scene.wheelbase);
+  on.strokeStyle = known ? ink.floor : colour;
+  on.lineWidth = Math.max(2, 0.05 * camera.scale);
+  on.beginPath();
+  on.moveTo(...at(...from(is, front - 0.22, 0.13)));
+  on.lineTo(...at(...from(is, front - 0.08, 0)));
+  on.lineTo(...at(...from(is, front - 0.22, -0.13)));
+  on.stroke();
+  disc(on, middle, 3, known ? ink.floor : colour);
+}
+
+function outline({ on, at }: Brush, scene: ScenePart, is: Pose): void {
+  on.beginPath();
+  for (const [x, y] of scene.outline) on.lineTo(...at(...from(is, x, y)));
+  on.closePath();
+}
+
+/** What was placed by hand, and what was sent last. */
+function marks(brush: Brush): void {
+  const { on, ink, at } = brush;
+  const draw = (all: Place[], colour: string) => {
+    if (all.length > 1) line(brush, all.map(({ x, y }): Point => [x, y]), colour, 2, [6, 6]);
+    all.forEach(({ x, y, theta }, i) => {
+      flag(brush, [x, y], colour, all.length > 1 ? String(i + 1) : "");
+      if (theta === null) return;
+      const [sx, sy] = at(x, y);
+      const [tx, ty] = [sx + 44 * Math.cos(theta), sy - 44 * Math.sin(theta)];
+      on.strokeStyle = colour;
+      on.lineWidth = 3;
+      stroke(on, [[sx, sy], [tx, ty]]);
+      for (const side of [2.6, -2.6]) stroke(on, [[tx, ty], [tx + 12 * Math.cos(theta + side), ty - 12 * Math.sin(theta + side)]]);
+    });
+  };
+  if (places.value.length === 0) draw(sent.value, ink.goal);
+  draw(places.value, mode.value === "pose" ? ink.robot : ink.goal);
+}
+
+function flag({ on, at, ink }: Brush, [x, y]: Point, colour: string, label: string): void {
+  const place = at(x, y);
+  disc(on, place, 9, ink.floor);
+  disc(on, place, label ? 9 : 5, colour);
+  on.strokeStyle = colour;
+  on.lineWidth = 2;
+  on.beginPath();
+  on.arc(...place, 9, 0, 2 * Math.PI);
+  on.stroke();
+  if (!label) return;
+  on.fillStyle = ink.floor;
+  on.font = "700 11px system-ui, sans-serif";
+  on.textAlign = "center";
+  on.fillText(label, place[0], place[1] + 0.5);
+  on.textAlign = "start";
+}
+
+function bar({ on, camera, size, ink }: Brush): void {
+  const length = barLength(camera.scale);
+  const [x, y] = [14, size.height - 14];
+  on.strokeStyle = on.fillStyle = ink.ink;
+  on.lineWidth = 2;
+  stroke(on, [[x, y - 5], [x, y], [x + length * camera.scale, y], [x + length * camera.scale, y - 5]]);
+  on.font = "12px system-ui, sans-serif";
+  on.textBaseline = "alphabetic";
+  on.fillText(`${length} m`, x + 5, y - 5);
+  on.textBaseline = "middle";
+}
+
+function line({ on, at }: Brush, points: Point[], colour: string, width: number, dash: number[]): void {
+  on.strokeStyle = colour;
+  on.lineWidth = width;
+  on.setLineDash(dash);
+  stroke(on, points.map((point) => at(...point)));
+  on.setLineDash([]);
+}
+
+function stroke(on: CanvasRenderingContext2D, points: Point[]): void {
+  on.beginPath();
+  for (const point of points) on.lineTo(...point);
+  on.stroke();
+}
+
+function disc(on: CanvasRenderingContext2D, at: Point, radius: number, colour?: string): void {
+  if (colour) on.fillStyle = colour;
+  on.beginPath();
+  on.arc(...at, radius, 0, 2 * Math.PI);
+  on.fill();
+}

@@ -1,0 +1,101 @@
+// What an operator does from anywhere in the page, each with its outcome said: stop, let go on, take and give back control.
+import { computed, signal } from "@preact/signals";
+import { listen, say, type Sayable } from "./connection/command";
+import { isHeld } from "./holds";
+import { drive, fresh, holder, may, role, system } from "./state";
+import { toast } from "./ui/news";
+
+/** Says a command; a refusal is shown in its own words. Whether it was done. */
+export async function order(command: Sayable, done?: string): Promise<boolean> {
+  const reply = await say(command);
+  if (reply.type === "refused") toast(sentence(reply.why), "bad");
+  else if (done) toast(done, "good");
+  return reply.type !== "refused";
+}
+
+/** The robot's words as a sentence: a capital at the beginning, a stop at the end. */
+export function sentence(text: string): string {
+  if (!text) return "It was refused.";
+  const end = /[.!?]$/.test(text) ? "" : ".";
+  return `${text[0]?.toUpperCase()}${text.slice(1)}${end}`;
+}
+
+// -------------------------------------------------------------------------------------------------- stop
+
+/** When the Stop was pressed and the view does not show it yet. */
+export const stopping = signal(false);
+/** A Stop that could not be said, in words. */
+export const stopFailed = signal<string | null>(null);
+/** It explains how to pair, to who may not stop the robot. */
+export const stopExplained = signal(false);
+
+/** It was stopped by an operator: driver_canbus holds the quick stop until it is let go on. */
+export const stopped = computed(() => {
+  const part = drive.value;
+  // The module's state comes once a second only.
+  const held = part && fresh(part.motion) ? isHeld(part.holds) : null;
+  if (held !== null) return held;
+  const row = system.value?.modules.find((each) => each.module === "driver_canbus");
+  return row !== undefined && /^(PAUSE|STOP)$/.test(row.state);
+});
+
+/** Hands that must let go when the robot is stopped. */
+const hands = new Set<() => void>();
+export function onStop(letGo: () => void): () => void {
+  hands.add(letGo);
+  return () => hands.delete(letGo);
+}
+
+let stops = 0;
+/** Needs no authority. For a viewer it explains how to pair instead. */
+export async function stop(): Promise<void> {
+  for (const letGo of [...hands]) letGo();
+  if (!may("operator")) {
+    stopExplained.value = true;
+    return;
+  }
+  const mine = ++stops;
+  stopping.value = true;
+  stopFailed.value = null;
+  const reply = await say({ type: "stop" });
+  if (mine !== stops) return;
+  if (reply.type === "refused") {
+    stopping.value = false;
+    if (!stopped.value) stopFailed.value = reply.why;
+  } else {
+    // The view shows it within two of its parts; should it not, the button is itself again.
+    setTimeout(() => mine === stops && (stopping.value = false), 1000);
+  }
+}
+
+export const resume = (): Promise<boolean> => order({ type: "resume" }, "It may go on.");
+
+// -------------------------------------------------------------------------------------------------- motion authority
+
+/** Who took control from us, or why it ended; shown until it is read. */
+export const lostControl = signal<string | null>(null);
+let held = false;
+listen({
+  authority(holds, why) {
+    if (held && !holds && why) lostControl.value = sentence(why);
+    if (holds) lostControl.value = null;
+    held = holds;
+  },
+  closed() {
+    if (held) lostControl.value = "The connection was lost, and with it the control.";
+    held = false;
+  },
+});
+
+/** Takes control, from exactly the one that is shown. */
+export async function take(): Promise<void> {
+  const from = holder.value;
+  await order({ type: "take", from: from?.id ?? null }, "You have control.");
+}
+export async function release(): Promise<void> {
+  held = false;
+  await order({ type: "release" }, "You gave control back.");
+}
+
+/** What is wanting to drive, in words for who is not paired; null: paired. */
+export const unpaired = computed(() => role.value === "nobody" || role.value === "viewer");

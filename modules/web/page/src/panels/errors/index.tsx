@@ -1,0 +1,149 @@
+// What went wrong, the reports of one fault and subject together; and what modules say.
+import { signal } from "@preact/signals";
+import { Search } from "lucide-preact";
+import type { ErrorGroup, Text } from "../../protocol";
+import { system } from "../../state";
+import { Badge, Button, Card, type Column, Empty, Table, type Tone } from "../../ui";
+import { count, moment } from "../format";
+import { lost } from "../lacks";
+import { fault } from "./faults";
+import { about, hasAll, level, standing as is } from "./words";
+import "../panels.css";
+
+const SEVERITIES: readonly (readonly [Tone, string])[] = [
+  ["info", "notice"],
+  ["warn", "warning"],
+  ["bad", "error"],
+];
+
+const filter = signal("");
+const standingOnly = signal(false);
+const gravely = signal(false);
+
+function severity(group: ErrorGroup): readonly [Tone, string] {
+  return SEVERITIES[group.severity] ?? ["bad", `unknown (${group.severity})`];
+}
+
+function found(group: ErrorGroup, words: string[]): boolean {
+  return hasAll([group.module, about(group), group.message, severity(group)[1]], words);
+}
+
+function Is({ group }: { group: ErrorGroup }) {
+  switch (is(group)) {
+    case "stands":
+      return <Badge tone={severity(group)[0]}>stands</Badge>;
+    case "unknown":
+      return <Badge tone="warn">not known</Badge>;
+    case "over":
+      return <Badge tone="off">over</Badge>;
+  }
+}
+
+const COLUMNS: Column<ErrorGroup>[] = [
+  {
+    head: "What",
+    title: true,
+    by: (group) => group.message,
+    cell: (group) => (
+      <span class="p-what">
+        {group.standing && group.message ? group.message : fault(group.number).means}
+        <span class="muted">
+          <b>{about(group)}</b>
+          {group.standing ? `: ${fault(group.number).means}` : group.message && `, said last: ${group.message}`}
+        </span>
+      </span>
+    ),
+  },
+  {
+    head: "Is",
+    by: (group) => ["stands", "unknown", "over"].indexOf(is(group)),
+    cell: (group) => <Is group={group} />,
+  },
+  { head: "Severity", by: (group) => -group.severity, cell: (group) => severity(group)[1] },
+  { head: "Module", by: (group) => group.module, cell: (group) => group.module },
+  { head: "Count", figure: true, by: (group) => group.count, cell: (group) => count(group.count) },
+  { head: "First seen", figure: true, by: (group) => group.first, cell: (group) => moment(group.first) },
+  { head: "Last seen", figure: true, by: (group) => group.last, cell: (group) => moment(group.last) },
+];
+
+/** How many stand that are more than a notice: what the navigation shows. */
+export function standing(): number {
+  return system.value?.errors.filter((group) => group.standing && group.severity > 0).length ?? 0;
+}
+
+function Summary() {
+  const now = standing();
+  if (lost()) return <Badge tone="off">not known now</Badge>;
+  return now ? <Badge tone="bad">{`${now} standing`}</Badge> : <Badge tone="good">none stands</Badge>;
+}
+
+const TEXT_KEYS = (text: Text, place: number) => `${text.timestamp} ${text.module} ${place}`;
+
+/** What modules say, the latest first. */
+function Texts({ words }: { words: string[] }) {
+  const texts = (system.value?.texts ?? []).filter((text) => !gravely.value || text.level >= 2);
+  const rows = texts.filter((text) => hasAll([text.module, text.text, level(text)[1]], words));
+  return (
+    <Card title="Texts" class="p-three" flush>
+      <div class="p-bar">
+        <Button pressed={gravely.value} onClick={() => (gravely.value = !gravely.value)}>
+          Warnings and errors only
+        </Button>
+        <p class="muted p-grow">What modules have to say, the latest first; a hundred of them are shown here, all are in the log.</p>
+      </div>
+      {rows.length === 0 ? <p class="empty">{texts.length ? "None of them matches." : "Nothing has been said since the server started."}</p> : null}
+      <ol class={`p-texts ${lost() ? "is-stale" : ""}`}>
+        {rows.map((text, place) => (
+          <li key={TEXT_KEYS(text, place)}>
+            <time>{moment(text.timestamp)}</time>
+            <b>{text.module}</b>
+            <span>
+              {text.level === 1 ? null : <Badge tone={level(text)[0]}>{level(text)[1]}</Badge>} {text.text}
+            </span>
+          </li>
+        ))}
+      </ol>
+    </Card>
+  );
+}
+
+export function Errors() {
+  const groups = system.value?.errors;
+  if (!groups) return <Empty>Not heard yet.</Empty>;
+  const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
+  const rows = groups.filter((group) => (group.standing || !standingOnly.value) && found(group, words));
+  return (
+    <>
+      <Card title="Errors" class="p-three" flush aside={<Summary />}>
+        <div class="p-bar">
+          <label class="p-search">
+            <Search size={18} aria-hidden />
+            <span class="visually-hidden">Filter by module, number or words</span>
+            <input
+              type="search"
+              value={filter.value}
+              placeholder="Module, number or words"
+              onInput={(event) => (filter.value = event.currentTarget.value)}
+            />
+          </label>
+          <Button pressed={standingOnly.value} onClick={() => (standingOnly.value = !standingOnly.value)}>
+            Standing only
+          </Button>
+          <p class="muted p-grow">
+            An error <b>stands</b> until its module says that it is <b>over</b>; of a module that says nothing, or does not run, it is <b>not known</b>. What is
+            over is kept here with its count; nothing needs to be acknowledged.
+          </p>
+        </div>
+        <Table
+          caption="Errors by kind"
+          columns={COLUMNS}
+          rows={rows}
+          id={(group) => `${group.module} ${group.number} ${group.subject}`}
+          stale={(group) => lost() || is(group) !== "stands"}
+          empty={groups.length ? "None of them matches." : "Nothing stands, and nothing has been reported since the server started."}
+        />
+      </Card>
+      <Texts words={words} />
+    </>
+  );
+}

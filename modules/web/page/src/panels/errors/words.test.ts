@@ -1,0 +1,24 @@
+import { deepEqual, equal } from "node:assert/strict";
+import { test } from "node:test";
+import { about, hasAll, level, standing } from "./words";
+
+test("a fault stands, is over, or nobody knows; never over because nobody says so", () => {
+  equal(standing({ standing: true, known: true }), "stands");
+  equal(standing({ standing: true, known: false }), "unknown");
+  deepEqual([true, false].map((known) => standing({ standing: false, known })), ["over", "over"]);
+});
+
+test("two boards are two faults", () => {
+  equal(about({ number: 0x0102, subject: "sd1_rear" }), "0x0102 BoardLost, sd1_rear");
+  equal(about({ number: 0x020a, subject: "" }), "0x020A WatchdogSilent");
+});
+
+test("texts have their level in words", () => {
+  deepEqual([0, 1, 2, 3, 9].map((value) => level({ level: value })[1]), ["debug", "info", "warning", "error", "unknown (9)"]);
+});
+
+test("all words must be there, in any part", () => {
+  equal(hasAll(["driver_rs485a", "SD1_front does not answer"], ["sd1_front", "rs485"]), true);
+  equal(hasAll(["driver_rs485a"], ["sd1"]), false);
+  equal(hasAll([], []), true);
+});

@@ -1,0 +1,88 @@
+//! State of the server that all routes share.
+
+use super::center::Center;
+use super::center::desk::Desk;
+use super::center::keeper::Keeper;
+use super::foxglove::hub::Hub;
+use super::stats::Stats;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+use tokio::sync::{Semaphore, watch};
+
+/// State that all routes share.
+#[derive(Clone)]
+pub struct App {
+    pub hub: Arc<Mutex<Hub>>,
+    /// View of the robot for pages.
+    pub center: Arc<Center>,
+    pub bus: Arc<BusCounts>,
+    pub stats: Arc<Stats>,
+    /// Paired devices.
+    pub keeper: Arc<Keeper>,
+    /// Motion authority.
+    pub desk: Arc<Desk>,
+    /// Permits for command sockets.
+    pub commanders: Arc<Semaphore>,
+    /// Permits for requested objects.
+    pub objects: Arc<Semaphore>,
+    /// The bus.
+    pub lcm_url: Arc<str>,
+    /// The robot's name.
+    pub robot: Arc<str>,
+    /// Another one after each start of the server.
+    pub session: Arc<str>,
+    /// Permits for viewers.
+    pub seats: Arc<Semaphore>,
+    /// Number of those.
+    pub seats_max: usize,
+    /// The longest message to a viewer, bytes.
+    pub message_max: usize,
+    /// True: the server ends.
+    pub end: watch::Receiver<bool>,
+    /// Time when it was started.
+    pub started: Instant,
+}
+
+impl App {
+    /// Number of viewers, on any socket.
+    pub fn viewers(&self) -> usize {
+        self.seats_max.saturating_sub(self.seats.available_permits())
+    }
+
+    /// The hub, for a moment.
+    pub fn hub(&self) -> MutexGuard<'_, Hub> {
+        self.hub.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Counters of the server's place on the bus.
+#[derive(Debug, Default)]
+pub struct BusCounts {
+    pub(super) turns: AtomicU32,
+    pub(super) lost: AtomicU32,
+    pub(super) broken: AtomicU32,
+    pub(super) untranslated: AtomicU32,
+}
+
+impl BusCounts {
+    /// Turns of the loop.
+    pub fn turns(&self) -> u32 {
+        self.turns.load(Relaxed)
+    }
+
+    /// Messages that there was no room for.
+    pub fn lost(&self) -> u32 {
+        self.lost.load(Relaxed)
+    }
+
+    /// Times that the bus could not be read.
+    pub fn broken(&self) -> u32 {
+        self.broken.load(Relaxed)
+    }
+
+    /// Messages that have no ROS 2 form.
+    pub fn untranslated(&self) -> u32 {
+        self.untranslated.load(Relaxed)
+    }
+}

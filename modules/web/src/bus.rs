@@ -1,0 +1,91 @@
+//! The server's place on the bus: messages are read some times a second, translated, and given to the hub.
+//!
+//! People do not see more pictures than that, and a server that is not woken for each message costs the robot next to
+//! nothing. The kernel's and the rings' times of reception stay with the messages.
+
+use super::app::App;
+use super::center::Beside;
+use base::{Epoch, Instant};
+use host::bus::Bus;
+use host::clock;
+use logger::ros::{RobotScene, Translator};
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Duration;
+
+/// Read period while Foxglove is connected, and while it is not. For pages it reads when their next update is due.
+const LOOKED_AT: Duration = Duration::from_millis(40);
+const ALONE: Duration = Duration::from_millis(200);
+/// Messages taken at a time: a flood waits, or is lost, while viewers are served.
+const BURST: usize = 2000;
+
+/// Reader of the bus.
+pub struct Ear {
+    bus: Bus,
+    translator: Translator,
+    epoch: Epoch,
+}
+
+impl Ear {
+    /// Joins the bus.
+    ///
+    /// # Errors
+    /// One line: it cannot be joined.
+    pub fn open(url: &str, scene: RobotScene) -> Result<Self, String> {
+        Ok(Self { bus: Bus::open(url, &[".*"])?, translator: Translator::new(scene), epoch: clock::epoch() })
+    }
+
+    /// Reads messages until the server ends.
+    pub async fn hear(mut self, app: App) {
+        loop {
+            app.bus.turns.fetch_add(1, Relaxed);
+            let more = self.take(&app);
+            let (now, show) = (clock::now(), &app.center.show);
+            let holder = app.desk.holder().and_then(|holder| serde_json::to_value(holder).ok());
+            let due = show.turn(now, Beside { holder: holder.as_ref(), viewers: app.viewers() });
+            let period = if app.hub().viewers() == 0 { ALONE } else { LOOKED_AT };
+            if more {
+                tokio::task::yield_now().await;
+                continue;
+            }
+            tokio::select! {
+                () = tokio::time::sleep(period.min(due.since(now))) => {}
+                () = show.woken() => {}
+            }
+        }
+    }
+
+    /// Takes what has come; whether there may be more.
+    fn take(&mut self, app: &App) -> bool {
+        let mut hub = app.hub();
+        let mut taken = 0;
+        while taken < BURST {
+            let now = clock::now();
+            let raw = match self.bus.receive_raw() {
+                Ok(Some(raw)) => raw,
+                Ok(None) => break,
+                Err(_) => {
+                    app.bus.broken.fetch_add(1, Relaxed);
+                    break;
+                }
+            };
+            taken += 1;
+            let at = clock::received(now, raw.received_ns);
+            app.center.show.hear(at, raw.channel, raw.data);
+            let time = nanoseconds(self.epoch, at);
+            let told = self.translator.translate(raw.channel, raw.data, &mut |topic, cdr| {
+                hub.publish(topic, raw.channel, time, cdr);
+            });
+            if told.is_err() {
+                app.bus.untranslated.fetch_add(1, Relaxed);
+            }
+        }
+        app.bus.lost.store(u32::try_from(self.bus.kernel_dropped()).unwrap_or(u32::MAX), Relaxed);
+        hub.stir();
+        taken == BURST
+    }
+}
+
+/// On the scale of message timestamps, which no step of the wall clock turns back; ns since the UNIX epoch.
+fn nanoseconds(epoch: Epoch, at: Instant) -> u64 {
+    u64::try_from(epoch.timestamp(at)).unwrap_or_default() * 1000
+}

@@ -1,0 +1,69 @@
+//! The diagnostic center in a browser; the protocol of page and server is `modules/web/page/src/protocol.ts`.
+
+pub mod access;
+pub mod authority;
+pub mod command;
+mod demo;
+pub mod desk;
+mod inspect;
+pub mod keeper;
+pub mod objects;
+pub mod operator;
+pub mod pairing;
+mod parts;
+pub mod scene;
+mod show;
+pub mod viewer;
+
+pub use parts::Beside;
+pub use scene::Scene;
+pub use show::Show;
+
+use base::Instant;
+use record::Header;
+use std::path::Path;
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+
+/// Files that are downloaded at once.
+const DOWNLOADS_MAX: usize = 8;
+
+/// State shared by all of its viewers.
+pub struct Center {
+    /// The robot.
+    pub show: Show,
+    /// Constant part of the view.
+    pub scene: Scene,
+    /// Configuration of its model.
+    pub config: diagnostics::Config,
+    /// The scene of a recorded run, by what its log carries of the configuration.
+    pub recorded: fn(&Header) -> Option<Scene>,
+    /// The folder of recorded runs.
+    pub logs: Arc<Path>,
+    /// Permits for recorded runs played at once.
+    pub demos: Arc<Semaphore>,
+    /// Permits for files downloaded at once.
+    pub downloads: Arc<Semaphore>,
+}
+
+impl Center {
+    /// Makes the center of a robot without any message yet.
+    #[must_use]
+    pub fn new(scene: Scene, recorded: fn(&Header) -> Option<Scene>, config: diagnostics::Config, logs: &Path) -> Self {
+        Self {
+            show: Show::new(config.clone()),
+            scene,
+            recorded,
+            config,
+            logs: logs.into(),
+            demos: Arc::new(Semaphore::new(demo::VIEWERS_MAX)),
+            downloads: Arc::new(Semaphore::new(DOWNLOADS_MAX)),
+        }
+    }
+
+    /// The run that is being recorded now.
+    #[must_use]
+    pub fn recording(&self, now: Instant) -> Option<String> {
+        self.show.look(|model| model.log.fresh(now).filter(|log| log.recording).map(|log| log.run.clone()))
+    }
+}

@@ -1,0 +1,385 @@
+//! What the authority says to what it hears: by hand, and for random pages on random networks.
+
+use super::*;
+
+fn at(ms: u64) -> Instant {
+    Instant::from_millis(5_000_000 + ms)
+}
+
+const LIMITS: Limits = Limits { speed: 0.5, steering: 0.4 };
+
+/// A desk with clients of which number `n` is called after its letter and counts its clock from there.
+struct Bench {
+    authority: Authority,
+    seq: u64,
+}
+
+impl Bench {
+    fn new(clients: usize) -> Self {
+        let mut authority = Authority::new(LIMITS);
+        for name in ["a", "b", "c"].into_iter().take(clients) {
+            authority.join(name.into(), Role::Operator, name.into());
+        }
+        let mut bench = Self { authority, seq: 0 };
+        bench.said();
+        bench
+    }
+
+    /// What it says, a word each.
+    fn said(&mut self) -> Vec<String> {
+        let mut said = Vec::new();
+        while let Some(say) = self.authority.poll() {
+            said.push(match say {
+                Say::Motion { source, speed, .. } => format!("{source} {speed}"),
+                Say::Zero { source } => format!("{source} 0"),
+                Say::Pause { source } => format!("{source} pause"),
+                Say::Run { source } => format!("{source} run"),
+                Say::Planner { source } => format!("{source} planner"),
+                Say::Authority { to, why } => format!("{to}: {why}"),
+                Say::Ended { to, hold, why } => format!("{to}: hold {hold}: {why}"),
+            });
+        }
+        said
+    }
+
+    /// Said at `t`, heard at `ms`.
+    fn drive(&mut self, ms: u64, client: ClientId, hold: u64, t: u64, speed: f64) -> Vec<String> {
+        self.seq += 1;
+        let drive = Drive { hold, seq: self.seq, t: t as f64, speed, steering: 0.1 };
+        self.authority.drive(at(ms), client, drive);
+        self.said()
+    }
+
+    fn wait(&mut self, until: u64) -> Vec<(u64, String)> {
+        let mut said = Vec::new();
+        while let Some(due) = self.authority.poll_timeout().filter(|due| *due <= at(until)) {
+            self.authority.handle_timeout(due);
+            let ms = due.since(at(0)).as_millis() as u64;
+            said.extend(self.said().into_iter().map(|word| (ms, word)));
+        }
+        said
+    }
+
+    fn take(&mut self, ms: u64, client: ClientId, from: Option<ClientId>) -> Result<Vec<String>, String> {
+        self.authority.take(at(ms), client, from)?;
+        Ok(self.said())
+    }
+}
+
+fn timed(words: &[(u64, &str)]) -> Vec<(u64, String)> {
+    words.iter().map(|(ms, word)| (*ms, (*word).into())).collect()
+}
+
+#[test]
+fn one_holds_it_and_others_are_told() {
+    let mut bench = Bench::new(2);
+    assert_eq!(bench.take(0, 1, None).unwrap(), ["1: the robot is yours", "2: a holds the robot"]);
+    assert!(bench.take(1, 1, None).unwrap().is_empty(), "it has it already");
+    assert_eq!(bench.authority.holder(at(2000)).unwrap().since, 2.0);
+    assert!(bench.take(2, 2, None).unwrap_err().starts_with("a holds the robot now"));
+    assert!(bench.take(2, 2, Some(7)).is_err(), "not the one that it was shown");
+    assert_eq!(bench.take(3, 2, Some(1)).unwrap(), ["1: b has taken over from you", "2: you have taken over"]);
+    assert!(bench.authority.release(at(4), 1).is_err());
+    bench.authority.release(at(5), 2).unwrap();
+    assert_eq!(bench.said(), ["1: b has released the robot", "2: you have released the robot"]);
+    assert!(bench.take(6, 1, Some(2)).is_ok(), "nobody is taken over from");
+    bench.authority.leave(at(7), 1);
+    assert_eq!(bench.authority.holder(at(7)), None);
+}
+
+#[test]
+fn a_hold_ends_with_three_zeros_and_is_over_for_good() {
+    let mut bench = Bench::new(1);
+    bench.take(0, 1, None).unwrap();
+    assert_eq!(bench.drive(100, 1, 1, 100, 0.3), ["a 0.3"]);
+    assert_eq!(bench.drive(150, 1, 1, 150, 0.2), ["a 0.2"]);
+    bench.authority.zero(at(170), 1, 1, 3);
+    assert_eq!(bench.said(), ["a 0"]);
+    assert_eq!(bench.wait(2000), timed(&[(220, "a 0"), (270, "a 0")]));
+    assert_eq!(bench.drive(2000, 1, 1, 2000, 0.3), Vec::<String>::new(), "its seq was used by the zero");
+    assert_eq!(bench.drive(2001, 1, 1, 2001, 0.3), ["1: hold 1: this hold is over: press anew"]);
+    assert!(bench.drive(2002, 1, 1, 2002, 0.3).is_empty(), "told once");
+    assert_eq!(bench.drive(2003, 1, 2, 2003, 0.3), ["a 0.3"]);
+}
+
+#[test]
+fn silence_ends_a_hold_and_a_new_press_says_no_more_zeros() {
+    let mut bench = Bench::new(1);
+    bench.take(0, 1, None).unwrap();
+    bench.drive(100, 1, 1, 100, 0.3);
+    assert_eq!(bench.wait(299), []);
+    let ended = timed(&[(300, "a 0"), (300, "1: hold 1: nothing was heard for 0.2 s")]);
+    assert_eq!(bench.wait(300), ended);
+    assert_eq!(bench.drive(310, 1, 1, 310, 0.3), Vec::<String>::new(), "over, and told already");
+    assert_eq!(bench.drive(320, 1, 2, 320, 0.3), ["a 0.3"]);
+    assert_eq!(bench.wait(519), []);
+}
+
+#[test]
+fn what_the_network_kept_is_late() {
+    let mut bench = Bench::new(1);
+    bench.take(0, 1, None).unwrap();
+    bench.authority.ping(at(90), 1, 80.0);
+    assert_eq!(bench.drive(100, 1, 1, 90, 0.3), ["a 0.3"]);
+    // Said at 140, and on the robot's clock at 150: good until 390 and a little for drift, though silence would end
+    // later.
+    assert_eq!(bench.drive(280, 1, 1, 140, 0.3), ["a 0.3"]);
+    assert_eq!(bench.drive(385, 1, 1, 134, 0.3), Vec::<String>::new(), "241 ms old");
+    assert_eq!(bench.wait(389), []);
+    let ended = timed(&[(390, "a 0"), (390, "1: hold 1: what was heard came too late")]);
+    assert_eq!(bench.wait(391), ended);
+    bench.wait(900);
+    // A press that begins late is none.
+    assert_eq!(bench.drive(1000, 1, 2, 700, 0.3), ["1: hold 2: what was heard came too late: press anew"]);
+    assert!(bench.drive(1001, 1, 2, 991, 0.3).is_empty());
+    assert_eq!(bench.authority.counts().late, 2);
+}
+
+#[test]
+fn what_is_heard_after_the_end_but_before_the_timer_is_after_the_end() {
+    let mut bench = Bench::new(1);
+    bench.take(0, 1, None).unwrap();
+    bench.drive(100, 1, 1, 100, 0.3);
+    let said = bench.drive(300, 1, 1, 300, 0.3);
+    assert_eq!(said, ["a 0", "1: hold 1: nothing was heard for 0.2 s"]);
+}
+
+#[test]
+fn repeated_late_foreign_and_impossible_ones_move_nothing() {
+    let mut bench = Bench::new(2);
+    bench.take(0, 1, None).unwrap();
+    bench.drive(100, 1, 1, 100, 0.3);
+    let replayed = Drive { hold: 1, seq: 1, t: 100.0, speed: 0.3, steering: 0.1 };
+    bench.authority.drive(at(110), 1, replayed);
+    assert!(bench.said().is_empty());
+    assert_eq!(bench.drive(120, 2, 1, 120, 0.3), ["2: hold 1: the robot is not yours: take it first"]);
+    assert!(bench.drive(121, 2, 1, 121, 0.3).is_empty());
+    for (number, bad) in [f64::NAN, f64::INFINITY, 0.51, -0.51].into_iter().enumerate() {
+        let hold = number as u64 + 2;
+        assert_eq!(bench.drive(130, 1, hold, 130, 0.3), ["a 0.3"]);
+        let said = bench.drive(131, 1, hold, 131, bad);
+        assert!(said[0] == "a 0" && said[1].starts_with(&format!("1: hold {hold}: {bad} m/s, ")), "{said:?}");
+        assert!(bench.drive(132, 1, hold, 132, 0.3).is_empty(), "over");
+    }
+    bench.drive(140, 1, 9, 140, 0.3);
+    bench.authority.drive(at(141), 1, Drive { hold: 9, seq: 999, t: f64::NAN, speed: 0.1, steering: 0.0 });
+    assert_eq!(bench.said()[0], "a 0", "a time that is none");
+    let counts = bench.authority.counts();
+    assert_eq!((counts.repeated, counts.not_holder, counts.refused, counts.over), (1, 2, 5, 4));
+}
+
+#[test]
+fn losing_it_leaving_and_nonsense_end_the_hold() {
+    let mut bench = Bench::new(2);
+    bench.take(0, 1, None).unwrap();
+    bench.drive(100, 1, 1, 100, 0.3);
+    let said = bench.take(110, 2, Some(1)).unwrap();
+    assert_eq!(said[..2], ["a 0", "1: hold 1: b has taken over"]);
+    assert!(bench.drive(120, 1, 1, 120, 0.3).is_empty(), "it knows");
+    assert_eq!(bench.drive(130, 2, 1, 130, 0.2), ["b 0.2"]);
+    bench.authority.nonsense(at(140), 2);
+    assert_eq!(bench.said()[0], "b 0");
+    bench.drive(150, 2, 2, 150, 0.2);
+    bench.authority.leave(at(155), 2);
+    assert_eq!(bench.said(), ["b 0", "1: b has gone: nobody holds the robot", "2: b has gone: nobody holds the robot"]);
+    assert_eq!(bench.wait(1000).iter().filter(|(_, word)| word == "b 0").count(), 2, "its zeros are said all the same");
+}
+
+#[test]
+fn everybody_stops_it_and_the_planner_goes_on_when_the_drives_do() {
+    let mut bench = Bench::new(2);
+    bench.take(0, 1, None).unwrap();
+    bench.drive(100, 1, 1, 100, 0.3);
+    bench.authority.stop(at(120), 2);
+    assert_eq!(bench.said(), ["b pause", "a 0", "1: hold 1: b has stopped the robot", "b 0"]);
+    let rest = timed(&[(170, "a 0"), (170, "b 0"), (170, "b pause"), (220, "a 0"), (220, "b 0"), (220, "b pause")]);
+    assert_eq!(bench.wait(5000), rest);
+    bench.authority.resume(at(6000), 1);
+    assert_eq!(bench.said(), ["a run"]);
+    let said = bench.wait(6400);
+    assert_eq!(said, timed(&[(6100, "a planner"), (6300, "a planner")]));
+    bench.authority.stop(at(6410), 1);
+    assert_eq!(bench.said(), ["a pause", "a 0"]);
+    assert!(bench.wait(9000).iter().all(|(_, word)| word != "a planner"), "a stop takes it back");
+}
+
+#[test]
+fn clocks_that_drift_are_followed() {
+    let mut bench = Bench::new(1);
+    bench.take(0, 1, None).unwrap();
+    // An hour at 20 Hz; the page's clock is 100 ppm slow.
+    for number in 0..72_000_u64 {
+        let ms = number * 50;
+        let t = ms as f64 * (1.0 - 1e-4);
+        let drive = Drive { hold: 1, seq: number, t, speed: 0.1, steering: 0.0 };
+        bench.authority.drive(at(ms), 1, drive);
+        assert_eq!(bench.said(), ["a 0.1"], "{ms}");
+    }
+}
+
+/// xorshift64*
+struct Chance(u64);
+
+impl Chance {
+    fn below(&mut self, limit: u64) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 33) % limit
+    }
+}
+
+/// What is under way to the server: when it comes, and what it is.
+#[derive(Clone, Debug)]
+enum Way {
+    Ping { t: f64 },
+    Drive { drive: Drive, said: u64 },
+    Zero { hold: u64, seq: u64 },
+    Take { from: Option<ClientId> },
+    Release,
+    Stop,
+    Resume,
+    Nonsense,
+    Leave,
+}
+
+/// Two operators with clocks of their own press, let go, take over and stop; the network delays, repeats and mixes up.
+/// Whatever happens, the rules hold.
+#[test]
+fn no_network_moves_the_robot_against_the_rules() {
+    let mut moved = 0;
+    for seed in 1..=400_u64 {
+        moved += run(seed);
+    }
+    assert!(moved > 10_000, "{moved}: the rules are held against something");
+}
+
+fn run(seed: u64) -> usize {
+    let mut chance = Chance(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+    let mut authority = Authority::new(LIMITS);
+    let clocks = [chance.below(1_000_000) as f64, chance.below(1_000_000) as f64];
+    for name in ["a", "b"] {
+        authority.join(name.into(), Role::Operator, name.into());
+    }
+    // When, in which order for the same moment, from whom, what.
+    let mut ways: Vec<(u64, u64, ClientId, Way)> = Vec::new();
+    let (mut seqs, mut holds, mut pressed) = ([0_u64; 2], [0_u64; 2], [false; 2]);
+    let worst = [1, 40, 200, 800][chance.below(4) as usize];
+    for (client, t) in (1..).zip(clocks) {
+        ways.push((0, 0, client, Way::Ping { t }));
+    }
+    for said in (10..6000_u64).step_by(10) {
+        for index in 0..2 {
+            let (client, t) = (index as ClientId + 1, clocks[index] + said as f64);
+            let event = chance.below(400);
+            let mut sent = Vec::new();
+            match event {
+                0..=5 => (pressed[index], holds[index]) = (true, holds[index] + 1),
+                6..=8 if pressed[index] => {
+                    pressed[index] = false;
+                    seqs[index] += 1;
+                    sent.push(Way::Zero { hold: holds[index], seq: seqs[index] });
+                }
+                9..=12 => sent.push(Way::Take { from: [None, Some(1), Some(2)][chance.below(3) as usize] }),
+                13 => sent.push(Way::Release),
+                14 => sent.push(Way::Stop),
+                15 => sent.push(Way::Resume),
+                16 => sent.push(Way::Nonsense),
+                17 if chance.below(10) == 0 => sent.push(Way::Leave),
+                _ => {}
+            }
+            if pressed[index] && said % 50 == 0 {
+                seqs[index] += 1;
+                let speed =
+                    [0.3, -0.2, f64::NAN, 9.0][usize::from(chance.below(60) == 0) * 2 + chance.below(2) as usize];
+                let drive = Drive { hold: holds[index], seq: seqs[index], t, speed, steering: 0.1 };
+                sent.push(Way::Drive { drive, said });
+            }
+            for way in sent {
+                let copies = 1 + usize::from(chance.below(20) == 0);
+                for _ in 0..copies {
+                    ways.push((said + chance.below(worst), chance.below(1000), client, way.clone()));
+                }
+            }
+        }
+    }
+    ways.sort_by_key(|(when, order, ..)| (*when, *order));
+    let mut judge = Judge::default();
+    for (when, _, client, way) in ways {
+        while let Some(due) = authority.poll_timeout().filter(|due| *due <= at(when)) {
+            // The timer is late at times.
+            let late = (due + Duration::from_millis(chance.below(3))).min(at(when)).max(due);
+            authority.handle_timeout(late);
+            judge.hear(late, &mut authority, None);
+        }
+        let now = at(when);
+        let mut said = None;
+        match way {
+            Way::Ping { t } => authority.ping(now, client, t),
+            Way::Drive { drive, said: at } => {
+                authority.drive(now, client, drive);
+                said = Some((client, drive, at));
+            }
+            Way::Zero { hold, seq } => authority.zero(now, client, hold, seq),
+            Way::Take { from } => drop(authority.take(now, client, from)),
+            Way::Release => drop(authority.release(now, client)),
+            Way::Stop => authority.stop(now, client),
+            Way::Resume if authority.holds(client) => authority.resume(now, client),
+            Way::Resume => {}
+            Way::Nonsense => authority.nonsense(now, client),
+            Way::Leave => authority.leave(now, client),
+        }
+        judge.hear(now, &mut authority, said);
+    }
+    while let Some(due) = authority.poll_timeout() {
+        authority.handle_timeout(due);
+        judge.hear(due, &mut authority, None);
+    }
+    assert!(judge.moving.is_none(), "seed {seed}: it is still moved at the end");
+    judge.moved
+}
+
+#[derive(Default)]
+struct Judge {
+    /// Who moves the robot by which hold, and until when a zero must have been said.
+    moving: Option<(ClientId, u64, Instant)>,
+    /// The newest hold of each that has ended.
+    over: [u64; 3],
+    moved: usize,
+}
+
+impl Judge {
+    fn hear(&mut self, now: Instant, authority: &mut Authority, said: Option<(ClientId, Drive, u64)>) {
+        let holder = authority.holder(now).map(|holder| holder.id);
+        if let Some((_, _, until)) = self.moving {
+            assert!(now <= until, "no zero within 250 ms after the last good command was said");
+        }
+        while let Some(say) = authority.poll() {
+            match say {
+                Say::Motion { source, speed, .. } => {
+                    let (client, drive, at_ms) = said.expect("only a command moves the robot");
+                    assert_eq!((speed, Some(client)), (drive.speed, holder), "of who holds it, and as it was said");
+                    assert_eq!(&*source, ["", "a", "b"][client as usize]);
+                    assert!(speed.abs() <= LIMITS.speed);
+                    assert!(now.since(at(at_ms)) < Duration::from_millis(250), "late");
+                    assert!(drive.hold > self.over[client as usize], "hold {} was over", drive.hold);
+                    if let Some((before, hold, _)) = self.moving.filter(|(_, hold, _)| *hold != drive.hold) {
+                        self.over[before as usize] = hold;
+                    }
+                    self.moving = Some((client, drive.hold, at(at_ms) + Duration::from_millis(250)));
+                    self.moved += 1;
+                }
+                Say::Zero { source } => {
+                    if let Some((client, hold, _)) =
+                        self.moving.filter(|(client, ..)| ["", "a", "b"][*client as usize] == &*source)
+                        && !authority.holder(now).is_some_and(|holder| holder.driving && holder.id == client)
+                    {
+                        self.over[client as usize] = hold;
+                        self.moving = None;
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+}

@@ -1,0 +1,493 @@
+//! Messages of a page's command socket and their answers: `modules/web/page/src/protocol.ts` in Rust. Also the required
+//! roles, and the equivalent messages on the bus.
+
+use super::access::Role;
+use super::authority::{Drive, Holder, Limits};
+use diagnostics::orders;
+use messages::Message;
+use messages::common::CmdLog;
+use messages::lowlevel::CmdSdo;
+use messages::middlelevel::Waypoint;
+use messages::simulation::CmdFault;
+use serde::{Deserialize, Deserializer, Serialize};
+
+/// The longest frame, bytes.
+pub const FRAME_MAX: usize = 4 << 10;
+/// Waypoints of a goal.
+const WAYPOINTS_MAX: usize = 100;
+/// m; rad, s
+const NUMBER_MAX: f64 = 1e6;
+/// A name of a module, channel, axis, target: bytes.
+const WORD_MAX: usize = 64;
+/// Bytes that are written to an object.
+const DATA_MAX: usize = 1024;
+/// A number that a page's language has exactly.
+const INTEGER_MAX: u64 = (1 << 53) - 1;
+
+/// Message of a page.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
+#[allow(missing_docs, reason = "protocol.ts has the words for each")]
+pub enum Command {
+    Ping {
+        t: f64,
+    },
+    Take {
+        id: i64,
+        from: Option<u32>,
+    },
+    Release {
+        id: i64,
+    },
+    Drive {
+        hold: u64,
+        seq: u64,
+        t: f64,
+        speed: f64,
+        steering: f64,
+    },
+    Zero {
+        hold: u64,
+        seq: u64,
+    },
+    Stop {
+        id: i64,
+    },
+    Resume {
+        id: i64,
+    },
+    Goal {
+        id: i64,
+        waypoints: Vec<Place>,
+        r#loop: bool,
+    },
+    Route {
+        id: i64,
+        name: String,
+    },
+    Pose {
+        id: i64,
+        x: f64,
+        y: f64,
+        theta: f64,
+    },
+    Home {
+        id: i64,
+        axis: String,
+    },
+    Cancel {
+        id: i64,
+    },
+    Log {
+        id: i64,
+        action: String,
+        #[serde(default)]
+        text: String,
+    },
+    State {
+        id: i64,
+        module: String,
+        state: String,
+    },
+    Power {
+        id: i64,
+        channel: String,
+        action: String,
+    },
+    Sdo {
+        id: i64,
+        node: u8,
+        index: u16,
+        subindex: u8,
+        #[serde(default, deserialize_with = "there")]
+        data: Option<String>,
+    },
+    Fault {
+        id: i64,
+        target: String,
+        fault: String,
+        value: f64,
+        duration: f64,
+    },
+}
+
+/// A waypoint; without an angle any will do.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Place {
+    /// m
+    pub x: f64,
+    /// m
+    pub y: f64,
+    /// rad
+    #[serde(default, deserialize_with = "there")]
+    pub theta: Option<f64>,
+    /// m
+    #[serde(default, deserialize_with = "there")]
+    pub tolerance: Option<f64>,
+}
+
+/// Optional; an explicit null is rejected (it would decode as NaN).
+fn there<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Option<T>, D::Error> {
+    T::deserialize(deserializer).map(Some)
+}
+
+/// Invalid command: its number, if it has one, and the defect.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Malformed {
+    /// Number.
+    pub id: Option<i64>,
+    /// Defect, in one line.
+    pub why: String,
+}
+
+/// Answer to a page.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "type", rename_all = "lowercase")]
+#[allow(missing_docs, reason = "protocol.ts has the words for each")]
+pub enum Answer<'a> {
+    Welcome { you: u32, name: &'a str, role: Role, limits: Limits },
+    Pong { t: f64 },
+    Authority { holder: Option<Holder>, yours: bool, why: &'a str },
+    Ended { hold: u64, why: &'a str },
+    Done { id: i64 },
+    Refused { id: Option<i64>, why: &'a str },
+    Sdo { id: i64, data: String, abort: u32, why: String },
+}
+
+impl Answer<'_> {
+    /// A frame's text.
+    #[must_use]
+    pub fn text(&self) -> String {
+        // Numbers and strings have a form.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+/// Requirements of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Needs {
+    /// The least role.
+    pub role: Role,
+    /// True if it needs the motion authority too.
+    pub authority: bool,
+}
+
+impl Command {
+    /// Reads a frame.
+    ///
+    /// # Errors
+    /// What it is instead.
+    pub fn read(text: &str) -> Result<Self, Malformed> {
+        let command: Self = serde_json::from_str(text).map_err(|error| {
+            #[derive(Deserialize)]
+            struct Numbered {
+                id: i64,
+            }
+            let id = serde_json::from_str::<Numbered>(text).ok().map(|numbered| numbered.id);
+            let why: String = error.to_string().chars().filter(|c| !c.is_control()).take(120).collect();
+            Malformed { id, why: format!("this is no command: {why}") }
+        })?;
+        command.checked().map_err(|why| Malformed { id: command.id(), why })?;
+        Ok(command)
+    }
+
+    /// By which it is answered.
+    #[must_use]
+    pub fn id(&self) -> Option<i64> {
+        match self {
+            Self::Ping { .. } | Self::Drive { .. } | Self::Zero { .. } => None,
+            Self::Take { id, .. }
+            | Self::Release { id }
+            | Self::Stop { id }
+            | Self::Resume { id }
+            | Self::Goal { id, .. }
+            | Self::Route { id, .. }
+            | Self::Pose { id, .. }
+            | Self::Home { id, .. }
+            | Self::Cancel { id }
+            | Self::Log { id, .. }
+            | Self::State { id, .. }
+            | Self::Power { id, .. }
+            | Self::Sdo { id, .. }
+            | Self::Fault { id, .. } => Some(*id),
+        }
+    }
+
+    /// Required role.
+    #[must_use]
+    pub fn needs(&self) -> Needs {
+        let needs = |role, authority| Needs { role, authority };
+        match self {
+            Self::Ping { .. } => needs(Role::Viewer, false),
+            // The authority itself checks the holder: it reports a rejected hold once.
+            Self::Drive { .. } | Self::Zero { .. } => needs(Role::Operator, false),
+            Self::Take { .. } | Self::Release { .. } | Self::Stop { .. } => needs(Role::Operator, false),
+            Self::Cancel { .. } | Self::Log { .. } => needs(Role::Operator, false),
+            Self::Resume { .. } | Self::Goal { .. } | Self::Route { .. } => needs(Role::Operator, true),
+            Self::Pose { .. } | Self::Home { .. } => needs(Role::Operator, true),
+            Self::State { .. } | Self::Power { .. } | Self::Sdo { .. } | Self::Fault { .. } => {
+                needs(Role::Engineer, false)
+            }
+        }
+    }
+
+    /// Checks lengths and ranges, which types do not express.
+    fn checked(&self) -> Result<(), String> {
+        let words: &[&str] = match self {
+            Self::Drive { hold, seq, .. } | Self::Zero { hold, seq } if *hold.max(seq) > INTEGER_MAX => {
+                return Err("a number is too large".into());
+            }
+            Self::Goal { waypoints, .. } => {
+                if !(1..=WAYPOINTS_MAX).contains(&waypoints.len()) {
+                    return Err(format!("a goal has 1 to {WAYPOINTS_MAX} waypoints"));
+                }
+                let good = |place: &Place| {
+                    let [theta, tolerance] = [place.theta, place.tolerance].map(Option::unwrap_or_default);
+                    [place.x, place.y, theta].into_iter().all(in_range) && (0.0..=NUMBER_MAX).contains(&tolerance)
+                };
+                return if waypoints.iter().all(good) { Ok(()) } else { Err("a waypoint is out of range".into()) };
+            }
+            Self::Pose { x, y, theta, .. } if ![*x, *y, *theta].into_iter().all(in_range) => {
+                return Err("a place out of range".into());
+            }
+            Self::Fault { value, duration, .. } if !in_range(*value) || !(0.0..=NUMBER_MAX).contains(duration) => {
+                return Err("a value out of range".into());
+            }
+            Self::Route { name, .. } => &[name],
+            Self::Home { axis, .. } => &[axis],
+            Self::State { module, .. } => &[module],
+            Self::Fault { target, fault, .. } => &[target, fault],
+            _ => &[],
+        };
+        let good = |word: &&str| word.len() <= WORD_MAX && !word.chars().any(char::is_control);
+        if words.iter().all(good) { Ok(()) } else { Err(format!("a name has at most {WORD_MAX} visible characters")) }
+    }
+
+    /// Motion command, if it is one.
+    #[must_use]
+    pub fn drive(&self) -> Option<Drive> {
+        match *self {
+            Self::Drive { hold, seq, t, speed, steering } => Some(Drive { hold, seq, t, speed, steering }),
+            _ => None,
+        }
+    }
+}
+
+fn in_range(number: f64) -> bool {
+    number.abs() <= NUMBER_MAX
+}
+
+/// A way of the world's that has a name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Route {
+    /// Name.
+    pub name: String,
+    /// Points in order, m.
+    pub points: Vec<[f64; 2]>,
+    /// After the last comes the first again.
+    pub looped: bool,
+}
+
+/// Robot by which commands are checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// Limits of a manual source.
+    pub limits: Limits,
+    /// The world's.
+    pub routes: Vec<Route>,
+    /// True if it is simulated and takes faults.
+    pub simulated: bool,
+}
+
+/// Message of a command on the bus; `None` for those that belong to the authority or to an answer.
+///
+/// # Errors
+/// Why it is not obeyed, in words for who asked.
+pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -> Result<Option<Message>, String> {
+    let waypoint = |place: &Place| Waypoint {
+        x: place.x,
+        y: place.y,
+        theta: place.theta.unwrap_or_default(),
+        tolerance: place.tolerance.unwrap_or_default(),
+        heading: place.theta.is_some(),
+    };
+    Ok(Some(match command {
+        Command::Goal { waypoints, r#loop, .. } => {
+            orders::goal(timestamp, waypoints.iter().map(waypoint).collect(), *r#loop).into()
+        }
+        Command::Route { name, .. } => {
+            let route = robot.routes.iter().find(|route| route.name == *name);
+            let route = route.ok_or_else(|| format!("there is no route {name:?}"))?;
+            let point = |[x, y]: &[f64; 2]| waypoint(&Place { x: *x, y: *y, theta: None, tolerance: None });
+            orders::goal(timestamp, route.points.iter().map(point).collect(), route.looped).into()
+        }
+        Command::Cancel { .. } => orders::goal(timestamp, Vec::new(), false).into(),
+        Command::Pose { x, y, theta, .. } => orders::pose(timestamp, [*x, *y, *theta], orders::DEVIATIONS).into(),
+        Command::Home { axis, .. } => orders::home(timestamp, axis).into(),
+        Command::Log { action, text, .. } => match action.as_str() {
+            "mark" => orders::mark(timestamp, text)?.into(),
+            "start" => CmdLog { timestamp, action: CmdLog::START, text: String::new() }.into(),
+            "stop" => CmdLog { timestamp, action: CmdLog::STOP, text: String::new() }.into(),
+            _ => return Err("the recorder is started or stopped, or given a mark".into()),
+        },
+        Command::State { module, state, .. } => orders::state(timestamp, module, state, source)?.into(),
+        Command::Power { channel, action, .. } => orders::power(timestamp, channel, action)?.into(),
+        Command::Fault { .. } if !robot.simulated => return Err("this robot is not simulated".into()),
+        Command::Fault { target, fault, value, duration, .. } => {
+            let (target, fault) = (target.clone(), fault.clone());
+            CmdFault { timestamp, target, fault, value: *value, duration: *duration }.into()
+        }
+        _ => return Ok(None),
+    }))
+}
+
+/// An access to an object, without its number.
+///
+/// # Errors
+/// In words: what is to be written is no data.
+pub fn sdo(node: u8, index: u16, subindex: u8, data: Option<&str>) -> Result<CmdSdo, String> {
+    if !(1..=127).contains(&node) {
+        return Err("CANopen nodes are 1 to 127".into());
+    }
+    let wrong = || format!("expected an even number of hexadecimal digits, 1 to {DATA_MAX} bytes");
+    let bytes = data.map(|data| bytes(data).ok_or_else(wrong)).transpose()?;
+    Ok(CmdSdo {
+        timestamp: 0,
+        request: 0,
+        node: node.into(),
+        index: index.into(),
+        subindex: subindex.into(),
+        write: bytes.is_some(),
+        data: bytes.unwrap_or_default(),
+    })
+}
+
+fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
+    let digits: Vec<u32> = hexadecimal.chars().map(|c| c.to_digit(16)).collect::<Option<_>>()?;
+    let (pairs, rest) = digits.as_chunks::<2>();
+    let good = rest.is_empty() && (1..=DATA_MAX).contains(&pairs.len());
+    good.then(|| pairs.iter().map(|[high, low]| (high << 4 | low) as u8).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: [&str; 17] = [
+        r#"{"type":"ping","t":1.5}"#,
+        r#"{"type":"take","id":1,"from":null}"#,
+        r#"{"type":"release","id":1}"#,
+        r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":0.1,"steering":-0.1}"#,
+        r#"{"type":"zero","hold":1,"seq":2}"#,
+        r#"{"type":"stop","id":1}"#,
+        r#"{"type":"resume","id":1}"#,
+        r#"{"type":"goal","id":1,"waypoints":[{"x":1,"y":2},{"x":1,"y":2,"theta":3,"tolerance":0.5}],"loop":true}"#,
+        r#"{"type":"route","id":1,"name":"patrol"}"#,
+        r#"{"type":"pose","id":1,"x":1,"y":2,"theta":3}"#,
+        r#"{"type":"home","id":1,"axis":"steering"}"#,
+        r#"{"type":"cancel","id":1}"#,
+        r#"{"type":"log","id":1,"action":"mark","text":"here"}"#,
+        r#"{"type":"state","id":1,"module":"planner","state":"PAUSE"}"#,
+        r#"{"type":"power","id":1,"channel":"motors","action":"off"}"#,
+        r#"{"type":"sdo","id":1,"node":1,"index":4096,"subindex":0}"#,
+        r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
+    ];
+
+    fn robot() -> Robot {
+        let routes = vec![Route { name: "patrol".into(), points: vec![[1.0, 2.0]], looped: true }];
+        Robot { limits: Limits { speed: 0.5, steering: 0.4 }, routes, simulated: true }
+    }
+
+    #[test]
+    fn each_command_is_read_needs_somebody_and_says_something() {
+        let mut said = Vec::new();
+        for text in ALL {
+            let command = Command::read(text).unwrap();
+            assert!(command.needs().role >= Role::Viewer, "{text}");
+            let viewer = matches!(command, Command::Ping { .. });
+            assert_eq!(command.needs().role == Role::Viewer, viewer, "{text}");
+            said.extend(
+                message(&command, &robot(), 7, "web:x").unwrap().map(|message| message.channel_name().into_owned()),
+            );
+        }
+        let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_ESTIMATE LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE LL_CMD_POWER SIM_CMD_FAULT";
+        assert_eq!(said.join(" "), expected);
+    }
+
+    #[test]
+    fn what_is_no_command_says_why_and_keeps_its_number() {
+        for (text, id) in [
+            ("", None),
+            ("null", None),
+            ("[]", None),
+            (r#"{"type":"fly","id":3}"#, Some(3)),
+            (r#"{"id":3}"#, Some(3)),
+            (r#"{"type":"stop","id":"3"}"#, None),
+            (r#"{"type":"stop","id":3,"more":1}"#, Some(3)),
+            (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":null,"steering":0}"#, None),
+            (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":NaN,"steering":0}"#, None),
+            (r#"{"type":"drive","hold":1,"seq":1,"t":1,"speed":1e999,"steering":0}"#, None),
+            (r#"{"type":"drive","hold":-1,"seq":1,"t":1,"speed":0,"steering":0}"#, None),
+            (r#"{"type":"drive","hold":1,"seq":9007199254740992,"t":1,"speed":0,"steering":0}"#, None),
+            (r#"{"type":"goal","id":3,"waypoints":[],"loop":false}"#, Some(3)),
+            (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1e9}],"loop":false}"#, Some(3)),
+            (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1,"theta":null}],"loop":false}"#, Some(3)),
+            (r#"{"type":"goal","id":3,"waypoints":[{"x":1,"y":1,"tolerance":-1}],"loop":false}"#, Some(3)),
+            (r#"{"type":"sdo","id":3,"node":256,"index":1,"subindex":0}"#, Some(3)),
+            (r#"{"type":"state","id":3,"module":"a\nb","state":"RUN"}"#, Some(3)),
+            (r#"{"type":"fault","id":3,"target":"x","fault":"y","value":0,"duration":-1}"#, Some(3)),
+        ] {
+            let refused = Command::read(text).expect_err(text);
+            assert!(refused.id == id && !refused.why.is_empty(), "{text}: {refused:?}");
+        }
+        let deep = format!("{}{}", "[".repeat(2000), "]".repeat(2000));
+        assert!(Command::read(&deep).is_err());
+    }
+
+    #[test]
+    fn what_cannot_be_obeyed_is_said_in_words() {
+        let real = Robot { simulated: false, ..robot() };
+        for text in [
+            r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
+            r#"{"type":"route","id":1,"name":"nowhere"}"#,
+            r#"{"type":"power","id":1,"channel":"motor","action":"off"}"#,
+            r#"{"type":"state","id":1,"module":"planner","state":"INIT"}"#,
+            r#"{"type":"log","id":1,"action":"mark","text":""}"#,
+            r#"{"type":"log","id":1,"action":"erase","text":""}"#,
+        ] {
+            assert!(message(&Command::read(text).unwrap(), &real, 7, "web:x").is_err(), "{text}");
+        }
+        let written = sdo(1, 0x1017, 0, Some("e803")).unwrap();
+        assert!(written.write && written.data == [0xe8, 3] && !sdo(1, 0x1017, 0, None).unwrap().write);
+        for (node, data) in [(0, None), (128, None), (1, Some("")), (1, Some("e80")), (1, Some("+1")), (1, Some("zz"))]
+        {
+            assert!(sdo(node, 1, 0, data).is_err(), "{node} {data:?}");
+        }
+    }
+
+    #[test]
+    fn answers_are_as_the_page_has_them() {
+        let limits = Limits { speed: 0.5, steering: 0.25 };
+        for (answer, text) in [
+            (
+                Answer::Welcome { you: 3, name: "x", role: Role::Operator, limits },
+                r#"{"type":"welcome","you":3,"name":"x","role":"operator","limits":{"speed":0.5,"steering":0.25}}"#,
+            ),
+            (Answer::Pong { t: 1.5 }, r#"{"type":"pong","t":1.5}"#),
+            (
+                Answer::Authority { holder: None, yours: false, why: "" },
+                r#"{"type":"authority","holder":null,"yours":false,"why":""}"#,
+            ),
+            (Answer::Ended { hold: 4, why: "y" }, r#"{"type":"ended","hold":4,"why":"y"}"#),
+            (Answer::Done { id: 1 }, r#"{"type":"done","id":1}"#),
+            (Answer::Refused { id: None, why: "z" }, r#"{"type":"refused","id":null,"why":"z"}"#),
+            (
+                Answer::Sdo { id: 1, data: "00".into(), abort: 0, why: String::new() },
+                r#"{"type":"sdo","id":1,"data":"00","abort":0,"why":""}"#,
+            ),
+        ] {
+            assert_eq!(answer.text(), text);
+        }
+    }
+}

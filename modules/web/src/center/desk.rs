@@ -1,0 +1,210 @@
+//! Output of the authority: to the bus at once, and to the sockets. A thread of its own keeps its deadlines, so that a
+//! busy or hanging server ends a hold all the same.
+
+use super::access::Role;
+use super::authority::{Authority, ClientId, Counts, Holder, Say};
+use super::command::{Answer, Robot};
+use base::{Epoch, Instant};
+use diagnostics::orders;
+use drivers::canbus;
+use host::bus::Bus;
+use host::clock;
+use messages::Message;
+use messages::lowlevel::CmdMotion;
+use module::State;
+use std::io;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use tokio::sync::mpsc;
+
+/// Maximum number of answers waiting for a page; beyond it the page is disconnected.
+const WAITING_MAX: usize = 64;
+
+/// The desk.
+pub struct Desk {
+    /// Robot by which commands are checked.
+    pub robot: Robot,
+    inner: Mutex<Inner>,
+    wake: Condvar,
+}
+
+struct Inner {
+    authority: Authority,
+    bus: Bus,
+    epoch: Epoch,
+    pages: Vec<(ClientId, mpsc::Sender<String>)>,
+    /// Until when the thread sleeps; none: until it is woken.
+    sleeps_until: Option<Instant>,
+    closed: bool,
+}
+
+impl Desk {
+    /// Joins the bus, only to speak, and starts the thread.
+    ///
+    /// # Errors
+    /// One line: the bus cannot be joined, or there is no room for a thread.
+    pub fn open(url: &str, robot: Robot) -> Result<Arc<Self>, String> {
+        let inner = Inner {
+            authority: Authority::new(robot.limits),
+            bus: Bus::open(url, &[])?,
+            epoch: clock::epoch(),
+            pages: Vec::new(),
+            sleeps_until: None,
+            closed: false,
+        };
+        let desk = Arc::new(Self { robot, inner: Mutex::new(inner), wake: Condvar::new() });
+        let keeps = desk.clone();
+        let started = std::thread::Builder::new().name("web hold".into()).spawn(move || keeps.keep_deadlines());
+        started.map_err(|error: io::Error| format!("the web server: {error}"))?;
+        Ok(desk)
+    }
+
+    /// Adds a user; returns its channel of answers.
+    pub fn join(&self, name: Arc<str>, role: Role, source: Arc<str>) -> Seat {
+        let (tell, told) = mpsc::channel(WAITING_MAX);
+        let mut inner = self.lock();
+        let id = inner.authority.join(name, role, source);
+        inner.pages.push((id, tell.clone()));
+        // A first word to an empty queue.
+        let _ = inner.drain(clock::now());
+        Seat { id, tell, told }
+    }
+
+    /// Removes a user.
+    pub fn leave(&self, id: ClientId) {
+        let mut inner = self.lock();
+        let now = clock::now();
+        inner.pages.retain(|(other, _)| *other != id);
+        inner.authority.leave(now, id);
+        let _ = inner.drain(now);
+        self.wake.notify_one();
+    }
+
+    /// Runs a function on the authority, and sends its output.
+    ///
+    /// # Errors
+    /// One line: a message cannot be published.
+    pub fn with<T>(&self, hear: impl FnOnce(Instant, &mut Authority) -> T) -> Result<T, String> {
+        let mut inner = self.lock();
+        let now = clock::now();
+        let heard = hear(now, &mut inner.authority);
+        let said = inner.drain(now);
+        let due = inner.authority.poll_timeout();
+        if due.is_some_and(|due| inner.sleeps_until.is_none_or(|until| due < until)) {
+            self.wake.notify_one();
+        }
+        said.map(|()| heard)
+    }
+
+    /// Publishes a message outside of the authority.
+    ///
+    /// # Errors
+    /// One line: it cannot be published.
+    pub fn publish(&self, message: &Message) -> Result<(), String> {
+        self.lock().bus.publish(message)
+    }
+
+    /// The timestamp of a message that is made now.
+    pub fn timestamp(&self) -> i64 {
+        self.lock().epoch.timestamp(clock::now())
+    }
+
+    /// Holder of the motion authority.
+    pub fn holder(&self) -> Option<Holder> {
+        self.lock().authority.holder(clock::now())
+    }
+
+    /// True if this one does.
+    pub fn holds(&self, id: ClientId) -> bool {
+        self.lock().authority.holds(id)
+    }
+
+    /// Counters.
+    pub fn counts(&self) -> Counts {
+        self.lock().authority.counts()
+    }
+
+    /// Ends the thread; all have left before.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.wake.notify_one();
+    }
+
+    fn keep_deadlines(&self) {
+        let mut inner = self.lock();
+        while !inner.closed {
+            let now = clock::now();
+            inner.authority.handle_timeout(now);
+            // A failure needs no retry here: zeros are sent three times, and then the drives' own time limit counts.
+            let _ = inner.drain(now);
+            inner.sleeps_until = inner.authority.poll_timeout();
+            inner = match inner.sleeps_until {
+                None => self.wake.wait(inner).unwrap_or_else(PoisonError::into_inner),
+                Some(due) => {
+                    let waited = self.wake.wait_timeout(inner, due.since(clock::now()));
+                    waited.unwrap_or_else(PoisonError::into_inner).0
+                }
+            };
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A page's place at the desk.
+pub struct Seat {
+    /// Number.
+    pub id: ClientId,
+    /// Sender of its answers.
+    pub tell: mpsc::Sender<String>,
+    /// Answers for it; closed when it takes none.
+    pub told: mpsc::Receiver<String>,
+}
+
+impl Inner {
+    /// Sends all output; returns the first failure on the bus.
+    fn drain(&mut self, now: Instant) -> Result<(), String> {
+        let mut result = Ok(());
+        while let Some(say) = self.authority.poll() {
+            let said = self.say(now, say);
+            result = result.and(said);
+        }
+        result
+    }
+
+    fn say(&mut self, now: Instant, say: Say) -> Result<(), String> {
+        let timestamp = self.epoch.timestamp(now);
+        let motion = |source: Arc<str>, speed, steering| {
+            let source = source.to_string();
+            CmdMotion { timestamp, speed, steering, priority: CmdMotion::REMOTE, source }.into()
+        };
+        let state = |module, state, source: Arc<str>| orders::manual(timestamp, module, state, &source).into();
+        let message: Message = match say {
+            Say::Motion { source, speed, steering } => motion(source, speed, steering),
+            Say::Zero { source } => motion(source, 0.0, 0.0),
+            Say::Pause { source } => state(canbus::NAME, State::Pause, source),
+            Say::Run { source } => state(canbus::NAME, State::Run, source),
+            Say::Planner { source } => state(planner::NAME, State::Run, source),
+            Say::Authority { to, why } => {
+                let holder = self.authority.holder(now);
+                let yours = self.authority.holds(to);
+                self.tell(to, Answer::Authority { holder, yours, why: &why });
+                return Ok(());
+            }
+            Say::Ended { to, hold, why } => {
+                self.tell(to, Answer::Ended { hold, why: &why });
+                return Ok(());
+            }
+        };
+        self.bus.publish(&message)
+    }
+
+    fn tell(&mut self, to: ClientId, answer: Answer<'_>) {
+        let Some(place) = self.pages.iter().position(|(id, _)| *id == to) else { return };
+        if self.pages[place].1.try_send(answer.text()).is_err() {
+            // It takes nothing: closing its channel ends its socket.
+            self.pages.swap_remove(place);
+        }
+    }
+}

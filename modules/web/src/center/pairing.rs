@@ -1,0 +1,164 @@
+//! `/api/me`, `/api/pair`, `/api/unpair`, `/api/devices`, `/api/devices/forget`: identity and pairing of devices.
+
+use super::access::{Refused, Role, Who};
+use crate::app::App;
+use crate::request::{Reached, Unpaired, cookie_name, refused};
+use crate::stats::Refusal;
+use axum::Extension;
+use axum::body::{Body, to_bytes};
+use axum::extract::{Request, State};
+use axum::http::StatusCode;
+use axum::http::header::{self, HeaderMap, HeaderValue};
+use axum::response::{IntoResponse, Response};
+use host::clock;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+use tokio::time::timeout;
+
+/// The longest body, bytes.
+const BODY_MAX: usize = 4 << 10;
+/// Time limit for a request's body.
+const BODY_TIME: Duration = Duration::from_secs(5);
+/// A browser forgets the cookie after so long, s; the server does so after 12 h of not being used.
+const COOKIE_AGE: u32 = 400 * 24 * 3600;
+
+#[derive(Serialize)]
+struct Me<'a> {
+    robot: &'a str,
+    version: &'static str,
+    role: Role,
+    name: &'a str,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pair {
+    code: String,
+    name: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Forget {
+    id: u32,
+}
+
+/// `GET /api/me`
+pub async fn me(State(app): State<App>, Extension(who): Extension<Who>) -> Response {
+    introduce(&app, &who)
+}
+
+/// `POST /api/pair`
+pub async fn pair(
+    State(app): State<App>,
+    Extension(Reached(reached)): Extension<Reached>,
+    Extension(before): Extension<Who>,
+    request: Request,
+) -> Response {
+    let (headers, body) = split(request);
+    let Pair { code, name } = match read(&headers, body).await {
+        Ok(pair) => pair,
+        Err(refusal) => return refusal,
+    };
+    let Ok(chance) = app.keeper.chance() else {
+        return refused(StatusCode::SERVICE_UNAVAILABLE, "the robot's kernel gives no chance to make a key of");
+    };
+    let paired = app.keeper.access().pair(clock::now(), &code, &name, &chance);
+    let (key, who) = match paired {
+        Ok(paired) => paired,
+        Err(why) => {
+            let status = match why {
+                Refused::Name => StatusCode::BAD_REQUEST,
+                Refused::Wrong => StatusCode::FORBIDDEN,
+                Refused::TooMany => StatusCode::TOO_MANY_REQUESTS,
+            };
+            app.stats.refuse(Refusal::Code, "");
+            return refused(status, why.why());
+        }
+    };
+    // A device that pairs again stays one device.
+    if let Some(device) = before.device {
+        app.keeper.forget(device);
+    }
+    let mut response = introduce(&app, &who);
+    set_cookie(&mut response, &headers, reached.port(), &key, COOKIE_AGE);
+    response
+}
+
+/// `POST /api/unpair`
+pub async fn unpair(
+    State(app): State<App>,
+    Extension(Reached(reached)): Extension<Reached>,
+    Extension(who): Extension<Who>,
+    Extension(Unpaired(role)): Extension<Unpaired>,
+    request: Request,
+) -> Response {
+    let (headers, body) = split(request);
+    if let Err(refusal) = read::<serde::de::IgnoredAny>(&headers, body).await {
+        return refusal;
+    }
+    let Some(device) = who.device else {
+        return refused(StatusCode::CONFLICT, "this device is not paired");
+    };
+    app.keeper.forget(device);
+    let mut response = introduce(&app, &Who { role, ..Who::default() });
+    set_cookie(&mut response, &headers, reached.port(), "", 0);
+    response
+}
+
+/// `GET /api/devices`
+pub async fn devices(State(app): State<App>, Extension(who): Extension<Who>) -> Response {
+    json(&app.keeper.access().devices(clock::now(), who.device))
+}
+
+/// `POST /api/devices/forget`
+pub async fn forget(State(app): State<App>, Extension(who): Extension<Who>, request: Request) -> Response {
+    let (headers, body) = split(request);
+    match read(&headers, body).await {
+        Ok(Forget { id }) if app.keeper.forget(id) => json(&app.keeper.access().devices(clock::now(), who.device)),
+        Ok(_) => refused(StatusCode::NOT_FOUND, "no such device is paired"),
+        Err(refusal) => refusal,
+    }
+}
+
+fn introduce(app: &App, who: &Who) -> Response {
+    json(&Me { robot: &app.robot, version: env!("CARGO_PKG_VERSION"), role: who.role, name: &who.name })
+}
+
+fn json(what: &impl Serialize) -> Response {
+    let text = serde_json::to_string(what).unwrap_or_default();
+    ([(header::CONTENT_TYPE, "application/json")], text).into_response()
+}
+
+fn split(request: Request) -> (HeaderMap, Body) {
+    let (parts, body) = request.into_parts();
+    (parts.headers, body)
+}
+
+/// Reads a body that is declared as JSON; a form of a foreign page cannot declare it.
+async fn read<T: DeserializeOwned>(headers: &HeaderMap, body: Body) -> Result<T, Response> {
+    let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+    let kind = kind.split(';').next().unwrap_or_default().trim();
+    if !kind.eq_ignore_ascii_case("application/json") {
+        return Err(refused(StatusCode::UNSUPPORTED_MEDIA_TYPE, "the body must be application/json"));
+    }
+    let Ok(Ok(bytes)) = timeout(BODY_TIME, to_bytes(body, BODY_MAX)).await else {
+        return Err(refused(StatusCode::PAYLOAD_TOO_LARGE, "the body is longer than 4 KiB, or did not come"));
+    };
+    serde_json::from_slice(&bytes)
+        .map_err(|_| refused(StatusCode::BAD_REQUEST, "the body is not what is expected here"))
+}
+
+fn set_cookie(response: &mut Response, headers: &HeaderMap, port: u16, key: &str, age: u32) {
+    let encrypted = headers
+        .get(header::ORIGIN)
+        .and_then(|origin| origin.to_str().ok())
+        .is_some_and(|origin| origin.starts_with("https://"));
+    let secure = if encrypted { "; Secure" } else { "" };
+    let name = cookie_name(headers, port);
+    let cookie = format!("{name}={key}; Path=/; Max-Age={age}; HttpOnly; SameSite=Strict{secure}");
+    if let Ok(value) = HeaderValue::try_from(cookie) {
+        response.headers_mut().insert(header::SET_COOKIE, value);
+    }
+}

@@ -1,0 +1,258 @@
+//! What stays as it is while a robot is looked at: its measures, the map that it drives on, the names of its parts.
+
+use logger::ros::Sensor;
+use planner::map::{Cell, Map};
+use serde::Serialize;
+
+/// Walls of a map are not more than this; of a finer map they are coarser.
+const WALLS_MAX: usize = 4000;
+
+/// `ScenePart` of modules/web/page/src/protocol.ts. Lengths in m, angles in rad; of the robot in its own frame, of all
+/// else in the map's.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Scene {
+    /// Which part of the view: `scene`.
+    pub part: &'static str,
+    /// Name.
+    pub robot: String,
+    /// Version of this program.
+    pub version: &'static str,
+    /// True if it is a simulated one.
+    pub simulated: bool,
+    /// The recorded run that is played; none: the robot live.
+    pub demo: Option<Demo>,
+    /// Corners.
+    pub outline: Vec<[f64; 2]>,
+    /// Rear axle to front axle.
+    pub wheelbase: f64,
+    /// What a hand may ask for.
+    pub limits: Limits,
+    /// The beam of a sonar.
+    pub sonar: Beam,
+    /// The beam of an infrared sensor.
+    pub infrared: Beam,
+    /// Beacons on the map.
+    pub beacons: Vec<Beacon>,
+    /// Walls as x1, y1, x2, y2.
+    pub walls: Vec<[f64; 4]>,
+    /// Columns as x, y, radius.
+    pub columns: Vec<[f64; 3]>,
+    /// Routes that have names.
+    pub routes: Vec<Route>,
+    /// Channels of the power controller.
+    pub power_channels: Vec<&'static str>,
+    /// Drives and their nodes.
+    pub drives: Vec<Drive>,
+    /// What can be broken in the simulation.
+    pub faults: Vec<Faults>,
+}
+
+/// A recorded run that is played.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Demo {
+    /// Name.
+    pub run: String,
+    /// How long it takes, s.
+    pub seconds: f64,
+}
+
+/// Greatest values, as a hand may ask for them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Limits {
+    /// m/s.
+    pub speed: f64,
+    /// rad.
+    pub steering: f64,
+}
+
+/// A beam of a ranging sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Beam {
+    /// Full width, rad.
+    pub field_of_view: f64,
+    /// m.
+    pub min: f64,
+    /// m.
+    pub max: f64,
+}
+
+/// A beacon on the map, m.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Beacon {
+    /// As it is coded.
+    pub id: u8,
+    /// m.
+    pub x: f64,
+    /// m.
+    pub y: f64,
+}
+
+/// A route that has a name.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Route {
+    /// As it is commanded or shown.
+    pub name: String,
+    /// x, y, m.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// A drive on a CANopen bus.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Drive {
+    /// As it is commanded or shown.
+    pub name: &'static str,
+    /// CANopen node.
+    pub node: u8,
+}
+
+/// A target of the simulation with its faults.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Faults {
+    /// Name.
+    pub target: String,
+    /// What can befall it.
+    pub faults: Vec<&'static str>,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            part: "scene",
+            robot: String::new(),
+            version: env!("CARGO_PKG_VERSION"),
+            simulated: false,
+            demo: None,
+            outline: Vec::new(),
+            wheelbase: 0.0,
+            limits: Limits { speed: 0.0, steering: 0.0 },
+            sonar: Sensor::default().into(),
+            infrared: Sensor::GP2Y0A41.into(),
+            beacons: Vec::new(),
+            walls: Vec::new(),
+            columns: Vec::new(),
+            routes: Vec::new(),
+            power_channels: Vec::new(),
+            drives: Vec::new(),
+            faults: Vec::new(),
+        }
+    }
+}
+
+impl From<Sensor> for Beam {
+    fn from(sensor: Sensor) -> Self {
+        Self { field_of_view: sensor.field_of_view, min: sensor.min, max: sensor.max }
+    }
+}
+
+impl Scene {
+    /// The same where this can be broken: targets, each with its faults.
+    #[must_use]
+    pub fn with_faults(self, faults: Vec<(String, Vec<&'static str>)>) -> Self {
+        Self { faults: faults.into_iter().map(|(target, faults)| Faults { target, faults }).collect(), ..self }
+    }
+
+    /// The same while a recorded run is played: nothing can be broken then.
+    #[must_use]
+    pub fn played(self, demo: Demo) -> Self {
+        Self { demo: Some(demo), faults: Vec::new(), ..self }
+    }
+
+    /// As the page is sent it.
+    #[must_use]
+    pub fn json(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+/// Rounds to a millimetre.
+#[must_use]
+pub fn rounded(metres: f64) -> f64 {
+    (metres * 1e3).round() / 1e3
+}
+
+/// The borders between what is occupied on a map and what is not, in as long pieces as they go straight.
+#[must_use]
+pub fn outline(map: &Map) -> Vec<[f64; 4]> {
+    let frame = map.frame();
+    let mut step = 1;
+    loop {
+        let (width, height) = (frame.width.div_ceil(step), frame.height.div_ceil(step));
+        let mut grid = vec![false; width * height];
+        for (place, _) in map.cells().iter().enumerate().filter(|(_, cell)| **cell == Cell::Occupied) {
+            grid[place / frame.width / step * width + place % frame.width / step] = true;
+        }
+        let at = |x: usize, y: usize| x < width && y < height && grid[y * width + x];
+        let walls = borders(width, height, at);
+        if walls.len() <= WALLS_MAX || step >= frame.width.max(frame.height) {
+            let side = frame.resolution * step as f64;
+            let [x, y] = [frame.x, frame.y];
+            let metres = |cells: usize, from: f64| rounded(from + cells as f64 * side);
+            return walls
+                .into_iter()
+                .map(|[a, b, c, d]| [metres(a, x), metres(b, y), metres(c, x), metres(d, y)])
+                .collect();
+        }
+        step *= 2;
+    }
+}
+
+/// x1, y1, x2, y2 in cells.
+fn borders(width: usize, height: usize, at: impl Fn(usize, usize) -> bool) -> Vec<[usize; 4]> {
+    let mut walls = Vec::new();
+    for y in 0..=height {
+        let differs = |x: usize| at(x, y) != (y > 0 && at(x, y - 1));
+        runs(width, differs, |from, to| walls.push([from, y, to, y]));
+    }
+    for x in 0..=width {
+        let differs = |y: usize| at(x, y) != (x > 0 && at(x - 1, y));
+        runs(height, differs, |from, to| walls.push([x, from, x, to]));
+    }
+    walls
+}
+
+/// Tells each run of places for which it holds: its first, and the one after its last.
+fn runs(count: usize, holds: impl Fn(usize) -> bool, mut tell: impl FnMut(usize, usize)) {
+    let mut begin = None;
+    for place in 0..=count {
+        match (place < count && holds(place), begin) {
+            (true, None) => begin = Some(place),
+            (false, Some(from)) => {
+                tell(from, place);
+                begin = None;
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planner::map::Frame;
+
+    fn map(width: usize, height: usize, occupied: impl Fn(usize, usize) -> bool) -> Map {
+        let mut map = Map::new(Frame { x: -1.0, y: 2.0, resolution: 0.5, width, height }).unwrap();
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(|(x, y)| occupied(*x, *y)) {
+            map.set(x, y, Cell::Occupied);
+        }
+        map
+    }
+
+    #[test]
+    fn a_block_of_cells_has_four_walls() {
+        let mut walls = outline(&map(6, 4, |x, y| (1..4).contains(&x) && (2..4).contains(&y)));
+        walls.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        let (left, right, low, high) = (-0.5, 1.0, 3.0, 4.0);
+        assert_eq!(
+            walls,
+            [[left, low, left, high], [left, low, right, low], [left, high, right, high], [right, low, right, high]]
+        );
+        assert!(outline(&map(6, 4, |_, _| false)).is_empty());
+    }
+
+    #[test]
+    fn a_map_of_dust_has_coarser_walls_but_not_more() {
+        let walls = outline(&map(500, 400, |x, y| (x + y) % 2 == 0));
+        assert!(!walls.is_empty() && walls.len() <= WALLS_MAX, "{}", walls.len());
+    }
+}

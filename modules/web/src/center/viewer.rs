@@ -1,0 +1,237 @@
+//! `/ws/view`: the WebSocket of a viewer. It gets the newest parts, each once, and names the channels that it watches.
+//!
+//! A picture that waits in a queue of the network would be taken for new by whoever gets it. So a ping follows every
+//! few pictures, which browsers answer by themselves, and while two of them are unanswered no picture is sent: what is
+//! on its way to a viewer is never more than [`PICTURES`] × [`PINGS`] pictures, 0.6 s.
+
+use super::access::Who;
+use super::show::Show;
+use super::{Center, demo};
+use crate::app::App;
+use crate::request::refused;
+use crate::socket::{BATCH, Line, Over, STALLED};
+use crate::stats::Refusal;
+use axum::Extension;
+use axum::extract::State;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade, close_code};
+use axum::http::{StatusCode, Uri};
+use axum::response::Response;
+use serde::Deserialize;
+use tokio::time::{Instant, sleep_until};
+
+/// The longest message of a viewer, bytes.
+const MESSAGE_MAX: usize = 4 << 10;
+/// Channels that a viewer may watch.
+const WATCHED_MAX: usize = 8;
+/// Maximum length of a channel's name (LCM).
+const NAME_MAX: usize = 63;
+/// Number of updates between two pings.
+const PICTURES: u32 = 3;
+/// Maximum number of unanswered pings.
+const PINGS: u32 = 2;
+/// Size of the write buffer, bytes: the longest message shown as JSON, and some.
+const WAITS_MAX: usize = 2 << 20;
+
+/// `/ws/view`
+pub async fn upgrade(
+    State(app): State<App>,
+    Extension(who): Extension<Who>,
+    uri: Uri,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Response {
+    let Ok(upgrade) = upgrade else {
+        return refuse(&app, Refusal::Protocol, StatusCode::BAD_REQUEST);
+    };
+    let Ok(seat) = app.seats.clone().try_acquire_owned() else {
+        return refuse(&app, Refusal::Viewers, StatusCode::SERVICE_UNAVAILABLE);
+    };
+    let demo = demo_of(&uri);
+    upgrade
+        .read_buffer_size(MESSAGE_MAX)
+        .write_buffer_size(BATCH)
+        .max_write_buffer_size(WAITS_MAX)
+        .max_message_size(MESSAGE_MAX)
+        .max_frame_size(MESSAGE_MAX)
+        .on_upgrade(move |socket| async move {
+            tokio::select! {
+                () = serve(socket, &app, demo) => {}
+                // Its new role counts when it connects again.
+                () = app.keeper.forgotten(who.device) => {}
+            }
+            drop(seat);
+        })
+}
+
+fn refuse(app: &App, refusal: Refusal, code: StatusCode) -> Response {
+    app.stats.refuse(refusal, "");
+    refused(code, refusal.why())
+}
+
+async fn serve(socket: WebSocket, app: &App, demo: Option<String>) {
+    let mut line = Line::new(socket, app.stats.clone());
+    let over = match demo {
+        None => talk(&mut line, app, &app.center.show, app.center.scene.json()).await,
+        Some(run) => play(&mut line, app, &run).await,
+    };
+    line.close(over).await;
+}
+
+/// Shows a recorded run.
+async fn play(line: &mut Line, app: &App, run: &str) -> Over {
+    let Center { demos, config, .. } = &*app.center;
+    let Ok(permit) = demos.clone().try_acquire_owned() else {
+        return Over::Sent(close_code::AGAIN, "as many recorded runs are played as may be at once".into());
+    };
+    let run = match demo::open(&app.center, run, permit).await {
+        Ok(run) => run,
+        // Maximum length of a reason, bytes (RFC 6455, 5.5).
+        Err(why) => return Over::Sent(close_code::POLICY, why.chars().take(120).filter(char::is_ascii).collect()),
+    };
+    let show = Show::new(config.clone());
+    let scene = run.scene.json();
+    tokio::select! {
+        over = talk(line, app, &show, scene) => over,
+        over = run.play(&show, config) => over,
+    }
+}
+
+/// Requested run, if any.
+fn demo_of(uri: &Uri) -> Option<String> {
+    let pairs = uri.query().unwrap_or_default().split('&');
+    pairs
+        .map(|pair| pair.split_once('=').unwrap_or((pair, "")))
+        .find(|(key, _)| *key == "demo")
+        .map(|(_, run)| run.into())
+}
+
+/// Serves the viewer to its end.
+async fn talk(line: &mut Line, app: &App, show: &Show, scene: String) -> Over {
+    let (mut turns, mut place) = show.join();
+    let mut end = app.end.clone();
+    let mut flow = Flow::new();
+    let mut outgoing = vec![Message::Text(scene.into())];
+    let over = loop {
+        if let Err(over) = line.send(std::mem::take(&mut outgoing)).await {
+            break over;
+        }
+        tokio::select! {
+            said = line.hear() => match said.and_then(|said| hear(line, said, &mut flow)) {
+                Ok(Some(channels)) => show.watch(&mut place, channels),
+                Ok(None) => {}
+                Err(over) => break over,
+            },
+            _ = turns.changed(), if flow.is_free() => {
+                outgoing.extend(show.news(&mut place).into_iter().map(Message::Text));
+                outgoing.extend(flow.sent());
+            }
+            () = sleep_until(flow.asked_at + STALLED), if !flow.is_free() => break line.stalled(),
+            _ = end.changed() => break Over::Sent(close_code::AWAY, "the robot's web server ends".into()),
+        }
+    };
+    show.leave(place);
+    over
+}
+
+/// Updates on their way to a viewer.
+struct Flow {
+    pictures: u32,
+    /// Pings sent, and the last one that was answered: by their numbers.
+    asked: u32,
+    answered: u32,
+    asked_at: Instant,
+}
+
+impl Flow {
+    fn new() -> Self {
+        Self { pictures: 0, asked: 0, answered: 0, asked_at: Instant::now() }
+    }
+
+    /// True if more may be sent.
+    fn is_free(&self) -> bool {
+        self.asked.wrapping_sub(self.answered) < PINGS
+    }
+
+    /// A picture was sent; what is to follow it.
+    fn sent(&mut self) -> Option<Message> {
+        self.pictures += 1;
+        if self.pictures < PICTURES {
+            return None;
+        }
+        (self.pictures, self.asked, self.asked_at) = (0, self.asked.wrapping_add(1), Instant::now());
+        Some(Message::Ping(self.asked.to_be_bytes().to_vec().into()))
+    }
+
+    /// A ping was answered, and so are those before it (RFC 6455, 5.5.3). Numbers that were never asked say nothing.
+    fn answered(&mut self, payload: &[u8]) {
+        let Ok(number) = <[u8; 4]>::try_from(payload).map(u32::from_be_bytes) else { return };
+        if self.asked.wrapping_sub(number) < self.asked.wrapping_sub(self.answered) {
+            self.answered = number;
+        }
+    }
+}
+
+/// `Watch` of modules/web/page/src/protocol.ts.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Watch {
+    watch: Vec<String>,
+}
+
+/// The channels that somebody wants to watch from now on, if that is what it says.
+fn hear(line: &mut Line, said: Message, flow: &mut Flow) -> Result<Option<Vec<String>>, Over> {
+    let asked = match said {
+        Message::Pong(payload) => {
+            flow.answered(&payload);
+            return Ok(None);
+        }
+        Message::Text(text) => watched(&text),
+        _ => Err("no text".into()),
+    };
+    match asked {
+        Ok(channels) => Ok(Some(channels)),
+        Err(why) => line.refuse(Refusal::Malformed, &why).map(|()| None),
+    }
+}
+
+fn watched(text: &str) -> Result<Vec<String>, String> {
+    let Watch { mut watch } = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    watch.sort_unstable();
+    watch.dedup();
+    let is_name = |name: &String| (1..=NAME_MAX).contains(&name.len());
+    match watch.len() <= WATCHED_MAX && watch.iter().all(is_name) {
+        true => Ok(watch),
+        false => Err(format!("expected {WATCHED_MAX} channels at most, of 1 to {NAME_MAX} bytes each")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_wait_for_answers() {
+        let mut flow = Flow::new();
+        let pings: Vec<_> = (0..6).filter_map(|_| flow.sent()).collect();
+        assert!(pings.len() == 2 && !flow.is_free());
+        for strange in [&b""[..], b"\0\0\0\x03", b"\xff\xff\xff\xff", b"\0\0\0\0", b"\0\0\0\x01\0"] {
+            flow.answered(strange);
+            assert!(!flow.is_free(), "{strange:?}");
+        }
+        flow.answered(&2u32.to_be_bytes());
+        assert!(flow.is_free() && flow.answered == 2);
+        flow.answered(&1u32.to_be_bytes());
+        assert_eq!(flow.answered, 2, "an old answer takes nothing back");
+    }
+
+    #[test]
+    fn a_viewer_may_watch_some_channels() {
+        assert_eq!(watched(r#"{"watch":["B","A","B"]}"#), Ok(vec!["A".into(), "B".into()]));
+        assert_eq!(watched(r#"{"watch":[]}"#), Ok(vec![]));
+        let long = format!(r#"{{"watch":["{}"]}}"#, "x".repeat(64));
+        let many = format!(r#"{{"watch":{:?}}}"#, (0..9).map(|n| n.to_string()).collect::<Vec<_>>());
+        for wrong in [&long, &many, "", "[]", "{}", r#"{"watch":"A"}"#, r#"{"watch":[""]}"#, r#"{"watch":[],"x":1}"#] {
+            assert!(watched(wrong).is_err(), "{wrong}");
+        }
+    }
+}

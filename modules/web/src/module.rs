@@ -1,0 +1,253 @@
+//! The web server as a module: started, supervised, reported and ended here.
+
+use super::app::App;
+use super::center::command;
+use super::center::desk::Desk;
+use super::center::keeper::Keeper;
+use super::guard::Guard;
+use super::server::{Parts, Server, listen};
+use super::settings::Web as Section;
+use super::stats::Stats;
+use super::{NAME, bus};
+use base::{Duration, Fault, Instant, Severity};
+use host::clock;
+use logger::ros::RobotScene;
+use module::{Actions, Event, Module, State, exit};
+use record::Header;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use tokio::sync::{Semaphore, watch};
+
+use super::center::{Center, Scene};
+use super::foxglove::hub::{Hub, Limits};
+
+/// Period of checks on the server, and of retries for a refused address.
+const PERIOD: Duration = Duration::from_secs(1);
+/// While it ends it looks more often.
+const ENDING: Duration = Duration::from_millis(20);
+/// Checks without a turn of the server's loop after which it counts as hung.
+const SILENT: u32 = 5;
+/// Maximum number of CANopen objects requested at a time.
+const OBJECTS_MAX: usize = 4;
+/// Length of credentials, characters; all visible.
+const TOKEN: std::ops::RangeInclusive<usize> = 16..=256;
+
+/// Parameters of the server.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// The robot's name.
+    pub robot: String,
+    /// The LCM bus.
+    pub lcm_url: String,
+    /// `[web]`.
+    pub web: Section,
+    /// Folder that `token_file` is relative to.
+    pub config: PathBuf,
+    /// Parts of the robot that no message has.
+    pub scene: RobotScene,
+    /// Scene for pages, with the map.
+    pub center: Scene,
+    /// Scene of a recorded run, from the configuration in its log.
+    pub recorded: fn(&Header) -> Option<Scene>,
+    /// Modules without which the robot does not move.
+    pub critical: Vec<String>,
+    /// The folder of recorded runs.
+    pub logs: PathBuf,
+    /// The run folder.
+    pub run: PathBuf,
+    /// Robot by which commands are checked.
+    pub commands: command::Robot,
+}
+
+/// The module.
+pub struct Web {
+    settings: Settings,
+    server: Option<Server>,
+    /// Paired devices, and the thread that stores them.
+    keeper: Option<(Arc<Keeper>, JoinHandle<()>)>,
+    next: Option<Instant>,
+    /// Turns of the server's loop at the last look that saw new ones, and looks since.
+    turns: (u32, u32),
+}
+
+impl Web {
+    /// A server that is not started yet.
+    #[must_use]
+    pub fn new(settings: Settings) -> Self {
+        Self { settings, server: None, keeper: None, next: None, turns: (0, 0) }
+    }
+
+    fn open(&mut self, now: Instant, out: &mut Actions) {
+        self.next = Some(now + PERIOD);
+        match start(&self.settings) {
+            Ok((server, keeper, keeps, broken)) => {
+                self.server = Some(server);
+                self.turns = (0, 0);
+                let at = self.settings.web.listen;
+                out.clear(Fault::PortDown, NAME, format!("{at}: the web server is there"));
+                out.working();
+                out.note(format!("http://{at}/   Foxglove: ws://{at}/foxglove"));
+                broken.into_iter().chain(keeper.news()).for_each(|line| out.note(line));
+                self.keeper = Some((keeper, keeps));
+            }
+            Err(why) => {
+                out.raise(Severity::Warning, Fault::PortDown, NAME, why);
+                out.failed();
+            }
+        }
+    }
+
+    fn look(&mut self, now: Instant, out: &mut Actions) {
+        let Some(server) = &self.server else { return self.open(now, out) };
+        self.next = Some(now + PERIOD);
+        let kept = self.keeper.iter().flat_map(|(keeper, _)| keeper.news());
+        server.stats.take_news().into_iter().chain(kept).for_each(|line| out.note(line));
+        let (seen, silent) = self.turns;
+        let turns = server.bus.turns();
+        self.turns = if turns == seen { (seen, silent + 1) } else { (turns, 0) };
+        if server.has_ended() || silent >= SILENT {
+            out.report(Severity::Error, Fault::PortDown, NAME, "the web server stands still: it is started again");
+            out.push(module::Action::Exit(exit::RESOURCE));
+        }
+    }
+}
+
+impl Module for Web {
+    fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
+        match event {
+            Event::Start => self.open(now, out),
+            Event::Timer if self.next.is_some_and(|next| next <= now) => match &self.server {
+                Some(server) if server.is_ending() => self.next = Some(now + ENDING),
+                _ => self.look(now, out),
+            },
+            Event::State(State::Terminate) => {
+                self.next = Some(now + ENDING);
+                if let Some(server) = &self.server {
+                    server.end();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.next
+    }
+
+    fn finished(&self) -> bool {
+        self.server.as_ref().is_none_or(Server::has_ended)
+    }
+}
+
+impl Drop for Web {
+    fn drop(&mut self) {
+        if let Some((keeper, keeps)) = self.keeper.take() {
+            keeper.close();
+            // Its files are gone when the process is.
+            let _ = keeps.join();
+        }
+    }
+}
+
+/// Server, paired devices, the thread that stores them, and a remark on the stored ones.
+type Started = (Server, Arc<Keeper>, JoinHandle<()>, Option<String>);
+
+fn start(settings: &Settings) -> Result<Started, String> {
+    let Settings { robot, lcm_url, web, config, scene, center, recorded, critical, logs, run, commands } = settings;
+    let at = web.listen;
+    let token = web.token_file.as_ref().map(|path| token(&config.join(path))).transpose()?;
+    let listener = listen(at).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AddrInUse => {
+            format!("{at} is in use: there is no web server here until it is free; --http takes another address")
+        }
+        _ => format!("{at}: {error}"),
+    })?;
+    let guard = Guard { hosts: web.hosts.clone(), origins: web.origins.clone(), token };
+    let bus = bus::Ear::open(lcm_url, scene.clone())?;
+    let (keeper, broken) = Keeper::open(run, at, &web.hosts)?;
+    let keeper = Arc::new(keeper);
+    let limits = Limits::USUAL;
+    let model = diagnostics::Config { robot: robot.clone(), critical: critical.clone() };
+    let app = App {
+        hub: Arc::new(Mutex::new(Hub::new(limits))),
+        center: Arc::new(Center::new(center.clone(), *recorded, model, logs)),
+        bus: Arc::default(),
+        stats: Arc::new(Stats::default()),
+        keeper: keeper.clone(),
+        desk: Desk::open(lcm_url, commands.clone())?,
+        commanders: Arc::new(Semaphore::new(web.viewers.into())),
+        objects: Arc::new(Semaphore::new(OBJECTS_MAX)),
+        lcm_url: lcm_url.as_str().into(),
+        robot: robot.as_str().into(),
+        session: clock::wall().to_string().into(),
+        seats: Arc::new(Semaphore::new(web.viewers.into())),
+        seats_max: web.viewers.into(),
+        message_max: limits.message,
+        end: watch::channel(false).1,
+        started: std::time::Instant::now(),
+    };
+    let desk = app.desk.clone();
+    let server = Server::start(Parts { listener, guard, bus, app }).map_err(|error| {
+        desk.close();
+        format!("the web server: {error}")
+    })?;
+    let theirs = keeper.clone();
+    let keeps = std::thread::Builder::new().name("web keep".into()).spawn(move || theirs.keep());
+    match keeps {
+        Ok(keeps) => Ok((server, keeper, keeps, broken)),
+        Err(error) => {
+            server.end();
+            Err(format!("the web server: {error}"))
+        }
+    }
+}
+
+/// Reads the credentials: one line of visible characters, in a file that only its owner can read.
+///
+/// # Errors
+/// One line: what is wrong with the file.
+pub fn token(path: &std::path::Path) -> Result<String, String> {
+    let wrong = |why: &dyn std::fmt::Display| format!("web.token_file = {:?}: {why}", path.display().to_string());
+    let metadata = fs::metadata(path).map_err(|error| wrong(&error))?;
+    if metadata.permissions().mode() & 0o077 != 0 {
+        return Err(wrong(&"others may read it; chmod 600"));
+    }
+    if metadata.len() > 1 + *TOKEN.end() as u64 {
+        return Err(wrong(&format_args!("it is longer than {} characters", TOKEN.end())));
+    }
+    let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
+    let token = text.trim_end();
+    // Characters that a URL would have to escape are not allowed.
+    let plain = token.chars().all(|c| c.is_ascii_alphanumeric() || "-._~".contains(c));
+    if !plain || !TOKEN.contains(&token.len()) {
+        let (from, to) = (TOKEN.start(), TOKEN.end());
+        return Err(wrong(&format_args!("expected {from} to {to} letters, digits and -._~ on one line")));
+    }
+    Ok(token.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn credentials_are_long_and_nobody_elses() {
+        let path = std::env::temp_dir().join(format!("advee-token-{}", std::process::id()));
+        let read = |text: &str, mode: u32| {
+            fs::write(&path, text).unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            token(&path)
+        };
+        assert_eq!(read("0123456789abcdef\n", 0o600).unwrap(), "0123456789abcdef");
+        let refused = [("0123456789abcdef", 0o640), ("0123456789abcde", 0o600), ("0123456789 abcdef", 0o600)];
+        for (text, mode) in refused {
+            assert!(read(text, mode).unwrap_err().starts_with("web.token_file = "), "{text} {mode:o}");
+        }
+        assert!(read(&"x".repeat(300), 0o600).is_err());
+        fs::remove_file(&path).unwrap();
+        assert!(token(&path).is_err());
+    }
+}

@@ -1,0 +1,125 @@
+//! What there is to read: how to see the robot in Foxglove, the layout for Foxglove, how the server is.
+
+use super::app::App;
+use super::center::authority;
+use super::stats;
+use axum::extract::State;
+use axum::http::{HeaderMap, header};
+use axum::response::{Html, IntoResponse};
+use serde::Serialize;
+
+/// The layout that Foxglove imports.
+const LAYOUT: &str = include_str!("../../../conf/foxglove/advee.json");
+/// The page; `{…}` are filled in.
+const PAGE: &str = include_str!("foxglove.html");
+
+/// `/foxglove-help`
+pub async fn index(State(app): State<App>, headers: HeaderMap) -> impl IntoResponse {
+    // By this name it was reached, and so it will be again.
+    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
+    let page = PAGE
+        .replace("{robot}", &escaped(&app.robot))
+        .replace("{version}", env!("CARGO_PKG_VERSION"))
+        .replace("{host}", &escaped(host));
+    Html(page)
+}
+
+/// `/layout.json`
+pub async fn layout() -> impl IntoResponse {
+    let headers = [
+        (header::CONTENT_TYPE, "application/json"),
+        (header::CONTENT_DISPOSITION, "attachment; filename=\"advee.json\""),
+    ];
+    (headers, LAYOUT)
+}
+
+/// State of the server; counters since its start.
+#[derive(Serialize)]
+struct Health<'a> {
+    robot: &'a str,
+    version: &'static str,
+    uptime_s: f64,
+    topics: usize,
+    viewers: usize,
+    messages: Messages,
+    /// Messages of the bus that did not reach the server.
+    bus_lost: u32,
+    /// Times that the bus could not be read.
+    bus_broken: u32,
+    /// Messages without a ROS 2 form: of an unknown type, or malformed.
+    untranslated: u32,
+    refused: stats::Counts,
+    /// Commands of pages.
+    commands: authority::Counts,
+}
+
+#[derive(Serialize)]
+struct Messages {
+    published: u64,
+    queued: u64,
+    dropped: u64,
+    too_long: u64,
+    too_many: u64,
+}
+
+/// `/health`
+pub async fn health(State(app): State<App>) -> impl IntoResponse {
+    let health = serde_json::to_string(&look(&app)).unwrap_or_default();
+    ([(header::CONTENT_TYPE, "application/json")], health)
+}
+
+fn look(app: &App) -> Health<'_> {
+    let hub = app.hub();
+    let counts = hub.counts();
+    Health {
+        robot: &app.robot,
+        version: env!("CARGO_PKG_VERSION"),
+        uptime_s: app.started.elapsed().as_secs_f64(),
+        topics: hub.topics(),
+        viewers: hub.viewers(),
+        messages: Messages {
+            published: counts.published,
+            queued: counts.queued,
+            dropped: counts.dropped,
+            too_long: counts.too_long,
+            too_many: counts.too_many,
+        },
+        bus_lost: app.bus.lost(),
+        bus_broken: app.bus.broken(),
+        untranslated: app.bus.untranslated(),
+        refused: app.stats.counts(),
+        commands: app.desk.counts(),
+    }
+}
+
+/// Escapes a text for the page, attributes included.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            '\'' => escaped += "&#39;",
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_others_say_is_no_markup() {
+        assert_eq!(escaped("<a href='x'>&\"</a>"), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;&lt;/a&gt;");
+    }
+
+    #[test]
+    fn the_layout_is_json() {
+        let layout: serde_json::Value = serde_json::from_str(LAYOUT).unwrap();
+        assert!(layout["configById"].is_object() && !layout["layout"].is_null());
+    }
+}

@@ -1,0 +1,63 @@
+//! The table of all routes, with the role that each needs.
+
+use super::app::App;
+use super::center::access::Role;
+use super::center::{operator, pairing, viewer};
+use super::foxglove::endpoint;
+use super::guard::{self, Guard, Needed};
+use super::{assets, logs, pages};
+use axum::routing::{MethodRouter, any, get, post};
+use axum::{Router, middleware};
+use std::sync::Arc;
+
+/// A place to ask at.
+pub struct Route {
+    /// Path; `{name}` is any one segment, as in axum.
+    pub path: &'static str,
+    /// Least role.
+    pub role: Role,
+    /// Pages that others have served get no answer, `web.origins` or not, and what is no GET must come from a page of
+    /// ours.
+    pub own: bool,
+    answers: fn() -> MethodRouter<App>,
+}
+
+/// Route for all viewers, Foxglove's page included.
+const fn look(path: &'static str, role: Role, answers: fn() -> MethodRouter<App>) -> Route {
+    Route { path, role, own: false, answers }
+}
+
+/// Route for the robot's own page only.
+const fn own(path: &'static str, role: Role, answers: fn() -> MethodRouter<App>) -> Route {
+    Route { path, role, own: true, answers }
+}
+
+/// All routes but the files of the page, which are public: no route is defined elsewhere, and none without a role.
+pub const ROUTES: &[Route] = &[
+    look("/foxglove-help", Role::Viewer, || get(pages::index)),
+    look("/layout.json", Role::Viewer, || get(pages::layout)),
+    look("/health", Role::Viewer, || get(pages::health)),
+    look("/foxglove", Role::Viewer, || any(endpoint::upgrade)),
+    own("/ws/view", Role::Viewer, || any(viewer::upgrade)),
+    own("/api/logs", Role::Viewer, || get(logs::list)),
+    own("/api/logs/{run}/{*file}", Role::Viewer, || get(logs::download)),
+    own("/api/me", Role::Nobody, || get(pairing::me)),
+    own("/api/pair", Role::Nobody, || post(pairing::pair)),
+    own("/api/unpair", Role::Operator, || post(pairing::unpair)),
+    own("/api/devices", Role::Engineer, || get(pairing::devices)),
+    own("/api/devices/forget", Role::Engineer, || post(pairing::forget)),
+    own("/ws/command", Role::Viewer, || any(operator::upgrade)),
+];
+
+/// Every route, and the guard before it.
+pub fn router(app: App, guard: Guard) -> Router {
+    let guarded =
+        middleware::from_fn_with_state((Arc::new(guard), app.stats.clone(), app.keeper.clone()), guard::guarded);
+    let mut router = Router::new();
+    for Route { path, role, own, answers } in ROUTES {
+        let needed =
+            middleware::from_fn_with_state((Needed { role: *role, own: *own }, app.stats.clone()), guard::needed);
+        router = router.route(path, answers().layer(needed));
+    }
+    router.fallback(assets::serve).layer(guarded).with_state(app)
+}

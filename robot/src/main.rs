@@ -1,5 +1,0 @@
-//! The `advee` executable.
-
-fn main() -> std::process::ExitCode {
-    robot::cli::main()
-}

@@ -1,0 +1,60 @@
+//! What pages are shown of a robot and no message says: its measures, the map that it drives on, the names of its parts.
+
+use crate::config::{Axis, CanBus, Robot};
+use logger::ros::Sensor;
+use navitools::Point;
+use planner::map::Map;
+use rs485::boards::psc1;
+use simulator::world::World;
+use web::center::scene::{Beacon, Drive, Limits, Route, Scene, outline, rounded};
+
+/// The scene of a robot; where it is simulated of its world, else of the map that its planner has.
+#[must_use]
+pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
+    let geometry = &robot.geometry;
+    let (rear, front) = (-geometry.rear_overhang_m, geometry.length_m - geometry.rear_overhang_m);
+    let half = geometry.width_m / 2.0;
+    let walls = match (map, world) {
+        (Some(map), _) => outline(map),
+        (None, Some(world)) => {
+            world.walls.iter().map(|wall| [wall.a.x, wall.a.y, wall.b.x, wall.b.y].map(rounded)).collect()
+        }
+        (None, None) => Vec::new(),
+    };
+    let columns = world.filter(|_| map.is_none()).map(|world| &world.columns[..]).unwrap_or_default();
+    let routes = world.map(|world| &world.routes[..]).unwrap_or_default();
+    let flat = |point: &Point| [rounded(point.x), rounded(point.y)];
+    let route = |route: &simulator::world::Route| {
+        let mut points: Vec<_> = route.waypoints.iter().map(flat).collect();
+        points.extend(route.waypoints.first().filter(|_| route.looped).map(flat));
+        Route { name: route.name.clone(), points }
+    };
+    Scene {
+        robot: robot.name.clone(),
+        simulated: world.is_some(),
+        outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
+        wheelbase: geometry.wheelbase_m,
+        limits: Limits {
+            speed: robot.limits.speed_manual_mps.min(robot.limits.speed_mps),
+            steering: robot.limits.steering_rad,
+        },
+        sonar: Sensor::srf08(robot.sensors.srf08.beam_rad).into(),
+        beacons: robot.beacons.iter().map(|beacon| Beacon { id: beacon.id, x: beacon.x, y: beacon.y }).collect(),
+        walls,
+        columns: columns.iter().map(|column| [column.centre.x, column.centre.y, column.radius].map(rounded)).collect(),
+        routes: routes.iter().map(route).collect(),
+        power_channels: robot.power.as_ref().map(|_| psc1::CHANNELS.to_vec()).unwrap_or_default(),
+        drives: robot.can.iter().flat_map(drives).collect(),
+        ..Scene::default()
+    }
+}
+
+fn drives(bus: &CanBus) -> impl Iterator<Item = Drive> {
+    bus.nodes.iter().map(|node| Drive {
+        name: match node.axis {
+            Axis::Propulsion => "propulsion",
+            Axis::Steering => "steering",
+        },
+        node: node.id,
+    })
+}

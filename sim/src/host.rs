@@ -1,0 +1,822 @@
+//! The virtual host: many processes, the LCM bus and all wires in one thread, in virtual time.
+//!
+//! Everything that happens has a moment in integer nanoseconds and, among equal moments, a number: who asked first is
+//! served first. There is one seed; what is random draws from streams of it. The same seed and the same calls give
+//! the same run to the last bit, which [`Virtual::digest`] proves.
+//!
+//! What is modelled: LCM as a multicast that reaches every process including the sender's, with latency and loss; CAN
+//! with exact frame lengths, arbitration and error confinement ([`can`]); serial lines with 11 bits a word and
+//! collisions ([`serial`]); I2C with the time that its bits take ([`i2c`]), 1-Wire with that of a search or a
+//! measurement ([`w1`]); disks that lose in a power cut what was not synchronized ([`Disk`]); processes that are
+//! started, ended, killed, hung, slow, that beat as live ones do, and outlive their watchdog for a while; what faults
+//! do to all of these. What is not: computing time (an event is served at once, or so much late), resource usage
+//! ([`module::ProcessEvent::Usage`] is never sent).
+
+mod agenda;
+mod can;
+mod config;
+mod digest;
+mod gamepad;
+mod i2c;
+mod life;
+mod news;
+mod owner;
+mod serial;
+mod served;
+#[cfg(test)]
+mod simulator_tests;
+mod store;
+#[cfg(test)]
+mod tests;
+mod w1;
+mod wire;
+
+pub use config::Config;
+pub use news::{News, Traffic};
+pub use store::{Disk, Stored};
+
+use agenda::{Entry, Happening, Waiting};
+use base::gamepad::Event as GamepadEvent;
+use base::serial::Word;
+use base::{Duration, Fault, Instant, Report, Severity};
+use can::Told;
+use digest::Digest;
+use life::{Kept, Life};
+use messages::{Channel, Message};
+use module::sabotage::{self, Bug};
+use module::{Action, Actions, Event, ExitStatus, Input, Output, PortId, ProcessCommand, ProcessEvent, Shell, State};
+use owner::Owner;
+use simulator::Random;
+use simulator::disturbance::{Disturbance, part};
+use simulator::faults::{self, Ailment};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
+use std::mem;
+use std::rc::Rc;
+use wire::{Kind, Wire, open};
+
+/// SIGKILL's number.
+const SIGKILL: i32 = 9;
+/// Why a port is down whose CAN controller has left the bus.
+const BUS_OFF: &str = "bus-off";
+/// Processes are numbered from here.
+const FIRST_PID: u32 = 1000;
+/// What waits for a hung process; further input is lost, as full socket buffers lose it.
+const BACKLOG: usize = 1024;
+/// A module that is due at once this often in a row does not move on.
+const SPIN: u32 = 10_000;
+/// The LCM bus as a target of faults.
+const LCM: &str = "lcm";
+/// What is said when a recorder has no room.
+const GAPS: &str = "inputs are no longer recorded whole: the disk takes nothing";
+/// A message that comes twice comes again within this time.
+const TWICE: Duration = Duration::from_millis(2);
+
+/// A process.
+struct Process {
+    pid: u32,
+    /// Who is told of its end; 0: nobody.
+    parent: u32,
+    module: Rc<str>,
+    shell: Shell,
+    /// The wires of its ports.
+    wires: Vec<usize>,
+    life: Life,
+    /// With the epoch that it took when it was started.
+    out: Actions,
+    due: Option<(Instant, u64)>,
+    /// That inputs are lost was reported.
+    told_of_gaps: bool,
+    /// When it was last served by its timer, and how often at that moment.
+    spin: (Instant, u32),
+}
+
+/// Makes a module's shell by name, to go to the wanted state; refuses with one line why.
+pub type Factory = Box<dyn FnMut(&str, State) -> Result<Shell, String>>;
+/// Is told everything, with the time.
+pub type Observer = Box<dyn FnMut(Instant, &News<'_>)>;
+
+/// A machine in virtual time.
+pub struct Virtual {
+    config: Config,
+    factory: Factory,
+    observers: Vec<Observer>,
+    now: Instant,
+    number: u64,
+    agenda: BinaryHeap<Reverse<Entry>>,
+    processes: Vec<Process>,
+    wires: Vec<Wire>,
+    next_pid: u32,
+    kept: Vec<Kept>,
+    /// What is kept of each module for the next watchdog.
+    remembered: BTreeMap<String, (State, bool)>,
+    /// A look at beats is to come.
+    looking: bool,
+    lcm: Random,
+    lcm_disturbance: Disturbance,
+    /// Time when the last message of each process arrives.
+    arrivals: BTreeMap<u32, Instant>,
+    digest: Digest,
+    bytes: Vec<u8>,
+    ports: Vec<Owner>,
+}
+
+/// What is due next.
+enum Next {
+    Agenda,
+    Process(usize),
+    Wire(usize),
+}
+
+impl Virtual {
+    /// A machine at time zero on which nothing runs.
+    #[must_use]
+    pub fn new(config: Config, factory: impl FnMut(&str, State) -> Result<Shell, String> + 'static) -> Self {
+        Self {
+            factory: Box::new(factory),
+            observers: Vec::new(),
+            now: Instant::ZERO,
+            number: 0,
+            agenda: BinaryHeap::new(),
+            processes: Vec::new(),
+            wires: Vec::new(),
+            next_pid: FIRST_PID,
+            kept: Vec::new(),
+            remembered: BTreeMap::new(),
+            looking: false,
+            lcm: Random::stream(config.seed, 1),
+            lcm_disturbance: Disturbance::default(),
+            arrivals: BTreeMap::new(),
+            digest: Digest::new(config.seed),
+            bytes: Vec::new(),
+            ports: Vec::new(),
+            config,
+        }
+    }
+
+    /// Adds an observer.
+    pub fn observe(&mut self, observer: impl FnMut(Instant, &News<'_>) + 'static) {
+        self.observers.push(Box::new(observer));
+    }
+
+    /// The time.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// The digest of everything that was sent so far.
+    #[must_use]
+    pub fn digest(&self) -> u64 {
+        self.digest.value()
+    }
+
+    /// All processes in order of their numbers: number, module.
+    pub fn processes(&self) -> impl Iterator<Item = (u32, &str)> {
+        self.processes.iter().map(|process| (process.pid, &*process.module))
+    }
+
+    /// The latest process of a module.
+    #[must_use]
+    pub fn pid(&self, module: &str) -> Option<u32> {
+        self.processes.iter().rev().find(|process| &*process.module == module).map(|process| process.pid)
+    }
+
+    /// A process's state; none when there is no such process.
+    #[must_use]
+    pub fn state(&self, pid: u32) -> Option<State> {
+        self.place(pid).map(|place| self.processes[place].shell.state())
+    }
+
+    /// A process's shell, to look at.
+    #[must_use]
+    pub fn shell(&self, pid: u32) -> Option<&Shell> {
+        self.place(pid).map(|place| &self.processes[place].shell)
+    }
+
+    /// What has passed on a bus; none when no port was ever on it.
+    #[must_use]
+    pub fn traffic(&self, bus: &str) -> Option<Traffic> {
+        self.wires.iter().find(|wire| &*wire.bus == bus).map(Wire::traffic)
+    }
+
+    /// The disk behind a port for log files; none when no such port was ever opened.
+    pub fn disk(&mut self, bus: &str) -> Option<&mut Disk> {
+        self.wires.iter_mut().find(|wire| &*wire.bus == bus).and_then(|wire| match &mut wire.kind {
+            Kind::Store(wire) => Some(&mut wire.server.disk),
+            _ => None,
+        })
+    }
+
+    /// Starts a process that nobody guards.
+    ///
+    /// # Errors
+    /// One line why: the factory's, or that a port does not fit its bus.
+    pub fn spawn(&mut self, module: &str, wanted: State) -> Result<u32, String> {
+        self.start(0, module, wanted)
+    }
+
+    /// Asks a process to end, as SIGTERM does.
+    pub fn terminate(&mut self, pid: u32) {
+        self.tell(pid, Waiting::Terminate);
+    }
+
+    /// Ends a process now, as SIGKILL does.
+    pub fn kill(&mut self, pid: u32) {
+        self.end(pid, ExitStatus::Signal(SIGKILL));
+    }
+
+    /// Sends a message at a moment (now, when it is past), as process 0.
+    pub fn inject(&mut self, at: Instant, message: impl Into<Message>) {
+        self.schedule(at.max(self.now), Happening::Inject(message.into()));
+    }
+
+    /// Lets a gamepad that no process simulates tell something, now; false when no port of that bus was ever opened.
+    pub fn gamepad(&mut self, bus: &str, event: GamepadEvent) -> bool {
+        let place = self.wires.iter().position(|wire| &*wire.bus == bus && matches!(wire.kind, Kind::Gamepad(_)));
+        if let Some(place) = place {
+            self.gamepad_tells(place, Owner { pid: 0, port: PortId(0) }, event);
+        }
+        place.is_some()
+    }
+
+    /// Lets a fault come over a bus for so many seconds (0: for good), as `SIM_CMD_FAULT` with the bus's name as its
+    /// target does; `lcm` is one. False when there is no such bus, or that is no fault of it.
+    pub fn fault(&mut self, target: &str, fault: &str, value: f64, lasts: f64) -> bool {
+        let (now, until) = (self.now, faults::until(self.now, lasts));
+        let Some(ailment) = Ailment::from_name(fault, value) else { return false };
+        let place = self.wires.iter().position(|wire| &*wire.bus == target);
+        let known = match place {
+            Some(place) => self.wires[place].suffer(now, ailment, until),
+            None if target == LCM && matches!(ailment, Ailment::Noise(_)) => false,
+            None if target == LCM => self.lcm_disturbance.suffer(now, ailment, until),
+            None => false,
+        };
+        if known {
+            self.news(&News::Fault { target, fault, until });
+        }
+        if let Some(place) = place {
+            // What it does at once is told after it.
+            self.pass_told(place);
+            self.arm_wire(place);
+        }
+        known
+    }
+
+    /// Lets everything happen that happens up to and at `end`.
+    ///
+    /// # Panics
+    /// When a module is due at once again and again: live, that would spin.
+    pub fn run_until(&mut self, end: Instant) {
+        while let Some((at, next)) = self.next().filter(|(at, _)| *at <= end) {
+            self.now = self.now.max(at);
+            match next {
+                Next::Agenda => self.serve_agenda(),
+                Next::Process(place) => self.serve_timer(place),
+                Next::Wire(place) => self.serve_wire(place),
+            }
+        }
+        self.now = self.now.max(end);
+    }
+
+    fn next(&self) -> Option<(Instant, Next)> {
+        // There are a dozen at most, and this is asked before everything that happens: plain loops, no chain of
+        // iterators.
+        let mut first = self.agenda.peek().map(|Reverse(entry)| ((entry.at, entry.number), Next::Agenda));
+        let mut sooner = |due: Option<(Instant, u64)>, next| {
+            if let Some(due) = due
+                && first.as_ref().is_none_or(|(key, _)| due < *key)
+            {
+                first = Some((due, next));
+            }
+        };
+        for (place, wire) in self.wires.iter().enumerate() {
+            sooner(wire.due, Next::Wire(place));
+        }
+        for (place, process) in self.processes.iter().enumerate() {
+            sooner(process.due, Next::Process(place));
+        }
+        first.map(|((at, _), next)| (at, next))
+    }
+
+    fn number(&mut self) -> u64 {
+        self.number += 1;
+        self.number
+    }
+
+    fn schedule(&mut self, at: Instant, happening: Happening) {
+        let number = self.number();
+        self.agenda.push(Reverse(Entry { at, number, happening }));
+    }
+
+    fn place(&self, pid: u32) -> Option<usize> {
+        self.processes.iter().position(|process| process.pid == pid)
+    }
+
+    fn news(&mut self, news: &News<'_>) {
+        for observer in &mut self.observers {
+            observer(self.now, news);
+        }
+    }
+
+    fn start(&mut self, parent: u32, module: &str, wanted: State) -> Result<u32, String> {
+        let shell = (self.factory)(module, wanted)?;
+        let pid = self.next_pid;
+        let specs = shell.module().ports();
+        let mut wires = Vec::with_capacity(specs.len());
+        for spec in specs {
+            wires.push(open(&mut self.wires, &self.config, &spec.bus, spec.line)?);
+        }
+        self.next_pid += 1;
+        self.processes.push(Process {
+            pid,
+            parent,
+            module: module.into(),
+            shell,
+            wires,
+            life: Life::new(),
+            out: Actions::new(self.config.epoch),
+            due: None,
+            told_of_gaps: false,
+            spin: (Instant::ZERO, 0),
+        });
+        self.schedule(self.now + self.config.start_delay, Happening::Tell(pid, Waiting::Start));
+        self.news(&News::Started { module, pid });
+        Ok(pid)
+    }
+
+    fn serve_agenda(&mut self) {
+        let Some(Reverse(entry)) = self.agenda.pop() else {
+            return;
+        };
+        match entry.happening {
+            Happening::Deliver(message) => self.deliver(&message),
+            Happening::Inject(message) => self.publish(0, message),
+            Happening::Tell(pid, waiting) => self.tell(pid, waiting),
+            Happening::Serve(pid, waiting) => self.serve(pid, waiting),
+            Happening::Look => self.serve_look(),
+            Happening::Lonely(pid) => self.serve_lonely(pid),
+            Happening::Again(place) => self.again(place),
+        }
+    }
+
+    fn begin(&mut self, pid: u32) {
+        let Some(place) = self.place(pid) else { return };
+        self.processes[place].life.begin(self.now);
+        self.adopt(pid);
+        self.handle(pid, Event::Start);
+        self.tell_of_beats(pid);
+        let ports = self.place(pid).map_or(0, |place| self.processes[place].wires.len());
+        for port in (0..ports).map(|port| PortId(port as u8)) {
+            let Some(place) = self.place(pid) else { return };
+            let wire = self.processes[place].wires[usize::from(port.0)];
+            // Who can be told of faults emulates what they are of.
+            let emulates = self.processes[place].shell.wants(Channel::SimCmdFault);
+            let module = self.processes[place].module.clone();
+            let up = self.wires[wire].join(Owner { pid, port }, &module, emulates);
+            let input = if up { Input::Up } else { Input::Down(BUS_OFF) };
+            self.handle(pid, Event::Port { port, input });
+            if let Kind::Gamepad(gamepad) = &self.wires[wire].kind
+                && let Some(found) = gamepad.present()
+            {
+                self.tell(pid, Waiting::Gamepad(port, found.into()));
+            }
+        }
+    }
+
+    fn deliver(&mut self, message: &Rc<Message>) {
+        let mut loss = self.config.lcm_loss.max(self.lcm_disturbance.loss(self.now));
+        if let Message::SimCmdFault(command) = &**message {
+            // What breaks the world is not broken by it.
+            loss = 0.0;
+            let (target, fault) = (command.target.as_str(), command.fault.as_str());
+            let of_a_bus = self.fault(target, fault, command.value, command.duration);
+            // Else it is one of the simulator's, or the simulator says that it is none.
+            if !of_a_bus && Ailment::from_name(fault, command.value).is_some() {
+                self.news(&News::Fault { target, fault, until: faults::until(self.now, command.duration) });
+            }
+        }
+        let mut bytes = None;
+        let mut pid = 0;
+        // By number, not by place: serving one may end or start others.
+        while let Some(place) = self.processes.iter().position(|process| process.pid > pid) {
+            let process = &self.processes[place];
+            pid = process.pid;
+            let (wants, overhears) = (process.shell.wants(message.channel()), process.shell.module().overhears());
+            if !process.life.started || !(wants || overhears) || self.lcm.chance(loss) {
+                continue;
+            }
+            if overhears {
+                let (channel, data) = bytes.get_or_insert_with(|| encoded(message)).clone();
+                self.tell(pid, Waiting::Heard(self.now, channel, data));
+            }
+            if wants {
+                self.tell(pid, Waiting::Message(self.now, message.clone()));
+            }
+        }
+    }
+
+    fn serve_timer(&mut self, place: usize) {
+        let process = &mut self.processes[place];
+        process.spin = if process.spin.0 == self.now { (self.now, process.spin.1 + 1) } else { (self.now, 1) };
+        assert!(process.spin.1 < SPIN, "{} is due at once again and again, at {:?}", process.module, self.now);
+        let pid = process.pid;
+        self.handle(pid, Event::Timer);
+    }
+
+    fn serve_wire(&mut self, place: usize) {
+        let now = self.now;
+        match &mut self.wires[place].kind {
+            Kind::Can(wire) => {
+                wire.handle_timeout(now);
+                self.pass_told(place);
+            }
+            Kind::Serial(wire) => {
+                if let Some(arrival) = wire.handle_timeout(now) {
+                    self.words_over(place, arrival);
+                }
+            }
+            Kind::I2c(wire) => match wire.handle_timeout(now) {
+                Some(i2c::Told::Asked(chips, transfer)) => {
+                    self.tell(chips.pid, Waiting::I2cAsked(chips.port, transfer));
+                }
+                Some(i2c::Told::Over(owner, transfer, outcome)) => self.transfer_over(place, owner, &transfer, outcome),
+                None => {}
+            },
+            Kind::OneWire(wire) => {
+                if let Some((owner, answer)) = wire.handle_timeout(now) {
+                    let bus = self.wires[place].bus.clone();
+                    self.digest.w1(now, &bus, &answer);
+                    self.news(&News::OneWire { bus: &bus, answer: &answer });
+                    self.tell(owner.pid, Waiting::OneWire(owner.port, answer));
+                }
+            }
+            Kind::Store(wire) => {
+                if let Some((owner, answer)) = wire.handle_timeout(now) {
+                    self.tell(owner.pid, Waiting::Store(owner.port, answer));
+                }
+            }
+            Kind::Gamepad(_) => {}
+        }
+        self.arm_wire(place);
+    }
+
+    /// Passes on what a CAN wire tells.
+    fn pass_told(&mut self, place: usize) {
+        while let Kind::Can(wire) = &mut self.wires[place].kind
+            && let Some(told) = wire.poll_told()
+        {
+            match told {
+                Told::Frame(owner, frame) => self.frame_over(place, owner, frame),
+                Told::Lost(frame) => {
+                    let bus = self.wires[place].bus.clone();
+                    self.digest.can(self.now, &bus, &frame);
+                    self.news(&News::CanLost { bus: &bus, frame });
+                }
+                Told::Off(owner) => self.tell(owner.pid, Waiting::Down(owner.port)),
+                Told::Back(owner) => self.tell(owner.pid, Waiting::Up(owner.port)),
+                Told::Notice(owner, notice) => self.tell(owner.pid, Waiting::Notice(owner.port, notice)),
+            }
+        }
+    }
+
+    fn frame_over(&mut self, place: usize, owner: Owner, frame: base::can::Frame) {
+        let bus = self.wires[place].bus.clone();
+        self.digest.can(self.now, &bus, &frame);
+        self.news(&News::Can { bus: &bus, frame });
+        let wire = &mut self.wires[place];
+        let Some((at, times)) = wire.passes(self.now) else {
+            self.news(&News::CanLost { bus: &bus, frame });
+            return;
+        };
+        let echo = self.config.can_echo;
+        self.each_port(place, |host, port| {
+            let hears = match &host.wires[place].kind {
+                Kind::Can(wire) => wire.hears(host.now, port),
+                Kind::Serial(_) | Kind::I2c(_) | Kind::OneWire(_) | Kind::Gamepad(_) | Kind::Store(_) => false,
+            };
+            if hears && (port != owner || echo) {
+                for _ in 0..times {
+                    host.tell_at(at, port.pid, Waiting::Can(port.port, frame));
+                }
+            }
+        });
+    }
+
+    fn words_over(&mut self, place: usize, arrival: serial::Arrival) {
+        let (bus, owner) = (self.wires[place].bus.clone(), arrival.owner);
+        self.digest.words(self.now, &bus, &arrival.words);
+        self.news(&News::Words { bus: &bus, pid: owner.pid, words: &arrival.words });
+        let mut words = arrival.words;
+        let wire = &mut self.wires[place];
+        wire.garble(self.now, &mut words);
+        let words: Rc<[Word]> = words.into();
+        if let Some((at, times)) = wire.passes(self.now) {
+            self.each_port(place, |host, port| {
+                for _ in 0..if port == owner { 0 } else { times } {
+                    host.tell_at(at, port.pid, Waiting::Words(port.port, words.clone()));
+                }
+            });
+        }
+        if arrival.sent {
+            self.tell(owner.pid, Waiting::Sent(owner.port));
+        }
+    }
+
+    fn transfer_over(
+        &mut self,
+        place: usize,
+        owner: Owner,
+        transfer: &base::i2c::Transfer,
+        outcome: base::i2c::Outcome,
+    ) {
+        let bus = self.wires[place].bus.clone();
+        self.digest.i2c(self.now, &bus, transfer, &outcome);
+        self.news(&News::I2c { bus: &bus, transfer, outcome: &outcome });
+        self.tell(owner.pid, Waiting::I2c(owner.port, outcome));
+    }
+
+    /// Serves the ports that a wire has now; what they do may open and close ports.
+    fn each_port(&mut self, place: usize, mut serve: impl FnMut(&mut Self, Owner)) {
+        let mut ports = mem::take(&mut self.ports);
+        ports.clear();
+        ports.extend_from_slice(self.wires[place].ports());
+        for port in &ports {
+            serve(self, *port);
+        }
+        self.ports = ports;
+    }
+
+    /// Gives a process an event now, or at a later moment.
+    fn tell_at(&mut self, at: Instant, pid: u32, waiting: Waiting) {
+        if at <= self.now {
+            self.tell(pid, waiting);
+        } else {
+            self.schedule(at, Happening::Tell(pid, waiting));
+        }
+    }
+
+    /// An event has come for a process: it is served, or waits while the process hangs or crawls.
+    fn tell(&mut self, pid: u32, waiting: Waiting) {
+        let Some(place) = self.place(pid) else { return };
+        let life = &mut self.processes[place].life;
+        if life.hung.is_none() && (!life.late.is_zero() || life.behind > self.now) {
+            life.behind = life.behind.max(self.now + life.late);
+            let at = life.behind;
+            self.schedule(at, Happening::Serve(pid, waiting));
+            return;
+        }
+        self.serve(pid, waiting);
+    }
+
+    /// Gives a process an event, or lets it wait while the process hangs.
+    fn serve(&mut self, pid: u32, waiting: Waiting) {
+        let Some(place) = self.place(pid) else { return };
+        let process = &mut self.processes[place];
+        if process.life.hung.is_some() {
+            if process.life.backlog.len() < BACKLOG {
+                process.life.backlog.push_back(waiting);
+            } else {
+                let module = process.module.clone();
+                self.news(&News::Dropped { whose: &module, count: 1 });
+            }
+            return;
+        }
+        match waiting {
+            Waiting::Message(at, message) => {
+                self.news(&News::Heard { pid, at, message: &message });
+                self.handle(pid, Event::Message { at, message: &message });
+            }
+            Waiting::Can(port, frame) => self.handle(pid, Event::Port { port, input: Input::Can(frame) }),
+            Waiting::Notice(port, notice) => self.handle(pid, Event::Port { port, input: Input::CanNotice(notice) }),
+            Waiting::Down(port) => self.handle(pid, Event::Port { port, input: Input::Down(BUS_OFF) }),
+            Waiting::Up(port) => self.handle(pid, Event::Port { port, input: Input::Up }),
+            Waiting::Words(port, words) => self.handle(pid, Event::Port { port, input: Input::Words(&words) }),
+            Waiting::I2c(port, outcome) => self.handle(pid, Event::Port { port, input: Input::I2c(&outcome) }),
+            Waiting::I2cAsked(port, transfer) => {
+                self.handle(pid, Event::Port { port, input: Input::I2cAsked(&transfer) });
+            }
+            Waiting::OneWire(port, answer) => self.handle(pid, Event::Port { port, input: Input::OneWire(&answer) }),
+            Waiting::Gamepad(port, event) => {
+                self.handle(pid, Event::Port { port, input: Input::Gamepad(event.as_input()) });
+            }
+            Waiting::Store(port, answer) => self.handle(pid, Event::Port { port, input: Input::Store(&answer) }),
+            Waiting::Heard(at, channel, data) => {
+                self.handle(pid, Event::Heard { at, channel: &channel, data: &data });
+            }
+            Waiting::Sent(port) => self.handle(pid, Event::Port { port, input: Input::Sent }),
+            Waiting::Exited(pid_ended, status) => {
+                self.handle(pid, Event::Process(ProcessEvent::Exited { pid: pid_ended, status }));
+            }
+            Waiting::Started(module, pid_new) => {
+                self.handle(pid, Event::Process(ProcessEvent::Started { module: &module, pid: pid_new }));
+            }
+            Waiting::Unstartable(module, reason) => {
+                self.handle(pid, Event::Process(ProcessEvent::Unstartable { module: &module, reason: &reason }));
+            }
+            Waiting::Beating(child) => self.handle(pid, Event::Process(ProcessEvent::Beating { pid: child })),
+            Waiting::Silent(child, last) => {
+                self.handle(pid, Event::Process(ProcessEvent::Silent { pid: child, thread: "main", last }));
+            }
+            Waiting::Start => self.begin(pid),
+            Waiting::Terminate => {
+                let mut out = mem::take(&mut process.out);
+                process.shell.terminate(self.now, &mut out);
+                self.perform(pid, out);
+            }
+        }
+    }
+
+    fn handle(&mut self, pid: u32, event: Event<'_>) {
+        let Some(place) = self.place(pid) else { return };
+        let process = &mut self.processes[place];
+        let mut out = mem::take(&mut process.out);
+        if sabotage::is(Bug::WallClock) {
+            out = Actions::new(self.config.epoch);
+        }
+        process.shell.handle(self.now, event, &mut out);
+        if process.shell.has_lost_inputs() && !mem::replace(&mut process.told_of_gaps, true) {
+            let report = Report::new(Severity::Warning, Fault::InputsLost, "inputs", GAPS);
+            process.shell.raise(self.now, report, &mut out);
+        }
+        self.perform(pid, out);
+    }
+
+    /// Does what a shell asked for, then arms its timer.
+    fn perform(&mut self, pid: u32, mut out: Actions) {
+        for action in out.drain() {
+            self.act(pid, action);
+        }
+        if let Some(place) = self.place(pid) {
+            self.processes[place].out = out;
+            self.arm(place);
+        }
+    }
+
+    fn act(&mut self, pid: u32, action: Action) {
+        let Some(place) = self.place(pid) else { return };
+        let module = self.processes[place].module.clone();
+        match action {
+            Action::Publish(message) => self.publish(pid, message),
+            Action::Send(port, output) => self.send(place, port, output),
+            Action::Report(report) => self.news(&News::Report { module: &module, report: &report }),
+            Action::Note(_, line) => self.news(&News::Note { module: &module, line: &line }),
+            Action::State(state) => self.news(&News::State { module: &module, state }),
+            Action::Process(command) => self.command(pid, command),
+            Action::Exit(code) => self.end(pid, ExitStatus::Code(i32::from(code))),
+            // There is no computer to halt.
+            Action::Run(command) => {
+                let line = format!("not run: {}", command.join(" "));
+                self.news(&News::Note { module: &module, line: &line });
+            }
+            // The shell keeps these to itself.
+            Action::Raise(_) | Action::Clear(_) | Action::Condition(_) => {}
+        }
+    }
+
+    fn publish(&mut self, pid: u32, message: Message) {
+        self.bytes.clear();
+        if let Err(error) = message.encode(&mut self.bytes) {
+            let line = format!("not sent on {}: {error}", message.channel_name());
+            self.news(&News::Note { module: "lcm", line: &line });
+            return;
+        }
+        self.digest.message(self.now, pid, &message.channel_name(), &self.bytes);
+        self.news(&News::Message { pid, message: &message });
+        let hears = |process: &Process| process.shell.wants(message.channel()) || process.shell.module().overhears();
+        if self.processes.iter().any(hears) {
+            let jitter = part(self.config.lcm_jitter, &mut self.lcm);
+            let disturbance = &self.lcm_disturbance;
+            let at = self.now + self.config.lcm_latency + jitter + disturbance.delay(self.now);
+            let at = match disturbance.reorder(self.now, &mut self.lcm) {
+                Some(later) => at + later,
+                None => {
+                    // A socket is a queue: what one process sends does not overtake itself.
+                    let last = self.arrivals.entry(pid).or_default();
+                    *last = at.max(*last);
+                    *last
+                }
+            };
+            let message = Rc::new(message);
+            if self.lcm_disturbance.duplicates(self.now, &mut self.lcm) {
+                let again = at + part(TWICE, &mut self.lcm);
+                self.schedule(again, Happening::Deliver(message.clone()));
+            }
+            self.schedule(at, Happening::Deliver(message));
+        }
+    }
+
+    fn send(&mut self, place: usize, port: PortId, output: Output) {
+        let process = &self.processes[place];
+        let owner = Owner { pid: process.pid, port };
+        let Some(&wire) = process.wires.get(usize::from(port.0)) else {
+            return;
+        };
+        match (&mut self.wires[wire].kind, output) {
+            (Kind::Can(wire), Output::Can(frame)) => wire.send(self.now, owner, frame),
+            (Kind::Serial(wire), Output::Words(words)) if !words.is_empty() => {
+                wire.send(self.now, owner, words);
+            }
+            (Kind::I2c(wire), Output::I2c(transfer)) => wire.send(owner, transfer),
+            (Kind::I2c(wire), Output::I2cAnswer(outcome)) => wire.answer(self.now, owner, outcome),
+            (Kind::OneWire(wire), Output::OneWire(request)) => wire.send(self.now, owner, request),
+            (Kind::OneWire(wire), Output::OneWireIs(answer)) => wire.server.is(owner, answer),
+            (Kind::Store(wire), Output::Store(request)) => wire.send(self.now, owner, request),
+            (Kind::Gamepad(_), Output::Gamepad(event)) => {
+                self.gamepad_tells(wire, owner, event);
+                return;
+            }
+            // A frame on a serial line, or nothing: nothing leaves.
+            _ => return,
+        }
+        self.arm_wire(wire);
+    }
+
+    /// What one end of a gamepad's wire tells, the others hear.
+    fn gamepad_tells(&mut self, place: usize, owner: Owner, event: GamepadEvent) {
+        let wire = &mut self.wires[place];
+        let bus = wire.bus.clone();
+        self.digest.gamepad(self.now, &bus, &event);
+        if let Kind::Gamepad(wire) = &mut wire.kind {
+            wire.tell(owner.pid, &event);
+        }
+        let event = Rc::new(event);
+        self.each_port(place, |host, port| {
+            if port != owner {
+                host.schedule(host.now, Happening::Tell(port.pid, Waiting::Gamepad(port.port, event.clone())));
+            }
+        });
+    }
+
+    fn command(&mut self, parent: u32, command: ProcessCommand) {
+        match command {
+            ProcessCommand::Spawn { module, wanted } => {
+                self.remembered.insert(module.clone(), (wanted, false));
+                let news = match self.start(parent, &module, wanted) {
+                    Ok(pid) => Waiting::Started(module.into(), pid),
+                    Err(reason) => Waiting::Unstartable(module.into(), reason.into()),
+                };
+                self.schedule(self.now, Happening::Tell(parent, news));
+            }
+            ProcessCommand::Terminate { pid } => {
+                self.schedule(self.now, Happening::Tell(pid, Waiting::Terminate));
+            }
+            ProcessCommand::Kill { pid } => self.kill(pid),
+            ProcessCommand::Remember { module, wanted, held } => {
+                self.remembered.insert(module, (wanted, held));
+            }
+            // There is nobody above it to tell.
+            ProcessCommand::Health { .. } => {}
+        }
+    }
+
+    fn end(&mut self, pid: u32, status: ExitStatus) {
+        let Some(place) = self.place(pid) else { return };
+        let process = self.processes.remove(place);
+        for place in 0..self.wires.len() {
+            if self.wires[place].close(pid) {
+                self.gamepad_tells(place, Owner { pid, port: PortId(0) }, GamepadEvent::Gone);
+            }
+        }
+        self.news(&News::Exited { module: &process.module, pid, status });
+        if process.parent != 0 {
+            let at = self.now + self.config.exit_delay;
+            self.schedule(at, Happening::Tell(process.parent, Waiting::Exited(pid, status)));
+        }
+        self.after(pid, status);
+    }
+
+    fn arm(&mut self, place: usize) {
+        let process = &self.processes[place];
+        let life = &process.life;
+        let due = if life.started && life.hung.is_none() { process.shell.poll_timeout() } else { None };
+        let due = due.map(|due| due + life.late);
+        let old = process.due;
+        self.processes[place].due = self.rearmed(old, due);
+    }
+
+    fn arm_wire(&mut self, place: usize) {
+        if let Some(count) = self.wires[place].dropped() {
+            let bus = self.wires[place].bus.clone();
+            self.news(&News::Dropped { whose: &bus, count });
+        }
+        let (old, due) = (self.wires[place].due, self.wires[place].poll_timeout());
+        self.wires[place].due = self.rearmed(old, due);
+    }
+
+    /// A timer that stands keeps its number: it is served in the order in which it was set.
+    fn rearmed(&mut self, old: Option<(Instant, u64)>, due: Option<Instant>) -> Option<(Instant, u64)> {
+        match (old, due) {
+            (Some((at, number)), Some(due)) if at == due => Some((at, number)),
+            (_, due) => due.map(|due| (due, self.number())),
+        }
+    }
+}
+
+/// A message as it is on the bus.
+fn encoded(message: &Message) -> (Rc<str>, Rc<[u8]>) {
+    let mut data = Vec::new();
+    // It was encoded when it was sent.
+    let _ = message.encode(&mut data);
+    (message.channel_name().as_ref().into(), data.into())
+}

@@ -1,0 +1,10 @@
+//! The port of a process: what a wire connects.
+
+use module::PortId;
+
+/// A port of a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Owner {
+    pub pid: u32,
+    pub port: PortId,
+}
