@@ -26,6 +26,7 @@ pub mod sdo;
 mod testing;
 mod value;
 pub mod wire;
+mod write;
 
 pub use abort::Abort;
 pub use dictionary::Dictionary;

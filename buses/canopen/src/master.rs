@@ -21,9 +21,8 @@ mod strangers;
 #[cfg(test)]
 mod tests;
 
-pub use config::{
-    ConfigError, ConfigWrite, Expect, Farewell, Guarding, How, MasterConfig, NodeConfig, PdoMapping, Stamp,
-};
+pub use crate::write::{ConfigWrite, How};
+pub use config::{ConfigError, Expect, Farewell, Guarding, MasterConfig, NodeConfig, PdoMapping, Stamp};
 pub use events::{BootError, Event, LostReason, PdoError, RequestError, State, Step, Ticket};
 pub use stats::{Jitter, RoundTrip, Spread, Stats};
 

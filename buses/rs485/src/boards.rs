@@ -8,29 +8,9 @@ pub mod sd1;
 pub mod so1;
 
 use crate::frame::{RESET, VERSION};
-use crate::master::{Lengths, Request};
+pub use crate::instruction::Instruction;
+use crate::instruction::Lengths;
 use core::fmt;
-
-/// One instruction of a board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Instruction {
-    /// Number on the wire.
-    pub code: u8,
-    /// Name in the board's table.
-    pub name: &'static str,
-    /// Which lengths a request's data may have.
-    pub request: Lengths,
-    /// Which lengths a good answer's data may have.
-    pub answer: Lengths,
-}
-
-impl Instruction {
-    /// The request of this instruction to the board at address `to`.
-    #[must_use]
-    pub const fn ask<'a>(&self, to: u8, data: &'a [u8]) -> Request<'a> {
-        Request { to, instruction: self.code, data, no_ack: false, answer: self.answer }
-    }
-}
 
 /// A kind of board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

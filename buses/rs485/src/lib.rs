@@ -12,6 +12,7 @@ extern crate std;
 pub mod boards;
 pub mod crc;
 pub mod frame;
+mod instruction;
 pub mod master;
 pub mod node;
 pub mod reader;

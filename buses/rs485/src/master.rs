@@ -11,8 +11,8 @@
 //!      +--------------------- answered, failed, not sent -------+--------------------+
 //! ```
 
-use crate::boards::Instruction;
 use crate::frame::{self, BROADCAST, Frame, MAX_DATA, MAX_WORDS, NO_ACK, OVERHEAD, RESEND, Status, Words};
+use crate::instruction::Instruction;
 use crate::node::{Change, ErrorCounter, Health, RoundTrips, Statistics};
 use crate::reader::{Counters, Reader, Received};
 use crate::{Data, Transmit, word_time};
@@ -24,7 +24,8 @@ use heapless::Vec;
 mod culprit;
 mod transaction;
 
-pub use transaction::{BusStatistics, Config, Event, Lengths, Request, RequestError, Why};
+pub use crate::instruction::{Lengths, Request};
+pub use transaction::{BusStatistics, Config, Event, RequestError, Why};
 
 /// Most nodes that a master counts errors of.
 pub const NODES_MAX: usize = 32;

@@ -65,22 +65,25 @@ impl HoldRow {
     }
 }
 
-/// Of the motion first, then of the goal, each the weightiest first. What keeps the goal for the motion's sake is
-/// listed once.
-pub(crate) fn rows(model: &Model, now: Instant) -> Vec<HoldRow> {
-    let mut rows: Vec<HoldRow> = Vec::new();
-    if !model.knows_holds()
-        && let Some(motion) = model.motion.fresh(now).filter(|motion| !motion.reason.is_empty())
-    {
-        rows.push(HoldRow::text_alone(messages::MOTION_MODULE, &motion.reason));
-    }
-    for list in model.holds(now) {
-        for hold in &list.holds {
-            let known = rows.iter().any(|row| row.code == hold.code && row.subject == hold.subject);
-            if !known && rows.len() < ROWS_MAX {
-                rows.push(HoldRow::of(&list.module, hold));
+impl Model {
+    /// Everything that keeps the robot from acting: first what stops the motion, then what stops the goal, each in order of
+    /// weight. A cause of the goal that is the motion's is listed once.
+    #[must_use]
+    pub fn hold_rows(&self, now: Instant) -> Vec<HoldRow> {
+        let mut rows: Vec<HoldRow> = Vec::new();
+        if !self.knows_holds()
+            && let Some(motion) = self.motion.fresh(now).filter(|motion| !motion.reason.is_empty())
+        {
+            rows.push(HoldRow::text_alone(messages::MOTION_MODULE, &motion.reason));
+        }
+        for list in self.holds(now) {
+            for hold in &list.holds {
+                let known = rows.iter().any(|row| row.code == hold.code && row.subject == hold.subject);
+                if !known && rows.len() < ROWS_MAX {
+                    rows.push(HoldRow::of(&list.module, hold));
+                }
             }
         }
+        rows
     }
-    rows
 }

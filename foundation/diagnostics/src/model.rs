@@ -1,8 +1,6 @@
 //! The model: the latest of everything.
 
-use crate::holds::{self, HoldRow};
-use crate::status;
-use crate::{Errors, ModuleRow, Modules, Slot, Status, Texts, Traffic, View};
+use crate::{Errors, ModuleRow, Modules, Slot, Texts, Traffic};
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel, simulation};
 use std::collections::BTreeMap;
@@ -170,12 +168,6 @@ impl Model {
         }
     }
 
-    /// How the robot is.
-    #[must_use]
-    pub fn status(&self, now: Instant) -> Status {
-        status::of(self, now)
-    }
-
     /// The modules.
     #[must_use]
     pub fn modules(&self, now: Instant) -> Vec<ModuleRow> {
@@ -186,12 +178,6 @@ impl Model {
             row.faults = self.errors.active(&row.module, now);
         }
         rows
-    }
-
-    /// All for which the robot does not act.
-    #[must_use]
-    pub fn hold_rows(&self, now: Instant) -> Vec<HoldRow> {
-        holds::rows(self, now)
     }
 
     /// What stands against motion; `None` where its list is not current.
@@ -219,12 +205,6 @@ impl Model {
     /// Who commands the motion, in order of the names: those who spoke of late.
     pub fn commands(&self, now: Instant) -> impl Iterator<Item = &lowlevel::CmdMotion> {
         self.commands.values().filter_map(move |slot| slot.get().filter(|_| slot.age(now) < Some(ms(1000))))
-    }
-
-    /// Everything that is shown.
-    #[must_use]
-    pub fn view(&self, now: Instant) -> View<'_> {
-        View::of(self, now)
     }
 }
 

@@ -56,57 +56,62 @@ pub struct Status {
     pub reason: String,
 }
 
-/// What people must know first comes first.
-pub(crate) fn of(model: &Model, now: Instant) -> Status {
-    let status = |word, reason: String| Status { word, reason };
-    match model.traffic.last() {
-        None => return status(Word::Silent, "nothing is heard of a robot; is it on?".into()),
-        Some(at) if now.since(at) > SILENT => {
-            let seconds = now.since(at).as_secs();
-            return status(Word::Silent, format!("nothing was heard of the robot for {seconds} s"));
+impl Model {
+    /// The robot's state: the most urgent condition wins.
+    #[must_use]
+    pub fn status(&self, now: Instant) -> Status {
+        let status = |word, reason: String| Status { word, reason };
+        match self.traffic.last() {
+            None => return status(Word::Silent, "nothing is heard of a robot; is it on?".into()),
+            Some(at) if now.since(at) > SILENT => {
+                let seconds = now.since(at).as_secs();
+                return status(Word::Silent, format!("nothing was heard of the robot for {seconds} s"));
+            }
+            Some(_) => {}
         }
-        Some(_) => {}
-    }
-    if let Some(stop) = model.stop.get().filter(|stop| stop.engaged) {
-        let reason = format!("the PAUSE line is engaged by {}; release it, then let the robot go on", stop.source);
-        return status(Word::Paused, reason);
-    }
-    let modules = model.modules(now);
-    if let Some(row) = modules.iter().find(|row| row.critical && row.phase != "running" && row.wanted != "TERMINATE") {
-        return status(Word::Fault, down(row));
-    }
-    let Some(motion) = model.motion.fresh(now) else {
-        return status(Word::Fault, "driver_canbus says nothing of the drives".into());
-    };
-    let goal = model.goal.fresh(now);
-    let drives = motion.speed.abs() > STANDING;
-    let with_source = |text: &str| match motion.source.as_str() {
-        "" => text.to_owned(),
-        source => format!("{text}; {source} commands"),
-    };
-    if drives {
-        return match motion.reason.is_empty() {
-            true => status(Word::Driving, with_source(&format!("{:.2} m/s", motion.speed))),
-            false => status(Word::Stopped, format!("it comes to a stop: {}", motion.reason)),
-        };
-    }
-    // Nothing else stands against motion; the drives may hold a quick stop meanwhile.
-    let idle = motion.homed && model.motion_holds(now).is_some_and(DataHold::is_idle);
-    if !idle && (!motion.enabled || motion.quick_stop || !motion.homed) {
-        let reason = if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason };
-        let fault = modules.iter().find(|row| row.critical && row.state == "ERROR");
-        return match fault.and_then(|row| model.errors.of(&row.module, now)) {
-            Some(error) => status(Word::Fault, format!("{reason} ({}: {})", error.module, error.message)),
-            None => status(Word::Stopped, reason.to_owned()),
-        };
-    }
-    match goal {
-        Some(goal) if matches!(goal.status, DataGoal::DRIVING | DataGoal::BLOCKED) && !goal.message.is_empty() => {
-            status(Word::Waiting, goal.message.clone())
+        if let Some(stop) = self.stop.get().filter(|stop| stop.engaged) {
+            let reason = format!("the PAUSE line is engaged by {}; release it, then let the robot go on", stop.source);
+            return status(Word::Paused, reason);
         }
-        _ if idle || motion.source.is_empty() => status(Word::Ready, "it stands; nobody commands it".into()),
-        _ if !motion.reason.is_empty() => status(Word::Waiting, motion.reason.clone()),
-        _ => status(Word::Ready, with_source("it stands")),
+        let modules = self.modules(now);
+        if let Some(row) =
+            modules.iter().find(|row| row.critical && row.phase != "running" && row.wanted != "TERMINATE")
+        {
+            return status(Word::Fault, down(row));
+        }
+        let Some(motion) = self.motion.fresh(now) else {
+            return status(Word::Fault, "driver_canbus says nothing of the drives".into());
+        };
+        let goal = self.goal.fresh(now);
+        let drives = motion.speed.abs() > STANDING;
+        let with_source = |text: &str| match motion.source.as_str() {
+            "" => text.to_owned(),
+            source => format!("{text}; {source} commands"),
+        };
+        if drives {
+            return match motion.reason.is_empty() {
+                true => status(Word::Driving, with_source(&format!("{:.2} m/s", motion.speed))),
+                false => status(Word::Stopped, format!("it comes to a stop: {}", motion.reason)),
+            };
+        }
+        // Nothing else stands against motion; the drives may hold a quick stop meanwhile.
+        let idle = motion.homed && self.motion_holds(now).is_some_and(DataHold::is_idle);
+        if !idle && (!motion.enabled || motion.quick_stop || !motion.homed) {
+            let reason = if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason };
+            let fault = modules.iter().find(|row| row.critical && row.state == "ERROR");
+            return match fault.and_then(|row| self.errors.of(&row.module, now)) {
+                Some(error) => status(Word::Fault, format!("{reason} ({}: {})", error.module, error.message)),
+                None => status(Word::Stopped, reason.to_owned()),
+            };
+        }
+        match goal {
+            Some(goal) if matches!(goal.status, DataGoal::DRIVING | DataGoal::BLOCKED) && !goal.message.is_empty() => {
+                status(Word::Waiting, goal.message.clone())
+            }
+            _ if idle || motion.source.is_empty() => status(Word::Ready, "it stands; nobody commands it".into()),
+            _ if !motion.reason.is_empty() => status(Word::Waiting, motion.reason.clone()),
+            _ => status(Word::Ready, with_source("it stands")),
+        }
     }
 }
 

@@ -96,36 +96,38 @@ impl Ellipse {
     }
 }
 
-impl<'a> View<'a> {
-    pub(crate) fn of(model: &'a Model, now: Instant) -> Self {
-        Self {
-            robot: model.robot(),
-            status: model.status(now),
-            motion: model.motion.shown(now),
-            holds: model.hold_rows(now),
-            commands: model.commands(now).collect(),
-            stop: model.stop.shown(now),
-            estimate: model.estimate.shown(now),
-            ellipse: model.estimate.get().and_then(|estimate| Ellipse::of(&estimate.covariance)),
-            goal: model.goal.shown(now),
-            plan: model.plan.shown(now),
-            obstacles: model.obstacles.shown(now),
-            sonars: model.sonars.shown(now),
-            infrareds: model.infrareds.shown(now),
-            ranges: model.ranges.shown(now),
-            beacons: model.beacons.shown(now),
-            odometry: model.odometry.shown(now),
-            axes: model.axes.shown(now),
-            power: model.power.shown(now),
-            temperatures: model.temperatures.shown(now),
-            gamepad: model.gamepad.shown(now),
-            log: model.log.shown(now),
-            truth: model.truth.shown(now),
-            modules: model.modules(now),
-            buses: model.buses().map(|bus| bus.shown(now)).collect(),
-            errors: model.errors.groups(now),
-            texts: model.texts.latest().collect(),
-            channels: model.traffic.rows(now),
+impl Model {
+    /// Everything that is shown.
+    #[must_use]
+    pub fn view(&self, now: Instant) -> View<'_> {
+        View {
+            robot: self.robot(),
+            status: self.status(now),
+            motion: self.motion.shown(now),
+            holds: self.hold_rows(now),
+            commands: self.commands(now).collect(),
+            stop: self.stop.shown(now),
+            estimate: self.estimate.shown(now),
+            ellipse: self.estimate.get().and_then(|estimate| Ellipse::of(&estimate.covariance)),
+            goal: self.goal.shown(now),
+            plan: self.plan.shown(now),
+            obstacles: self.obstacles.shown(now),
+            sonars: self.sonars.shown(now),
+            infrareds: self.infrareds.shown(now),
+            ranges: self.ranges.shown(now),
+            beacons: self.beacons.shown(now),
+            odometry: self.odometry.shown(now),
+            axes: self.axes.shown(now),
+            power: self.power.shown(now),
+            temperatures: self.temperatures.shown(now),
+            gamepad: self.gamepad.shown(now),
+            log: self.log.shown(now),
+            truth: self.truth.shown(now),
+            modules: self.modules(now),
+            buses: self.buses().map(|bus| bus.shown(now)).collect(),
+            errors: self.errors.groups(now),
+            texts: self.texts.latest().collect(),
+            channels: self.traffic.rows(now),
         }
     }
 }

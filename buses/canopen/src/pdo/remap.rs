@@ -1,7 +1,7 @@
 //! How a mapping is read from a node, and how it is changed.
 
 use super::{INVALID, Layout, LayoutError, MAX_ENTRIES};
-use crate::master::ConfigWrite;
+use crate::write::ConfigWrite;
 use alloc::vec::Vec;
 
 /// Content of a communication record and its mapping record.

@@ -5,7 +5,7 @@
 //! Timing    500 ms between starting channels, 1 s between stopping them
 
 use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
-use crate::master::Lengths;
+use crate::instruction::Lengths;
 use heapless::Vec;
 
 /// Address of the board.

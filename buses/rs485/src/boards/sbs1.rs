@@ -6,7 +6,7 @@
 //!           (`docs/facts/boards.md`, CRC): length, bearings and beacons named twice are looked at too
 
 use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
-use crate::master::Lengths;
+use crate::instruction::Lengths;
 use heapless::Vec;
 
 /// Address of the board.

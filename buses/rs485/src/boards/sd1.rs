@@ -5,7 +5,7 @@
 //! Pause     the board pulls the PAUSE line by itself, without the host
 
 use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
-use crate::master::Lengths;
+use crate::instruction::Lengths;
 use base::Duration;
 use heapless::Vec;
 

@@ -4,7 +4,7 @@
 //! Timing    at 1.2 m/s the signed difference of two counts is right up to a gap of 4.2 s
 
 use super::{Board, DO_RESET, GET_VERSION, Implausible, Instruction, instruction};
-use crate::master::Lengths;
+use crate::instruction::Lengths;
 use heapless::Vec;
 
 /// Address of the board.
