@@ -4,6 +4,8 @@
 
 #[path = "architecture/circles.rs"]
 mod circles;
+#[path = "architecture/commands.rs"]
+mod commands;
 #[path = "architecture/docs.rs"]
 mod docs;
 #[path = "architecture/prose.rs"]

@@ -13,7 +13,7 @@ const WIDTH: usize = 120;
 const WIDER: [(&str, usize); 2] = [("rs", 270), ("md", 800)];
 
 /// Files below the checkout that end so.
-fn files(extension: &str) -> Vec<PathBuf> {
+pub(super) fn files(extension: &str) -> Vec<PathBuf> {
     fn walk(folder: &Path, extension: &str, files: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).expect("readable").map(|entry| entry.expect("an entry")) {
             let (path, name) = (entry.path(), entry.file_name());
@@ -32,7 +32,7 @@ fn files(extension: &str) -> Vec<PathBuf> {
 }
 
 /// A page in lines: number, text, and the language of the code block around it, if there is one.
-fn lines(text: &str) -> Vec<(usize, &str, Option<&str>)> {
+pub(super) fn lines(text: &str) -> Vec<(usize, &str, Option<&str>)> {
     let mut block = None;
     let mut lines = Vec::new();
     for (number, line) in text.lines().enumerate() {

@@ -202,7 +202,7 @@ fn all_that_stands_against_acting_is_on_the_first_view() {
     for told in [
         "stands     5.0s PAUSE is engaged by bumper2 ",
         "           1.0s web:Jana must send zero first: the robot was",
-        "until somebody acts",
+        "                until somebody acts",
         "           0.0s the estimator is lost",
     ] {
         assert!(screen.contains(told), "{told}:\n{screen}");

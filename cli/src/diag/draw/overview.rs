@@ -101,12 +101,13 @@ fn lines(app: &App, model: &Model, at: Instant, now: Instant) -> Vec<Line<'stati
 fn holds(model: &Model, at: Instant) -> Vec<Line<'static>> {
     let newest = model.motion.get().map(|motion| motion.timestamp);
     let rows = model.hold_rows(at).into_iter().take(HOLDS).enumerate();
-    rows.map(|(n, row)| {
+    rows.flat_map(|(n, row)| {
         let stood = newest.zip(row.since).map(|(newest, since)| u64::try_from(newest - since).unwrap_or_default());
         let name = Span::raw(format!("{:<9}", if n == 0 { "stands" } else { "" })).bold();
         let age = Span::raw(format!("{:>6} ", age(stood.map(Duration::from_micros)).trim())).fg(GREY);
-        let latched = if row.latched { "; until somebody acts" } else { "" };
-        Line::from(vec![name, age, Span::raw(format!("{}{latched}", clip(&row.words)))])
+        let cause = Line::from(vec![name, age, Span::raw(clip(&row.words))]);
+        let latched = row.latched.then(|| Line::from(format!("{:16}until somebody acts", "")));
+        [Some(cause), latched].into_iter().flatten()
     })
     .collect()
 }
