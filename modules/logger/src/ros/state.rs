@@ -148,9 +148,10 @@ impl State {
     fn ranges(&mut self, robot: &RobotScene, message: &DataRanges, to: &mut To<'_, '_>) {
         self.ranges = Some(message.timestamp);
         let of = |kind| message.readings.iter().filter(move |reading| reading.kind == kind);
-        self.sonars.translate(SONAR, robot.sonar, message.timestamp, of(Reading::SONAR), to);
-        self.infrared.translate(INFRARED, robot.infrared, message.timestamp, of(Reading::INFRARED), to);
-        self.rangers.translate(OTHER, Sensor::default(), message.timestamp, of(Reading::OTHER), to);
+        let sonars = self.sonars.translate(SONAR, robot.sonar, message.timestamp, of(Reading::SONAR), to);
+        let infrared = self.infrared.translate(INFRARED, robot.infrared, message.timestamp, of(Reading::INFRARED), to);
+        let others = self.rangers.translate(OTHER, Sensor::default(), message.timestamp, of(Reading::OTHER), to);
+        transforms(message.timestamp, &[sonars, infrared, others].concat(), to);
     }
 
     fn temperatures(&mut self, message: &DataTemperature, to: &mut To<'_, '_>) {
@@ -266,7 +267,7 @@ impl Sensors {
         timestamp: i64,
         readings: impl Iterator<Item = &'a Reading> + Clone,
         to: &mut To<'_, '_>,
-    ) {
+    ) -> Vec<Frame> {
         let finder = |reading: &Reading| Finder {
             id: reading.id,
             place: Pose { x: reading.x, y: reading.y, theta: reading.theta },
@@ -285,7 +286,7 @@ impl Sensors {
                 self.last.insert(reading.id, stamp);
             }
         }
-        self.transforms(timestamp, readings.map(finder), to);
+        self.frames(timestamp, readings.map(finder))
     }
 
     /// Ranges as in 2011: all at the message's instant.
@@ -296,7 +297,8 @@ impl Sensors {
             let distance = if range.valid { range.distance } else { f64::INFINITY }; // REP 117: nothing in reach
             self.send(names, finder(range), timestamp, distance, to);
         }
-        self.transforms(timestamp, ranges.iter().map(finder), to);
+        let frames = self.frames(timestamp, ranges.iter().map(finder));
+        transforms(timestamp, &frames, to);
     }
 
     /// False if there are too many range finders for this one.
@@ -326,28 +328,34 @@ impl Sensors {
         true
     }
 
-    /// Where they sit, once a second.
-    fn transforms(&mut self, timestamp: i64, finders: impl Iterator<Item = Finder>, to: &mut To<'_, '_>) {
+    /// Frames of the sensors on the robot, once a second; otherwise empty.
+    fn frames(&mut self, timestamp: i64, finders: impl Iterator<Item = Finder>) -> Vec<Frame> {
         if self.shown.is_some_and(|shown| shown.abs_diff(timestamp) < AGAIN) {
-            return;
+            return Vec::new();
         }
-        let known: Vec<_> = finders
-            .filter_map(|finder| {
-                let [_, frame] = self.known.get(&finder.id)?;
-                finder.place.is_finite().then_some((frame, finder.place))
-            })
-            .collect();
-        if known.is_empty() && self.known.is_empty() {
-            return;
+        let known = finders.filter(|finder| finder.place.is_finite());
+        let frames: Vec<Frame> =
+            known.filter_map(|finder| Some((self.known.get(&finder.id)?[1].clone(), finder.place))).collect();
+        if !frames.is_empty() {
+            self.shown = Some(timestamp);
         }
-        self.shown = Some(timestamp);
-        to.send("/tf", Standard::Transforms, |fields| {
-            fields.to.count(known.len());
-            for (frame, pose) in known {
-                fields.transform(timestamp, "base_link", frame, pose);
-            }
-        });
+        frames
     }
+}
+
+/// Name of a frame, and its pose on the robot.
+type Frame = (String, Pose);
+
+fn transforms(timestamp: i64, frames: &[Frame], to: &mut To<'_, '_>) {
+    if frames.is_empty() {
+        return;
+    }
+    to.send("/tf", Standard::Transforms, |fields| {
+        fields.to.count(frames.len());
+        for (frame, pose) in frames {
+            fields.transform(timestamp, "base_link", frame, *pose);
+        }
+    });
 }
 
 fn pose(message: &DataEstimate, to: &mut To<'_, '_>) {
