@@ -1,30 +1,30 @@
-//! Where the robot was told to go.
+//! Goals as commanded by `ML_CMD_GOAL`.
 
 use messages::middlelevel::{CmdGoal, DataGoal};
 use navitools::{Point, Pose};
 
-/// More waypoints are refused.
+/// Maximum number of waypoints.
 const WAYPOINTS_MAX: usize = 1000;
-/// Coordinates are within this, m, as a world's are.
+/// Largest absolute coordinate, m; the same as in a world.
 const FAR: f64 = 1e4;
-/// Without a tolerance, or with a finer one than the estimate can tell, this counts as reached, m.
+/// Distance that counts as reached without a tolerance, or with one below the accuracy of the estimate, m.
 const TOLERANCE: f64 = 0.15;
-/// A heading is reached within this, rad.
+/// Deviation from a heading that counts as reached, rad.
 pub const TURNED: f64 = 0.2;
 
-/// A point on the way.
+/// Waypoint of a goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Waypoint {
-    /// m.
+    /// Position in the map, m.
     pub at: Point,
-    /// Heading on arrival, rad; none: any.
+    /// Heading on arrival, rad; `None` for any.
     pub heading: Option<f64>,
-    /// How near counts as reached, m.
+    /// Distance that counts as reached, m.
     pub tolerance: f64,
 }
 
 impl Waypoint {
-    /// Whether a robot here has reached it.
+    /// True if a robot at this pose has reached the waypoint.
     #[must_use]
     pub fn is_reached(&self, robot: Pose) -> bool {
         let turned = self.heading.map_or(0.0, |heading| navitools::wrap(robot.theta.radians() - heading).abs());
@@ -32,24 +32,24 @@ impl Waypoint {
     }
 }
 
-/// A goal: waypoints, once or for ever.
+/// Goal: waypoints to be driven once or in a loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
-    /// The number that its sender chose.
+    /// Number chosen by the sender.
     pub id: i32,
-    /// In order; at least one.
+    /// Waypoints in order; at least one.
     pub waypoints: Vec<Waypoint>,
-    /// For ever.
+    /// True if the goal is repeated without end.
     pub looped: bool,
-    /// The waypoint that is driven to.
+    /// Waypoint that is driven to.
     pub next: usize,
 }
 
 impl Goal {
-    /// The goal of a command; none: the one before it is cancelled.
+    /// Goal of a command; `None` if the command cancels the goal.
     ///
     /// # Errors
-    /// In words, when no robot can be sent there.
+    /// The command is invalid; the text names the waypoint and the value.
     pub fn of(command: &CmdGoal) -> Result<Option<Self>, String> {
         if command.waypoints.len() > WAYPOINTS_MAX {
             return Err(format!("{} waypoints; at most {WAYPOINTS_MAX}", command.waypoints.len()));
@@ -76,19 +76,19 @@ impl Goal {
         Ok((!goal.waypoints.is_empty()).then_some(goal))
     }
 
-    /// The waypoint after `number`; none after the last.
+    /// Waypoint after `number`; `None` after the last.
     #[must_use]
     pub fn after(&self, number: usize) -> Option<usize> {
         match number + 1 {
             next if next < self.waypoints.len() => Some(next),
-            // A loop of one waypoint is there already.
+            // A loop of one waypoint is already at its end.
             _ if self.looped && self.waypoints.len() > 1 => Some(0),
             _ => None,
         }
     }
 
-    /// The heading with which a waypoint is best passed on the way to the one after it; none where it is the last, or
-    /// the robot must turn back there.
+    /// Heading for passing a waypoint on the way to the next; `None` at the last waypoint, or where the robot must
+    /// reverse.
     #[must_use]
     pub fn passing(&self, from: Point, number: usize) -> Option<f64> {
         let here = self.waypoints[number].at;
@@ -103,22 +103,22 @@ impl Goal {
     }
 }
 
-/// How it fares, in a word.
+/// Status of a goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(i8)]
 pub enum Status {
-    /// There is no goal.
+    /// No goal.
     #[default]
     Idle = DataGoal::IDLE,
-    /// On the way, or about to be.
+    /// Driving, or about to drive.
     Driving = DataGoal::DRIVING,
-    /// There.
+    /// Reached.
     Reached = DataGoal::REACHED,
-    /// Something is in the way.
+    /// Blocked by an obstacle.
     Blocked = DataGoal::BLOCKED,
-    /// Given up.
+    /// Failed.
     Failed = DataGoal::FAILED,
-    /// Taken back.
+    /// Cancelled.
     Cancelled = DataGoal::CANCELLED,
 }
 

@@ -1,5 +1,5 @@
-//! How fast the robot may go for what the sonars hear: so that it stands before what is in the way, whoever comes
-//! nearer, with the whole chain of reaction (docs/facts/robot.md 5).
+//! Speed limits from sonar echoes: the robot can stop before an obstacle, even one that approaches, with the whole
+//! reaction time (docs/facts/robot.md 5).
 
 use crate::config::{Body, Config, Limits, Manners};
 use crate::obstacles::{Echoed, Hit, Obstacles};
@@ -8,73 +8,76 @@ use crate::track::Sample;
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
 
-/// The path is looked along so far, m: a leg is heard to 2.5 m.
+/// Distance along the path that is checked, m; a leg returns an echo up to 2.5 m.
 const HORIZON: f64 = 2.5;
-/// The path is looked at this often, m.
+/// Distance between the checked poses, m.
 const STRIDE: f64 = 0.10;
-/// Free space is believed for this long at full speed.
+/// Time for which free space remains valid at full speed.
 const FRESH: Duration = Duration::from_secs(1);
-/// Who is within the margin already is not approached by more, m.
+/// Distance by which the robot may still approach an obstacle that is already within the margin, m.
 const CLOSER: f64 = 0.03;
-/// What is nearer beside the way than this makes the robot slow, m.
+/// Lateral distance from an obstacle below which the robot slows down, m.
 const SHY: f64 = 0.45;
-/// How fast it passes what it nearly touches, m/s, and how much faster for each metre between.
+/// Speed beside an obstacle that is almost touched, m/s, and its increase per metre of distance, 1/s.
 const SHY_SPEED: f64 = 0.30;
 const SHY_GAIN: f64 = 1.1;
-/// A single echo ahead nearer than this is braked for, confirmed or not, m.
+/// Distance of a single echo ahead below which the robot brakes, confirmed or not, m.
 const SUDDEN: f64 = 0.8;
-/// It is not slowed down for below this, m/s, before it is heard again.
+/// Lower bound of the speed after an unconfirmed echo, m/s.
 const DOUBTFUL: f64 = 0.4;
-/// Kept at least to what the map has, m.
+/// Minimum distance from mapped obstacles, m.
 const MAPPED: f64 = 0.04;
-/// Kept to the middle of somebody, m; and more for each deviation of his place, and of his velocity each second.
+/// Distance to the middle of a person, m, and its increase per standard deviation of the position, and of the velocity
+/// each second.
 const KEEP: f64 = 0.35;
 const DOUBT: f64 = 0.2;
-/// Somebody strays from where he goes by so much a second, m, which counts for a robot that is faster than
+/// Speed at which a person may leave the predicted path, m/s.
 const STRAYS: f64 = 0.05;
+/// Speed of the robot above which [`STRAYS`] counts, m/s.
 const CREEPS: f64 = 0.21;
-/// this. Where nobody can be told from farther than
+/// Assumed speed of an unknown person, m/s, for the range from which people are considered.
 const STROLLING: f64 = 0.5;
-/// Somebody whose middle is as near as this, m, is not approached at all.
+/// Distance from the middle of a person at which the robot does not approach further, m.
 const TOUCHES: f64 = 0.32;
-/// With somebody as near as this, m, the robot goes no faster than this, m/s.
+/// Distance from a person below which the speed is limited, m, and the limit, m/s.
 const BESIDE: f64 = 0.40;
 const SQUEEZES: f64 = 0.2;
-/// Who may be before the robot, no further beside its axis, m, may come at this speed, m/s: one echo is braked for.
+/// Corridor before the robot, m beside its axis, in which an unconfirmed person may approach at this speed, m/s: the
+/// robot brakes for one echo.
 const CORRIDOR: f64 = 0.6;
 const COMES: f64 = 1.2;
-/// Speeds are tried in such steps, m/s, and times, s.
+/// Steps of the tried speeds, m/s, and times, s.
 const SLOWER: f64 = 0.05;
 const TICK: f64 = 0.2;
-/// The path is taken in such steps, m, and so many: further than the robot rolls before it stands.
+/// Distance between the poses of the predicted path, m, and their number; longer than the longest stop.
 const WAY_STEP: f64 = 0.08;
 const WAY_STEPS: usize = 12;
-/// At the greatest speed it rolls less far, m, and for less time, s.
+/// Upper bounds of the stop from full speed: distance, m, and time, s.
 const STOP: f64 = 0.9;
 const STOP_TIME: f64 = 1.6;
-/// Slower is standing still, m/s.
+/// Speed below which the robot is considered to stand, m/s.
 const LEAST: f64 = 0.05;
 
-/// What was found along the path ahead at the last round of the sonars.
+/// Obstacles along the path ahead, from the last round of the sonars.
 #[derive(Clone, Debug, Default)]
 pub struct Ahead {
-    /// Where the robot would touch something: the way on the track, m, how fast it comes nearer, and where it stands.
+    /// Contacts: distance along the track, m, and closing speed, m/s.
     contacts: Vec<(f64, f64)>,
-    /// Where the first contact stands.
+    /// First contact: distance along the track, m, and position of the obstacle.
     first: Option<(f64, Point)>,
-    /// Speeds at ways on the track: beside something, or in space that was not seen.
+    /// Speed limits along the track: beside an obstacle, or in space that was not observed.
     slow: Vec<(f64, f64)>,
 }
 
 impl Ahead {
-    /// Looks along the path from `ahead[0]`, at `now`.
+    /// Checks the path from `ahead[0]` on, at `now`.
     #[must_use]
     pub fn look(now: Instant, ahead: &[Sample], obstacles: &Obstacles, config: &Config) -> Self {
         let Some(here) = ahead.first() else { return Self::default() };
         let (body, manners) = (&config.body, &config.manners);
         let reach = HORIZON + body.front + SHY;
         let near = |hit: &Hit| hit.at.distance(here.pose.point()) < reach;
-        // What is nearer already is left behind, but not approached.
+        // An obstacle that is already closer may be left behind, but not approached.
         let inverse = here.pose.inverse();
         let keep = |hit: &Hit| (gap(body, inverse * hit.at) - CLOSER).min(manners.margin);
         let mut hits: Vec<(Hit, f64, bool)> =
@@ -112,13 +115,13 @@ impl Ahead {
         found
     }
 
-    /// Where the first thing in the way stands, and the way on the track to where the robot would touch it, m.
+    /// First obstacle on the path, and the distance along the track at which the robot would touch it, m.
     #[must_use]
     pub fn first(&self) -> Option<(f64, Point)> {
         self.first
     }
 
-    /// The greatest speed at `way` on the track, m/s; 0: stop.
+    /// Highest speed at `way` on the track, m/s; 0 to stop.
     #[must_use]
     pub fn speed(&self, way: f64, config: &Config) -> f64 {
         let (limits, manners) = (&config.limits, &config.manners);
@@ -127,7 +130,7 @@ impl Ahead {
             speed = speed.min(stopping_speed(contact - way - manners.stop_distance, closing, limits, manners));
         }
         for &(place, slow) in &self.slow {
-            // Braking begins early enough to be so slow there.
+            // Braking begins early enough to reach that speed there.
             let left = (place - way - speed * manners.reaction).max(0.0);
             speed = speed.min(libm::sqrt(slow * slow + 2.0 * 0.5 * limits.deceleration * left));
         }
@@ -135,9 +138,9 @@ impl Ahead {
     }
 }
 
-/// The speed that the nearest echo in the direction of travel allows, confirmed or not: who is that near is approached
-/// slowly. What the map has is kept clear of by the path, and may be passed nearer. 0 where sonars look that way and
-/// nothing is known of any.
+/// Speed allowed by the nearest echo in the direction of travel, confirmed or not, m/s. The path already keeps its
+/// distance from mapped obstacles, so they may be passed closer. 0 if the state of all sonars in that direction is
+/// unknown.
 #[must_use]
 pub fn sudden(now: Instant, forward: bool, obstacles: &Obstacles, config: &Config) -> f64 {
     let (limits, manners) = (&config.limits, &config.manners);
@@ -148,15 +151,16 @@ pub fn sudden(now: Instant, forward: bool, obstacles: &Obstacles, config: &Confi
     let speed = |echo: Echoed| {
         let keep = if echo.mapped { MAPPED } else { manners.stop_distance / 2.0 };
         let speed = stopping_speed(echo.distance - keep, echo.closing, limits, manners);
-        // A first echo may be of nothing: it is braked for until the next round, but not to a stop.
+        // A first echo may be a false alarm: the robot brakes until the next round, but not to a stop.
         if echo.again || echo.mapped { speed } else { speed.max(DOUBTFUL) }
     };
     let speed = near.map(speed).fold(limits.speed, f64::min);
     if speed < LEAST { 0.0 } else { speed }
 }
 
-/// The speed from which the robot stands before anybody around can be touched by it, going on along `ahead` as everybody
-/// goes on as he goes, and a little otherwise. Whoever comes to a robot that stands is not its affair.
+/// Highest speed from which the robot can stop before it touches a tracked person, m/s, if it continues along `ahead`
+/// and each person continues at the estimated velocity with some deviation. A person who walks into the standing robot
+/// is not considered.
 #[must_use]
 pub fn meeting(now: Instant, ahead: &[Sample], obstacles: &Obstacles, config: &Config) -> f64 {
     let (body, limits) = (&config.body, &config.limits);
@@ -174,7 +178,7 @@ pub fn meeting(now: Instant, ahead: &[Sample], obstacles: &Obstacles, config: &C
             }
             continue;
         }
-        // Within the longest stop nobody comes from farther.
+        // A person farther away cannot arrive within the longest stop.
         let reach = STOP + KEEP + (goes + STROLLING + person.restless) * STOP_TIME;
         if gap > reach {
             continue;
@@ -189,7 +193,7 @@ pub fn meeting(now: Instant, ahead: &[Sample], obstacles: &Obstacles, config: &C
     if speed < LEAST { 0.0 } else { speed }
 }
 
-/// Where the robot will be on the path: poses every [`WAY_STEP`].
+/// Predicted poses of the robot on the path, every [`WAY_STEP`].
 struct Way([Pose; WAY_STEPS]);
 
 impl Way {
@@ -206,7 +210,7 @@ impl Way {
         Some(Self(poses))
     }
 
-    /// Where it is after `went` m; at the end of what is known it stays.
+    /// Pose after `went` m; beyond the known path the last pose.
     fn at(&self, went: f64) -> Pose {
         let step = ((went / WAY_STEP) as usize).min(WAY_STEPS - 2);
         let (from, to) = (self.0[step], self.0[step + 1]);
@@ -216,16 +220,16 @@ impl Way {
         Pose::new(between(from.x, to.x), between(from.y, to.y), theta)
     }
 
-    /// Whether a robot that goes at `speed`, and brakes after its reaction, stands before it is too near to somebody who is
-    /// `gap` away.
+    /// True if a robot at `speed` that brakes after its reaction time stops before it is too close to a person who is
+    /// `gap` m away.
     fn is_free(&self, speed: f64, person: &Person, gap_now: f64, config: &Config) -> bool {
         let (body, a, reaction) = (&config.body, config.limits.deceleration, config.manners.reaction);
-        // Who is that near is left behind, and the nearer he is the less is he approached.
+        // A person that close may be left behind; the closer, the less may the robot approach.
         let closer = CLOSER * ((gap_now - TOUCHES) / 0.2).clamp(0.0, 1.0) + 1e-3;
         let keep = (KEEP + DOUBT * person.sigma).min(gap_now - closer);
         let strays = if speed <= CREEPS { 0.0 } else { STRAYS + DOUBT * person.restless };
         let stands = reaction + speed / a;
-        // Of a velocity only what is known of it counts.
+        // A velocity counts as far as it exceeds its uncertainty.
         let goes = libm::hypot(person.velocity.0, person.velocity.1);
         let known = (1.0 - person.restless / goes.max(1e-3)).max(0.0);
         let (vx, vy) = (person.velocity.0 * known, person.velocity.1 * known);
@@ -247,12 +251,12 @@ impl Way {
     }
 }
 
-/// From how fast the robot stands within `free` m while something comes nearer at `closing` m/s: both by the brakes
-/// after the reaction, and rolling out by itself when its motors lose their feed.
+/// Highest speed from which the robot stops within `free` m while the obstacle approaches at `closing` m/s: with the
+/// brakes after the reaction time, and also by coasting when the motors lose their supply.
 #[must_use]
 pub fn stopping_speed(free: f64, closing: f64, limits: &Limits, manners: &Manners) -> f64 {
     let (a, reaction) = (limits.deceleration, manners.reaction);
-    // v T + v²/2a = free - closing T, where what comes nearer does so during the braking too.
+    // v T + v²/2a = free - closing T; the obstacle also approaches while the robot brakes.
     let left = free - closing * reaction;
     if left <= 0.0 {
         return 0.0;
@@ -262,7 +266,7 @@ pub fn stopping_speed(free: f64, closing: f64, limits: &Limits, manners: &Manner
     braked.min(libm::sqrt(2.0 * manners.coasting * left))
 }
 
-/// How far a point of the robot's frame is from the robot, m; 0 within it.
+/// Distance of a point in the robot's frame from its body, m; 0 within it.
 #[must_use]
 pub fn gap(body: &Body, at: Point) -> f64 {
     let dx = (-body.rear - at.x).max(at.x - body.front).max(0.0);
@@ -270,7 +274,7 @@ pub fn gap(body: &Body, at: Point) -> f64 {
     libm::hypot(dx, dy)
 }
 
-/// Whether the robot at `pose` is clear of all that was sensed, by `margin` m.
+/// True if the robot at `pose` is at least `margin` m from all sensed obstacles.
 #[must_use]
 pub fn is_clear(pose: Pose, obstacles: &Obstacles, body: &Body, margin: f64) -> bool {
     let inverse = pose.inverse();

@@ -1,8 +1,9 @@
-//! What to do about a goal: look for a way, drive it, wait for who stands in it, look for a way around, back out.
+//! Execution of a goal: search a path, drive it, wait for obstacles, search a path around them, back out.
 //!
-//! A way is first looked for on the map alone, as people leave; what the sonars hear stops the robot on it. When nobody
-//! leaves, a way around what is heard is looked for, then one after backing out, then the robot waits longer. A goal
-//! that is driven once fails after so many attempts; a loop waits on, and goes on to its next waypoint where it can.
+//! A path is first searched on the map alone, because people move away; echoes stop the robot on it. If an obstacle
+//! remains, a path around it is searched, then another one after backing out, then the robot waits longer. A goal that
+//! is driven once fails after a maximum number of attempts; a loop continues, with its next waypoint where that is
+//! possible.
 
 use crate::config::Config;
 use crate::goal::{Goal, Waypoint};
@@ -17,98 +18,98 @@ use navitools::Pose;
 use std::collections::VecDeque;
 use std::mem;
 
-/// The next leg is looked for when less than this is left of the one that is driven, m.
+/// Remaining length of the current leg below which the next one is planned, m.
 const AHEAD: f64 = 3.0;
-/// What was in the way must be gone for so long.
+/// Time for which the path must be clear before the robot starts again.
 const GONE: Duration = Duration::from_millis(100);
-/// It sets out when it may drive faster than this, m/s.
+/// Allowed speed above which the robot starts, m/s.
 const WORTH: f64 = 0.08;
-/// Backing out ends when something is in the way for so long.
+/// Time for which backing out may be blocked before it ends.
 const HINDERED: Duration = Duration::from_millis(900);
-/// The robot stands, m/s.
+/// Speed below which the robot is at standstill, m/s.
 const STANDING: f64 = 0.03;
-/// Further off the path it looks for a new one, m and rad.
+/// Deviation from the path above which a new path is searched, m and rad.
 const OFF: (f64, f64) = (0.30, 0.6);
-/// So far off it, m, it looks whether it comes to something, m ahead of where it can stand.
+/// Lateral deviation above which the motion is checked against the map, and the margin beyond the stopping distance, m.
 const ASTRAY: f64 = 0.06;
 const STEP_AHEAD: f64 = 0.05;
-/// It was told to drive for so long and stood.
+/// Time of commanded motion at standstill after which the robot is stuck.
 const STUCK: Duration = Duration::from_secs(4);
-/// Where the robot has driven is remembered for backing out: this far, m, in steps of
+/// Length of the driven path that is kept for backing out, and distance of its poses, m.
 const TRACE: f64 = 2.0;
 const TRACE_STEP: f64 = 0.05;
-/// It backs out so far, m.
+/// Distance to back out, m.
 const BACK: f64 = 0.9;
-/// Less is not worth backing out, m.
+/// Shortest useful distance to back out, m.
 const BACK_LEAST: f64 = 0.25;
-/// Ways of a loop are driven again from a start as near as this, m and rad.
+/// Distance from the start of a stored path of a loop at which the path is driven again, m and rad.
 const AGAIN: (f64, f64) = (0.12, 0.12);
-/// Ways of so many waypoints are kept.
+/// Largest number of waypoints for which paths are stored.
 const KEPT: usize = 64;
-/// So much nearer to the waypoint than ever before, m, and old troubles are forgotten.
+/// Progress towards the waypoint that resets the number of attempts, m.
 const FORGIVEN: f64 = 1.0;
-/// Longest wait between attempts, in patiences.
+/// Longest wait between attempts, as a multiple of `patience`.
 const WAITS_MAX: u32 = 3;
 
-/// What a step needs to know.
+/// Inputs of a step.
 pub struct Sight<'a> {
-    /// The time.
+    /// Current time.
     pub now: Instant,
-    /// Where the robot is.
+    /// Pose of the robot in the map.
     pub robot: Pose,
-    /// How it moves.
+    /// Speed and steering angle of the robot.
     pub motion: Motion,
-    /// What the sonars say.
+    /// Obstacles sensed by the sonars.
     pub obstacles: &'a Obstacles,
-    /// How to drive.
+    /// Configuration.
     pub config: &'a Config,
 }
 
-/// What the robot is about.
+/// Phase of the mission.
 enum Doing {
     Nothing,
-    /// It stands while a way is looked for; around what is heard or on the map alone.
+    /// At standstill while a path is searched, around sensed obstacles or on the map alone.
     Thinking {
         route: Route,
         around: bool,
     },
-    /// It drives, and the way to a waypoint further on is looked for.
+    /// Driving, while the path to the next waypoint is searched.
     Driving {
         next: Option<(Route, usize)>,
     },
-    /// Something is in the way.
+    /// Blocked by an obstacle.
     Waiting {
         since: Instant,
         gone: Option<Instant>,
     },
-    /// Back on where it came from.
+    /// Driving back along the path that it came from.
     Backing {
         blocked: Option<Instant>,
     },
 }
 
-/// The goal and how it fares.
+/// Goal and its progress.
 pub struct Mission {
     goal: Option<Goal>,
     doing: Doing,
     track: Track,
     ahead: Ahead,
-    /// The path is to be looked along before it is driven.
+    /// True if the path must be checked for obstacles before it is driven.
     unseen: bool,
     trace: VecDeque<(Pose, bool)>,
-    /// Ways between waypoints that were found on the map alone, by the waypoint that they lead to.
+    /// Paths between waypoints that were found on the map alone, by the waypoint at their end.
     kept: Vec<Option<Vec<(Pose, bool)>>>,
     attempts: u32,
-    /// The nearest to the waypoint so far, m, when the troubles were last forgotten.
+    /// Smallest distance to the waypoint when the number of attempts was last reset, m.
     nearest: f64,
-    /// Told to drive, and stands, since.
+    /// Instant since which motion is commanded at standstill.
     stuck: Option<Instant>,
-    /// It touched somebody with the end that it drives with: it goes back before it goes on.
+    /// True after a contact at the leading end: the robot backs out before it continues.
     bumped: bool,
     id: i32,
     waypoint: usize,
     state: GoalState,
-    /// The track is another one.
+    /// True if the track was replaced.
     replanned: bool,
 }
 
@@ -135,7 +136,7 @@ impl Default for Mission {
 }
 
 impl Mission {
-    /// A goal in the place of the one before.
+    /// Replaces the goal.
     pub fn begin(&mut self, goal: Goal) {
         let kept = if goal.waypoints.len() <= KEPT { vec![None; goal.waypoints.len()] } else { Vec::new() };
         let (trace, bumped) = (mem::take(&mut self.trace), self.bumped);
@@ -143,14 +144,15 @@ impl Mission {
         self.state = GoalState::Planning;
     }
 
-    /// There is no goal any more, and why.
+    /// Ends the goal with its final state.
     pub fn end(&mut self, id: i32, state: GoalState) {
         let waypoint = self.waypoint;
         let trace = mem::take(&mut self.trace);
         *self = Self { id, waypoint, trace, state, replanned: true, ..Self::default() };
     }
 
-    /// The robot was stopped by others, or put elsewhere: a way is looked for anew when it may drive.
+    /// Interrupts driving after a stop by another party or a jump of the pose: a path is planned again when the robot
+    /// may drive.
     pub fn interrupt(&mut self) {
         self.doing = Doing::Nothing;
         self.stuck = None;
@@ -158,59 +160,59 @@ impl Mission {
         self.track = Track::default();
     }
 
-    /// A bumper in front, or behind, was pressed.
+    /// Notes a pressed bumper, at the front or at the rear.
     pub fn bump(&mut self, front: bool) {
         self.bumped = self.trace.back().is_some_and(|(_, forward)| *forward == front);
     }
 
-    /// The robot was put elsewhere: it has not come from where it came from.
+    /// Clears the driven path after a jump of the pose.
     pub fn forget_trace(&mut self) {
         self.trace.clear();
         self.bumped = false;
     }
 
-    /// Whether there is a goal to drive to.
+    /// True if there is a goal to drive to.
     #[must_use]
     pub fn has_goal(&self) -> bool {
         self.goal.is_some()
     }
 
-    /// The goal's number, the waypoint, and how it fares.
+    /// Number of the goal, the waypoint, and the state.
     #[must_use]
     pub fn status(&self) -> (i32, usize, &GoalState) {
         (self.id, self.waypoint, &self.state)
     }
 
-    /// The cause for which a robot that may drive does not, with its subject; `None` while it drives.
+    /// Cause, with its subject, for which a robot that may drive does not; `None` while it drives.
     #[must_use]
     pub fn hold(&self) -> Option<(Hold, String)> {
         let stands = matches!(self.doing, Doing::Nothing | Doing::Thinking { .. });
         self.state.hold().or_else(|| stands.then_some((Hold::Planning, String::new())))
     }
 
-    /// The way to the last waypoint, m; NaN when there is none, or it is not known.
+    /// Remaining distance to the last waypoint, m; NaN without one or if it is unknown.
     #[must_use]
     pub fn remaining(&self) -> f64 {
         let Some(goal) = self.goal.as_ref().filter(|goal| !goal.looped) else { return f64::NAN };
         let Some(to) = self.track.leads_to() else { return f64::NAN };
-        // Backing out leads to no waypoint.
+        // A track for backing out leads to no waypoint.
         let Some(rest) = goal.waypoints.get(to..) else { return f64::NAN };
         let rest = rest.windows(2).map(|pair| pair[0].at.distance(pair[1].at));
         self.track.remaining() + rest.sum::<f64>()
     }
 
-    /// The path, for people.
+    /// Path for display.
     #[must_use]
     pub fn path(&self) -> (Vec<f64>, Vec<f64>) {
         self.track.points(100)
     }
 
-    /// Whether the path is another one than at the last call.
+    /// True if the path was replaced since the last call.
     pub fn take_replanned(&mut self) -> bool {
         mem::take(&mut self.replanned)
     }
 
-    /// The sonars have spoken: what is on the path ahead?
+    /// Checks the path ahead for obstacles after a round of the sonars.
     pub fn look(&mut self, now: Instant, obstacles: &Obstacles, config: &Config) {
         self.ahead = Ahead::look(now, self.track.ahead(), obstacles, config);
         self.unseen = false;
@@ -223,7 +225,7 @@ impl Mission {
         }
     }
 
-    /// What to command now, of a robot that may drive. To be called at 20 Hz.
+    /// Computes the command of a robot that may drive. Called at 20 Hz.
     pub fn step(&mut self, sight: &Sight<'_>, ways: &mut Ways) -> Motion {
         let stand = Motion { speed: 0.0, steering: sight.motion.steering };
         if self.goal.is_none() {
@@ -254,7 +256,7 @@ impl Mission {
         }
     }
 
-    /// Looks for a way from here to the next waypoint.
+    /// Begins to search a path from here to the next waypoint.
     fn think(&mut self, sight: &Sight<'_>, ways: &mut Ways, around: bool) {
         let Some(goal) = &self.goal else { return };
         let to = goal.waypoints[goal.next];
@@ -296,7 +298,7 @@ impl Mission {
         self.say_driving();
     }
 
-    /// A way that was found before from about here to this waypoint.
+    /// Stored path to this waypoint that begins near `from`.
     fn kept_way(&self, to: usize, from: Pose) -> Option<Vec<(Pose, bool)>> {
         let way = self.kept.get(to)?.as_ref()?;
         let (start, _) = *way.first()?;
@@ -327,7 +329,7 @@ impl Mission {
         self.doing = Doing::Waiting { since: sight.now, gone: None };
     }
 
-    /// One more attempt. Whether it was the last: then a goal has failed; a loop goes on with its next waypoint.
+    /// Counts an attempt. Returns true if the goal has failed with it; a loop continues with its next waypoint instead.
     fn is_enough(&mut self, sight: &Sight<'_>, why: Hindrance) -> bool {
         self.attempts += 1;
         let Some(goal) = self.goal.as_mut().filter(|_| self.attempts >= sight.config.manners.attempts) else {
@@ -377,7 +379,7 @@ impl Mission {
         command
     }
 
-    /// Off its path the robot would come to something that the map has before it can stand.
+    /// True if the robot, off its path, would reach a mapped obstacle before it can stop.
     fn leaves_the_floor(&self, sight: &Sight<'_>, ways: &Ways) -> bool {
         let Config { body, limits, manners, .. } = sight.config;
         let (aside, _) = self.track.error();
@@ -392,7 +394,7 @@ impl Mission {
         ways.is_free(sight.robot) && !ways.is_free(there)
     }
 
-    /// What the sonars allow in the direction of travel.
+    /// Speed that the sonars allow in the direction of travel, m/s.
     fn allowed(&self, sight: &Sight<'_>) -> f64 {
         let forward = self.track.forward().unwrap_or(true);
         let sudden = guard::sudden(sight.now, forward, sight.obstacles, sight.config);
@@ -408,7 +410,7 @@ impl Mission {
         sight.now.since(*self.stuck.get_or_insert(sight.now)) >= STUCK
     }
 
-    /// Looks for the leg after this one while this one is driven, so that waypoints are passed without a stop.
+    /// Plans the next leg while this one is driven, so that waypoints are passed without a stop.
     fn think_ahead(
         &mut self,
         sight: &Sight<'_>,
@@ -437,7 +439,7 @@ impl Mission {
                 (self.unseen, self.replanned) = (true, true);
                 None
             }
-            // Asked again, and answered, when the robot has come to the end of this one.
+            // Planned again, with its result reported, at the end of this leg.
             Progress::NoWay { .. } => Some((route, to)),
         }
     }
@@ -469,7 +471,7 @@ impl Mission {
         }
     }
 
-    /// The robot stands at the end of the track.
+    /// Handles standstill at the end of the track.
     fn arrive(&mut self, sight: &Sight<'_>, ways: &Ways) {
         let Some(goal) = &self.goal else { return };
         let Waypoint { at, .. } = goal.waypoints[goal.next];
@@ -502,7 +504,7 @@ impl Mission {
             if self.is_enough(sight, Hindrance::InTheWay) {
                 return;
             }
-            // A way around may begin nearer to somebody than the robot goes: then it makes room first.
+            // A path around may begin closer to a person than the robot is allowed to go: it backs out first.
             if self.attempts.is_multiple_of(2) && self.back_out(sight, ways) {
                 return;
             }
@@ -511,7 +513,7 @@ impl Mission {
         self.doing = Doing::Waiting { since, gone };
     }
 
-    /// Turns to where the robot came from; when it came from nowhere, straight back or forward, where the map is free.
+    /// Backs out along the path that the robot came from; without one, straight back or forward where the map is free.
     fn back_out(&mut self, sight: &Sight<'_>, ways: &Ways) -> bool {
         let steps = (BACK / TRACE_STEP) as usize;
         let came = self.trace.back().map(|(_, forward)| *forward);
@@ -556,7 +558,7 @@ impl Mission {
         command
     }
 
-    /// Where the robot drives, for backing out; and that it does.
+    /// Records the driven path, for backing out, and the progress towards the waypoint.
     fn remember(&mut self, sight: &Sight<'_>) {
         let last = self.trace.back().map(|(pose, _)| *pose);
         let step = last.map_or(TRACE_STEP, |last| last.point().distance(sight.robot.point()));

@@ -1,11 +1,12 @@
-//! What the sonars say stands around the robot: cells of 5 cm, in the frame of the map.
+//! Obstacle map around the robot from sonar readings: cells of 5 cm in the map frame.
 //!
-//! Each reading counts from the instant at which its sonar fired, once, however often it is sent; one that is not known
-//! frees nothing and suspects nothing. A sonar hears the nearest echo in its cone, not where in the cone it came from. So an echo puts an arc of suspicion
-//! at its distance, less what other cones have just found free; space nearer than the echo is free. Silence frees only
-//! what even a leg would have been heard in, and only within the specular limit (docs/facts/robot.md 2.1, 4.3). A cell
-//! counts when it was suspected twice within about a second: one crosstalk is no obstacle. What is not heard again is
-//! forgotten. Clothes swallow sound: beyond a metre that a cone did not hear somebody says little.
+//! A reading counts once, at the instant at which its sonar fired, however often it is sent; an unknown reading neither
+//! frees nor marks anything. A sonar measures the nearest echo in its cone, but not its direction. An echo therefore
+//! marks an arc at its distance as suspected, except for cells that other cones have just found free; the space nearer
+//! than the echo is free. Silence frees only the space in which even a leg would return an echo, within the specular
+//! limit (docs/facts/robot.md 2.1, 4.3). A cell counts as an obstacle after two suspicions within about a second: a
+//! single crosstalk echo is not one. Cells without new echoes expire. Clothes absorb sound, so silence beyond a metre
+//! is weak evidence.
 
 use crate::config::Body;
 use crate::people::{Heard, People, Person};
@@ -14,57 +15,58 @@ use base::{Duration, Instant};
 use navitools::{Point, Pose};
 use std::mem;
 
-/// Edge of a cell, m.
+/// Side of a cell, m.
 pub const CELL: f64 = 0.05;
-/// Cells along an edge of the grid, which goes with the robot: 8 m.
+/// Number of cells along a side of the grid (8 m), which moves with the robot.
 const SIDE: i32 = 160;
-/// A leg is heard to here, m; what is farther is no news for the next stop.
+/// Range within which a leg returns an echo, m; anything farther does not matter for the next stop.
 const REACH: f64 = 2.5;
-/// Silence frees to here, m: a leg would have been heard.
+/// Range up to which silence frees space, m: a leg would return an echo.
 const SILENT_REACH: f64 = 2.0;
-/// The specular limit, 25°, rad: within it of the axis a smooth wall that stands square to the sound would be heard.
+/// Specular limit, 25°, rad: within this angle of the axis a smooth wall perpendicular to the beam returns an echo.
 const SPECULAR: f64 = 0.4363;
-/// Of what a cone frees, this share of its width was seen.
+/// Share of a cone's width that counts as observed.
 const SEEN_SHARE: f64 = 0.9;
-/// A cone carves the arc of another that was fired within this time.
+/// Longest time between two firings for which a cone frees cells of the other's arc.
 const TOGETHER: Duration = Duration::from_millis(300);
-/// Two readings of a sonar are of one thing, and say how fast it comes nearer, when they follow within this time, s.
+/// Time between two readings of a sonar within which they give the closing speed of one obstacle, s: minimum and
+/// maximum.
 const FOLLOWS: (f64, f64) = (0.05, 0.6);
-/// An echo's distance is known to this, m: noise, a reading's age and the pose.
+/// Accuracy of an echo's position, m: noise, age of the reading, and pose.
 const BLUR: f64 = 0.10;
-/// What a suspicion counts, and how much makes an obstacle: two.
+/// Weight of a suspicion, and the sum that makes an obstacle: two suspicions.
 const SUSPICION: u8 = 4;
 const CONFIRMED: u8 = 6;
-/// More is not counted, so that what has left is forgotten soon.
+/// Upper bound of the evidence, so that an obstacle that has left expires soon.
 const EVIDENCE_MAX: u8 = 12;
-/// What a round counts in which a cone found it free: near, and where it may just not have heard.
+/// Decrease per round in which a cone is free: near, and where the echo may have been missed.
 const FREE_NEAR: u8 = 3;
 const FREE_FAR: u8 = 1;
-/// Near is up to here, m.
+/// Limit of the near range, m.
 const NEAR: f64 = 1.0;
-/// A cell that was not suspected for this long is free.
+/// Time without a suspicion after which a cell is free.
 const DECAY: Duration = Duration::from_secs(5);
-/// The second suspicion must come within this time.
+/// Time within which the second suspicion must follow.
 const CONFIRM_WITHIN: Duration = Duration::from_secs(1);
-/// Edge of a patch of space that was seen, m.
+/// Side of a patch of observed space, m.
 const PATCH: f64 = 0.25;
-/// Patches along an edge.
+/// Number of patches along a side.
 const PATCHES: i32 = 32;
-/// Suspected cells that are remembered.
+/// Maximum number of suspected cells.
 const HITS_MAX: usize = 2000;
-/// Nobody walks faster, m/s (ISO 13855).
+/// Fastest walking speed, m/s (ISO 13855).
 const WALKING: f64 = 1.6;
-/// Echoes of a sonar that differ by less, m, are of one thing.
+/// Difference of two echoes of a sonar below which they belong to one obstacle, m.
 const SAME: f64 = 0.7;
-/// Slower than this nobody comes nearer: the jitter of a reading's age, m/s.
+/// Closing speed below which a change is jitter of the readings' age, m/s.
 const CLOSING_LEAST: f64 = 0.3;
 
-/// A cell where something stands.
+/// Occupied cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Its middle, m.
+    /// Middle of the cell in the map, m.
     pub at: Point,
-    /// How fast it comes nearer by itself, m/s; 0 when it stands.
+    /// Closing speed of the obstacle itself, m/s; 0 if it is stationary.
     pub closing: f64,
 }
 
@@ -76,70 +78,70 @@ struct Cell {
     closing: f64,
 }
 
-/// What one sonar heard last.
+/// Last reading of one sonar.
 #[derive(Clone, Copy, Debug, Default)]
 struct Echo {
-    /// Its number.
+    /// Number of the sonar.
     sonar: i32,
-    /// When it fired; none: nothing has been known of it.
+    /// Firing instant; `None` without a known reading.
     at: Option<Instant>,
-    /// m; none: nothing.
+    /// Distance, m; `None` for silence.
     distance: Option<f64>,
     closing: f64,
     mount: Mount,
-    /// The map says what was heard.
+    /// True if the map explains the echo.
     mapped: bool,
-    /// The reading before was about the same.
+    /// True if the previous reading was about the same.
     again: bool,
-    /// Where the reading before found something of the map, that this one did not find, m.
+    /// Distance of a mapped obstacle in the previous reading that this one missed, m.
     held: Option<f64>,
 }
 
-/// An echo in a direction.
+/// Echo in a direction of travel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Echoed {
-    /// From the end of the body that drives there, m.
+    /// Distance from the leading end of the body, m.
     pub distance: f64,
-    /// How fast it comes nearer by itself, m/s.
+    /// Closing speed of the obstacle itself, m/s.
     pub closing: f64,
-    /// It stands where the map has something.
+    /// True if the map explains the echo.
     pub mapped: bool,
-    /// The reading before was of it too: it is no crosstalk.
+    /// True if the previous reading confirms it, so that it is not crosstalk.
     pub again: bool,
 }
 
-/// Where a sonar was when it fired.
+/// Reading with the motion of the robot when the sonar fired.
 #[derive(Clone, Copy, Debug)]
 pub struct Fired {
-    /// What it measured.
+    /// Reading.
     pub sounding: Sounding,
-    /// Where the robot was.
+    /// Pose of the robot.
     pub robot: Pose,
-    /// How fast the robot went, m/s.
+    /// Speed of the robot, m/s.
     pub speed: f64,
 }
 
-/// The cone of a sonar's last reading.
+/// Cone of a sonar's last reading.
 #[derive(Debug)]
 struct Cone {
     sonar: i32,
     at: Instant,
-    /// It has not been counted before.
+    /// True if the reading was not processed before.
     is_new: bool,
     from: Point,
     cos: f64,
     sin: f64,
     half_beam: f64,
-    /// Of its opening where it frees: cos², and the tangent.
+    /// Half of the opening angle within which the cone frees space: cos², and the tangent.
     clear: (f64, f64),
     echo: Option<f64>,
-    /// Free up to here, m.
+    /// Range up to which the cone is free, m.
     free: f64,
     closing: f64,
 }
 
 impl Cone {
-    /// How sure it is that `point` is free; 0: it is not.
+    /// Weight of the evidence that `point` is free; 0 outside the cone.
     fn frees(&self, point: Point) -> u8 {
         let (dx, dy) = (point.x - self.from.x, point.y - self.from.y);
         let along = dx * self.cos + dy * self.sin;
@@ -153,17 +155,17 @@ impl Cone {
     }
 }
 
-/// The obstacles that were sensed.
+/// Sensed obstacles.
 #[derive(Debug)]
 pub struct Obstacles {
     cells: Vec<Cell>,
-    /// By place modulo [`SIDE`]: the number of a cell plus one, or 0.
+    /// Index of a cell plus one, or 0, by its coordinates modulo [`SIDE`].
     index: Vec<u16>,
-    /// By place modulo [`PATCHES`]: which patch, and when it was last seen free.
+    /// Patch, and the instant at which it was last observed free, by its coordinates modulo [`PATCHES`].
     seen: Vec<((i32, i32), Instant)>,
     echoes: Vec<Echo>,
     people: People,
-    /// Of the round that is taken: kept for its memory.
+    /// Cones of the current round; a reused buffer.
     cones: Vec<Cone>,
     round: Vec<Heard>,
 }
@@ -183,20 +185,20 @@ impl Default for Obstacles {
 }
 
 impl Obstacles {
-    /// Nothing heard.
+    /// Creates an empty obstacle map.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What is around has changed altogether: the robot was put elsewhere.
+    /// Clears everything, after a jump of the pose.
     pub fn forget(&mut self) {
         *self = Self::default();
     }
 
-    /// Takes a round of the sonars at `now`; a reading that was taken before is not taken again. `robot` is where the
-    /// robot was when the last of them fired; `footprint(point)` tells points of the robot's frame that it covers,
-    /// `mapped(point)` those of the map near which an echo is no news.
+    /// Processes a round of readings at `now`; a reading that was processed before is ignored. `robot` is the pose when
+    /// the last sonar fired; `footprint(point)` is true for points of the robot's frame that its body covers,
+    /// `mapped(point)` for points of the map at which the map explains an echo.
     pub fn update(
         &mut self,
         now: Instant,
@@ -261,14 +263,14 @@ impl Obstacles {
             let closing = match (last.distance, distance) {
                 (Some(before), Some(after)) if dt > FOLLOWS.0 && dt < FOLLOWS.1 => {
                     let closing = (before - after) / dt - speed * libm::cos(mount.theta);
-                    // A jump is another thing that is heard, not one that runs.
+                    // A jump is an echo of another obstacle, not a fast one.
                     if (CLOSING_LEAST..2.0 * WALKING).contains(&closing) { closing.min(WALKING) } else { 0.0 }
                 }
                 _ => 0.0,
             };
             let same = |(before, after): (f64, f64)| (before - after).abs() < SAME;
             let again = dt < FOLLOWS.1 && last.distance.zip(distance).is_some_and(same);
-            // Walls do not go away: one that a single reading misses is still there, and the robot nearer to it.
+            // Walls do not move: a wall missed by a single reading is still there, and the robot has come closer to it.
             let nearer = |before: f64| before - speed * libm::cos(mount.theta) * dt;
             let held = last.distance.filter(|_| last.mapped && dt < FOLLOWS.1).map(nearer);
             *last = Echo { sonar, at: Some(at), distance, closing, mount, mapped: false, again, held };
@@ -291,7 +293,7 @@ impl Obstacles {
         }
     }
 
-    /// The space that a cone found free was seen when it fired.
+    /// Marks the space that a cone found free as observed at its firing instant.
     fn look(&mut self, cone: &Cone) {
         for share in [-1.0, -0.5, 0.0, 0.5, 1.0] {
             let tan = share * SEEN_SHARE * cone.clear.1;
@@ -308,7 +310,7 @@ impl Obstacles {
         }
     }
 
-    /// Suspects the arc that an echo may have come from; true if the map says what it came from.
+    /// Marks the arc of an echo as suspected; true if the map explains the echo.
     fn suspect(
         &mut self,
         cone: &Cone,
@@ -347,7 +349,7 @@ impl Obstacles {
         false
     }
 
-    /// Who is around at `now`.
+    /// Tracked people, extrapolated to `now`.
     pub fn people(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
         self.people.around(now)
     }
@@ -385,13 +387,13 @@ impl Obstacles {
         }
     }
 
-    /// The cells where something stands.
+    /// Occupied cells.
     pub fn hits(&self) -> impl Iterator<Item = Hit> + '_ {
         let confirmed = self.cells.iter().filter(|cell| cell.evidence >= CONFIRMED);
         confirmed.map(|cell| Hit { at: middle(cell.place), closing: cell.closing })
     }
 
-    /// Whether the space at `point` was found free within the last `age`.
+    /// True if the space at `point` was observed free within the last `age`.
     #[must_use]
     pub fn seen_within(&self, now: Instant, point: Point, age: Duration) -> bool {
         let patch = place(point, PATCH);
@@ -399,8 +401,8 @@ impl Obstacles {
         which == patch && now.since(at) <= age
     }
 
-    /// What sonars that look where the robot's front drives, or its rear, heard as long as that is believed. One reading
-    /// is enough here: who is near is braked for at once.
+    /// Valid echoes of the sonars that cover the path before the front, or the rear. A single reading is enough here:
+    /// the robot brakes at once for anything that close.
     pub fn echoes(&self, now: Instant, forward: bool, body: &Body) -> impl Iterator<Item = Echoed> + '_ {
         let body = *body;
         let fresh = move |echo: &&Echo| echo.is_believed(now) && echo.mount.looks(forward, &body);
@@ -414,7 +416,7 @@ impl Obstacles {
         self.echoes.iter().filter(fresh).flat_map(told).flatten()
     }
 
-    /// True if there are sonars that look where the robot's front drives, or its rear, and nothing is known of any.
+    /// True if sonars cover the path before the front, or the rear, and the state of all of them is unknown.
     #[must_use]
     pub fn is_blind(&self, now: Instant, forward: bool, body: &Body) -> bool {
         let mut looking = self.echoes.iter().filter(|echo| echo.mount.looks(forward, body)).peekable();
@@ -428,13 +430,13 @@ impl Echo {
     }
 }
 
-/// Time between two instants.
+/// Absolute difference of two instants.
 fn apart(a: Instant, b: Instant) -> Duration {
     a.since(b).max(b.since(a))
 }
 
 fn place(point: Point, size: f64) -> (i32, i32) {
-    // Casts saturate: what is not on the grid is far from the robot.
+    // Casts saturate: a point outside the grid is far from the robot.
     (libm::floor(point.x / size) as i32, libm::floor(point.y / size) as i32)
 }
 
@@ -463,7 +465,7 @@ mod tests {
         if distance.is_nan() { ranges::Heard::Silent } else { ranges::Heard::Echo(distance) }
     }
 
-    /// Readings of the three front sonars of a robot that stands at the origin.
+    /// Readings of the three front sonars of a robot at the origin.
     fn fired(at: Instant, heard: [ranges::Heard; 3]) -> Vec<Fired> {
         let fired = |(id, ((x, y, theta), heard)): (usize, ((f64, f64, f64), ranges::Heard))| {
             let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };

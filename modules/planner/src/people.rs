@@ -1,100 +1,102 @@
-//! Who is around: somebody is where echoes agree that the map does not explain.
+//! Tracker of people: finds them in sonar echoes that the map does not explain.
 //!
-//! A Kalman filter for each: place and velocity on the floor. An echo tells the distance well and the direction as badly as
-//! the beam is wide; what has a sonar's beam on it and is not heard is less likely there, the more so the nearer it is, as
-//! clothes swallow sound beyond a metre (docs/facts/robot.md 2.1). One echo is nobody yet: crosstalk and noise make some
-//! in every round. Whoever is not heard any more is forgotten within seconds, and where he may have gone grows.
+//! Each track is a Kalman filter over position and velocity on the floor, with an existence probability. An echo is
+//! precise in distance and as imprecise in direction as the beam is wide. A sonar that covers a track without an echo
+//! lowers its existence probability, more at close range, because clothes absorb sound beyond a metre
+//! (docs/facts/robot.md 2.1). A single echo does not confirm a track: crosstalk and noise cause false ones in every
+//! round. A track without echoes is deleted within seconds, and its position uncertainty grows meanwhile.
 
 use crate::ranges::BELIEVED;
 use base::Instant;
 use navitools::Point;
 
-/// As many are followed.
+/// Maximum number of tracks.
 const MOST: usize = 24;
-/// A leg is heard to here, m.
+/// Range within which a leg returns an echo, m.
 const REACH: f64 = 2.5;
-/// From the leg that is heard to the middle of whoever stands on it, m.
+/// Distance from the leg that returns the echo to the middle of the person, m.
 const INSIDE: f64 = 0.12;
-/// Deviation of a distance: noise, which leg it was, and a reading's age while he walks, m.
+/// Standard deviation of a distance, m: noise, which of the two legs it was, and the age of the reading while the
+/// person walks.
 const ALONG: f64 = 0.13;
-/// Deviation of the place across the beam as a share of half the beam's width there, and at least, m.
+/// Standard deviation across the beam: share of half the beam's width at that distance, and lower bound in m.
 const ACROSS: f64 = 0.4226;
 const ACROSS_LEAST: f64 = 0.08;
-/// How people change their velocity: its variance grows by so much a second, m²/s³.
+/// Spectral density of the acceleration: growth of the velocity's variance, m²/s³.
 const RESTLESS: f64 = 0.6;
-/// Deviation of the velocity of whom nothing is known, m/s.
+/// Initial standard deviation of the velocity, m/s.
 const WALKS: f64 = 0.65;
-/// An echo is of somebody when its squared deviations are less.
+/// Association gate: an echo belongs to a track if its squared Mahalanobis distance is below this.
 const GATE: f64 = 9.0;
-/// Echoes of nobody, for each metre of distance and reading: short and random readings.
+/// False alarms per metre of distance and reading: short and random readings.
 const CLUTTER: f64 = 0.02;
-/// How likely somebody is at a single echo that the map does not explain.
+/// Initial existence probability of a track, from one echo that the map does not explain.
 const NEW: f64 = 0.25;
-/// Whoever is less likely is forgotten, and whoever is more likely is somebody.
+/// Existence probabilities below which a track is deleted and above which it is confirmed.
 const FORGOTTEN: f64 = 0.04;
 const SOMEBODY: f64 = 0.7;
-/// Who was somebody is so until he is less likely.
+/// Existence probability below which a confirmed track loses its confirmation.
 const DOUBTED: f64 = 0.3;
-/// Whoever is likelier than this may be there: one echo.
+/// Existence probability above which a track is reported; a single echo is enough.
 const MAYBE: f64 = 0.2;
-/// A sonar that is well and has somebody on its axis hears him so surely: within a metre, and beyond.
+/// Probability that a working sonar detects a person on its axis: within a metre, and beyond.
 const HEARD: (f64, f64) = (0.75, 0.38);
-/// Somebody who has not been heard for so long, s, is half as likely.
+/// Time without an echo after which the existence probability is halved, s.
 const HALF_LIFE: f64 = 2.0;
-/// Two that are nearer to each other are one, m.
+/// Tracks closer to each other than this are merged, m.
 const ONE: f64 = 0.30;
-/// Where somebody may be is known no better than this: forgotten, m.
+/// Position uncertainty above which a track is deleted, m.
 const ANYWHERE: f64 = 1.0;
-/// A round comes at least so often, or time is not followed, s.
+/// Longest gap between two rounds; all tracks are deleted after a longer one, s.
 const LATE: f64 = 1.0;
 
-/// What one sonar heard in a round.
+/// Reading of one sonar in a round.
 #[derive(Clone, Copy, Debug)]
 pub struct Heard {
-    /// When it fired.
+    /// Instant at which the sonar fired.
     pub at: Instant,
-    /// Where it was.
+    /// Position of the sonar in the map, m.
     pub from: Point,
-    /// Where it looked: cosine and sine.
+    /// Direction of the beam's axis in the map: cosine and sine.
     pub axis: (f64, f64),
-    /// Tangent of half the beam's opening.
+    /// Tangent of half the beam's opening angle.
     pub spread: f64,
-    /// m; none: nothing.
+    /// Measured distance, m; `None` without an echo.
     pub echo: Option<f64>,
-    /// The map says what was heard.
+    /// True if the map explains the echo.
     pub mapped: bool,
 }
 
-/// Somebody at a moment.
+/// Person at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Person {
-    /// His middle, m.
+    /// Middle of the person in the map, m.
     pub at: Point,
-    /// m/s.
+    /// Velocity in the map, m/s.
     pub velocity: (f64, f64),
-    /// Deviation of the place, m.
+    /// Standard deviation of the position, m.
     pub sigma: f64,
-    /// Deviation of the velocity, m/s.
+    /// Standard deviation of the velocity, m/s.
     pub restless: f64,
-    /// He has been heard well enough; else it may be nobody.
+    /// True if the track is confirmed; otherwise it may be a false alarm.
     pub sure: bool,
 }
 
-/// Place and velocity, x y vx vy, with their covariance.
+/// Position and velocity (x, y, vx, vy) with their covariance.
 #[derive(Clone, Copy, Debug)]
 struct Track {
     mean: [f64; 4],
     covariance: [[f64; 4]; 4],
     likely: f64,
-    /// He was likelier than [`SOMEBODY`], and has not become less likely than [`DOUBTED`] since.
+    /// True once the existence probability exceeds [`CONFIRM_ABOVE`], until it falls below [`UNCONFIRM_BELOW`].
     sure: bool,
 }
 
-/// Everybody around.
+/// All tracks.
 #[derive(Debug)]
 pub struct People {
     tracks: Vec<Track>,
-    /// When the last sonar fired.
+    /// Firing instant of the last sonar.
     at: Instant,
 }
 
@@ -105,7 +107,7 @@ impl Default for People {
 }
 
 impl People {
-    /// A round of the sonars, in order of their instants; `covered` tells where the robot itself stands.
+    /// Processes a round of readings, ordered by instant. `covered` is true for points under the robot itself.
     pub fn update(&mut self, round: &[Heard], covered: impl Fn(Point) -> bool) {
         for heard in round {
             self.go_on(heard.at);
@@ -118,7 +120,7 @@ impl People {
         }
     }
 
-    /// Everybody goes on as he goes until `at`, and is less likely there the longer that is.
+    /// Predicts all tracks to `at` and lets their existence probabilities decay.
     fn go_on(&mut self, at: Instant) {
         let dt = at.since(self.at).as_secs_f64();
         if dt <= 0.0 {
@@ -135,7 +137,7 @@ impl People {
         }
     }
 
-    /// What one sonar says of everybody; and of one who was not known.
+    /// Updates all tracks with one reading, and starts a new track if the echo belongs to none of them.
     fn hear(&mut self, heard: &Heard) {
         let echo = heard.echo.filter(|distance| !heard.mapped && *distance <= REACH);
         let nearest = |(number, track): (usize, &Track)| {
@@ -164,7 +166,7 @@ impl People {
         }
     }
 
-    /// Of two in one place the likelier stays.
+    /// Merges tracks at one place: the more probable one remains.
     fn unite(&mut self) {
         let mut number = 0;
         while number < self.tracks.len() {
@@ -181,7 +183,7 @@ impl People {
         }
     }
 
-    /// Everybody who is there, or may be, as he is at `now`.
+    /// People who are present, or may be, extrapolated to `now`.
     pub fn around(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
         let late = now.since(self.at);
         let (fresh, late) = (late <= BELIEVED, late.as_secs_f64());
@@ -196,15 +198,15 @@ impl People {
     }
 }
 
-/// An echo as it would be of somebody: how far off him it is, along the beam and across it, m.
+/// Echo relative to a track: deviation along the beam and across it, m.
 #[derive(Clone, Copy, Debug)]
 struct Echo {
     distance: f64,
     along: f64,
     across: f64,
-    /// Variances of both.
+    /// Variances along and across, m².
     spread: (f64, f64),
-    /// The squared deviations.
+    /// Squared Mahalanobis distance.
     off: f64,
 }
 
@@ -225,7 +227,7 @@ impl Echo {
     }
 }
 
-/// Variances of a place that was heard, along the beam and across it, m².
+/// Measurement variances along the beam and across it, m².
 fn noise(distance: f64, spread: f64) -> (f64, f64) {
     let across = ACROSS_LEAST + ACROSS * spread * distance;
     (ALONG * ALONG, across * across)
@@ -255,7 +257,7 @@ impl Track {
         libm::sqrt((self.covariance[0][0] + self.covariance[1][1]) / 2.0)
     }
 
-    /// Variance of the place in a direction.
+    /// Variance of the position along a unit vector.
     fn variance(&self, x: f64, y: f64) -> f64 {
         let p = &self.covariance;
         p[0][0] * x * x + 2.0 * p[0][1] * x * y + p[1][1] * y * y
@@ -282,7 +284,7 @@ impl Track {
         }
     }
 
-    /// The place is off by `off` m in a direction, by a measurement of this variance.
+    /// Kalman update with a position deviation of `off` m along a unit vector and the variance of the measurement, m².
     fn correct(&mut self, (x, y): (f64, f64), off: f64, variance: f64) {
         let p = self.covariance;
         let gain = p.map(|row| row[0] * x + row[1] * y);
@@ -300,14 +302,14 @@ impl Track {
         let (near, wide) = noise(echo.distance, heard.spread);
         self.correct((cos, sin), echo.along, near);
         self.correct((-sin, cos), echo.across, wide);
-        // How much likelier such an echo is of him than of nobody.
+        // Likelihood ratio of the echo: this person against a false alarm.
         let density = libm::exp(-echo.along * echo.along / (2.0 * echo.spread.0))
             / libm::sqrt(core::f64::consts::TAU * echo.spread.0);
         let sure = sure(echo.distance) * density / CLUTTER;
         self.likely = self.likely * sure / (self.likely * sure + 1.0 - self.likely);
     }
 
-    /// A sonar that would have heard him is a word against him.
+    /// Lowers the existence probability if the sonar should have detected the person.
     fn is_not_heard(&mut self, heard: &Heard) {
         let (cos, sin) = heard.axis;
         let (dx, dy) = (self.mean[0] - heard.from.x, self.mean[1] - heard.from.y);
@@ -320,7 +322,7 @@ impl Track {
         if off.abs() >= 1.0 {
             return;
         }
-        // Less so where it is not known whether he is in the beam.
+        // Weighted by the probability that the person is within the beam at all.
         let wide = (heard.spread * along) * (heard.spread * along);
         let within = wide / (wide + self.variance(-sin, cos));
         let miss = 1.0 - within * (1.0 - 0.5 * off * off) * sure(along - INSIDE);
@@ -328,7 +330,7 @@ impl Track {
     }
 }
 
-/// How surely somebody on the axis is heard at this distance.
+/// Detection probability of a person on the beam's axis at this distance.
 fn sure(distance: f64) -> f64 {
     if distance <= 1.0 { HEARD.0 } else { HEARD.1 }
 }
@@ -339,12 +341,12 @@ mod tests {
     use super::*;
     use base::Duration;
 
-    /// A sonar at the origin that heard nothing.
+    /// Sonar at the origin without an echo.
     fn heard(at: Instant, axis: (f64, f64)) -> Heard {
         Heard { at, from: Point::default(), axis, spread: 0.52, echo: None, mapped: false }
     }
 
-    /// Three sonars that look ahead, side by side, and what they hear of somebody at a place.
+    /// Readings of three sonars side by side, looking ahead, with a person at `at`.
     fn round(now: Instant, at: Option<Point>) -> Vec<Heard> {
         let sonar = |angle: f64| {
             let (sin, cos) = libm::sincos(angle);
@@ -355,7 +357,7 @@ mod tests {
         [-0.44, 0.0, 0.44].map(sonar).to_vec()
     }
 
-    /// Rounds four times a second of somebody who starts at `at`.
+    /// Four rounds per second with a person who starts at `at`.
     fn follow(people: &mut People, at: Point, (vx, vy): (f64, f64), rounds: u64) -> Instant {
         let mut now = Instant::from_millis(10_000);
         for n in 0..rounds {

@@ -1,4 +1,4 @@
-//! The module around it: what it hears, when it acts, what it says.
+//! Planner module: subscriptions, control loop, published messages.
 
 use crate::config::Config;
 use crate::goal::Goal;
@@ -15,22 +15,22 @@ use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, Data
 use messages::{Channel, Message, StopSource};
 use module::{Actions, Event, Holds, Module, Standing, State};
 
-/// The module's name, and the source of its motion.
+/// Name of the module, and the source of its motion commands.
 pub const NAME: &str = "planner";
 
-/// Motion is commanded this often.
+/// Period of motion commands.
 const CONTROL: Duration = Duration::from_millis(50);
-/// How the goal fares is told at least this often.
+/// Longest period of `ML_DATA_GOAL`.
 const TELL: Duration = Duration::from_millis(200);
-/// What stands around is told this often, and the path at least so.
+/// Period of `ML_DATA_OBSTACLES`, and longest period of `ML_DATA_PLAN`.
 const SHOW: Duration = Duration::from_secs(1);
-/// After the last motion zero is commanded so often before it falls silent: one may be lost.
+/// Number of zero commands after the last motion, in case some are lost.
 const ZEROS: u32 = 10;
 
 base::deadlines! {
     /// Periodic work, from the start on.
     enum Timer {
-        /// A turn of the control loop.
+        /// Step of the control loop.
         Control,
         /// `ML_DATA_GOAL` is published.
         Goal,
@@ -39,31 +39,31 @@ base::deadlines! {
     }
 }
 
-/// The module.
+/// Planner module.
 pub struct Planner {
     config: Config,
     ways: Ways,
     senses: Senses,
     obstacles: Obstacles,
     mission: Mission,
-    /// What was commanded last.
+    /// Last motion command.
     command: Motion,
-    /// Zeros that are still to be sent.
+    /// Number of zero commands still to be sent.
     zeros: u32,
-    /// The last estimate was no number, or its time ran backwards.
+    /// True if the last estimate was not a number, or its time ran backwards.
     bad: bool,
-    /// It drove by itself at the last step.
+    /// True if the planner drove the robot in the last step.
     drove: bool,
-    /// Why it does not drive, the weightiest first.
+    /// Causes that hold the robot, the most important one first.
     waits: Vec<Wait>,
     holds: Holds,
-    /// Goal, waypoint, status and text as published last.
+    /// Goal, waypoint, status and text as last published.
     told: (i32, usize, i8, String),
     deadlines: Deadlines<Timer>,
 }
 
 impl Planner {
-    /// The module.
+    /// Creates the module.
     #[must_use]
     pub fn new(config: Config) -> Self {
         Self {
@@ -143,7 +143,7 @@ impl Planner {
         let newest = known.map(|sounding| sounding.at).max().unwrap_or(now);
         let Some(last) = self.senses.when_fired(newest) else { return };
         let (body, ways) = (&self.config.body, &self.ways);
-        // The pose may be off by so much to either side.
+        // Accuracy of the pose, m, to either side.
         let slack = 0.10 + 2.0 * last.sigma.min(0.2);
         let robot = last.pose;
         let mapped = |point| ways.is_mapped(point, slack);
@@ -162,16 +162,16 @@ impl Planner {
         }
     }
 
-    /// There is anything to command, or to wait for.
+    /// True if there is anything to command or to wait for.
     fn is_busy(&self) -> bool {
         self.mission.has_goal() || self.zeros > 0
     }
 
-    /// One turn of the control loop.
+    /// One step of the control loop.
     fn control(&mut self, now: Instant, out: &mut Actions) {
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
-        // Blind ahead it does not drive back either: from there it could not go on.
+        // Without readings ahead the robot does not back out either: from there it could not continue.
         let blind = self.obstacles.is_blind(now, true, &self.config.body);
         self.waits = self.senses.waits(now, NAME, blind);
         let drives = wants && self.waits.is_empty();
@@ -188,7 +188,7 @@ impl Planner {
             }
             _ => Motion { speed: 0.0, steering: self.senses.motion().steering },
         };
-        // With or without a goal, what was begun is ended by a zero that is heard.
+        // With or without a goal, a motion ends with a zero command that is received.
         self.zeros = if wants { ZEROS } else { self.zeros };
         if self.zeros == 0 {
             return;
@@ -200,18 +200,18 @@ impl Planner {
         out.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::PLANNER, source: NAME.into() });
     }
 
-    /// What the drives can follow until the next turn. To slower it goes at once.
+    /// Command that the drives can follow until the next step. Decelerations take effect at once.
     fn reachable(&self, aim: Motion) -> Motion {
         let limits = &self.config.limits;
         let period = CONTROL.as_secs_f64();
         let (last, now) = (self.command.speed, self.senses.motion().speed);
         let step = limits.acceleration * period;
-        // A new direction begins from standing, and a start from how fast it really goes.
+        // A new direction begins at standstill, and a start at the measured speed.
         let from = if last * aim.speed < 0.0 { 0.0 } else { last };
         let from = if from.abs() > now.abs() + 0.2 { now } else { from };
         let faster = from.abs() + step;
         let speed = aim.speed.clamp(-faster, faster).clamp(-limits.speed, limits.speed);
-        // Not twice as fast as the wheels turn.
+        // At most twice the steering rate.
         let turn = 2.0 * limits.steering_rate * period;
         let steering = aim.steering.clamp(self.command.steering - turn, self.command.steering + turn);
         let steering = steering.clamp(-limits.steering, limits.steering);
@@ -219,7 +219,7 @@ impl Planner {
         if sane { Motion { speed, steering } } else { Motion { speed: 0.0, steering: 0.0 } }
     }
 
-    /// What keeps a goal from being driven to.
+    /// Causes that prevent driving to a goal.
     fn waits(&self) -> &[Wait] {
         if self.mission.has_goal() { &self.waits } else { &[] }
     }
@@ -227,7 +227,7 @@ impl Planner {
     fn publish_holds(&mut self, now: Instant, out: &mut Actions) {
         let mut holds = std::mem::take(&mut self.holds);
         let waits = self.waits();
-        // Of a goal that nothing keeps from being driven to, the mission knows what it does about it.
+        // Without such a cause, the mission has the cause for which it does not drive.
         let own = self.mission.hold().filter(|_| waits.is_empty());
         let own = own.as_ref().map(|(hold, subject)| Standing::new(*hold, subject));
         let waits =
@@ -307,7 +307,7 @@ impl Module for Planner {
 
     fn poll_timeout(&self) -> Option<Instant> {
         let mut due = self.deadlines;
-        // While there is nothing to control the loop keeps its grid, and wakes nobody.
+        // While there is nothing to control, the timer keeps its phase without waking the module.
         if !self.is_busy() {
             due.clear(Timer::Control);
         }

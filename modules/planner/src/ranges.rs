@@ -1,21 +1,21 @@
-//! Readings of the sonars as the planner takes them: from `LL_DATA_RANGES`, or where only that comes, from
-//! `LL_DATA_SRFS`, the view of 2011, which has one time for all and cannot tell silence from a dead sensor.
+//! Sonar readings of the planner, from `LL_DATA_RANGES`, or as a fallback from `LL_DATA_SRFS`, the view of 2011, which
+//! has one timestamp for all and cannot distinguish silence from a dead sensor.
 
 use crate::config::Body;
 use base::{Duration, Instant};
 use messages::lowlevel::{DataRanges, DataSrfs, Reading};
 use navitools::{Point, wrap};
 
-/// Readings are believed this long after their sonars fired: people move (docs/facts/robot.md 4.3).
+/// Time for which a reading is valid after its sonar fired: people move (docs/facts/robot.md 4.3).
 pub const BELIEVED: Duration = Duration::from_secs(1);
-/// Sonars of a message that are taken.
+/// Maximum number of sonars in a message.
 pub const SONARS_MAX: usize = 32;
-/// Beams are taken as no wider than this, rad.
+/// Upper bound of the beam's opening angle, rad.
 const BEAM_MAX: f64 = 3.0;
-/// A sonar whose beam reaches the width of the body at this distance before an end looks where that end drives, m.
+/// Distance before an end of the body at which a beam must reach the body's width to cover that direction of travel, m.
 const LANE: f64 = 0.8;
 
-/// Where a sonar sits and looks, in the robot's frame.
+/// Mounting of a sonar in the robot's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mount {
     /// Position, m.
@@ -27,13 +27,13 @@ pub struct Mount {
 }
 
 impl Mount {
-    /// `None` where that is no place on a robot, or no beam.
+    /// Mounting; `None` if the position or the beam is invalid.
     fn of(x: f64, y: f64, theta: f64, beam: f64) -> Option<Self> {
         let sits = [x, y, theta].iter().all(|value| value.is_finite() && value.abs() <= 10.0);
         (sits && beam >= 0.0).then(|| Self { at: Point { x, y }, theta, beam: beam.min(BEAM_MAX) })
     }
 
-    /// True if it would hear what stands before the robot's front, or its rear, in the width of the body.
+    /// True if the beam covers the body's width before the robot's front, or its rear.
     #[must_use]
     pub fn looks(&self, forward: bool, body: &Body) -> bool {
         let x = if forward { body.front + LANE } else { -body.rear - LANE };
@@ -45,36 +45,36 @@ impl Mount {
         axis - half <= corners[0].max(corners[1]) && axis + half >= corners[0].min(corners[1])
     }
 
-    /// How far the robot reaches beyond the sonar towards its front, or its rear, m.
+    /// Distance by which the body extends beyond the sonar towards its front, or its rear, m.
     #[must_use]
     pub fn behind(&self, forward: bool, body: &Body) -> f64 {
         (if forward { body.front - self.at.x } else { body.rear + self.at.x }).max(0.0)
     }
 }
 
-/// What a sonar measured.
+/// Result of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Heard {
-    /// Not known: nothing is free for it.
+    /// Unknown; frees no space.
     Unknown,
-    /// The view of 2011 has no echo there: the sonar may have measured silence, or nothing at all. Nothing is free for it.
+    /// No echo in the view of 2011: silence or a failed measurement. Frees no space.
     NoEcho,
-    /// It measured, and nothing returned an echo.
+    /// Measured, without an echo.
     Silent,
     /// Distance of the nearest echo, m; above 0.
     Echo(f64),
 }
 
-/// A reading of one sonar.
+/// Reading of one sonar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sounding {
-    /// The sonar's number.
+    /// Number of the sonar.
     pub id: i32,
-    /// When it fired.
+    /// Firing instant.
     pub at: Instant,
-    /// Where it sits and looks.
+    /// Mounting.
     pub mount: Mount,
-    /// What it measured.
+    /// Result.
     pub heard: Heard,
 }
 
@@ -91,8 +91,8 @@ impl Sounding {
     }
 }
 
-/// The sonars of a message that was received at `received`. The instants of its readings count by their age in it, so
-/// that the sender's clock does not matter.
+/// Readings of a message received at `received`. Their instants follow from their age in the message, independent of
+/// the sender's clock.
 #[must_use]
 pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
     let sonars = message.readings.iter().filter(|reading| reading.kind == Reading::SONAR);
@@ -111,8 +111,8 @@ pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
     sonars.take(SONARS_MAX).filter_map(sounding).collect()
 }
 
-/// The sonars of a message as in 2011 that was received at `received`: its readings count from then, and have this beam,
-/// rad.
+/// Readings of an `LL_DATA_SRFS` message received at `received`, which is taken as their instant, with this opening
+/// angle, rad.
 #[must_use]
 pub fn of_srfs(received: Instant, message: &DataSrfs, beam: f64) -> Vec<Sounding> {
     let sounding = |range: &messages::lowlevel::Range| {
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn who_looks_ahead_is_known_from_where_it_sits_and_how_wide_it_hears() {
         let looks = |x, y, degrees, beam| [true, false].map(|forward| mount(x, y, degrees, beam).looks(forward, &BODY));
-        // The reference robot's: three of five in front, three of five behind.
+        // The reference robot's: three of five at the front, three of five at the rear.
         for (y, degrees) in [(0.15, 25.0), (0.0, 0.0), (-0.15, -25.0)] {
             assert_eq!(looks(0.75, y, degrees, 0.96), [true, false], "{degrees}");
             assert_eq!(looks(-0.15, y, 180.0 - degrees, 0.96), [false, true], "{degrees}");
@@ -146,7 +146,7 @@ mod tests {
             assert_eq!(looks(0.60, side * 0.30, side * 90.0, 0.96), [false, false]);
             assert_eq!(looks(-0.13, side * 0.28, side * 120.0, 0.96), [false, false]);
         }
-        // A narrow beam, turned out: past who stands before the robot. And one turned in from a corner.
+        // A narrow beam turned outwards misses the path before the robot. And a beam turned inwards from a corner.
         assert_eq!(looks(0.75, 0.15, 40.0, 0.3), [false, false]);
         assert_eq!(looks(0.75, 0.30, -20.0, 0.3), [true, false]);
     }

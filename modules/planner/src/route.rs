@@ -1,4 +1,4 @@
-//! Looking for a way: the search, asked a piece at a time, and the map it is asked on.
+//! Incremental path search for the mission, and the fields that it searches.
 
 use crate::config::{Body, Config};
 use crate::goal::Waypoint;
@@ -9,50 +9,50 @@ use crate::path::Path;
 use crate::search::{Budget, Footprint, Goal, Limits, NoWay, Search, Status};
 use navitools::{Point, Pose};
 
-/// Work of the search in one turn of the control loop: a few milliseconds where the robot's computer is slow.
+/// Work units of the search per step of the control loop: a few milliseconds on the robot's computer.
 const WORK: u32 = 250;
-/// Work for a way around what is heard: before it is done people have moved.
+/// Budget for a path around sensed obstacles: after a longer search people have moved.
 const WORK_AROUND: u32 = 20_000;
-/// Curves are planned wider than the steering allows, so that there is room to correct.
+/// Factor on the minimum turning radius in planning, as a reserve for corrections.
 const WIDER: f64 = 1.08;
-/// Kept free on all sides, on the map and of what is heard, m: the pose and the following are good to this.
+/// Margin on all sides from mapped and sensed obstacles, m: the accuracy of the pose and of path following.
 const MARGIN: f64 = 0.08;
-/// What is heard is taken as so large, m, beside its cell.
+/// Size of a sensed obstacle beyond its cell, m.
 const HEARD: f64 = 0.15;
-/// Without a map the floor is taken as free so far beyond start and goal, m.
+/// Free floor beyond start and goal if there is no map, m.
 const BEYOND: f64 = 8.0;
-/// In cells of at least this, and about so many along an edge.
+/// Smallest cell of such a floor, m, and the approximate number of cells along a side.
 const CELL: f64 = 0.05;
 const CELLS: f64 = 800.0;
 
-/// What is known to stand, what is heard, and the search among it.
+/// Map, sensed obstacles, and the search among them.
 #[derive(Debug)]
 pub struct Ways {
-    /// The map alone; made up around start and goal where there is none.
+    /// Field of the map alone; generated around start and goal without a map.
     still: Option<Field>,
     has_map: bool,
-    /// With what is heard.
+    /// Field with sensed obstacles.
     live: Option<Field>,
     search: Search,
 }
 
-/// What came of looking.
+/// Progress of the search.
 pub enum Progress {
-    /// Nothing yet.
+    /// Not finished.
     Going,
-    /// Poses in order, and whether each is driven to forward.
+    /// Poses in order, each with true if it is driven to forwards.
     Found(Vec<(Pose, bool)>),
-    /// There is none.
+    /// No path.
     NoWay {
-        /// What is in the way.
+        /// Reason.
         why: Hindrance,
-        /// As the map is there never will be.
+        /// True if there is no path on this map at all.
         forever: bool,
     },
 }
 
 impl Ways {
-    /// The map of a configuration; without one, an open floor.
+    /// Field of the configured map; an open floor without one.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         let Config { body, limits, map, .. } = config;
@@ -63,19 +63,20 @@ impl Ways {
         Self { has_map: still.is_some(), still, live: None, search: Search::new(limits) }
     }
 
-    /// Whether the map has something within `within` m of `point`, or `point` is not on it: an echo is no news there.
+    /// True if the map has an obstacle within `within` m of `point`, or `point` is outside it: the map explains an echo
+    /// there.
     #[must_use]
     pub fn is_mapped(&self, point: Point, within: f64) -> bool {
         self.has_map && self.still.as_ref().is_some_and(|still| f64::from(still.distance(point.x, point.y)) <= within)
     }
 
-    /// Whether the map alone lets the robot stand at a pose.
+    /// True if the pose is free on the map alone.
     #[must_use]
     pub fn is_free(&self, pose: Pose) -> bool {
         self.still.as_ref().is_none_or(|still| self.search.limits().footprint.is_free(still, pose))
     }
 
-    /// Ways around are around what is heard now, but for what the robot itself stands in.
+    /// Sets the obstacles for paths around them: all sensed ones except those within the robot's own body.
     pub fn sense(&mut self, obstacles: &Obstacles, robot: Pose, body: &Body) {
         let Some(still) = &self.still else { return };
         let inverse = robot.inverse();
@@ -84,7 +85,7 @@ impl Ways {
         self.live.get_or_insert_with(|| still.clone()).overlay(&heard);
     }
 
-    /// Without a map, a free floor that holds both.
+    /// Without a map: generates a free floor that contains both points.
     fn floor(&mut self, from: Point, to: Point) {
         let holds = |frame: &Frame| {
             let cell = |x, y| frame.cell(x, y).is_some();
@@ -102,19 +103,19 @@ impl Ways {
     }
 }
 
-/// A way that is being looked for. There is one search: whoever begins another ends this one.
+/// Path search in progress. There is one search: a new one replaces it.
 #[derive(Clone, Copy, Debug)]
 pub struct Route {
     from: Pose,
     to: Waypoint,
-    /// Tried first; a way with any heading is one as well, where none was asked for.
+    /// Preferred heading at the waypoint; any heading will do if the waypoint requires none.
     heading: Option<f64>,
     around: bool,
     over: bool,
 }
 
 impl Route {
-    /// Begins to look for a way to `to`, best with `heading`; around what is heard, or on the map alone.
+    /// Begins to search a path to `to`, preferably with `heading`, around sensed obstacles or on the map alone.
     pub fn begin(ways: &mut Ways, from: Pose, to: &Waypoint, heading: Option<f64>, around: bool) -> Self {
         let route = Self { from, to: *to, heading, around, over: false };
         ways.floor(from.point(), to.at);
@@ -127,7 +128,7 @@ impl Route {
 
     fn search(&self, ways: &mut Ways) {
         let Waypoint { at, tolerance, .. } = self.to;
-        // Half of the tolerance is for the way, half for driving it.
+        // Half of the tolerance is for the path, half for path following.
         let goal = Goal { x: at.x, y: at.y, heading: self.heading, tolerance_m: (tolerance / 2.0).min(0.3) };
         if let Some(field) = if self.around { &ways.live } else { &ways.still } {
             let first = if self.around { WORK_AROUND } else { Budget::default().first };
@@ -135,7 +136,7 @@ impl Route {
         }
     }
 
-    /// Looks on for a few milliseconds. An answer is given once more when asked again.
+    /// Continues for a few milliseconds. A finished search returns its result again.
     pub fn advance(&mut self, ways: &mut Ways) -> Progress {
         let Some(field) = (if self.around { &ways.live } else { &ways.still }) else {
             return Progress::NoWay { why: Hindrance::FloorTooLarge, forever: true };
@@ -162,7 +163,7 @@ impl Route {
     }
 }
 
-/// The poses of a path, each with whether it is driven to forward; at a cusp twice.
+/// Poses of a path, each with true if it is driven to forwards; cusps occur twice.
 fn poses(path: &Path) -> Vec<(Pose, bool)> {
     let points = path.points();
     let mut poses = Vec::with_capacity(points.len() + 4);

@@ -1,15 +1,15 @@
-//! Hybrid A*: a drivable way for the footprint of an Ackermann robot, forwards and in reverse.
+//! Hybrid A*: drivable path for the footprint of an Ackermann robot, forwards and in reverse.
 //!
 //! D. Dolgov, S. Thrun, M. Montemerlo, J. Diebel, Practical search techniques in path planning for autonomous driving
-//! (2008). States are cells of the map and 72 headings, each with the exact pose of the way that reached it; steps are
-//! arcs of nought, half and the whole curvature limit. Two estimates of the cost to go are combined: a way for a round
-//! robot around all obstacles ([`reach`]) and, near the goal, the way of a car without obstacles (Reeds and Shepp), which
-//! also ends the search where it is free. Then parts of the way are replaced by better curves ([`smooth`]).
+//! (2008). States are cells of the map and 72 headings, each with the exact pose of the path that reached it; steps are
+//! arcs with curvatures of zero, half and the whole limit. Two heuristics are combined: a path for a round robot around
+//! all obstacles ([`reach`]) and, near the goal, the path of a car without obstacles (Reeds and Shepp), which also ends
+//! the search where it is free. Then parts of the path are replaced by better curves ([`smooth`]).
 //!
-//! An engine: it owns no clock. [`Search::begin`], then [`Search::advance`] as often as one likes; the budget is work, an
-//! expanded state or what takes as long (a few microseconds), so that the same request has the same answer on every
-//! machine. The first way found may be driven while the search looks for a better one. Buffers are kept: from the second
-//! search of a kind on nothing is allocated.
+//! An engine without a clock: [`Search::begin`], then [`Search::advance`] repeatedly. The budget counts work, in
+//! expanded states or operations of equal duration (a few microseconds), so that a request has the same result on every
+//! machine. The first path may be driven while the search improves it. Buffers are reused: later searches of the same
+//! kind allocate nothing.
 
 mod footprint;
 mod lattice;
@@ -34,22 +34,22 @@ use ruler::Ruler;
 use shot::Shot;
 use smooth::Smoothing;
 
-/// How greedy the search is, pass after pass: the weight of the estimate; and how many cells and headings, each way, are
-/// one state. A coarse look finds most ways with an eighth of the states; what it misses the next pass finds.
+/// Passes of the search: weight of the heuristic, and number of cells and headings, in each dimension, that form one
+/// state. The coarse pass finds most paths with an eighth of the states; the next pass finds the rest.
 const PASSES: [(f32, usize); 4] = [(2.0, 2), (1.5, 1), (1.2, 1), (1.0, 1)];
-/// Steps of [`Reach`] that take as long as a state.
+/// Number of steps of [`Reach`] that take as long as one state.
 const POPS: u32 = 16;
-/// A state may send [`Reach`] so far.
+/// Maximum number of steps of [`Reach`] per state.
 const POPS_MAX: u32 = 400;
-/// Nearer than so many radii the way of a car is asked for too.
+/// Distance, in turning radii, below which the path of a car is evaluated too.
 const NEAR_RADII: f64 = 4.0;
-/// In an obstacle the robot may drive so far to get out, m.
+/// Longest path inside an obstacle to get out of it, m.
 const ESCAPE_M: f32 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Idle,
-    /// The estimate goes from the goal to the start.
+    /// The heuristic is computed from the goal to the start.
     Reach,
     Search,
     /// `last`: the search is over.
@@ -60,27 +60,27 @@ enum Phase {
     NoWay(NoWay),
 }
 
-/// A search, with its buffers.
+/// Search with its buffers.
 #[derive(Debug)]
 pub struct Search {
     limits: Limits,
     phase: Phase,
     start: Pose,
     goal: Goal,
-    /// Where exactly to end: a pose, or a point with any heading.
+    /// Exact end: a pose, or a point with any heading.
     target: Result<Pose, (f64, f64)>,
     budget: Budget,
-    /// Work done, and how much of it before the first way.
+    /// Work done, and the part of it before the first path.
     work: u32,
     first: u32,
     expansions: u32,
     pass: usize,
-    /// Expansions until the next try to end with a curve.
+    /// Expansions until the next attempt to end with a curve.
     until_shot: u32,
-    /// How deep the robot stands in something, m, and whether it has got out.
+    /// Penetration of the footprint into obstacles at the start, m, and true once the path has left them.
     depth: f64,
     escaped: bool,
-    /// What the buffers are for: a resolution; a goal and a field.
+    /// Parameters for which the buffers are valid: a resolution; a goal and a field.
     lattice_for: f64,
     reach_for: Option<(Goal, u64)>,
     body: Body,
@@ -90,7 +90,7 @@ pub struct Search {
     open: Open,
     shot: Shot,
     smoothing: Smoothing,
-    /// The best way of the search, and the best one smoothed.
+    /// Best path of the search, and the best smoothed path.
     raw: Vec<Arc>,
     raw_cost: f32,
     path: Path,
@@ -98,8 +98,8 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search for a robot. The limits' numbers are finite and above zero where they say so, else every search ends with
-    /// [`NoWay::Invalid`].
+    /// Creates a search for a robot. With limits that are not finite or not positive where required, every search ends
+    /// with [`NoWay::Invalid`].
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -132,7 +132,7 @@ impl Search {
         }
     }
 
-    /// The limits it was made with.
+    /// Limits of the robot.
     #[must_use]
     pub fn limits(&self) -> &Limits {
         &self.limits
@@ -144,16 +144,16 @@ impl Search {
         self.work
     }
 
-    /// States expanded since [`Search::begin`].
+    /// Number of states expanded since [`Search::begin`].
     #[must_use]
     pub fn expansions(&self) -> u32 {
         self.expansions
     }
 
-    /// Plans in one go.
+    /// Plans in one call.
     ///
     /// # Errors
-    /// There is no way, and why.
+    /// There is no path; the error has the reason.
     pub fn plan(&mut self, field: &Field, start: Pose, goal: Goal, budget: Budget) -> Result<&Path, NoWay> {
         self.begin(field, start, goal, budget);
         while matches!(self.phase, Phase::Reach | Phase::Search | Phase::Smooth { .. }) {
@@ -165,7 +165,7 @@ impl Search {
         }
     }
 
-    /// Begins a search; the last one's path is gone. What is learnt of the goal stays while goal and field do.
+    /// Begins a search and clears the last path. Results for the goal are kept as long as goal and field do not change.
     pub fn begin(&mut self, field: &Field, start: Pose, goal: Goal, budget: Budget) {
         self.start = start;
         self.goal = goal;
@@ -206,7 +206,7 @@ impl Search {
         self.find_target(field)
     }
 
-    /// Where to end, and from where the estimate begins.
+    /// Finds the end of the path and the start of the heuristic.
     fn find_target(&mut self, field: &Field) -> Result<(), NoWay> {
         let key = (self.goal, field.identity());
         let known = self.reach_for == Some(key);
@@ -239,8 +239,8 @@ impl Search {
         Err(NoWay::GoalBlocked)
     }
 
-    /// Works on for about `work` units. The field is the one of [`Search::begin`]; if its obstacles have changed the
-    /// path may touch them: begin again.
+    /// Continues for about `work` units. The field must be the one of [`Search::begin`]; if its obstacles have changed,
+    /// the path may touch them: begin again.
     pub fn advance(&mut self, field: &Field, work: u32) -> Status<'_> {
         let until = self.work.saturating_add(work);
         while self.work < until {
@@ -254,7 +254,7 @@ impl Search {
         self.status()
     }
 
-    /// How far it has come.
+    /// Progress of the search.
     #[must_use]
     pub fn status(&self) -> Status<'_> {
         match self.phase {
@@ -305,13 +305,13 @@ impl Search {
             .push(Node { x, y, g: 0.0, h, parent: NONE, key, heading: 0, step: u8::MAX, closed: false, touching }, h);
     }
 
-    /// What is one state in this pass.
+    /// Key of the state in this pass.
     fn key(&self, field: &Field, column: usize, row: usize, heading: usize) -> u32 {
         let (_, coarse) = PASSES[self.pass];
         (field.frame().index(column / coarse, row / coarse) * HEADINGS + heading / coarse) as u32
     }
 
-    /// The cost to go from a pose.
+    /// Heuristic: estimated cost from a pose to the goal.
     fn estimate(&mut self, field: &Field, at: Sample, heading: usize) -> f32 {
         let mut pops = POPS_MAX;
         let (x, y) = (at.x + self.body.ahead * at.cos, at.y + self.body.ahead * at.sin);
@@ -337,7 +337,7 @@ impl Search {
         let Some((index, f)) = self.open.pop() else {
             return self.end_pass(field, exhausted);
         };
-        // Nothing that is left is better by more than the weight.
+        // No remaining state can improve the result by more than the weight.
         if f >= self.raw_cost {
             return self.end_pass(field, exhausted);
         }
@@ -364,7 +364,7 @@ impl Search {
         }
     }
 
-    /// Takes a step from a state; where it leads to is a state, if it is free and nothing better is known.
+    /// Takes a step from a state and adds its end if it is free and improves on the known cost.
     fn follow(&mut self, field: &Field, parent: u32, node: &Node, step: usize, weight: f32) {
         let body = self.body;
         let heading = usize::from(node.heading);
@@ -392,7 +392,8 @@ impl Search {
         let mut touching = node.touching;
         let mut g = g;
         if touching {
-            // Out of an obstacle: not deeper in than half a cell, which turning away may take, and not for long.
+            // Out of an obstacle: not deeper than half a cell, which turning away may take, and only for a limited
+            // length.
             let deepest = self.depth + 0.5 * field.frame().resolution;
             for at in samples {
                 let depth = body.depth(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
@@ -407,7 +408,7 @@ impl Search {
             }
         } else {
             let free = |at: &Sample| body.is_free(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
-            // The end first: where it is not free, nothing in between matters.
+            // The end first: if it is not free, the poses in between do not matter.
             if !samples.iter().rev().all(free) {
                 return;
             }
@@ -421,14 +422,14 @@ impl Search {
         self.open.push(node, g + weight * h);
     }
 
-    /// True if a pose is as good as the goal.
+    /// True if a pose satisfies the goal.
     fn is_there(&self, pose: Pose) -> bool {
         let Goal { x, y, heading, tolerance_m } = self.goal;
         let turned = heading.map_or(0.0, |heading| libm::fabs(navitools::wrap(heading - pose.theta.radians())));
         tolerance_m > 0.0 && libm::hypot(x - pose.x, y - pose.y) <= tolerance_m && turned <= 5f64.to_radians()
     }
 
-    /// Tries to end with a curve to the goal.
+    /// Attempts to end with a curve to the goal.
     fn shoot(&mut self, field: &Field, index: u32, pose: Pose) {
         let node = self.open.node(index);
         let before = self.lattice.steps.get(usize::from(node.step)).map(|step| step.arc);
@@ -441,14 +442,14 @@ impl Search {
         }
     }
 
-    /// A way is found that ends with a state.
+    /// Records a path that ends with this state.
     fn take(&mut self, index: u32, arcs: &[Arc], cost: f32) {
         self.raw_cost = cost;
         self.open.trace(index, &self.lattice, &mut self.raw);
         arcs.iter().for_each(|arc| append(&mut self.raw, *arc));
     }
 
-    /// The work allowed in all.
+    /// Total work allowed.
     fn allowed(&self) -> u32 {
         match self.first {
             0 => self.budget.first,
@@ -463,7 +464,7 @@ impl Search {
         }
         self.pass += 1;
         if !found {
-            // What a coarse look does not find may still be there.
+            // A path missed by the coarse pass may still exist.
             let again = why != NoWay::Budget && PASSES[self.pass - 1].1 > 1;
             return if again { self.begin_pass(field) } else { self.phase = Phase::NoWay(why) };
         }
@@ -497,7 +498,7 @@ impl Search {
     }
 }
 
-/// Adds an arc to a way; what goes on as before is one arc.
+/// Appends an arc to a path, merged with the last one if it continues it.
 fn append(arcs: &mut Vec<Arc>, arc: Arc) {
     match arcs.last_mut() {
         Some(last)
@@ -510,7 +511,7 @@ fn append(arcs: &mut Vec<Arc>, arc: Arc) {
     }
 }
 
-/// Places about the goal within the tolerance, from the inside out; at most 8 around.
+/// Offsets from the goal within the tolerance, from the inside out; at most 8 per ring.
 fn offsets(tolerance: f64, resolution: f64) -> impl Iterator<Item = (f64, f64)> {
     let rings = libm::ceil(tolerance / resolution).clamp(0.0, 8.0);
     let ring = move |ring: u32| {

@@ -1,4 +1,4 @@
-//! What the planner knows of the robot from others: where it is, how it moves, and what stands against driving.
+//! State of the robot as other modules report it: pose, motion, and the causes that hold the robot.
 
 use crate::goal_state::FRONT;
 use crate::ranges::{BELIEVED, Sounding};
@@ -10,67 +10,67 @@ use module::State;
 use navitools::{Motion as Moved, Pose};
 use std::collections::VecDeque;
 
-/// An estimate that is older is none: the same as `driver_canbus` has.
+/// Maximum age of an estimate; the same limit as in `driver_canbus`.
 const ESTIMATE_OLD: Duration = Duration::from_millis(200);
-/// `LL_DATA_MOTION` comes at 20 Hz, `LL_DATA_HOLD` at 5 Hz.
+/// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
 const MOTION_OLD: Duration = Duration::from_millis(500);
-/// Poses are kept longer than readings of the sonars are believed.
+/// Time for which poses are kept: longer than sonar readings stay valid.
 const HISTORY: Duration = Duration::from_millis(1200);
-/// `LL_DATA_SRFS` is not listened to for this long after `LL_DATA_RANGES`, which comes at least each second.
+/// Time after the last `LL_DATA_RANGES` (at least 1 Hz) during which `LL_DATA_SRFS` is ignored.
 const RANGES_GONE: Duration = Duration::from_millis(1500);
-/// An estimator whose time went back for this long was started anew.
+/// An estimator whose timestamps run backwards for this long has restarted.
 const STARTED_ANEW: Duration = Duration::from_secs(1);
-/// The estimate has jumped: the robot was put elsewhere, or found itself; m and rad.
+/// Change between two estimates that counts as a jump (kidnapped robot, or first fix), m and rad.
 const JUMP: (f64, f64) = (0.5, 0.5);
 
-/// Where the robot was.
+/// Pose of the robot at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct Located {
-    /// When that was received.
+    /// Instant at which the pose was received.
     pub at: Instant,
-    /// Where.
+    /// Pose in the map, m and rad.
     pub pose: Pose,
-    /// How it moved.
+    /// Velocity, m/s and rad/s.
     pub moved: Moved,
-    /// Deviation of the position, m.
+    /// Standard deviation of the position, m.
     pub sigma: f64,
 }
 
-/// What came of an estimate.
+/// Result of the check of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Taken {
-    /// It goes on from the one before.
+    /// Continues the previous estimate.
     Well,
-    /// It is somewhere else altogether.
+    /// Accepted, but far from the previous estimate.
     Jumped,
-    /// It is not a number.
+    /// Rejected: not finite or out of range.
     Nonsense,
-    /// It is older than the one before.
+    /// Rejected: older than the previous estimate.
     Backwards,
 }
 
-/// Everything heard that the driving depends on.
+/// Received state that driving depends on.
 #[derive(Debug, Default)]
 pub struct Senses {
-    /// The module's own state.
+    /// State of the planner's own module.
     pub state: Option<State>,
     estimates: VecDeque<Located>,
     quality: Option<i8>,
-    /// Of the last estimate that was taken, and when.
+    /// Timestamp of the last accepted estimate, and the instant of its reception.
     stamp: Option<(i64, Instant)>,
     motion: Option<(Instant, DataMotion)>,
-    /// What stands against motion, by `driver_canbus`.
+    /// Causes reported by `driver_canbus` that hold the robot.
     holds: Option<(Instant, DataHold)>,
-    /// Source of PAUSE, with its name as it was reported.
+    /// Source of an engaged PAUSE line, with its name as reported.
     paused: Option<(StopSource, String)>,
-    /// When the newest reading of a sonar was fired.
+    /// Firing instant of the newest sonar reading.
     sonars: Option<Instant>,
-    /// When `LL_DATA_RANGES` came last.
+    /// Reception of the last `LL_DATA_RANGES`.
     ranges: Option<Instant>,
 }
 
 impl Senses {
-    /// An estimate.
+    /// Processes `ML_DATA_ESTIMATE`.
     pub fn on_estimate(&mut self, at: Instant, estimate: &DataEstimate) -> Taken {
         let DataEstimate { x, y, theta, speed, rotation, covariance, .. } = *estimate;
         let within = [x, y, theta].iter().all(|value| value.abs() < 1e5);
@@ -107,56 +107,56 @@ impl Senses {
         if jumped { Taken::Jumped } else { Taken::Well }
     }
 
-    /// The drives.
+    /// Processes `LL_DATA_MOTION`.
     pub fn on_motion(&mut self, at: Instant, motion: &DataMotion) {
         let sane = motion.speed.is_finite() && motion.steering.is_finite();
         self.motion = sane.then(|| (at, motion.clone()));
     }
 
-    /// What stands against motion.
+    /// Processes `LL_DATA_HOLD`.
     pub fn on_hold(&mut self, at: Instant, holds: &DataHold) {
         if holds.is_of_motion() {
             self.holds = Some((at, holds.clone()));
         }
     }
 
-    /// The PAUSE line.
+    /// Processes `LL_EVENT_STOP`: state of the PAUSE line.
     pub fn on_stop(&mut self, stop: &EventStop) {
         self.paused = stop.engaged.then(|| (StopSource::from_name(&stop.source), stop.source.clone()));
     }
 
-    /// Readings of the sonars.
+    /// Processes sonar readings.
     pub fn on_soundings(&mut self, soundings: &[Sounding]) {
         let newest = soundings.iter().filter(|sounding| sounding.is_known()).map(|sounding| sounding.at).max();
         self.sonars = self.sonars.max(newest);
     }
 
-    /// `LL_DATA_RANGES` came.
+    /// Notes the reception of `LL_DATA_RANGES`.
     pub fn on_ranges(&mut self, at: Instant) {
         self.ranges = Some(at);
     }
 
-    /// True if `LL_DATA_RANGES` does not come, and the view of 2011 has to do.
+    /// True if `LL_DATA_RANGES` is missing, so that `LL_DATA_SRFS` (the view of 2011) must be used.
     #[must_use]
     pub fn lacks_ranges(&self, at: Instant) -> bool {
         self.ranges.is_none_or(|last| at.since(last) >= RANGES_GONE)
     }
 
-    /// Where the robot is at `now`.
+    /// Pose extrapolated to `now`; `None` without a recent estimate.
     #[must_use]
     pub fn located(&self, now: Instant) -> Option<Located> {
         let last = self.estimates.back().filter(|last| now.since(last.at) < ESTIMATE_OLD)?;
         Some(Located { pose: last.pose_at(now), at: now, ..*last })
     }
 
-    /// Where the robot was when a sonar was fired.
+    /// Pose at the instant at which a sonar fired.
     #[must_use]
     pub fn when_fired(&self, fired: Instant) -> Option<Located> {
         let before = self.estimates.iter().rev().find(|known| known.at <= fired).or(self.estimates.front())?;
         Some(Located { pose: before.pose_at(fired), at: fired, ..*before })
     }
 
-    /// How fast the robot goes and how its wheels stand; standing where the drives are not heard.
+    /// Speed and steering angle of the robot; zero if the drives have not reported.
     #[must_use]
     pub fn motion(&self) -> crate::track::Motion {
         let motion = self.motion.as_ref().map(|(_, motion)| motion);
@@ -166,8 +166,8 @@ impl Senses {
         })
     }
 
-    /// All that stands against driving at `now`, the weightiest first; empty: nothing. `source`: the planner's name;
-    /// `blind`: nothing is known of the sonars that look ahead.
+    /// Causes that hold the robot at `now`, the most important one first; empty if it may drive. `source` is the
+    /// planner's name; `blind` is true if the state of the front sonars is unknown.
     #[must_use]
     pub fn waits(&self, now: Instant, source: &str, blind: bool) -> Vec<Wait> {
         let mut waits = Vec::new();
@@ -194,7 +194,7 @@ impl Senses {
         waits
     }
 
-    /// What `driver_canbus` has against it.
+    /// Adds the causes that `driver_canbus` reports.
     fn add_driver(&self, now: Instant, source: &str, waits: &mut Vec<Wait>) {
         let fresh = |at: &Instant| now.since(*at) < MOTION_OLD;
         let motion = self.motion.as_ref().filter(|(at, _)| fresh(at));
@@ -207,12 +207,12 @@ impl Senses {
             waits.push(Wait::new(Hold::OtherSource, &motion.source));
         }
         for (place, told) in list.holds.iter().enumerate() {
-            // A cause of a later version stands against driving all the same.
+            // A cause from a later version holds the robot as well.
             let hold = told.cause().unwrap_or(Hold::ModuleError);
             if hold.is_idle() || waits.iter().any(|wait| wait.hold == hold && wait.subject == told.subject) {
                 continue;
             }
-            // The driver's own text has the figures of its weightiest cause.
+            // The driver's own text contains the figures of its most important cause.
             let text = (place == 0 && motion.timestamp >= list.timestamp).then(|| motion.reason.clone());
             let words = text.filter(|text| !text.is_empty()).unwrap_or_else(|| told.words());
             waits.push(Wait { hold, subject: told.subject.clone(), latched: told.latched, words });
@@ -223,14 +223,14 @@ impl Senses {
     }
 }
 
-/// A cause for which the planner does not drive.
+/// Cause for which the planner does not drive.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wait {
-    /// What.
+    /// Number of the cause.
     pub hold: Hold,
-    /// Which module, drive or source; empty where the cause has no subject.
+    /// Module, drive or source that the cause concerns; empty if the cause has no subject.
     pub subject: String,
-    /// Stays until a person acts.
+    /// True if the cause remains until a person acts.
     pub latched: bool,
     words: String,
 }
@@ -240,7 +240,7 @@ impl Wait {
         Self { hold, subject: subject.into(), latched: hold.is_latched(), words: hold.words(subject) }
     }
 
-    /// The text of `ML_DATA_GOAL`. `source`: the planner's name.
+    /// Text for `ML_DATA_GOAL`. `source` is the planner's name.
     #[must_use]
     pub fn message(&self, source: &str) -> String {
         let Self { hold, subject, words, .. } = self;
@@ -261,7 +261,7 @@ impl Wait {
 }
 
 impl Located {
-    /// Where it has come to, or came from, by going on as it moved.
+    /// Pose extrapolated to `at`, forwards or backwards, at constant velocity.
     fn pose_at(&self, at: Instant) -> Pose {
         let time = at.since(self.at).as_secs_f64() - self.at.since(at).as_secs_f64();
         let time = time.clamp(-0.5, 0.5);
@@ -306,7 +306,7 @@ mod tests {
         senses
     }
 
-    /// All causes, and the text of the first.
+    /// Causes, and the text of the first.
     fn why(senses: &Senses, at: u64) -> (Vec<(Hold, String)>, String) {
         let waits = senses.waits(ms(at), "planner", false);
         let text = waits.first().map_or(String::new(), |wait| wait.message("planner"));
@@ -383,7 +383,7 @@ mod tests {
         assert_eq!(why(&senses, 1100), one(Hold::OtherSource, "web", "waits: web drives the robot"));
         says(&mut senses, "", &[(Hold::NotHomed, "steering")], "the steering is not homed yet");
         assert_eq!(why(&senses, 1100), one(Hold::NotHomed, "steering", "waits: the steering is not homed yet"));
-        // The driver's text has figures; it is passed on where it is about the same list.
+        // The driver's text contains figures; it is used if it belongs to the same list of causes.
         let fault = [(Hold::DriveFault, "propulsion")];
         says(&mut senses, "", &fault, "the propulsion drive is in fault, error code 0x2310");
         assert_eq!(why(&senses, 1100).1, "waits: the propulsion drive is in fault, error code 0x2310");
@@ -440,7 +440,7 @@ mod tests {
         assert_eq!(senses.on_estimate(ms(1100), &estimate(3, 5.0)), Taken::Jumped);
         assert_eq!(senses.on_estimate(ms(1150), &estimate(4, f64::NAN)), Taken::Nonsense);
         assert!(senses.located(ms(1150)).is_none());
-        // A new estimator counts from elsewhere.
+        // A restarted estimator counts from another origin.
         assert_eq!(senses.on_estimate(ms(2200), &estimate(-9, 5.0)), Taken::Jumped);
         assert!(senses.located(ms(2200)).is_some());
     }

@@ -1,4 +1,4 @@
-//! The planner and a robot that does what it is told, among discs, in virtual time.
+//! Planner with a simulated robot among discs, in virtual time.
 
 use super::*;
 use crate::config::{Body, Limits, Manners};
@@ -19,7 +19,7 @@ const LIMITS: Limits = Limits {
     deceleration: 0.8,
     lateral_acceleration: 0.8,
 };
-/// Where sonars sit and look: as on the reference robot.
+/// Mounting of the sonars as on the reference robot.
 /// Degrees.
 const SRFS: [(f64, f64, f64); 16] = [
     (0.73, 0.28, 60.0),
@@ -48,14 +48,14 @@ struct Robot {
     steering: f64,
     command: Motion,
     heard: Instant,
-    /// What `driver_canbus` has against motion.
+    /// Cause that `driver_canbus` reports against motion.
     stands: Option<Hold>,
-    /// What the planner waits for, by its own list.
+    /// Causes for which the planner waits, as it publishes them.
     holds: DataHold,
     discs: Vec<(Point, f64)>,
     ticks: u64,
     blind: bool,
-    /// Closest the body came to a disc while it moved, m.
+    /// Closest distance of the moving body from a disc, m.
     nearest: f64,
     goal: DataGoal,
     commands: u32,
@@ -63,16 +63,16 @@ struct Robot {
     deaf: bool,
     /// The drives keep their speed whatever is commanded.
     pushed: bool,
-    /// Ticks between two messages of the ranges.
+    /// Ticks between two range messages.
     poll: u64,
-    /// Of these nothing is known.
+    /// Sonars whose state is unknown.
     dead: Range<usize>,
-    /// Messages are those of 2011.
+    /// Sends `LL_DATA_SRFS` instead of `LL_DATA_RANGES`.
     old: bool,
-    /// What each sonar hears in its slot, and heard in its last finished one, and when it fired.
+    /// Distance that each sonar measures in its slot and measured in its last finished one, and its firing time.
     firing: [(i64, f64); 16],
     heard_last: [(i64, f64); 16],
-    /// What is sensed, of all messages.
+    /// Sensed points, of all messages.
     sensed: Vec<Point>,
 }
 
@@ -136,7 +136,7 @@ impl Robot {
         (self.bench.now().as_nanos() / 1000) as i64
     }
 
-    /// Sonars fire in three slots of 70 ms, as a board's (docs/facts/boards.md).
+    /// Sonars fire in three slots of 70 ms, like those of a board (docs/facts/boards.md).
     fn fire(&mut self) {
         if !self.ticks.is_multiple_of(7) {
             return;
@@ -195,7 +195,7 @@ impl Robot {
         }
         if self.ticks % 5 == 1 {
             let source = if obeyed { NAME.into() } else { String::new() };
-            // Text alone moves nothing: it is another one each time.
+            // The text changes each time and has no effect.
             let reason = format!("text {}", self.ticks);
             let stands = self.stands.or((!obeyed).then_some(Hold::NobodyCommands));
             let row = |hold: Hold| lowlevel::Hold {
@@ -247,7 +247,7 @@ impl Robot {
         }
     }
 
-    /// Until the goal fares like this, at most so long; says how long it took.
+    /// Runs until the goal has this status, for at most `seconds`; returns the time taken.
     fn until(&mut self, status: i8, seconds: f64) -> f64 {
         for n in 0..(seconds * 100.0) as u32 {
             self.step();
@@ -260,7 +260,7 @@ impl Robot {
 }
 
 impl Robot {
-    /// The weightiest cause that the planner publishes.
+    /// Most important cause that the planner publishes.
     fn hold(&self) -> Option<Hold> {
         assert_eq!(self.holds.module, NAME);
         self.holds.first()
@@ -311,7 +311,7 @@ fn a_goal_that_is_taken_back_leaves_the_robot_standing() {
     assert_eq!((robot.goal.status, robot.speed), (DataGoal::CANCELLED, 0.0));
 }
 
-/// A leg that stands in the way.
+/// Leg that stands in the path.
 fn disc(x: f64, y: f64) -> (Point, f64) {
     (Point { x, y }, 0.15)
 }
@@ -360,11 +360,11 @@ fn who_walks_towards_it_finds_it_standing() {
         robot.discs = vec![disc(walker, 2.0)];
         robot.step();
     }
-    // He comes to 5 cm by himself, and is known by readings that are up to 0.5 s old.
+    // The person approaches to 5 cm by himself, and is known from readings up to 0.5 s old.
     assert!(robot.nearest > 0.01, "{}", robot.nearest);
 }
 
-/// A hall of 12 m by 6 m.
+/// Hall of 12 m by 6 m.
 fn hall() -> crate::map::Map {
     let mut map = crate::map::Map::around((0.0, 0.0), (12.0, 6.0), 0.05).unwrap();
     let corners = [(0.0, 0.0), (12.0, 0.0), (12.0, 6.0), (0.0, 6.0)];
@@ -567,7 +567,7 @@ fn with_the_view_of_2011_alone_it_drives_as_fast_as_where_nothing_is_seen() {
         assert!(robot.ticks < 4000, "{:?}", robot.goal);
     }
     assert!((0.35..0.45).contains(&fastest), "{fastest}");
-    // And who stands in its way is waited for.
+    // And it waits for a person on its path.
     let mut robot = Robot::new();
     (robot.old, robot.discs) = (true, vec![disc(6.0, 2.0)]);
     robot.goal(&[(10.0, 2.0)], false);

@@ -1,4 +1,4 @@
-//! How fast it goes among people whom the sonars have told of.
+//! Speed limits among people that the sonars detect.
 
 use super::*;
 use crate::config::{Body, Limits, Manners};
@@ -20,12 +20,12 @@ fn config() -> Config {
     Config { body, limits, manners: Manners::default(), sonar_beam: 0.96, map: None }
 }
 
-/// What sixteen sonars around the body hear of somebody; the robot stands at the origin.
+/// Readings of sixteen sonars around the body with a person at this point; the robot is at the origin.
 fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
     let sonar = |id: i32| {
         let theta = f64::from(id) * core::f64::consts::TAU / 16.0;
         let (sin, cos) = libm::sincos(theta);
-        // On the edge of the body, looking away from its middle.
+        // On the edge of the body, facing outwards.
         let to_edge = (0.45 / cos.abs()).min(0.30 / sin.abs());
         let (x, y) = (0.30 + to_edge * cos, to_edge * sin);
         let heard = person.map(|at| (libm::hypot(at.x - x, at.y - y) - LEG, libm::atan2(at.y - y, at.x - x)));
@@ -39,8 +39,8 @@ fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
     (0..16).map(sonar).collect()
 }
 
-/// After so many rounds, four times a second, of somebody who is at `at` when the last is fired and has walked with
-/// `velocity`; and when that one comes.
+/// Result of `rounds` rounds, four per second, of a person who is at `at` when the last round fires and has walked with
+/// `velocity`; and the instant of that round.
 fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
     let (mut obstacles, config) = (Obstacles::new(), config());
     let mut now = Instant::from_millis(10_000);
@@ -59,7 +59,7 @@ fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
     (now + Duration::from_millis(170), obstacles)
 }
 
-/// Straight on, or back.
+/// Straight path, forwards or in reverse.
 fn way(forward: bool) -> Vec<Sample> {
     let along = if forward { 0.05 } else { -0.05 };
     let sample = |n: i32| {
@@ -69,7 +69,7 @@ fn way(forward: bool) -> Vec<Sample> {
     (0..60).map(sample).collect()
 }
 
-/// What [`meeting`] allows on a straight way forward when somebody has been heard.
+/// Speed allowed by [`meeting`] on a straight path forwards after a person was detected.
 fn allowed(x: f64, y: f64, velocity: (f64, f64), rounds: i32) -> f64 {
     let (now, obstacles) = heard(Point { x, y }, velocity, rounds);
     meeting(now, &way(true), &obstacles, &config())

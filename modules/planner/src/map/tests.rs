@@ -1,4 +1,4 @@
-//! Shapes drawn on a map; pictures and the texts beside them, good ones and bad ones.
+//! Shapes drawn on a map; valid and invalid pictures and YAML texts.
 
 use super::*;
 
@@ -21,7 +21,7 @@ fn a_wall_is_every_cell_that_it_passes_through() {
     let mut map = Map::around((0.0, 0.0), (6.0, 4.0), 1.0).unwrap();
     map.wall((0.5, 0.5), (5.5, 3.25));
     assert_eq!(picture(&map), [".....#", "...###", ".###..", "##...."]);
-    // The other way round it is the same wall.
+    // The wall is the same in the other direction.
     let mut back = Map::around((0.0, 0.0), (6.0, 4.0), 1.0).unwrap();
     back.wall((5.5, 3.25), (0.5, 0.5));
     assert_eq!(map, back);
@@ -113,7 +113,7 @@ fn pictures_are_read_plain_and_raw_of_eight_and_sixteen_bits() {
     assert_eq!(raw, plain);
     let deep = pgm::read(b"P5\n2 1\n65535\n\x01\x00\xff\xff").unwrap();
     assert_eq!((deep.max, &deep.grey[..]), (65535, &[256, 65535][..]));
-    // A white space that looks like the first pixel is picture.
+    // White space that looks like the first pixel is picture data.
     let odd = pgm::read(b"P5 1 1 255\n\n").unwrap();
     assert_eq!(odd.grey, [10]);
 }

@@ -1,4 +1,4 @@
-//! Ways that are found, and why others are not.
+//! Paths that are found, and reasons why others are not.
 
 use super::*;
 use crate::map::{Map, Unknown};
@@ -23,7 +23,7 @@ fn pose_goal(x: f64, y: f64, theta: f64) -> Goal {
     Goal { x, y, heading: Some(theta), tolerance_m: 0.0 }
 }
 
-/// A path is one: it begins and ends where it should, is drivable, and free.
+/// Checks that a path begins and ends at the right poses, is drivable, and free.
 fn check(field: &Field, start: Pose, path: &Path) {
     let points = path.points();
     assert_eq!(points[0].pose, start);
@@ -72,7 +72,7 @@ fn without_a_heading_the_way_ends_at_the_point() {
 
 #[test]
 fn a_parking_place_is_entered_in_reverse_when_it_must_be() {
-    // A bay of 1 m by 1.3 m in the lower wall; to be left forwards.
+    // Bay of 1 m by 1.3 m in the lower wall, to be left forwards.
     let field = room(&[(3.0, 1.5, 5.0, 1.5), (5.0, 1.5, 5.0, 0.2), (6.0, 0.2, 6.0, 1.5), (6.0, 1.5, 10.0, 1.5)]);
     let start = Pose::new(2.0, 4.0, 0.0);
     let goal = pose_goal(5.5, 0.4, core::f64::consts::FRAC_PI_2);
@@ -156,7 +156,7 @@ fn a_goal_too_near_to_a_wall_is_met_within_its_tolerance() {
     let mut search = Search::new(limits());
     assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(NoWay::GoalBlocked));
     for heading in [Some(0.0), None] {
-        // Twice: the second time much is known already.
+        // Twice: the second search reuses results.
         for _ in 0..2 {
             let goal = Goal { tolerance_m: 0.4, heading, ..goal };
             let path = search.plan(&field, start, goal, Budget::default()).unwrap();
@@ -208,7 +208,7 @@ fn obstacles_of_the_moment_are_driven_around() {
     let path = search.plan(&field, start, goal, Budget::default()).unwrap();
     check(&field, start, path);
     assert!(path.length() > 7.55 && path.length() < 8.5 && path.clearance() > 0.02, "{}", path.length());
-    // A ring of people about the goal.
+    // A ring of people around the goal.
     let ring = (0..12).map(|i| {
         let (sin, cos) = libm::sincos(f64::from(i) * core::f64::consts::PI / 6.0);
         crate::map::Obstacle { x: 8.5 + 1.3 * cos, y: 4.0 + 1.3 * sin, radius: 0.3 }
@@ -268,7 +268,7 @@ fn the_footprint_is_judged_as_cell_by_cell() {
             for _ in 0..200 {
                 let pose = Pose::new(random(6.0), random(6.0), random(6.3));
                 let seen = footprint.is_free(&field, pose);
-                // Points all over the rectangle, 1 cm apart: none in an occupied cell, none off the map.
+                // Points all over the rectangle, 1 cm apart: no point in an occupied cell or off the map.
                 let points = |length: f64| 0..=libm::ceil(length / 0.01) as u32;
                 let touches = points(footprint.length_m).any(|i| {
                     points(footprint.width_m).any(|j| {
@@ -278,7 +278,7 @@ fn the_footprint_is_judged_as_cell_by_cell() {
                         map.at(at.x, at.y) != Some(crate::map::Cell::Free)
                     })
                 });
-                // What touches only between the points is less than their distance in.
+                // A cell that touches only between the points penetrates less than their distance.
                 assert!(!(seen && touches), "{pose:?} touches");
                 let inner = footprint.grown(-0.015);
                 assert!(seen || touches || inner.is_free(&field, pose), "{pose:?} is free");
