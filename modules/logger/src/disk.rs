@@ -1,11 +1,11 @@
-//! What waits for the disk, what it is asked, and room on it.
+//! Write queue of the logger: data waiting for the disk, requests to the store, and free space.
 //!
-//! One request at a time: what is appended stands in the order in which it was made, and what failed is asked again as it
-//! was. Pieces that come faster than the disk takes them leave as one.
+//! One request at a time: data is appended in the order in which it was produced, and a failed request is repeated
+//! unchanged. Pieces that arrive faster than the disk accepts them are merged.
 //!
-//! Durability: a piece is synchronized when something in it, or before it, is older than [`SYNC_AGE`], and at the latest
-//! [`SYNC_BY`] after that was heard; so a power cut costs [`SYNC_BY`], what the request takes that is being served then,
-//! and one synchronization.
+//! Durability: a piece is synchronized when it, or one before it, contains a message older than [`SYNC_AGE`], and at
+//! the latest [`SYNC_BY`] after the message was received. A power cut therefore costs [`SYNC_BY`], the duration of the
+//! request in progress, and one synchronization.
 
 use crate::names;
 use base::store::{Answer, Entry, Request, Trouble};
@@ -14,46 +14,46 @@ use std::collections::{BTreeSet, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
-/// A piece with something as old as this is synchronized.
+/// Age of a piece's oldest message from which it is synchronized.
 const SYNC_AGE: Duration = Duration::from_millis(150);
-/// What was heard so long ago is synchronized whatever else there is to do.
+/// Age of an unsynchronized message after which synchronization takes precedence over other work.
 const SYNC_BY: Duration = Duration::from_millis(200);
-/// Pieces leave together up to this many bytes.
+/// Maximum size of merged pieces, bytes.
 const TOGETHER: usize = 1 << 20;
-/// A disk that refused something is asked again after this time.
+/// Delay before a failed request is repeated.
 const AGAIN: Duration = Duration::from_secs(1);
-/// One that refuses this often in a row for no known reason takes nothing more for this file.
+/// Number of consecutive failures without a known cause after which the file is given up.
 const REFUSALS_MAX: u32 = 3;
-/// How often a full disk is looked at.
+/// Period at which a full disk is checked.
 const LOOK: Duration = Duration::from_secs(5);
-/// What a full disk must have free beside what waits for it.
+/// Free space that a full disk needs beyond the data waiting for it, bytes.
 const SPARE: u64 = 1 << 20;
 
-/// What the module learns from an answer.
+/// Result of an answer for the module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum News {
-    /// What is there is known: a file may be begun.
+    /// The content of the folder is known: a file may be created.
     Known,
-    /// The file that was asked for last is there.
+    /// The last requested file was created.
     Begun,
-    /// It cannot be, as it was asked for.
+    /// The last requested file cannot be created under its name.
     NotBegun,
-    /// So much more is in the file.
+    /// Number of bytes appended to the file.
     Wrote(u64),
-    /// It takes nothing more for the file that is being written.
+    /// The disk accepts nothing more for the current file.
     Lost,
-    /// There is less free than there should be, and nothing more to remove: the file should be brought to its end.
+    /// Free space is below the limit and nothing can be removed: the file should be closed.
     Full,
 }
 
-/// A piece of a file.
+/// Piece of a file.
 #[derive(Clone, Debug)]
 struct Piece {
     bytes: Arc<Vec<u8>>,
-    /// When the oldest message in it was heard.
+    /// Reception of the oldest message in it.
     oldest: Instant,
     messages: u64,
-    /// It is the last of its file: it is synchronized whatever its age.
+    /// True for the last piece of a file, which is synchronized whatever its age.
     last: bool,
 }
 
@@ -63,7 +63,7 @@ enum Job {
     Append(Piece),
 }
 
-/// What was asked and is not answered.
+/// Request in progress.
 #[derive(Clone, Debug)]
 enum Asked {
     Job(Job, bool),
@@ -72,26 +72,26 @@ enum Asked {
     Remove(String),
 }
 
-/// Whether there is room.
+/// State of the free space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Room {
     Enough,
-    /// Find out what is there; `hard` when the disk has refused something as full.
+    /// List the folder; `hard` if the disk reported that it is full.
     Look {
         hard: bool,
     },
-    /// Remove these, the last first.
+    /// Remove these runs, the last first.
     Remove {
         victims: Vec<String>,
         hard: bool,
     },
-    /// Nothing to be removed; look again then.
+    /// Nothing can be removed; list the folder again at this instant.
     Full {
         until: Instant,
     },
 }
 
-/// The disk.
+/// Queue of requests to the disk.
 #[derive(Debug)]
 pub struct Disk {
     keep_free: u64,
@@ -100,9 +100,9 @@ pub struct Disk {
     known: bool,
     asked: Option<Asked>,
     jobs: VecDeque<Job>,
-    /// Bytes that wait, those being appended among them.
+    /// Bytes waiting, including those being appended.
     waiting: usize,
-    /// The oldest message that was appended and may be gone after a power cut.
+    /// Oldest appended message that a power cut may lose.
     unsynced: Option<Instant>,
     held_until: Option<Instant>,
     refusals: u32,
@@ -110,9 +110,9 @@ pub struct Disk {
     room: Room,
     free: u64,
     entries: Vec<Entry>,
-    /// A run that is never removed.
+    /// Run that is never removed.
     always: Option<String>,
-    /// Those that are not removed: this one, the current one, and what could not be.
+    /// Runs that are not removed: the protected one, the current one, and those that could not be removed.
     kept: BTreeSet<String>,
 }
 
@@ -138,12 +138,12 @@ impl Disk {
         }
     }
 
-    /// The folder can be asked.
+    /// The folder is available.
     pub fn up(&mut self) {
         *self = Self { up: true, room: Room::Look { hard: false }, ..self.emptied() };
     }
 
-    /// It cannot: what waited for it is lost. So many messages were in that.
+    /// The folder is unavailable; the data waiting for it is lost. Returns the number of messages lost.
     pub fn down(&mut self) -> u64 {
         let lost = self.abandon();
         *self = self.emptied();
@@ -155,7 +155,7 @@ impl Disk {
         Self { kept: mem::take(&mut self.kept), entries: mem::take(&mut self.entries), free: self.free, ..new }
     }
 
-    /// Gives up what waits for the file; so many messages were in it.
+    /// Discards the data waiting for the file. Returns the number of messages lost.
     pub fn abandon(&mut self) -> u64 {
         let messages = |job: &Job| if let Job::Append(piece) = job { piece.messages } else { 0 };
         let on_its_way = if let Some(Asked::Job(job, _)) = &self.asked { messages(job) } else { 0 };
@@ -168,17 +168,17 @@ impl Disk {
         lost
     }
 
-    /// Bytes that wait for the disk.
+    /// Bytes waiting for the disk.
     pub fn waiting(&self) -> usize {
         self.waiting
     }
 
-    /// Bytes that are free, as the disk said last.
+    /// Free bytes, as last reported by the disk.
     pub fn free(&self) -> u64 {
         self.free
     }
 
-    /// Why it takes nothing now, if that is so.
+    /// Reason why the disk accepts nothing at present.
     pub fn trouble(&self) -> Option<&Trouble> {
         match self.room {
             Room::Full { .. } => Some(&Trouble::Full),
@@ -186,7 +186,7 @@ impl Disk {
         }
     }
 
-    /// Whether a file may be begun.
+    /// True if a file may be created.
     pub fn is_ready(&self) -> bool {
         self.up
             && self.known
@@ -196,46 +196,46 @@ impl Disk {
             && self.room == Room::Enough
     }
 
-    /// Whether everything is written that can be.
+    /// True if everything is written that can be.
     pub fn is_idle(&self) -> bool {
         !self.up || self.trouble.is_some() || (self.asked.is_none() && self.jobs.is_empty())
     }
 
-    /// Whether there is anything of that name.
+    /// True if there is an entry of that name.
     pub fn has(&self, name: &str) -> bool {
         self.entries.iter().any(|entry| entry.name == name)
     }
 
-    /// That this run is not removed from now on, and others than the one that never is may be.
+    /// Protects this run from removal instead of the previous current one.
     pub fn keep(&mut self, run: &str) {
         self.kept = self.always.iter().cloned().chain([run.to_owned()]).collect();
     }
 
-    /// A file is to be made, of this run. What is appended before that is done goes there; `awaited` when nothing is.
+    /// Requests a file of this run. Data appended before it exists goes there; `awaited` if there is none.
     pub fn create(&mut self, run: &str, number: u32, awaited: bool) {
         if !self.has(run) {
             self.entries.push(Entry { name: run.into(), bytes: 0 });
         }
         self.jobs.push_back(Job::Create { name: names::file(run, number), awaited });
-        // What is there is known well enough only now and then.
+        // The listing is only recent enough from time to time.
         if self.room == Room::Enough && !awaited {
             self.room = Room::Look { hard: false };
         }
     }
 
-    /// What was appended last is the last of its file.
+    /// Marks the last appended piece as the last of its file.
     pub fn close(&mut self) {
         if let Some(Job::Append(piece)) = self.jobs.back_mut() {
             piece.last = true;
         }
     }
 
-    /// Something is to be appended, with so many messages, the oldest heard at `oldest`.
+    /// Appends data with `messages` messages, the oldest received at `oldest`.
     pub fn append(&mut self, bytes: Vec<u8>, oldest: Instant, messages: u64) {
         self.waiting += bytes.len();
         if let Some(Job::Append(piece)) = self.jobs.back_mut()
             && piece.bytes.len() + bytes.len() <= TOGETHER
-            // A piece that is asked for again is as it was.
+            // A repeated piece must not change.
             && let Some(together) = Arc::get_mut(&mut piece.bytes)
         {
             together.extend_from_slice(&bytes);
@@ -246,7 +246,7 @@ impl Disk {
         self.jobs.push_back(Job::Append(Piece { bytes: Arc::new(bytes), oldest, messages, last: false }));
     }
 
-    /// When something is to be done.
+    /// Next deadline.
     pub fn poll_timeout(&self) -> Option<Instant> {
         if !self.up || self.asked.is_some() {
             return None;
@@ -256,14 +256,14 @@ impl Disk {
         self.held_until.or_else(|| look.into_iter().chain(sync).min())
     }
 
-    /// Whether what was appended must be synchronized now, and nothing waits that could be with it: the chunk that is
-    /// open, if there is one, should be closed.
+    /// True if appended data must be synchronized now and no piece waits that could include it: the open chunk, if any,
+    /// should be closed.
     pub fn sync_is_due(&self, now: Instant) -> bool {
         let due = self.unsynced.is_some_and(|oldest| oldest + SYNC_BY <= now);
         due && self.up && self.asked.is_none() && self.jobs.is_empty() && self.held_until.is_none()
     }
 
-    /// What is to be asked now, if anything.
+    /// Next request, if any.
     pub fn poll_request(&mut self, now: Instant) -> Option<Request> {
         if !self.up || self.asked.is_some() {
             return None;
@@ -306,7 +306,7 @@ impl Disk {
         }
     }
 
-    /// Takes the answer to what was asked.
+    /// Processes the answer to the request in progress.
     pub fn answered(&mut self, now: Instant, answer: &Answer) -> Option<News> {
         let asked = self.asked.take()?;
         match answer {
@@ -349,13 +349,13 @@ impl Disk {
         news
     }
 
-    /// After something was removed, or could not be.
+    /// After an entry was removed or could not be.
     fn removed(&mut self, now: Instant) -> Option<News> {
         let Room::Remove { victims, hard } = &self.room else { return None };
         if !victims.is_empty() {
             return None;
         }
-        // One that is full by its own word is asked again; else what is free now decides.
+        // A disk that reported full is asked again; otherwise the free space decides.
         let full = !hard && self.free < self.keep_free;
         self.room = if full { Room::Full { until: now + LOOK } } else { Room::Enough };
         full.then_some(News::Full)
@@ -368,7 +368,7 @@ impl Disk {
             self.trouble = None;
         }
         let hard = self.room == (Room::Look { hard: true });
-        // Who has stopped for want of room goes on only when that lasts a while.
+        // After a stop for lack of space, recording continues only with a reserve.
         let margin = if matches!(self.room, Room::Full { .. }) { self.keep_free / 10 + SPARE } else { 0 };
         let wanted = self.keep_free.saturating_add(margin);
         let victims = self.victims(wanted, hard);
@@ -379,19 +379,19 @@ impl Disk {
             (true, false) => Room::Enough,
         };
         match self.room {
-            // What is refused as full with nothing to remove will not be taken.
+            // A write refused as full with nothing to remove will not succeed.
             Room::Full { .. } if hard => Some(News::Lost),
             Room::Full { .. } => Some(News::Full),
             _ => first.then_some(News::Known),
         }
     }
 
-    /// Runs that must go, the oldest last.
+    /// Runs to remove, the oldest last.
     fn victims(&self, wanted: u64, hard: bool) -> Vec<String> {
         let mut runs: Vec<&Entry> = self.entries.iter().filter(|entry| names::place(&entry.name).is_some()).collect();
         runs.sort_by_key(|entry| names::place(&entry.name));
         let mut total: u64 = runs.iter().fold(0, |sum, entry| sum.saturating_add(entry.bytes));
-        // Beside the floor what waits must find room, too.
+        // The waiting data needs space beyond the limit, too.
         let spare = if hard { self.waiting as u64 + SPARE } else { 0 };
         let (mut free, wanted) = (self.free, wanted.max(spare));
         let mut victims = Vec::new();
@@ -410,7 +410,7 @@ impl Disk {
 
     fn failed(&mut self, now: Instant, asked: Asked, trouble: &Trouble) -> Option<News> {
         if let Asked::Remove(name) = asked {
-            // It is not tried for ever.
+            // Not attempted again.
             self.kept.insert(name);
             return self.removed(now);
         }

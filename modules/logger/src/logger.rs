@@ -1,13 +1,13 @@
-//! The module: overhears the bus, and writes what it hears.
+//! Logger module: records all bus messages.
 //!
-//! Takes    everything that is said; `CM_CMD_LOG` begins and ends recording and puts marks in
-//! Gives    MCAP through the port of the folder of logs; `CM_DATA_LOG` each second and on change
-//! Silence  while nothing is recorded, wanted or not, the last seconds are kept: they come first in what is then written
-//! Trouble  a disk that is slow, full, read-only or gone costs messages, which are counted, and nothing else: faults
-//!          `LogLost` and `LogRefused`; it is tried again
-//! States   in STOP the file is closed and nothing recorded; in PAUSE it goes on
+//! Input    all messages; `CM_CMD_LOG` starts and stops recording and adds marks
+//! Output   MCAP through the port of the log folder; `CM_DATA_LOG` each second and on change
+//! Silence  without recording, wanted or not, the last seconds are kept and written first when recording starts
+//! Trouble  a disk that is slow, full, read-only or missing costs messages, which are counted, and nothing else: faults
+//!          `LogLost` and `LogRefused`; writing is retried
+//! States   in STOP the file is closed and nothing is recorded; in PAUSE recording continues
 //! Memory   `pretrigger_bytes` and `buffer_bytes`, a chunk of 256 KiB, the compressor's window, 6 MB of index; and five
-//!          times the largest message while that is on its way
+//!          times the largest message while it is processed
 
 use crate::config::Config;
 use crate::disk::{Disk, News};
@@ -22,20 +22,20 @@ use messages::common::{CmdLog, DataLog};
 use messages::{Channel, Message};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "logger";
 const PORT: PortId = PortId(0);
 const PERIOD: Duration = Duration::from_secs(1);
-/// A chunk is closed this long after its first message was heard.
+/// Time after its first message at which a chunk is closed.
 const CHUNK_FOR: Duration = Duration::from_millis(200);
-/// That messages are lost is over when none was for so long.
+/// Time without losses after which the fault is cleared.
 const LOSSES_OVER: Duration = Duration::from_secs(5);
-/// Marks that wait for a recording to begin, and bytes of each one's text.
+/// Maximum number of marks waiting for a recording, and maximum length of a mark's text, bytes.
 const MARKS_MAX: usize = 64;
 const MARK_BYTES: usize = 4096;
 
 base::deadlines! {
-    /// What the logger waits for; what the disk waits for is in [`Disk`].
+    /// Deadlines of the logger; those of the disk are in [`Disk`].
     enum Timer {
         /// The open chunk is closed: [`CHUNK_FOR`] after its oldest message. Set while a chunk is open.
         Chunk,
@@ -46,36 +46,36 @@ base::deadlines! {
     }
 }
 
-/// The module.
+/// Logger module.
 pub struct Logger {
     config: Config,
     ports: [PortSpec; 1],
     translator: Translator,
     disk: Disk,
     ring: Ring,
-    /// Whether operators want it to record, and whether its state lets it.
+    /// True if operators want recording, and true if the module's state allows it.
     wanted: bool,
     allowed: bool,
     run: Option<Run>,
     file: Option<File>,
     deadlines: Deadlines<Timer>,
-    /// Messages in the open chunk.
+    /// Number of messages in the open chunk.
     chunk_messages: u64,
     marks: Vec<(u64, String)>,
-    /// Messages that are missing in the file, and from which log time on; to be noted in it.
+    /// Messages missing in the file: number, and log time of the first; to be noted in it.
     gap: Option<(u64, u64)>,
-    /// Whether messages are dropped until half of what waits is written.
+    /// True while messages are dropped, until half of the waiting data is written.
     choked: bool,
     log_time: u64,
     told: Option<(bool, String)>,
     refused: bool,
 }
 
-/// A run: a folder of files.
+/// Run: a folder of files.
 #[derive(Clone, Debug)]
 struct Run {
     name: String,
-    /// The next file's number.
+    /// Number of the next file.
     next: u32,
     sequence: u32,
     bytes: u64,
@@ -83,7 +83,7 @@ struct Run {
 }
 
 impl Logger {
-    /// A module that has not started; `translator` makes of messages what ROS 2 has for them.
+    /// Creates the module; `translator` converts messages to their ROS 2 form.
     #[must_use]
     pub fn new(config: Config, translator: Translator) -> Self {
         Self {
@@ -107,7 +107,7 @@ impl Logger {
         }
     }
 
-    /// The log time of a message: never before that of the last.
+    /// Log time of a message: never before that of the previous one.
     fn next_time(&mut self, epoch: Epoch, at: Instant) -> u64 {
         self.log_time = self.log_time.max(unix(epoch, at));
         self.log_time
@@ -130,7 +130,7 @@ impl Logger {
         }
     }
 
-    /// Messages are lost; `time` is when the first of them was heard.
+    /// Counts lost messages; `time` is the log time of the first.
     fn lose(&mut self, now: Instant, time: u64, messages: u64, out: &mut Actions) {
         if messages == 0 {
             return;
@@ -147,12 +147,12 @@ impl Logger {
         }
     }
 
-    /// Messages that were lost and are not noted.
+    /// Number of lost messages that are not noted yet.
     fn missing(&self) -> u64 {
         self.gap.map_or(0, |(messages, _)| messages)
     }
 
-    /// Writes a message into the file, which there is.
+    /// Writes a message to the open file.
     fn record(&mut self, now: Instant, at: Instant, channel: &str, data: &[u8], out: &mut Actions) {
         let log_time = self.next_time(out.epoch(), at);
         if let (Some(file), Some((messages, since))) = (&mut self.file, self.gap.take()) {
@@ -177,7 +177,7 @@ impl Logger {
             Err(error) => return self.broken(Err(error), out),
         }
         let mut written = Ok(());
-        // What has no form in ROS 2 is kept as it is, and so is what finds no room in another form.
+        // A message without a ROS 2 form, or without room for it, is still recorded unchanged.
         let _ = self.translator.translate(channel, data, &mut |topic, cdr| match file.ros(topic, cdr, stamp) {
             Ok(()) | Err(McapError::TooManyChannels) => {}
             Err(error) => written = Err(error),
@@ -198,7 +198,7 @@ impl Logger {
         }
     }
 
-    /// Ends the chunk and hands it to the disk; begins the next file where this one is long enough.
+    /// Closes the chunk and hands it to the disk; begins the next file if this one has reached its size.
     fn cut(&mut self, now: Instant, out: &mut Actions) {
         let Some(file) = &mut self.file else { return };
         let taken = file.take();
@@ -220,7 +220,7 @@ impl Logger {
         }
     }
 
-    /// The format refuses what no format should: the file is given up.
+    /// Gives the file up after an unexpected error of the format.
     fn broken(&mut self, result: McapResult<()>, out: &mut Actions) {
         if let Err(error) = result {
             out.note(format!("the file is given up: {error}"));
@@ -243,7 +243,7 @@ impl Logger {
         self.choked = false;
     }
 
-    /// Begins a file of the run, or of a new one. One that is awaited is opened when it is there.
+    /// Begins a file of the run, or of a new one. An awaited file is opened once it exists.
     fn begin_file(&mut self, now: Instant, awaited: bool, out: &mut Actions) {
         if self.run.is_none() {
             let second = unix(out.epoch(), now) / 1_000_000_000;
@@ -260,7 +260,7 @@ impl Logger {
         }
     }
 
-    /// Opens the file that was begun.
+    /// Opens the created file.
     fn open(&mut self, now: Instant, out: &mut Actions) {
         let time = unix(out.epoch(), now);
         let Some(run) = &self.run else { return };
@@ -269,11 +269,11 @@ impl Logger {
             Ok(file) => self.file = Some(file),
             Err(error) => self.broken(Err(error), out),
         }
-        // What stands before the first message is worth a place on the disk at once.
+        // The data before the first message is written to the disk at once.
         self.deadlines.set(Timer::Chunk, now + CHUNK_FOR);
     }
 
-    /// The file that was waited for is there: it begins with what was heard last.
+    /// The awaited file exists: it begins with the messages kept in the ring.
     fn on_begun(&mut self, now: Instant, out: &mut Actions) {
         if !(self.wanted && self.allowed) {
             self.run = None;
@@ -320,7 +320,7 @@ impl Logger {
         }
     }
 
-    /// Notes a mark. As a message it is in the file already.
+    /// Notes a mark. As a message it is already in the file.
     fn mark(&mut self, now: Instant, time: u64, text: &str, out: &mut Actions) {
         if let Some(file) = &mut self.file {
             let marked = file.note("mark", [("time", time.to_string()), ("text", text.to_owned())]);
@@ -332,8 +332,8 @@ impl Logger {
     fn on_answer(&mut self, now: Instant, answer: &Answer, out: &mut Actions) {
         match self.disk.answered(now, answer) {
             Some(News::Begun) => self.on_begun(now, out),
-            // A run that has a file keeps its name. One that has none gets another: where others have made the folder, an
-            // earlier life of ours may have been.
+            // A run with a file keeps its name. A run without one gets another name: a folder made by others may be
+            // that of an earlier instance of this module.
             Some(News::NotBegun) => self.run = self.run.take().filter(|run| run.next > 1),
             Some(News::Wrote(bytes)) => {
                 if let Some(run) = &mut self.run {
@@ -346,7 +346,7 @@ impl Logger {
         }
     }
 
-    /// What waits for the disk will not come there.
+    /// Discards the data waiting for the disk.
     fn give_up(&mut self, now: Instant, out: &mut Actions) {
         let lost = self.disk.abandon();
         self.forget(now, lost, out);
@@ -360,7 +360,7 @@ impl Logger {
         self.lose(now, time, lost, out);
     }
 
-    /// Does what is due.
+    /// Does the work that is due.
     fn go_on(&mut self, now: Instant, out: &mut Actions) {
         let sync = self.deadlines.is_set(Timer::Chunk) && self.disk.sync_is_due(now);
         if self.deadlines.is_due(Timer::Chunk, now) || sync {
@@ -381,7 +381,7 @@ impl Logger {
         }
     }
 
-    /// Faults begin and end.
+    /// Raises and clears faults.
     fn judge(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Losses, now) {
             let why = format!("no message lost for {} s", LOSSES_OVER.as_secs());
@@ -450,12 +450,12 @@ impl Logger {
     }
 }
 
-/// A moment in nanoseconds since the UNIX epoch.
+/// Instant in nanoseconds since the UNIX epoch.
 fn unix(epoch: Epoch, at: Instant) -> u64 {
     u64::try_from(i128::from(epoch.offset_us) * 1000 + i128::from(at.as_nanos())).unwrap_or(0)
 }
 
-/// The beginning of a mark's text that is kept.
+/// Beginning of a mark's text, within the maximum length.
 fn shortened(text: &str) -> &str {
     let mut end = text.len().min(MARK_BYTES);
     while !text.is_char_boundary(end) {

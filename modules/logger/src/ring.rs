@@ -1,23 +1,23 @@
-//! What was heard last, kept for a recording that begins.
+//! Ring of the last messages, for a recording that begins.
 
 use base::{Duration, Instant};
 use std::collections::VecDeque;
 
-/// What a message takes beside its name and its bytes.
+/// Memory of a message beyond its name and its bytes.
 const OVERHEAD: usize = 96;
 
-/// A message as it was heard.
+/// Received message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Heard {
-    /// When.
+    /// Reception.
     pub at: Instant,
-    /// Its channel.
+    /// Channel.
     pub channel: Box<str>,
-    /// Its bytes.
+    /// Encoded message.
     pub data: Box<[u8]>,
 }
 
-/// The last messages, of so long and so many bytes.
+/// Last messages, within a duration and a number of bytes.
 #[derive(Debug)]
 pub struct Ring {
     keep: Duration,
@@ -31,7 +31,7 @@ impl Ring {
         Self { keep, max_bytes, bytes: 0, heard: VecDeque::new() }
     }
 
-    /// Keeps a message; says how many there are no more.
+    /// Adds a message; returns the number of messages dropped.
     pub fn push(&mut self, at: Instant, channel: &str, data: &[u8]) -> u64 {
         let size = channel.len() + data.len() + OVERHEAD;
         if size > self.max_bytes {
@@ -42,7 +42,7 @@ impl Ring {
         self.age(at)
     }
 
-    /// Drops what is too old or too much; says how many that were.
+    /// Drops messages beyond the limits; returns their number.
     fn age(&mut self, now: Instant) -> u64 {
         let mut dropped = 0;
         while let Some(first) = self.heard.front()
@@ -55,7 +55,7 @@ impl Ring {
         dropped
     }
 
-    /// Takes all of it, and how many of it were too old.
+    /// Takes all messages, with the number dropped as too old.
     pub fn take(&mut self, now: Instant) -> (VecDeque<Heard>, u64) {
         let dropped = self.age(now);
         self.bytes = 0;

@@ -1,4 +1,4 @@
-//! The module on a disk that the test moves.
+//! Logger on a disk that the test controls.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cuts;
@@ -65,7 +65,7 @@ fn a_folder_that_the_run_has_is_used_once() {
     let mut rig = Rig::new(shared.clone());
     rig.ms(300);
     assert_eq!(rig.names(), ["2026_11_22_10_00_00/log_000.mcap"]);
-    // A logger that was started again finds its own file there.
+    // A restarted logger finds its own file there.
     let mut rig = Rig::on(rig.store, shared);
     rig.odo(5);
     rig.ms(2000);
@@ -227,7 +227,7 @@ fn it_ends_when_everything_is_on_the_disk() {
     assert_eq!(rig.bench.shell.state(), State::Terminate);
 }
 
-/// Numbers without an order.
+/// Random numbers.
 fn noise(seed: u64) -> impl FnMut() -> u64 {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     move || {

@@ -1,4 +1,4 @@
-//! Power cuts, and files of which the end is missing.
+//! Power cuts, and truncated files.
 
 use super::rig::{Rig, Store, raw, read};
 use super::{FIRST, config, noise};
@@ -8,7 +8,7 @@ use base::{Duration, Instant};
 use messages::common::CmdLog;
 use std::io::Cursor;
 
-/// What a power cut may cost, beside one synchronization with what is written with it.
+/// Maximum loss in a power cut, besides one synchronization with the data written with it.
 const COST: Duration = Duration::from_millis(250);
 
 #[test]
@@ -37,7 +37,7 @@ fn five_hundred_power_cuts_cost_a_quarter_of_a_second_and_one_synchronization() 
         let mut survived = 0;
         for (bytes, durable) in rig.store.files.values() {
             let left = &bytes[..*durable];
-            // Not even a beginning is there of a file that was just made.
+            // A file that was just created does not even have a beginning.
             let mut recovered = Vec::new();
             let report = recover(Cursor::new(left), &mut recovered, &mut |_, _| {}).unwrap();
             assert_eq!(report.messages, read(left).len() as u64, "cut {number}");
@@ -49,7 +49,7 @@ fn five_hundred_power_cuts_cost_a_quarter_of_a_second_and_one_synchronization() 
         }
         if let Some(lost) = heard.get(survived) {
             let cost = cut.since(*lost);
-            // With the synchronization goes what is written with it, and before it what is being written just then.
+            // The data written with the synchronization may be lost, and so may the data being written at that moment.
             let writing = Duration::from_millis(2 * (1 << 20) / rig.store.bytes_per_ms as u64 + 1);
             assert!(cost <= COST + sync + writing, "cut {number}: {cost:?} are lost, a sync takes {sync:?}");
             worst = worst.max(cost.saturating_sub(sync));
@@ -73,7 +73,7 @@ fn of_two_thousand_files_cut_anywhere_every_whole_chunk_is_read() {
         let file = rig.file(FIRST);
         let summary = mcap::Summary::read(file).unwrap().unwrap();
         assert!(summary.chunk_indexes.len() >= 10, "{}", summary.chunk_indexes.len());
-        // Where each chunk ends, and how many messages there are then.
+        // End of each chunk, and number of messages up to there.
         let end = |index: &mcap::records::ChunkIndex| (index.chunk_start_offset + index.chunk_length) as usize;
         let ends: Vec<usize> = summary.chunk_indexes.iter().map(end).collect();
         let whole: Vec<(usize, usize)> = ends.into_iter().map(|end| (end, read(&file[..end]).len())).collect();
@@ -105,7 +105,7 @@ fn a_fast_bus_is_not_synchronized_for_each_chunk() {
     assert!((5..=8).contains(&syncs), "{syncs} synchronizations in a second");
     assert!(rig.store.appends > 50, "{}", rig.store.appends);
     assert_eq!(rig.told.last().unwrap().dropped, 0);
-    // When it falls silent the rest is not left waiting.
+    // When the bus falls silent, the remainder is synchronized.
     rig.ms(250);
     let (bytes, durable) = rig.store.files.values().next_back().unwrap();
     assert_eq!(bytes.len(), *durable);

@@ -1,4 +1,4 @@
-//! Disks that are slow, full, read-only or gone.
+//! Disks that are slow, full, read-only or missing.
 
 use super::rig::{Rig, Store, notes, odo_ticks, raw};
 use super::{FIRST, config, noise};
@@ -15,7 +15,7 @@ fn a_slow_disk_costs_messages_which_are_counted_and_told_once() {
     let mut rig = Rig::on(store, limits);
     rig.ms(500);
     let mut heard = 0;
-    // 2 MB/s, of which it takes 0.1 for ten seconds.
+    // 2 MB/s, of which the disk accepts 0.1 MB/s for ten seconds.
     for _ in 0..1000 {
         rig.hear("SOMETHING", &[0; 20_000]);
         heard += 1;
@@ -34,7 +34,7 @@ fn a_slow_disk_costs_messages_which_are_counted_and_told_once() {
     rig.ms(1000);
     let file = rig.file(FIRST);
     let messages = raw(file);
-    // The last are the one and the order.
+    // The last two are the final odometry message and the command.
     assert_eq!(messages.len() - 2 + dropped, heard);
     assert!(dropped > 800, "{dropped}");
     let gaps = notes(file, "gap");
@@ -52,7 +52,7 @@ fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
     store.put("photos/holiday.jpg", 1_000_000);
     let mut rig = Rig::on(store, Config { keep_free_bytes: 6_500_000, keep_runs_bytes: 2_600_000, ..config() });
     rig.ms(100);
-    // Three runs are more than may be kept; there is room enough then.
+    // Three runs are more than may be kept; there is enough space then.
     assert_eq!(rig.store.folders(), ["1970_01_01_00_00_00", "2020_01_01_00_00_00_10", "2021_01_01_00_00_00", "photos"]);
     let mut random = noise(3);
     let mut feed = |rig: &mut Rig, count: usize| {
@@ -68,14 +68,14 @@ fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
     feed(&mut rig, 100);
     assert_eq!(rig.store.folders(), ["1970_01_01_00_00_00", "photos"]);
     assert_eq!(rig.faults(Fault::LogRefused), (0, 0));
-    // Then only this run is left, and it ends as a whole file with the floor still free.
+    // Then only this run is left, and its file ends properly with the limit of free space intact.
     feed(&mut rig, 200);
     assert_eq!(rig.faults(Fault::LogRefused), (1, 0));
     assert_eq!(rig.bench.shell.state(), State::Error);
     assert!(!rig.told.last().unwrap().recording);
     assert!(rig.store.free() > 6_000_000, "{}", rig.store.free());
     assert!(mcap::Summary::read(rig.file(FIRST)).unwrap().is_some());
-    // Somebody makes room.
+    // Space is freed by others.
     rig.store.capacity = 20_000_000;
     rig.ms(6000);
     assert_eq!(rig.faults(Fault::LogRefused), (1, 1));
@@ -102,7 +102,7 @@ fn a_disk_that_others_fill_is_tried_again() {
     rig.ms(6000);
     assert_eq!(rig.faults(Fault::LogRefused), (1, 1));
     let next = rig.file("1970_01_01_00_00_00/log_001.mcap");
-    // What was heard meanwhile was kept.
+    // The messages received meanwhile were kept.
     assert_eq!(odo_ticks(&raw(next)[0].data), 2);
     rig.order(CmdLog::STOP, "");
     rig.ms(100);
@@ -203,7 +203,7 @@ fn in_stop_it_closes_the_file_and_in_pause_it_goes_on() {
     assert_eq!(rig.names().len(), 1);
     rig.heard(state(State::Run));
     rig.ms(500);
-    // What was heard in between was kept, as while recording is not wanted.
+    // The messages received meanwhile were kept, as without recording.
     let name = rig.names()[1].to_owned();
     assert_eq!(odo_ticks(&raw(rig.file(&name))[0].data), 2);
 }
