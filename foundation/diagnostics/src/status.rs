@@ -1,4 +1,4 @@
-//! How the robot is, in a word, and why it does not move, in a sentence.
+//! Status of the robot, and the reason why it does not move.
 
 use crate::{Model, ModuleRow};
 use base::{Duration, Instant};
@@ -6,33 +6,33 @@ use messages::lowlevel::DataHold;
 use messages::middlelevel::DataGoal;
 use serde::Serialize;
 
-/// Slower than this it stands, m/s.
+/// Speed below which the robot is at standstill, m/s.
 const STANDING: f64 = 0.005;
-/// Nothing heard for this long: the robot is not there.
+/// Time without any message after which the robot is considered silent.
 const SILENT: Duration = Duration::from_secs(1);
 
-/// How the robot is.
+/// Status of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Word {
-    /// Nothing is heard of it.
+    /// Nothing is received.
     Silent,
     /// The PAUSE line is engaged.
     Paused,
-    /// Something without which it does not move is broken.
+    /// A fault prevents motion.
     Fault,
-    /// It does not move before somebody does something, or something is done.
+    /// Stopped until a person acts or a task ends.
     Stopped,
-    /// It would move and waits.
+    /// Waiting with a command to move.
     Waiting,
-    /// It moves.
+    /// Moving.
     Driving,
-    /// It stands, and would move if told to.
+    /// At standstill and ready for a command.
     Ready,
 }
 
 impl Word {
-    /// As people are shown it.
+    /// Text for people.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -47,16 +47,16 @@ impl Word {
     }
 }
 
-/// How the robot is, and why.
+/// Status with its reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Status {
-    /// In a word.
+    /// Status.
     pub word: Word,
-    /// In a sentence, and what to do about it where that is known.
+    /// Sentence with the reason, and what to do about it if known.
     pub reason: String,
 }
 
-/// What people must know first comes first.
+/// Derives the status; the most important cause takes precedence.
 pub(crate) fn of(model: &Model, now: Instant) -> Status {
     let status = |word, reason: String| Status { word, reason };
     match model.traffic.last() {
@@ -90,7 +90,7 @@ pub(crate) fn of(model: &Model, now: Instant) -> Status {
             false => status(Word::Stopped, format!("it comes to a stop: {}", motion.reason)),
         };
     }
-    // Nothing else stands against motion; the drives may hold a quick stop meanwhile.
+    // No other cause holds the motion; the drives may keep a quick stop meanwhile.
     let idle = motion.homed && model.motion_holds(now).is_some_and(DataHold::is_idle);
     if !idle && (!motion.enabled || motion.quick_stop || !motion.homed) {
         let reason = if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason };

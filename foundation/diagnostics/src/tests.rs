@@ -148,7 +148,7 @@ fn all_that_stands_has_a_row_each_once_the_motion_first() {
         "words": "PAUSE is engaged by bumper2", "remedy": "Clear what touches bumper 2.", "latched": false, "since": 7
     });
     assert_eq!((&json["holds"][0], &json["holds"][1]["latched"]), (&first, &true.into()));
-    // What nobody repeats is not known to stand any more.
+    // Causes expire if they are not repeated.
     let late = T0 + Duration::from_millis(401);
     assert_eq!(model.hold_rows(late), []);
     let unknown = lowlevel::Hold { code: 9999, subject: "x".into(), latched: false, since: 0 };
@@ -262,7 +262,7 @@ fn ms(millis: u64) -> Instant {
     T0 + Duration::from_millis(millis)
 }
 
-/// The groups as (subject, standing, known, count).
+/// Groups as (subject, standing, known, count).
 fn groups(model: &Model, now: Instant) -> Vec<(String, bool, bool, u64)> {
     let groups = model.errors.groups(now).into_iter();
     let mut groups: Vec<_> =
@@ -276,7 +276,7 @@ fn of_two_lost_boards_one_that_comes_back_does_not_clear_the_other() {
     let mut model = model();
     let both = [fault(LOST, "sd1_front", 10), fault(LOST, "sd1_rear", 10)];
     say(&mut model, T0, list(10, "driver_rs485a", &both));
-    // In the other order than the list has.
+    // In an order other than that of the list.
     say(&mut model, T0, lost(10, Error::WARNING, "sd1_rear does not answer"));
     say(&mut model, T0, lost(10, Error::WARNING, "sd1_front does not answer"));
     let stands = |subject: &str, standing, count| (subject.to_owned(), standing, true, count);
@@ -287,7 +287,7 @@ fn of_two_lost_boards_one_that_comes_back_does_not_clear_the_other() {
     assert_eq!(model.errors.of("driver_rs485a", ms(500)).unwrap().subject, "sd1_rear");
     let subjects: Vec<_> = model.errors.reports().map(|report| report.subject.clone().unwrap()).collect();
     assert_eq!(subjects, ["sd1_front", "sd1_front", "sd1_rear"], "the latest first");
-    // It is lost once more: counted, and by its list alone too, where the report is lost on the way.
+    // It is lost once more: counted, also by its list alone, in case the report is lost.
     say(&mut model, ms(600), list(30, "driver_rs485a", &[fault(LOST, "sd1_front", 30), both[1].clone()]));
     assert_eq!(groups(&model, ms(600)), [stands("sd1_front", true, 2), stands("sd1_rear", true, 1)]);
     let view = serde_json::to_value(model.view(ms(600))).unwrap();
@@ -316,12 +316,12 @@ fn what_nobody_lists_any_more_is_not_known() {
     assert_eq!(groups(&model, ms(3001)), group(true, false), "its module is silent");
     say(&mut model, ms(4000), list(20, "driver_rs485a", &[fault(LOST, "sd1_rear", 10)]));
     assert_eq!(groups(&model, ms(4000)), group(true, true), "the same as before, so it is not counted");
-    // It dies: the watchdog says so in its name.
+    // The module dies: the watchdog publishes a list in its name.
     let down = |timestamp| list(timestamp, "driver_rs485a", &[fault(0x0307, "driver_rs485a", 30)]);
     say(&mut model, ms(4100), down(30));
     assert_eq!(groups(&model, ms(4100)), group(true, false));
     assert_eq!(model.errors.knowledge("driver_rs485a", ms(4100)), Knowledge::Unknown);
-    // It is back, and its board with it.
+    // The module is back, and so is its board.
     say(&mut model, ms(4200), list(40, "driver_rs485a", &[]));
     assert_eq!(groups(&model, ms(4200)), group(false, true));
 }
@@ -332,13 +332,13 @@ fn who_lists_nothing_is_judged_by_his_reports_and_what_happens_once_is_never_act
     say(&mut model, T0, lost(10, Error::WARNING, "a board is lost"));
     let group = |standing, count| vec![(String::new(), standing, true, count)];
     assert_eq!(groups(&model, ms(60_000)), group(true, 1));
-    // The watchdog has the say while it is down, and no longer.
+    // The watchdog's list applies while the module is down, and no longer.
     say(&mut model, ms(60_000), list(15, "driver_rs485a", &[fault(0x0307, "driver_rs485a", 15)]));
     assert_eq!(model.errors.knowledge("driver_rs485a", ms(60_000)), Knowledge::Unknown);
     assert_eq!(model.errors.knowledge("driver_rs485a", ms(63_001)), Knowledge::Reported);
     say(&mut model, ms(64_000), lost(20, Error::NOTICE, "it is back"));
     assert_eq!(groups(&model, ms(64_000)), group(false, 1));
-    // From its first list on that decides.
+    // From its first list on, the list decides.
     say(&mut model, ms(65_000), lost(30, Error::WARNING, "a board is lost"));
     assert_eq!(groups(&model, ms(65_000)), group(true, 2));
     say(&mut model, ms(65_000), list(40, "driver_rs485a", &[]));
