@@ -1,4 +1,4 @@
-//! Ends, symmetry, and against every way of a few pieces that one can drive.
+//! Ends, symmetry, and comparison with every drivable path of a few segments.
 
 use super::*;
 use crate::Motion;

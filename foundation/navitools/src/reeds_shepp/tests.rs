@@ -1,4 +1,4 @@
-//! Ends, symmetry, and against every way of a few pieces that one can drive, forward and backward.
+//! Ends, symmetry, and comparison with every drivable path of a few segments, forwards and in reverse.
 
 use super::*;
 use crate::Motion;
@@ -9,7 +9,7 @@ fn misses(at: Pose, to: Pose) -> f64 {
     at.point().distance(to.point()) + libm::fabs((at.theta - to.theta).radians())
 }
 
-/// Poses on a lattice, the awkward ones (same place, half turns, on the circles) among them, and some between.
+/// Poses on a lattice, including special ones (same place, half turns, on the circles), and some between.
 fn lattice(mut visit: impl FnMut(Pose)) {
     for x in -8..=8 {
         for y in -8..=8 {
@@ -58,7 +58,7 @@ fn the_way_back_is_as_long() {
 
 #[test]
 fn nothing_that_one_can_drive_in_four_pieces_is_shorter() {
-    // All words of up to four pieces from three turns, both directions, and lengths in steps of π/8 and some between.
+    // All words of up to four segments from three turns, both directions, and lengths in steps of π/8 and some between.
     const LENGTHS: [f64; 6] = [0.2, PI / 8.0, PI / 4.0, PI / 2.0, 2.0, 3.0];
     fn drive(at: Pose, driven: f64, left: u32) {
         assert!(reeds_shepp_length(Pose::default(), at, 1.0) < driven + 1e-7, "{at:?} in {driven}");
