@@ -1,4 +1,4 @@
-//! What the macro declares, read from texts.
+//! Declarations of the macro, read from texts.
 
 use crate::{Bytes, Choice, Moves, Need, Node, Off, Parsed, Row, Rows, Section, Table, ZeroOr, read_as, settings};
 use base::Duration;
