@@ -1,14 +1,14 @@
-//! Why the robot does not act: one list of causes for all modules, by number, with the words that people read.
+//! Causes for which the robot does not act: one list for all modules, by number, with their text for people.
 //!
-//! Modules publish numbers on `LL_DATA_HOLD` and programs compare numbers. Words are made at the reader, here alone:
-//! [`lowlevel::Hold::words`]. `docs/holds.md` is the same list for people; a test holds the two together.
+//! Modules publish numbers on `LL_DATA_HOLD` and programs compare numbers. Texts are made only here, at the reader:
+//! [`lowlevel::Hold::words`]. `docs/holds.md` is the same list for people; a test compares the two.
 //!
 //! | numbers | about |
 //! |---|---|
 //! | 100 to 199 | the PAUSE line |
 //! | 200 to 299 | the CAN bus and its drives |
 //! | 300 to 399 | modules |
-//! | 400 to 499 | who commands the motion |
+//! | 400 to 499 | sources of motion commands |
 //! | 500 to 599 | position and sensors that the planner needs |
 //! | 600 to 699 | the goal |
 
@@ -16,34 +16,34 @@ use crate::{StopSource, lowlevel};
 
 macro_rules! holds {
     ($(#[doc = $means:literal] $name:ident = $code:literal, $words:literal, $remedy:literal;)*) => {
-        /// A cause. Numbers are never used for another one; a new cause gets a new number.
+        /// Cause. A number is never used for another one; a new cause gets a new number.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[repr(i32)]
         pub enum Hold { $(#[doc = $means] $name = $code),* }
 
         impl Hold {
-            /// All of them, in order of their numbers.
+            /// All causes, in order of their numbers.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
-            /// The name in `docs/holds.md`.
+            /// Name in `docs/holds.md`.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$name => stringify!($name)),* }
             }
 
-            /// What it means, and what its subject is.
+            /// Meaning, and the kind of its subject.
             #[must_use]
             pub const fn means(self) -> &'static str {
                 match self { $(Self::$name => $means.trim_ascii_start()),* }
             }
 
-            /// The sentence, with `{}` in the place of the subject's name.
+            /// Sentence with `{}` in the place of the subject's name.
             #[must_use]
             pub const fn sentence(self) -> &'static str {
                 match self { $(Self::$name => $words),* }
             }
 
-            /// What an operator does about it, with `{}` in the place of the subject as people call it.
+            /// Action of an operator, with `{}` in the place of the subject as people call it.
             #[must_use]
             pub const fn what_to_do(self) -> &'static str {
                 match self { $(Self::$name => $remedy),* }
@@ -196,25 +196,25 @@ holds! {
 }
 
 impl Hold {
-    /// The number on the wire.
+    /// Number on the wire.
     #[must_use]
     pub const fn code(self) -> i32 {
         self as i32
     }
 
-    /// The cause of a number; `None` for one that a later version knows.
+    /// Cause of a number; `None` for one from a later version.
     #[must_use]
     pub fn from_code(code: i32) -> Option<Self> {
         Self::ALL.iter().copied().find(|hold| hold.code() == code)
     }
 
-    /// Nothing is wrong: the module acts as soon as it is asked to.
+    /// True if nothing is wrong: the module acts as soon as it is commanded to.
     #[must_use]
     pub const fn is_idle(self) -> bool {
         matches!(self, Self::NobodyCommands | Self::NoGoal)
     }
 
-    /// Stays until a person acts, as far as the cause alone tells: a command, or a new press.
+    /// True if the cause alone shows that it remains until a person acts: a command, or a new press.
     #[must_use]
     pub const fn is_latched(self) -> bool {
         matches!(
@@ -223,14 +223,14 @@ impl Hold {
         )
     }
 
-    /// The sentence about a subject.
+    /// Sentence about a subject.
     #[must_use]
     pub fn words(self, subject: &str) -> String {
         let nameless = self == Self::PauseOther && subject.is_empty();
         self.sentence().replace("{}", if nameless { StopSource::Unknown.words() } else { subject })
     }
 
-    /// The subject as people call it: `bumper 3`, `propulsion drive`.
+    /// Subject as people call it: `bumper 3`, `propulsion drive`.
     #[must_use]
     pub fn who(self, subject: &str) -> String {
         match self {
@@ -253,7 +253,7 @@ impl Hold {
         }
     }
 
-    /// What an operator does about it.
+    /// Action of an operator.
     #[must_use]
     pub fn remedy(self, subject: &str) -> String {
         self.what_to_do().replace("{}", &self.who(subject))
@@ -261,13 +261,13 @@ impl Hold {
 }
 
 impl lowlevel::Hold {
-    /// The cause; `None` where the number is of a later version.
+    /// Cause; `None` if the number is from a later version.
     #[must_use]
     pub fn cause(&self) -> Option<Hold> {
         Hold::from_code(self.code)
     }
 
-    /// The sentence that people read.
+    /// Sentence for people.
     #[must_use]
     pub fn words(&self) -> String {
         match self.cause() {
@@ -278,43 +278,43 @@ impl lowlevel::Hold {
     }
 }
 
-/// The module that lists what stands against motion.
+/// Module that lists the causes that hold the motion.
 pub const MOTION_MODULE: &str = "driver_canbus";
-/// The module that lists what keeps a goal from being driven to.
+/// Module that lists the causes that hold the goal.
 pub const GOAL_MODULE: &str = "planner";
 
 impl lowlevel::DataHold {
-    /// Whether it is about the motion.
+    /// True if the list concerns the motion.
     #[must_use]
     pub fn is_of_motion(&self) -> bool {
         self.module == MOTION_MODULE
     }
 
-    /// Whether it is about the goal.
+    /// True if the list concerns the goal.
     #[must_use]
     pub fn is_of_goal(&self) -> bool {
         self.module == GOAL_MODULE
     }
 
-    /// Whether a cause is listed, about any subject.
+    /// True if the cause is listed, with any subject.
     #[must_use]
     pub fn has(&self, cause: Hold) -> bool {
         self.holds.iter().any(|hold| hold.cause() == Some(cause))
     }
 
-    /// The weightiest cause; `None` where the module acts, or the number is of a later version.
+    /// Most important cause; `None` if the module acts, or the number is from a later version.
     #[must_use]
     pub fn first(&self) -> Option<Hold> {
         self.holds.first()?.cause()
     }
 
-    /// Whether the module acts, or would as soon as it is asked to.
+    /// True if the module acts, or would act as soon as it is commanded to.
     #[must_use]
     pub fn is_free(&self) -> bool {
         self.holds.iter().all(|hold| hold.cause().is_some_and(Hold::is_idle))
     }
 
-    /// Whether it would act as soon as it is asked to, and is not.
+    /// True if the module would act as soon as it is commanded to, and has no command.
     #[must_use]
     pub fn is_idle(&self) -> bool {
         !self.holds.is_empty() && self.is_free()
@@ -338,7 +338,7 @@ mod tests {
         assert_eq!((Hold::from_code(0), Hold::from_code(-1), Hold::from_code(999)), (None, None, None));
     }
 
-    /// The sentences of `LL_DATA_MOTION.reason` are a contract: programs outside print them.
+    /// The sentences of `LL_DATA_MOTION.reason` are a contract: other programs print them.
     #[test]
     fn sentences_are_those_of_the_contract() {
         for (code, subject, words) in [

@@ -1,16 +1,16 @@
-//! The table of channels: every type once, no two alike.
+//! Table of channels: every type once, all distinct.
 
 use std::collections::BTreeMap;
 
 use super::*;
 
-/// A message of each channel with nothing in it.
+/// Empty message of a channel.
 fn empty(channel: Channel) -> Message {
     let mut bytes = channel.fingerprint().to_be_bytes().to_vec();
     loop {
         match Message::decode(channel, &bytes) {
             Ok(message) => return message,
-            // An empty string is a length of 1 and its NUL; all else may be zeros.
+            // An empty string is a length of 1 and its NUL; everything else may be zeros.
             Err(DecodeError::StringLength { len: 0, .. }) => {
                 let end = bytes.len();
                 bytes[end - 1] = 1;
