@@ -1,14 +1,14 @@
-//! What the parser takes, what it refuses, and where it says the fault is.
+//! Parser: accepted texts, rejected texts, and the position of the error.
 
 use lcm_gen::rust::Options;
 use lcm_gen::{Kind, Schema, Size};
 
-/// The one line that the text is refused with.
+/// Error of a rejected text.
 fn refused(text: &str) -> String {
     Schema::new(&[("a.lcm", text)]).map_or_else(|error| error.to_string(), |_| "accepted".to_owned())
 }
 
-/// The text is accepted and is the struct `x_t` of the same fingerprint as `same`.
+/// Checks that the text is accepted, as the struct `x_t` with the same fingerprint as `same`.
 fn accepted(text: &str, same: &str) {
     let of = |text| Schema::new(&[("a.lcm", text)]).unwrap_or_else(|error| panic!("{error}")).fingerprint("p.x_t");
     assert_eq!(of(text), of(same), "{text}");
@@ -216,7 +216,7 @@ fn neither_comments_nor_constants_break_the_code() {
     let generate = |text| lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap(), &Options::default());
     let code = generate("// one\rtwo\nstruct x_t { const int8_t MIN_SIZE = 1; double x; }").unwrap();
     assert!(code.contains("/// one two\n"), "{code}");
-    // What the type says of itself must not be taken for what the codec says of it.
+    // A constant of the type must not be mistaken for one of the codec.
     assert!(code.contains("<Self as codec::Type>::MIN_SIZE"), "{code}");
 }
 
