@@ -1,4 +1,4 @@
-//! What a picture is made of: fed with messages, in bounded memory.
+//! Content of a picture: collected from messages, in bounded memory.
 
 use super::series::{Lane, Series, Ticks, Track};
 use crate::Footprint;
@@ -9,47 +9,47 @@ use simulator::people::Contact;
 use simulator::world::World;
 use std::collections::BTreeMap;
 
-/// Between two ellipses, s, in the beginning; more than so many are not kept.
+/// Initial interval between ellipses, s, and maximum number of ellipses.
 const ELLIPSES: f64 = 2.0;
 const ELLIPSES_MOST: usize = 256;
-/// Who does not announce its state for so long is not there, s.
+/// Time without an announcement after which a module is considered absent, s.
 const STATE_HOLD: f64 = 2.5;
-/// The same for the reason not to move, which comes at 5 Hz or more, and for the PAUSE line, at 2 Hz.
+/// Time for which the reason not to move (5 Hz or more) and the PAUSE line (2 Hz) remain valid, s.
 const REASON_HOLD: f64 = 1.0;
 const PAUSE_HOLD: f64 = 2.0;
-/// More is not kept of each; what is left out is counted.
+/// Maximum numbers of entries; those left out are counted.
 const MODULES: usize = 256;
 const TEXTS: usize = 500;
 const MARKS: usize = 100;
 const CONTACTS: usize = 1000;
 const CELLS: usize = 50_000;
-/// A text is not kept longer than this, characters.
+/// Maximum length of a text, characters.
 const TEXT: usize = 200;
-/// A moment that is farther from the first one is a mistake, s.
+/// Largest plausible distance of a timestamp from the first one, s.
 const RUN_MOST: f64 = 31.0 * 86_400.0;
 
-/// What stands in the headline of a picture.
+/// Headline of a picture.
 #[derive(Clone, Debug, Default)]
 pub struct Title {
-    /// The run's name.
+    /// Name of the run.
     pub run: String,
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
-    /// The program that recorded it.
+    /// Program that recorded the run.
     pub program: String,
-    /// What the reader of the run has to say about it: what is damaged, what is missing.
+    /// Remarks of the run's reader: damage, missing data.
     pub remarks: Vec<String>,
 }
 
-/// A run, as far as a picture shows it.
+/// Content of a picture of a run.
 #[derive(Debug)]
 pub struct Picture {
     pub(super) title: Title,
     pub(super) world: World,
     pub(super) geometry: Option<Footprint>,
-    /// From when to when, s since the UNIX epoch.
+    /// First and last time, s since the UNIX epoch.
     pub(super) span: Option<(f64, f64)>,
-    /// Messages of impossible moments.
+    /// Number of messages with implausible timestamps.
     pub(super) strays: u64,
     pub(super) truth: Track,
     pub(super) estimate: Track,
@@ -60,7 +60,7 @@ pub struct Picture {
     pub(super) cells: Vec<Point>,
     pub(super) cell: f64,
     pub(super) contacts: Vec<Point>,
-    /// How often the body touched something, as the simulation counts: first and last.
+    /// Number of contacts of the body, as counted by the simulation: first and last.
     collisions: Option<(i32, i32)>,
     pub(super) speed: Series,
     pub(super) speed_target: Series,
@@ -68,31 +68,31 @@ pub struct Picture {
     pub(super) steering_target: Series,
     pub(super) voltage: Series,
     pub(super) charge: Series,
-    /// By severity.
+    /// Reports by severity.
     pub(super) errors: [Ticks; 3],
     pub(super) texts: Vec<Told>,
     subjects: Subjects,
-    /// Reports whose text found no room.
+    /// Number of reports whose text was left out.
     pub(super) untold: u64,
     pub(super) states: BTreeMap<String, Lane<i8>>,
-    /// Announcements of modules that found no room.
+    /// Number of announcements of modules that were left out.
     pub(super) unheard: u64,
-    /// Why it does not move, by number.
+    /// Causes that hold the robot, by number.
     holds: Lane<Stand>,
-    /// The same as text, of a log from before the numbers.
+    /// Same as text, for a log from before the numbers.
     reasons: Lane<Stand>,
-    /// What holds the PAUSE line.
+    /// Source of the PAUSE line.
     pub(super) pause: Lane<Stand>,
     pub(super) marks: Vec<(f64, String)>,
     pub(super) unmarked: u64,
 }
 
-/// Why the robot stands for a while.
+/// Cause of a standstill.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stand {
-    /// In words; empty: it does not.
+    /// Text; empty while the robot may move.
     pub words: String,
-    /// Nothing is wrong: nobody wants it to move.
+    /// True if nothing is wrong: there is no command to move.
     pub idle: bool,
 }
 
@@ -102,39 +102,39 @@ impl Stand {
     }
 }
 
-/// Where the robot was believed to be, and how sure that was.
+/// Estimated position with its uncertainty.
 #[derive(Clone, Copy, Debug)]
 pub struct Ellipse {
     at: f64,
-    /// m.
+    /// Position, m.
     pub middle: Point,
     /// Covariance of x and y, m²: xx, xy, yy.
     pub covariance: [f64; 3],
 }
 
-/// What was reported, once or often: the same fault of the same subject; where no subject is known, in the same words.
+/// Reports of the same fault with the same subject; with the same text if the subject is unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Told {
-    /// When first, s.
+    /// First report, s.
     pub first: f64,
-    /// When last, s.
+    /// Last report, s.
     pub last: f64,
-    /// How often.
+    /// Number of reports.
     pub times: u64,
     /// 0 NOTICE, 1 WARNING, 2 ERROR.
     pub severity: usize,
-    /// By whom.
+    /// Reporting module.
     pub module: String,
-    /// What, by number.
+    /// Number of the fault.
     pub number: i32,
-    /// Which of several, where that is known.
+    /// Subject, if known.
     pub subject: Option<String>,
-    /// In words, as it was said first.
+    /// Text of the first report.
     pub message: String,
 }
 
 impl Picture {
-    /// An empty one of this world, for a robot of this geometry where that is known.
+    /// Creates an empty picture of this world, for a robot of this geometry if known.
     #[must_use]
     pub fn new(world: World, geometry: Option<Footprint>) -> Self {
         Self {
@@ -173,20 +173,20 @@ impl Picture {
         }
     }
 
-    /// What stands above it.
+    /// Sets the headline.
     pub fn entitle(&mut self, title: Title) {
         self.title = title;
     }
 
-    /// Whether nothing of a robot is in it.
+    /// True if it contains no data of a robot.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         let nowhere = self.truth.spots().is_empty() && self.estimate.spots().is_empty();
         nowhere && self.speed.range().is_none() && self.states.is_empty()
     }
 
-    /// Takes a message that was sent or heard at this moment, microseconds since the UNIX epoch. Those that have no place
-    /// in a picture change nothing. Of one channel and sender they come in order; what comes from before is left out.
+    /// Adds a message sent or received at this time, microseconds since the UNIX epoch. Messages that a picture does
+    /// not show are ignored. Per channel and sender they must be in order; earlier ones are left out.
     pub fn take(&mut self, at_us: i64, message: &Message) {
         let at = at_us as f64 / 1e6;
         match message {
@@ -225,7 +225,7 @@ impl Picture {
         };
     }
 
-    /// Takes a mark that somebody put into the run at this moment, microseconds since the UNIX epoch.
+    /// Adds a mark set at this time, microseconds since the UNIX epoch.
     pub fn mark(&mut self, at_us: i64, text: &str) {
         let at = at_us as f64 / 1e6;
         let Some(this) = self.at(at) else { return };
@@ -239,7 +239,7 @@ impl Picture {
         }
     }
 
-    /// Takes a line that a module printed: contacts are told so.
+    /// Adds a line printed by a module: the simulation reports contacts so.
     pub fn note(&mut self, line: &str) {
         if let Ok(contact) = line.parse::<Contact>()
             && self.contacts.len() < CONTACTS
@@ -248,19 +248,19 @@ impl Picture {
         }
     }
 
-    /// Why it did not move: by number, or the text of a log that has none.
+    /// Causes of standstill: by number, or the text of a log without numbers.
     pub(super) fn stands(&self) -> &Lane<Stand> {
         if self.holds.spans().is_empty() { &self.reasons } else { &self.holds }
     }
 
-    /// How often the body touched something.
+    /// Number of contacts of the body.
     #[must_use]
     pub fn contacts(&self) -> u64 {
         let counted = self.collisions.map_or(0, |(first, last)| i64::from(last) - i64::from(first));
         (self.contacts.len() as u64).max(u64::try_from(counted).unwrap_or(0))
     }
 
-    /// This, at a moment that can be one of the run.
+    /// Returns `self` if the time is plausible for the run.
     fn at(&mut self, at: f64) -> Option<&mut Self> {
         let (from, to) = self.span.unwrap_or((at, at));
         if (at - from).abs() > RUN_MOST || (at - to).abs() > RUN_MOST {
@@ -346,7 +346,7 @@ fn path(x: &[f64], y: &[f64]) -> Vec<Point> {
     x.iter().zip(y).map(|(x, y)| Point { x: *x, y: *y }).filter(sound).take(CELLS).collect()
 }
 
-/// One line of words, not too long.
+/// First line of a text, shortened.
 fn brief(text: &str) -> String {
     text.chars().take(TEXT).map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

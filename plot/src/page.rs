@@ -1,4 +1,4 @@
-//! The page: headline, map, time line, lists; as tall as it must be.
+//! Page: headline, map, time line, lists; its height depends on the content.
 
 use super::axis;
 use super::canvas::{Canvas, Colour, Font, Stroke};
@@ -12,46 +12,46 @@ use base::Fault;
 use logger::run_name;
 use navitools::Point;
 
-/// Of the page, units.
+/// Dimensions of the page, units.
 const WIDTH: f64 = 1000.0;
 const LEFT: f64 = 104.0;
 const RIGHT: f64 = 60.0;
 const TOP: f64 = 34.0;
-/// Between two lines of a list.
+/// Distance of the lines of a list.
 const LINE: f64 = 14.0;
-/// Lists are not longer; what has no room is counted.
+/// Maximum number of entries of the lists; the others are counted.
 const REPORTS: usize = 10;
 const REASONS: usize = 8;
 const MARKS: usize = 8;
 
-/// What all parts of a page share.
+/// Properties common to all parts of a page.
 pub struct Sheet {
-    /// The left edge of panels.
+    /// Left edge of panels.
     pub left: f64,
-    /// Their width.
+    /// Width of panels.
     pub width: f64,
-    /// When the run began, s since the UNIX epoch.
+    /// Beginning of the run, s since the UNIX epoch.
     pub from: f64,
-    /// How long it was, s.
+    /// Duration of the run, s.
     pub seconds: f64,
-    /// Lines of the time axis: seconds after the beginning, and what stands there.
+    /// Ticks of the time axis: seconds after the beginning, and their labels.
     pub moments: Vec<(f64, String)>,
-    /// What stands at the time axis.
+    /// Label of the time axis.
     pub time_label: String,
-    /// What the numbers beside the way are.
+    /// Unit of the numbers beside the path.
     pub unit_in_words: &'static str,
     pub letters: Letters,
 }
 
 impl Sheet {
-    /// Where a moment is, units.
+    /// Position of a time, units.
     pub fn x(&self, at: f64) -> f64 {
         self.left + ((at - self.from) / self.seconds).clamp(0.0, 1.0) * self.width
     }
 }
 
 impl Picture {
-    /// The picture as SVG.
+    /// Picture as SVG.
     #[must_use]
     pub fn svg(&self) -> String {
         let sheet = self.sheet();
@@ -60,10 +60,10 @@ impl Picture {
         svg.finish()
     }
 
-    /// The picture as PNG.
+    /// Picture as PNG.
     ///
     /// # Errors
-    /// One line says why there is none: it would be too large, or the encoder refused it.
+    /// One line with the reason: the picture would be too large, or the encoder failed.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let sheet = self.sheet();
         let height = self.draw(&mut Nowhere, &sheet);
@@ -87,7 +87,7 @@ impl Picture {
         Sheet { left: LEFT, width, from, seconds, moments, time_label, unit_in_words, letters: Letters }
     }
 
-    /// Draws everything; how high that is.
+    /// Draws everything; returns the height.
     fn draw(&self, canvas: &mut dyn Canvas, sheet: &Sheet) -> f64 {
         let top = self.draw_title(canvas, sheet);
         let top = self.draw_map(canvas, sheet, top);
@@ -121,7 +121,7 @@ impl Picture {
         TOP + 36.0
     }
 
-    /// The reports that have a line below, in order of time: the gravest, and of those the first.
+    /// Reports with a line in the list, in order of time: the most severe, and of these the first.
     pub(super) fn listed(&self) -> Vec<&Told> {
         let mut told: Vec<&Told> = self.texts.iter().collect();
         told.sort_by(|a, b| b.severity.cmp(&a.severity).then(a.first.total_cmp(&b.first)));
@@ -158,7 +158,7 @@ impl Picture {
         self.draw_remarks(canvas, sheet, y)
     }
 
-    /// What the picture does not show.
+    /// Lists what the picture does not show.
     fn draw_remarks(&self, canvas: &mut dyn Canvas, sheet: &Sheet, mut y: f64) -> f64 {
         let lost: u64 = self.states.values().map(|lane| lane.lost).sum::<u64>() + self.stands().lost + self.pause.lost;
         let mut remarks = self.title.remarks.clone();
@@ -182,7 +182,7 @@ impl Picture {
     }
 }
 
-/// A list below the time line: (sign, time, words) each.
+/// List below the time line: (sign, time, text) each.
 fn list(
     canvas: &mut dyn Canvas,
     sheet: &Sheet,
@@ -228,14 +228,14 @@ fn counted(count: u64, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// `2026-11-22 09:40:01` of seconds since the UNIX epoch.
+/// Seconds since the UNIX epoch as `2026-11-22 09:40:01`.
 fn date(at: f64) -> String {
-    // A clock that nobody set is far from now, and no reason to count years for long.
+    // An unset clock may be far off; the limit avoids long loops over years.
     let name = run_name(at.clamp(0.0, 4e9) as u64);
     name[..10].replace('_', "-") + " " + &name[11..].replace('_', ":")
 }
 
-/// A canvas that keeps nothing: to find out how high a page is.
+/// Canvas that draws nothing, to measure the height of a page.
 struct Nowhere;
 
 impl Canvas for Nowhere {

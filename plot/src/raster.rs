@@ -1,4 +1,4 @@
-//! A canvas of pixels, written as PNG.
+//! Canvas of pixels, written as PNG.
 
 use super::canvas::{Anchor, Canvas, Colour, Font, Stroke};
 use super::letters::Letters;
@@ -6,12 +6,12 @@ use super::palette::palette;
 use navitools::Point;
 use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, StrokeDash, Transform};
 
-/// Pixels in a unit of the page: a page of 1000 units is sharp on paper, too.
+/// Pixels per unit of the page: sharp in print for a page of 1000 units.
 const SCALE: f32 = 2.0;
-/// What is farther from the page's corner is not drawn, units: the rasterizer counts on that, and gives up beyond.
+/// Distance from the page's corner beyond which nothing is drawn, units; the rasterizer fails beyond it.
 const REACH: f64 = 10_000.0;
 
-/// A page of pixels.
+/// Page of pixels.
 #[derive(Debug)]
 pub struct Raster {
     pixels: Pixmap,
@@ -19,7 +19,7 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// A white page of this size, units; none where it has no pixel, or too many.
+    /// White page of this size, units; `None` if it has no pixel, or too many.
     #[must_use]
     pub fn new(width: f64, height: f64) -> Option<Self> {
         let pixels = |units: f64| (units * f64::from(SCALE)).round() as u32;
@@ -29,10 +29,10 @@ impl Raster {
         Some(Self { pixels, letters: Letters })
     }
 
-    /// The page as a PNG file.
+    /// Page as a PNG file.
     ///
     /// # Errors
-    /// The encoder refuses; there is no known reason why it should.
+    /// The encoder failed, which is not expected.
     pub fn finish(self) -> Result<Vec<u8>, String> {
         let (colours, places) = palette(self.pixels.data());
         let mut out = Vec::new();
@@ -41,7 +41,7 @@ impl Raster {
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_palette(colours);
         encoder.set_compression(png::Compression::High);
-        // Differences of numbers of colours mean nothing.
+        // Differences of palette indices carry no information.
         encoder.set_filter(png::Filter::NoFilter);
         let written = encoder.write_header().and_then(|mut writer| {
             writer.write_image_data(&places)?;
@@ -119,7 +119,7 @@ impl Canvas for Raster {
     }
 }
 
-/// Whether a point can be drawn; no number cannot.
+/// True if a point can be drawn; false for NaN.
 fn near(point: Point) -> bool {
     point.x.abs() < REACH && point.y.abs() < REACH
 }
@@ -135,7 +135,7 @@ fn paint(colour: Colour) -> Paint<'static> {
     paint
 }
 
-/// A path through these points; none where one cannot be drawn, or they make none.
+/// Path through these points; `None` if one cannot be drawn, or they form no path.
 fn path(points: &[Point], closed: bool) -> Option<Path> {
     if !points.iter().all(|point| near(*point)) {
         return None;

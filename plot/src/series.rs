@@ -1,33 +1,33 @@
-//! What is kept of a run, each in bounded memory whatever comes: where there is no more room, resolution is given up.
+//! Data of a run in bounded memory for any input: beyond the capacity the resolution decreases.
 
 use navitools::Point;
 
-/// Points of a track, of which one is this far from the one before, m; one that is farther than `JUMP` begins anew.
+/// Minimum distance of the points of a track, m; distance beyond which a new line begins, m.
 const STEP: f64 = 0.02;
 const JUMP: f64 = 1.0;
 
-/// A value over time.
+/// Value over time.
 #[derive(Debug, Default)]
 pub struct Series {
     buckets: Vec<Bucket>,
-    /// A bucket takes what comes within this after its first value, s.
+    /// Duration of a bucket from its first value, s.
     width: f64,
 }
 
-/// Values that share a place on the time line; a gap when they are not numbers.
+/// Values combined on the time line; a gap for values that are not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bucket {
-    /// When the first and the last came, s.
+    /// Time of the first value, s.
     pub from: f64,
-    /// See `from`.
+    /// Time of the last value, s.
     pub to: f64,
-    /// The first.
+    /// First value.
     pub first: f64,
-    /// The last.
+    /// Last value.
     pub last: f64,
-    /// The least.
+    /// Minimum.
     pub least: f64,
-    /// The greatest.
+    /// Maximum.
     pub most: f64,
 }
 
@@ -46,10 +46,10 @@ impl Bucket {
 }
 
 impl Series {
-    /// More buckets are not kept: as many as a picture has pixels, about.
+    /// Maximum number of buckets: about as many as a picture has pixels.
     pub const ROOM: usize = 2048;
 
-    /// Takes a value; what is from before the last one is left out.
+    /// Adds a value; a value older than the last one is ignored.
     pub fn push(&mut self, at: f64, value: f64) {
         if !at.is_finite() || self.buckets.last().is_some_and(|last| at < last.to) {
             return;
@@ -72,7 +72,7 @@ impl Series {
         }
     }
 
-    /// The first and the last value.
+    /// First and last value.
     #[must_use]
     pub fn ends(&self) -> Option<(f64, f64)> {
         let mut numbers = self.buckets.iter().filter(|bucket| !bucket.first.is_nan());
@@ -80,14 +80,14 @@ impl Series {
         Some((first.first, numbers.next_back().unwrap_or(first).last))
     }
 
-    /// The least and the greatest value.
+    /// Minimum and maximum.
     #[must_use]
     pub fn range(&self) -> Option<(f64, f64)> {
         let numbers = self.buckets.iter().filter(|bucket| !bucket.first.is_nan());
         numbers.map(|bucket| (bucket.least, bucket.most)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 
-    /// Lines of (time, value) to draw: interrupted by what is no number, and where nothing came for `hold` seconds.
+    /// Lines of (time, value), interrupted by values that are not finite and by gaps longer than `hold` seconds.
     #[must_use]
     pub fn lines(&self, hold: f64) -> Vec<Vec<Point>> {
         let mut lines = Vec::new();
@@ -113,24 +113,24 @@ impl Series {
     }
 }
 
-/// A way over the floor.
+/// Path over the floor.
 #[derive(Debug)]
 pub struct Track {
     points: Vec<Spot>,
     step: f64,
     before: Option<Point>,
-    /// Way travelled, m, jumps apart.
+    /// Distance travelled, m, without jumps.
     way: f64,
 }
 
-/// A point of it.
+/// Point of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// When, s.
+    /// Time, s.
     pub at: f64,
-    /// Where, m.
+    /// Position, m.
     pub point: Point,
-    /// Whether a new line begins here.
+    /// True if a new line begins here.
     pub begins: bool,
 }
 
@@ -141,10 +141,10 @@ impl Default for Track {
 }
 
 impl Track {
-    /// More points are not kept.
+    /// Maximum number of points.
     pub const ROOM: usize = 20_000;
 
-    /// Takes a point; what is no place on earth is left out.
+    /// Adds a point; implausible positions are ignored.
     pub fn push(&mut self, at: f64, point: Point) {
         if !(point.x.abs() < 1e6 && point.y.abs() < 1e6) {
             return;
@@ -165,7 +165,7 @@ impl Track {
         }
     }
 
-    /// Leaves out every other point; where one began a line, the next one does.
+    /// Removes every other point; if a removed point began a line, the next one does.
     fn thin(&mut self) {
         self.step *= 2.0;
         let pairs = self.points.chunks(2).map(|pair| {
@@ -181,35 +181,35 @@ impl Track {
         &self.points
     }
 
-    /// Way travelled, m.
+    /// Distance travelled, m.
     #[must_use]
     pub fn way(&self) -> f64 {
         self.way
     }
 
-    /// The lines, each of two points or more.
+    /// Lines of at least two points each.
     pub fn lines(&self) -> impl Iterator<Item = Vec<Point>> + '_ {
         let pieces = self.points.chunk_by(|_, next| !next.begins).filter(|piece| piece.len() > 1);
         pieces.map(|piece| piece.iter().map(|spot| spot.point).collect())
     }
 }
 
-/// What was so from when to when.
+/// Value over an interval of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Span<T> {
-    /// s.
+    /// Beginning, s.
     pub from: f64,
-    /// s.
+    /// End, s.
     pub to: f64,
-    /// What.
+    /// Value.
     pub what: T,
 }
 
-/// What is said again and again, and changes now and then.
+/// Value that is repeated and changes from time to time.
 #[derive(Clone, Debug)]
 pub struct Lane<T> {
     spans: Vec<Span<T>>,
-    /// What was said after there was no more room for a change.
+    /// Number of changes after the capacity was reached.
     pub lost: u64,
 }
 
@@ -220,10 +220,10 @@ impl<T> Default for Lane<T> {
 }
 
 impl<T: PartialEq> Lane<T> {
-    /// More changes are not kept.
+    /// Maximum number of changes.
     pub const ROOM: usize = 5000;
 
-    /// Takes what is so at a moment; it is so until the next word, if that comes within `hold` seconds.
+    /// Adds the value at a time; it lasts until the next one, if that follows within `hold` seconds.
     pub fn push(&mut self, at: f64, what: T, hold: f64) {
         if self.lost > 0 {
             self.lost += 1;
@@ -246,28 +246,28 @@ impl<T: PartialEq> Lane<T> {
         }
     }
 
-    /// All of them, in order.
+    /// All intervals, in order.
     #[must_use]
     pub fn spans(&self) -> &[Span<T>] {
         &self.spans
     }
 }
 
-/// Moments at which something happened.
+/// Times of events.
 #[derive(Clone, Debug, Default)]
 pub struct Ticks {
     moments: Vec<f64>,
-    /// Two that are nearer to each other are one, s.
+    /// Time below which two events are merged, s.
     width: f64,
-    /// How many there were.
+    /// Number of events.
     pub count: u64,
 }
 
 impl Ticks {
-    /// More moments are not kept.
+    /// Maximum number of times.
     pub const ROOM: usize = 2000;
 
-    /// Takes a moment.
+    /// Adds an event.
     pub fn push(&mut self, at: f64) {
         self.count += 1;
         self.moments.push(at);
@@ -285,7 +285,7 @@ impl Ticks {
         }
     }
 
-    /// The moments, s; as many as have room.
+    /// Times of events, s, up to the maximum number.
     #[must_use]
     pub fn moments(&self) -> &[f64] {
         &self.moments

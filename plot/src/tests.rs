@@ -1,4 +1,4 @@
-//! Pictures of runs that never were: whole ones, and what a damaged or hostile recording could make of them.
+//! Pictures of synthetic runs: complete ones, and those of damaged or hostile recordings.
 
 use super::*;
 use crate::Footprint;
@@ -22,7 +22,7 @@ fn error(severity: i8, number: i32, message: &str) -> Message {
         .into()
 }
 
-/// Ten seconds of a robot that drives, stops and complains.
+/// Ten seconds of a robot that drives, stops and reports faults.
 fn whole() -> Picture {
     let mut picture = picture();
     for n in 0..100 {
@@ -53,7 +53,7 @@ fn whole() -> Picture {
     picture
 }
 
-/// How often `what` stands in the group of this name.
+/// Number of occurrences of `what` in the group of this name.
 fn within(svg: &str, group: &str, what: &str) -> usize {
     let mut depth = 0;
     let from = svg.find(&format!("<g class=\"{group}\">")).unwrap_or_else(|| panic!("no {group}"));
@@ -85,7 +85,7 @@ fn everything_that_was_told_is_in_it() {
     assert_eq!((ours("plan", "<polyline"), ours("obstacles", "<polygon"), ours("robot", "<polygon")), (1, 1, 1));
     assert_eq!((ours("ellipses", "<polyline"), ours("contacts", "<polyline")), (5, 2));
     assert_eq!((ours("speed", "stroke=\"#0072b2\""), ours("battery", "<circle"), ours("marks", ">M1<")), (2, 2, 1));
-    // States have letters, in their bars and in the explanation; reasons theirs, and the list has the words.
+    // States have letters, in their bars and in the legend; causes have theirs, and the list has the text.
     assert_eq!((ours("states", ">R<"), ours("states", ">E<"), ours("states", ">error<")), (2, 2, 1));
     assert_eq!((ours("stops", ">bumper2<"), ours("stops", "A  PAUSE is engaged by &lt;bumper2&gt;<")), (1, 1));
     for text in [
@@ -178,7 +178,7 @@ fn a_walk_beyond_the_world_does_not_shrink_it_and_without_a_world_few_do_not() {
         let mut picture = Picture::new(world, None);
         far(&mut picture);
         let svg = picture.svg();
-        // The numbers at its axes are those of metres, not of thousands.
+        // The numbers at its axes are metres, not thousands.
         assert!(within(&svg, "map", ">10<") > 0 && within(&svg, "map", "00000") == 0);
     }
 }
