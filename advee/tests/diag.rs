@@ -1,5 +1,5 @@
-//! The terminal diagnostic center on a terminal of its own: another's emulator (vt100) reads the screen, keys drive the
-//! simulated robot.
+//! Terminal diagnostic center on a pseudo-terminal: an independent emulator (vt100) interprets the screen, keys drive
+//! the simulated robot.
 
 mod support;
 
@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use support::Robot;
 
-/// `advee diag` and what is on its screen.
+/// `advee diag` with its screen.
 struct Screen {
     child: Child,
     keys: File,
@@ -23,7 +23,7 @@ struct Screen {
     begun: Instant,
 }
 
-/// What came out of it: as the emulator shows it, and as it was.
+/// Output: as interpreted by the emulator, and raw.
 struct Seen {
     parser: vt100::Parser,
     bytes: Vec<u8>,
@@ -57,7 +57,7 @@ impl Screen {
                 if seen.first.is_none() && seen.parser.screen().contents().contains("? help") {
                     seen.first = Some(Instant::now());
                 }
-                // What kind of terminal it is: every one says something.
+                // Query for the terminal type, which every terminal answers.
                 if bytes.windows(3).any(|part| part == b"\x1b[c") {
                     let _ = writer.write_all(b"\x1b[?62c");
                 }
@@ -70,7 +70,7 @@ impl Screen {
         self.seen.lock().expect("the screen").parser.screen().contents()
     }
 
-    /// Makes the terminal another size.
+    /// Changes the size of the terminal.
     fn resize(&self, rows: u16, columns: u16) {
         let terminal = Stdio::from(self.keys.try_clone().expect("its end"));
         let (rows_text, columns_text) = (rows.to_string(), columns.to_string());
@@ -120,7 +120,7 @@ fn arrows_that_are_held_drive_and_let_go_stop_and_the_screen_says_so() {
     screen.until("it is ready", |text| text.contains(" READY ") && text.contains("1Overview"));
     screen.press("d");
     screen.until("the drive is taken", |text| text.contains("you drive  zero"));
-    // As a keyboard does: a press, a pause, repeats.
+    // Like a keyboard: a press, a pause, repeats.
     for repeat in 0..20 {
         screen.press(UP);
         robot.pass(if repeat == 0 { 0.5 } else { 0.033 });
@@ -200,7 +200,7 @@ fn whatever_is_on_the_bus_nothing_of_it_reaches_the_terminal() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &["--read-only"]);
     screen.until("it is ready", |text| text.contains(" READY "));
-    // A title, a bell, C1, a turn of the text's direction; and no end.
+    // A title, a bell, C1 controls, a change of the text direction; and a very long name.
     let evil = format!("\x1b]0;evil\x07\u{9b}2J\u{202e}\x1b[31m{}", "x".repeat(30_000));
     for turn in 0..60 {
         let number = turn % 7;
@@ -220,7 +220,7 @@ fn whatever_is_on_the_bus_nothing_of_it_reaches_the_terminal() {
     let text = String::from_utf8_lossy(&seen.bytes);
     assert!(!text.contains("\x1b]") && !text.contains('\x07') && !text.contains(['\u{9b}', '\u{202e}']));
     drop(seen);
-    // Neither does it on paper.
+    // Nor does it reach the printed output.
     for args in [&["diag", "--once"][..], &["diag", "--once", "--json"]] {
         let told = robot.advee(args);
         let told = String::from_utf8(told.stdout).expect("text");
@@ -263,7 +263,7 @@ fn it_is_there_at_once_and_takes_little() {
     robot.pass(5.0);
     let part = (screen.cpu() - before) / 5.0;
     let _ = writeln!(std::io::stderr(), "start {start:?}, {:.1} % of a core", 100.0 * part);
-    // The figures are 0.1 s and 3 %; a machine that does more at the same time takes longer.
+    // The figures are 0.1 s and 3 %; a loaded machine takes longer.
     assert!(start < Duration::from_secs(1), "{start:?}");
     assert!(part < 0.1, "{part}");
 }

@@ -1,7 +1,8 @@
-//! What bad input gets: it is counted, told in one clear line for each cause, and stops nothing that need not stop.
+//! Treatment of bad input: it is counted, reported once with one clear line for each cause, and stops no unaffected
+//! part.
 //!
-//! What comes over sockets, files and devices is shown on a live robot; what boards and drives say, in virtual time,
-//! where the faults are exact.
+//! Input over sockets, files and devices is tested on a live robot; input from boards and drives in virtual time, where
+//! the faults are exact.
 
 use crate::support::{self, Robot};
 use base::can::{Frame, Id};
@@ -17,16 +18,16 @@ use std::net::{Ipv4Addr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// How often each piece of nonsense is sent.
+/// Number of repetitions of each bad input.
 const FLOOD: u32 = 100;
 
-/// What the live robot has said of one fault so far: who, in which words.
+/// Reports of one fault by the live robot so far: module and text.
 fn told(robot: &Robot, fault: Fault) -> Vec<(String, String)> {
     let of_it = robot.view.errors.iter().filter(|error| error.number == fault as i32);
     of_it.map(|error| (error.module.clone(), error.message.clone())).collect()
 }
 
-/// Drives at 0.4 m/s, and sends something bad with every command.
+/// Drives at 0.4 m/s, and sends bad input with every command.
 fn drive_through(robot: &mut Robot, mut bad: impl FnMut(&mut Robot)) {
     robot.drive(0.4, 0.0, 2.0);
     for _ in 0..20 {
@@ -78,7 +79,7 @@ fn truncated_datagrams_and_messages_are_told_once_each_and_the_robot_drives_on()
         throw(LCM_GROUP, port, b"nothing of ours at all");
     });
     let mut told = told(&robot, Fault::MessageMalformed);
-    // Who sent it is named; the port is the sender's own.
+    // The text names the sender, whose port varies.
     for (_, why) in &mut told {
         if let (Some(from), Some(to)) = (why.find(" from "), why.find(" dropped: ")) {
             why.replace_range(from..to, "");
@@ -94,7 +95,7 @@ fn truncated_datagrams_and_messages_are_told_once_each_and_the_robot_drives_on()
             said("watchdog", "LCM datagram dropped: the magic number 0x6e6f7468 is not LCM's"),
         ]
     );
-    // A name without an end is none of the names that the kernel lets through to a module; who listens to all counts it.
+    // A name without an end does not pass the kernel's filter of a module; a subscriber to everything counts it.
     let counted = robot.bus.rejections();
     let counts: u64 = counted.iter().map(|kind| kind.count).sum();
     assert_eq!((counted.len(), counts), (3, 3 * u64::from(FLOOD)), "{counted:?}");
@@ -116,7 +117,7 @@ fn a_datagram_that_is_no_can_frame_is_told_once_and_the_robot_drives_on() {
 
 #[test]
 fn a_missing_device_is_an_error_told_once_until_it_appears() {
-    // The driver alone: the simulator, who offers the device, comes later.
+    // The driver alone: the simulator, which provides the device, starts later.
     let run_dir = std::env::temp_dir().join(format!("advee-missing-{}", std::process::id()));
     std::fs::create_dir_all(&run_dir).unwrap();
     let url = format!("udpm://239.255.76.67:{}?ttl=0", 19_000 + std::process::id() % 900);
@@ -180,7 +181,7 @@ fn an_unknown_key_is_refused_with_its_line_and_nothing_starts() {
     let file = conf.join("robot.toml");
     let unknown =
         format!("{}:{line}: geometry.trakc_m: unknown key, expected one of wheelbase_m, track_m, ", file.display());
-    // That the right key is missing now is said, too.
+    // The right key, now missing, is reported, too.
     assert!(said.lines().any(|line| line.starts_with(&unknown)), "{said}");
     assert!(said.starts_with("advee: the configuration is refused:\n") && said.lines().count() == 3, "{said}");
     assert!(!run_dir.exists(), "no run folder");
@@ -208,7 +209,7 @@ fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
 }
 
-/// What an observer of the virtual robot keeps.
+/// State kept by an observer of the virtual robot.
 #[derive(Default)]
 struct Seen {
     reports: Vec<(String, Report)>,
@@ -218,7 +219,7 @@ struct Seen {
     reason: String,
 }
 
-/// The robot in virtual time.
+/// Robot in virtual time.
 struct InVirtualTime {
     machine: Virtual,
     seen: Rc<RefCell<Seen>>,
@@ -244,7 +245,7 @@ impl InVirtualTime {
         Self { machine, seen }
     }
 
-    /// All modules run, the steering is homed, it drives in a circle at 0.4 m/s for so long.
+    /// All modules run, the steering is homed, and it drives in a circle at 0.4 m/s for `seconds`.
     fn driving(seconds: f64) -> Self {
         let mut robot = Self::on(virtual_machine(&place(), Config::default()).expect("the shipped configuration"));
         robot.machine.spawn("watchdog", State::Run).expect("the watchdog starts");
@@ -316,7 +317,7 @@ fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_r
     ];
     assert_eq!(robot.reports(), expected);
     let node = robot.node("sd1_front");
-    // 16 transactions of 3 attempts, then one a second.
+    // 16 transactions of 3 attempts, then one per second.
     assert!((16 * 3 + 20..16 * 3 + 30).contains(&node.crc_errors), "{node:?}");
     assert_eq!((node.timeouts, node.state), (0, lowlevel::Node::LOST));
     let heard = robot.seen.borrow().odo - odo;
@@ -348,7 +349,7 @@ fn an_unknown_instruction_is_told_once_and_counted_and_the_robot_drives_on() {
     robot.drives_on();
 }
 
-/// An EPOS on the bus that refuses to be told its quick stop deceleration.
+/// EPOS that refuses to have its quick stop deceleration written.
 struct Stubborn {
     ports: [PortSpec; 1],
     node: Node,
@@ -414,7 +415,7 @@ fn an_sdo_abort_at_boot_is_told_once_with_its_object_and_reason_and_tried_again(
     let attempts = *refused.borrow();
     assert!(attempts >= 30, "{attempts} attempts in a minute");
     let mut reports = robot.reports();
-    // The other drive is not there at all.
+    // The other drive is absent.
     reports.retain(|(_, _, line)| !line.starts_with("steering"));
     let line = "propulsion drive (node 1) cannot be booted: configuration: 0x6085:0 refused: data cannot be transferred in the present \
                 device state (0x08000022); tried again each second";

@@ -1,4 +1,4 @@
-//! `advee bench can` as its user runs it, on a bus over UDP.
+//! `advee bench can` as used from the shell, on a bus over UDP.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::support::{advee, can_port};

@@ -1,4 +1,4 @@
-//! `advee bench jitter` as its user runs it: the loop by itself, and beats and bus of the running simulated robot.
+//! `advee bench jitter` as used from the shell: the loop alone, and heartbeats and bus of the running simulated robot.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::support::{self, Robot, advee};
@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
 
-/// A bus without anybody, and so without a port that another test may have.
+/// Bus without participants, and so without a port that another test may use.
 const ALONE: &str = "memq://";
 
 fn json(output: &Output) -> Value {
@@ -28,7 +28,7 @@ fn the_loop_is_measured_for_as_long_as_was_said() {
     let report = json(&run(&["--interval", "2000", "--for", "0.5", "--histogram"]));
     let row = &report["rows"][0];
     let number = |key: &str| row[key].as_u64().unwrap();
-    // From the first moment to the last one, both counted; a late end misses some beyond.
+    // From the first to the last instant, inclusive; a late end misses some more.
     assert!(number("count") + number("missed") >= 251 && number("count") <= 251, "{report}");
     assert_eq!(number("period_us"), 2000);
     assert!(number("min_us") <= number("p99_us") && number("p99_us") <= number("p999_us"), "{report}");
@@ -40,7 +40,7 @@ fn the_loop_is_measured_for_as_long_as_was_said() {
     assert!(complaint(&run(&["--can", "no-such-interface0", "--for", "0.1"])).contains("no-such-interface0"));
 }
 
-/// In real time the loop waits by another system call.
+/// In real time the loop waits with another system call.
 #[test]
 fn real_time_is_taken_on_or_refused_in_one_line() {
     let run = |args: &[&str]| advee(ALONE, Path::new("run")).args(["bench", "jitter"]).args(args).output().unwrap();

@@ -1,11 +1,11 @@
-//! `advee lcm gen` as its user runs it.
+//! `advee lcm gen` as used from the shell.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// A folder of one's own, gone at the end.
+/// Temporary folder, removed at the end.
 struct Folder(PathBuf);
 
 impl Folder {

@@ -1,4 +1,4 @@
-//! `advee lcm hub` as its user runs it, with two of our clients.
+//! `advee lcm hub` as used from the shell, with two clients of this project.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lcm::live::Lcm;
@@ -7,10 +7,10 @@ use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Whatever has not happened by then does not happen.
+/// Timeout.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// The process, ended with the test.
+/// Process, ended with the test.
 struct Hub(Child);
 
 impl Drop for Hub {

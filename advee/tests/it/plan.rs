@@ -1,4 +1,4 @@
-//! `advee plan` from the shell.
+//! `advee plan` as used from the shell.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use serde_json::Value;
@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// A folder of this test's own with a map in it: a room of 8 m by 6 m at 5 cm with a wall, and no way to its right end.
+/// Temporary folder with a map: a room of 8 m by 6 m at 5 cm with a wall, and no path to its right end.
 fn map(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("advee-plan-{}-{name}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();

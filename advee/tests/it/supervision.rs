@@ -1,4 +1,5 @@
-//! Nothing hangs unseen and nothing is left over: the watchdog, its parent and what guards both, on real processes.
+//! No hang is undetected and no process is left over: the watchdog, its parent and the guards of both, on real
+//! processes.
 
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
@@ -26,7 +27,7 @@ const MODULES: [&str; 10] = [
     "planner",
 ];
 
-/// A robot all of whose modules run; its steering need not be homed.
+/// Robot with all modules in RUN; its steering need not be homed.
 fn running(extra: &[&str]) -> Robot {
     let mut robot = Robot::start(extra);
     robot.until("all modules RUN", 10.0, |view| view.processes.len() == MODULES.len() && view.all_run());
@@ -68,7 +69,7 @@ fn told(robot: &Robot, fault: Fault) -> Vec<String> {
     of_it.map(|error| error.message.clone()).collect()
 }
 
-/// A copy of the configuration, `head` before what stands in `modules.toml`.
+/// Copy of the configuration, with `head` before the content of `modules.toml`.
 struct Conf(PathBuf);
 
 impl Conf {
@@ -136,7 +137,7 @@ fn a_watchdog_that_is_killed_again_and_again_loses_nobody() {
     }
     robot.until("the last one has heard of all", 5.0, support::View::all_run);
     assert_eq!(pids(&robot), modules);
-    // An adopted process is one like any other: how it ended is seen, and it comes back.
+    // An adopted process is like any other: its end is detected, and it is restarted.
     support::signal(modules[2], "KILL");
     robot.until("it is back", 3.0, |view| view.runs(MODULES[2]) && view.pid(MODULES[2]) != modules[2]);
     assert_eq!(robot.view.processes[MODULES[2]].last_exit, 128 + 9);
@@ -195,7 +196,7 @@ fn what_hangs_while_all_that_guards_it_is_killed_is_ended_too() {
         let begin = Instant::now();
         if how != "a program that knows nothing of us" {
             support::signal(module, "STOP");
-            // One that is stopped later than its guards ended is not noticed by the kernel.
+            // The kernel does not notice a process that is stopped after its guards have ended.
             let stopped = || fs::read_to_string(format!("/proc/{module}/stat")).is_ok_and(|stat| stat.contains(") T "));
             while !stopped() && begin.elapsed() < Duration::from_secs(5) {
                 std::thread::sleep(Duration::from_millis(1));
@@ -238,7 +239,7 @@ fn end(up: &mut Child) {
 
 #[test]
 fn the_next_start_adopts_what_lives_and_keeps_what_was_wanted() {
-    // The same command line for both lives: what was started otherwise is of no use.
+    // The same command line for both instances: processes started with another are not adopted.
     let mut robot = running(&[]);
     assert!(robot.advee(&["state", "driver_rs485b", "STOP"]).status.success());
     assert!(robot.advee(&["state", "driver_rs485a", "TERMINATE"]).status.success());
@@ -268,7 +269,7 @@ fn the_next_start_adopts_what_lives_and_keeps_what_was_wanted() {
         .unwrap();
     robot.until("it knows them", 5.0, |view| !view.processes.is_empty() && wanted(view));
     assert_eq!((robot.view.pid("driver_power"), robot.view.pid("driver_rs485b")), (power, beacons));
-    // Restarted, it is where an operator left it.
+    // After a restart it is in the state that an operator commanded.
     support::signal(beacons, "KILL");
     robot.until("it is back", 3.0, |view| view.pid("driver_rs485b") != beacons && wanted(view));
     end(&mut next);
@@ -339,7 +340,7 @@ fn a_module_lives_within_its_limits() {
     let line = |text: String, begin: &str| text.lines().find(|line| line.starts_with(begin)).unwrap().to_string();
     assert_eq!(line(read("status"), "Cpus_allowed_list"), "Cpus_allowed_list:\t0");
     let data = line(read("limits"), "Max data size");
-    // Where a cgroup holds the memory no other limit is needed.
+    // If a cgroup limits the memory, no other limit is needed.
     assert!(data.contains("200000000") || data.contains("unlimited"), "{data}");
 }
 
@@ -373,7 +374,7 @@ fn who_announces_another_s_name_is_told_and_harms_nobody() {
     assert_eq!(robot.view.processes["driver_rs485b"].phase, common::Process::TERMINATED);
 }
 
-/// What the service manager is told by `advee up` within a time.
+/// Notifications of `advee up` to the service manager within a time.
 fn notified(name: &str, extra: &[&str], seconds: f64) -> (Vec<String>, bool) {
     let address = SocketAddr::from_abstract_name(name).unwrap();
     let manager = UnixDatagram::bind_addr(&address).unwrap();
@@ -409,7 +410,7 @@ fn the_service_manager_is_fed_while_all_critical_modules_are_healthy() {
     let count = |word: &str| lines.iter().filter(|line| *line == word).count();
     assert!(fine && count("READY=1") == 1 && count("STOPPING=1") == 1, "{lines:?}");
     assert!(lines.iter().any(|line| *line == format!("STATUS={0} of {0} modules RUN", MODULES.len())), "{lines:?}");
-    // At least each 400 ms, four times as often in truth.
+    // At least every 400 ms, four times as often in practice.
     assert!((8..=40).contains(&count("WATCHDOG=1")), "{}", count("WATCHDOG=1"));
 
     let ill = ["--set", "modules.driver_power.command=\"/no/such\""];
@@ -431,7 +432,7 @@ fn the_hardware_watchdog_is_fed_and_disarmed_by_a_clean_end_alone() {
     robot.pass(2.5);
     let count = fed(&device).len();
     assert!((2..=5).contains(&count) && fed(&device).iter().all(|byte| *byte == 0), "{:?}", fed(&device));
-    // Nobody vouches for the critical modules any more.
+    // Nothing confirms the critical modules any more.
     support::signal(watchdog(&robot), "STOP");
     support::signal(up(&robot), "STOP");
     robot.pass(1.0);

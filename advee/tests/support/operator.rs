@@ -1,4 +1,4 @@
-//! A page of the diagnostic center, scripted: HTTP by hand, and a WebSocket that says what it is told to, wrong things too.
+//! Scripted page of the diagnostic center: HTTP by hand, and a WebSocket that sends anything, including malformed data.
 #![allow(dead_code, reason = "each test binary uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -7,7 +7,7 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-/// What is answered: status, headers, body.
+/// Answer: status, headers, body.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,
@@ -20,21 +20,21 @@ impl Answer {
         serde_json::from_str(&self.body).unwrap_or_else(|_| panic!("no JSON: {self:?}"))
     }
 
-    /// The cookie that it sets, as it is to be sent back.
+    /// Cookie that it sets, in the form to be returned.
     pub fn cookie(&self) -> String {
         let line = self.head.lines().find_map(|line| line.strip_prefix("set-cookie: ")).expect("a cookie");
         line.split(';').next().unwrap().into()
     }
 }
 
-/// One request on a connection of its own; `headers` are lines that end with `\r\n`.
+/// Sends one request on a separate connection; `headers` are lines that end with `\r\n`.
 pub fn request(at: SocketAddr, method: &str, path: &str, headers: &str, body: &str) -> Answer {
     let mut line = TcpStream::connect(at).expect("the server is there");
     line.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let length =
         if method == "GET" || method == "HEAD" { String::new() } else { format!("Content-Length: {}\r\n", body.len()) };
     let text = format!("{method} {path} HTTP/1.1\r\nHost: {at}\r\nConnection: close\r\n{length}{headers}\r\n{body}");
-    // Who is refused in the middle of it may not hear the rest.
+    // A client that is refused early may not receive the rest.
     let _ = line.write_all(text.as_bytes());
     let mut answer = Vec::new();
     let _ = line.read_to_end(&mut answer);
@@ -44,7 +44,7 @@ pub fn request(at: SocketAddr, method: &str, path: &str, headers: &str, body: &s
     Answer { status, head: head.to_ascii_lowercase().replace("httponly", "HttpOnly"), body: body.into() }
 }
 
-/// As the robot's own page does.
+/// Posts like the robot's own page.
 pub fn post(at: SocketAddr, path: &str, cookie: &str, body: &Value) -> Answer {
     let headers = format!("Origin: http://{at}\r\nContent-Type: application/json\r\nCookie: {cookie}\r\n");
     request(at, "POST", path, &headers, &body.to_string())
@@ -54,7 +54,7 @@ pub fn get(at: SocketAddr, path: &str, cookie: &str) -> Answer {
     request(at, "GET", path, &format!("Cookie: {cookie}\r\n"), "")
 }
 
-/// What comes on a WebSocket.
+/// Data received on a WebSocket.
 #[derive(Debug, PartialEq)]
 pub enum Heard {
     Said(Value),
@@ -70,7 +70,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// Opens a socket; the status where it is refused.
+    /// Opens a socket; returns the status if it is refused.
     pub fn open(at: SocketAddr, host: SocketAddr, path: &str, headers: &str) -> Result<Self, u16> {
         let mut stream = TcpStream::connect(at).expect("the server is there");
         stream.set_nodelay(true).unwrap();
@@ -94,13 +94,13 @@ impl Page {
         }
     }
 
-    /// The robot's own page's command socket.
+    /// Command socket of the robot's own page.
     pub fn command(at: SocketAddr, cookie: &str) -> Self {
         let headers = format!("Origin: http://{at}\r\nCookie: {cookie}\r\n");
         Self::open(at, at, "/ws/command", &headers).expect("the command socket opens")
     }
 
-    /// Its clock, ms.
+    /// Clock of the page, ms.
     pub fn clock(&self) -> f64 {
         1000.0 + self.begun.elapsed().as_secs_f64() * 1e3
     }
@@ -113,7 +113,7 @@ impl Page {
         self.frame(1, text.as_bytes());
     }
 
-    /// One that has gone already is found out when it is listened to.
+    /// A closed connection is detected when receiving.
     pub fn frame(&mut self, opcode: u8, payload: &[u8]) {
         let mask = [0x37, 0xfa, 0x21, 0x3d];
         let mut frame = vec![0x80 | opcode];
@@ -133,7 +133,7 @@ impl Page {
         let _ = self.stream.write_all(&frame);
     }
 
-    /// A command of a hold, said now.
+    /// Sends a command of a hold with the current time.
     pub fn drive(&mut self, hold: u64, speed: f64, steering: f64) {
         self.seq += 1;
         let (seq, t) = (self.seq, self.clock());
@@ -146,7 +146,7 @@ impl Page {
         self.say(&serde_json::json!({ "type": "zero", "hold": hold, "seq": seq }));
     }
 
-    /// The next frame within the time.
+    /// Next frame within the time.
     pub fn hear(&mut self, patience: Duration) -> Heard {
         let until = Instant::now() + patience;
         loop {
@@ -191,7 +191,7 @@ impl Page {
         Some((first & 0x0f, payload))
     }
 
-    /// The next of that type; what comes before is passed over.
+    /// Next message of that type; earlier ones are skipped.
     #[track_caller]
     pub fn until(&mut self, kind: &str) -> Value {
         let begun = Instant::now();
@@ -206,7 +206,7 @@ impl Page {
         panic!("no {kind} within 8 s; {before:?}")
     }
 
-    /// How it was closed; what comes before is passed over.
+    /// Close code and reason; earlier messages are skipped.
     #[track_caller]
     pub fn closed(&mut self) -> (u16, String) {
         loop {
@@ -218,7 +218,7 @@ impl Page {
         }
     }
 
-    /// Says a command and waits for its answer: `done`, `sdo`, or why it is refused.
+    /// Sends a command and waits for its answer: `done`, `sdo`, or the reason of a refusal.
     #[track_caller]
     pub fn ask(&mut self, mut command: Value) -> Result<Value, String> {
         self.seq += 1;

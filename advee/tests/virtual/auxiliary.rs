@@ -1,4 +1,4 @@
-//! Temperatures and fans of the whole robot: what goes wrong there is told, and the robot drives on.
+//! Temperatures and fans of the whole robot: faults there are reported, and the robot continues to drive.
 
 use super::Robot;
 use messages::{Message, lowlevel, simulation};
@@ -71,7 +71,7 @@ impl Rig {
         heard.temperatures.as_ref().unwrap().fans.iter().find(|fan| fan.name == name).unwrap().clone()
     }
 
-    /// Nothing of this stops the robot.
+    /// None of these faults stops the robot.
     fn drives(&mut self) {
         let seconds = 1.5;
         self.robot.drive(0.3, 0.0, seconds);

@@ -1,4 +1,4 @@
-//! The estimator on the simulated robot: what it says beside where the body is.
+//! Estimator on the simulated robot: its output compared with the true pose.
 
 use super::{Robot, command};
 use base::{Duration, Fault, Instant};
@@ -12,16 +12,16 @@ use std::rc::Rc;
 #[derive(Default)]
 struct Told {
     truth: DataTruth,
-    /// When, the estimate, how far it is off (m), and how far its heading is (rad).
+    /// Instant, estimate, position error (m) and heading error (rad).
     estimates: Vec<(Instant, DataEstimate, f64, f64)>,
     errors: Vec<common::Error>,
-    /// When a beacon was told to be sighted, the sighting's stamp, and which.
+    /// Reception of a sighting, its timestamp, and the beacon.
     sightings: Vec<(Instant, i64, i32)>,
-    /// m/s.
+    /// Speeds, m/s.
     speeds: Vec<(Instant, f64)>,
 }
 
-/// A robot that is observed from its start on.
+/// Robot that is observed from its start on.
 fn observed(seed: u64) -> (Robot, Rc<RefCell<Told>>) {
     let mut robot = Robot::new(seed);
     let told = Rc::new(RefCell::new(Told::default()));
@@ -86,7 +86,7 @@ fn it_finds_the_robot_by_itself_and_follows_it() {
     assert!(worst < 0.35 && mean < 0.12, "worst {worst} m, mean {mean} m");
     let turned = late.iter().map(|(.., turned)| *turned).fold(0.0, f64::max);
     assert!(turned < 0.15, "{turned} rad");
-    // What it says of itself is true.
+    // Its own covariance is consistent.
     let square = |(_, estimate, off, _): &&(Instant, DataEstimate, f64, f64)| {
         off * off / (estimate.covariance[0][0] + estimate.covariance[1][1])
     };
@@ -143,8 +143,8 @@ fn standing_it_stays_where_it_is() {
     assert!(late.iter().all(|(_, estimate, off, _)| *off < 0.4 && estimate.quality >= DataEstimate::COARSE));
 }
 
-/// Carries it off while it moves as it does, and holds what follows against what is asked for: three sweeps, a second
-/// each, until it no longer says FINE; five seconds after the third beacon until it knows where it is.
+/// Kidnaps the robot while it moves as before, and checks the requirements: within three sweeps, of a second each, it
+/// no longer reports FINE; within five seconds after the third beacon it knows its pose.
 fn carry_off(robot: &mut Robot, told: &RefCell<Told>, number: f64) -> Instant {
     let then = robot.machine.now();
     let before = told.borrow().truth.clone();

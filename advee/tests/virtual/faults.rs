@@ -10,7 +10,7 @@ use sim::host::News;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// The view model of a listener, from the moment at which it joins.
+/// View model of a listener, from the instant at which it joins.
 #[derive(Clone)]
 struct Listener(Rc<RefCell<Model>>);
 
@@ -26,7 +26,7 @@ impl Listener {
         Self(model)
     }
 
-    /// The lost boards of `driver_rs485a`: subject, active, known.
+    /// Lost boards of `driver_rs485a`: subject, active, known.
     fn lost(&self, now: Instant) -> Vec<(String, bool, bool)> {
         let model = self.0.borrow();
         let groups = model.errors.groups(now).into_iter();
@@ -100,7 +100,7 @@ fn the_faults_of_a_module_without_a_process_are_not_known() {
         assert_eq!(model.errors.knowledge("driver_rs485a", now), Knowledge::Unknown);
         assert_eq!(model.errors.knowledge("driver_rs485b", now), Knowledge::Listed);
     }
-    // It is back: it lists what it finds.
+    // The module is back: it lists its current faults.
     command(&mut robot, State::Run);
     robot.pass(0.5);
     let now = robot.machine.now();

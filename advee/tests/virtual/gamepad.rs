@@ -1,12 +1,12 @@
-//! A gamepad moves the robot in virtual time, and leaves it in every way that a gamepad can.
+//! A gamepad moves the robot in virtual time, and disappears in every possible way.
 
 use super::*;
 use base::gamepad::{ABS_RX, ABS_Y, Axis, BTN_SOUTH, BTN_TL, Button, Device, Event};
 use messages::simulation::CmdFault;
 
-/// A commanded stop from the manual limit: 0.6 m/s at 0.8 m/s², and some turns of loops and drives.
+/// Commanded stop from the manual limit: 0.6 m/s at 0.8 m/s², and some periods of loops and drives.
 const STANDS: Duration = Duration::from_millis(750 + 150);
-/// The same where nobody says zero: a command's life, then a quick stop at 1.5 m/s².
+/// Stop without a zero command: a command's validity, then a quick stop at 1.5 m/s².
 const STANDS_UNTOLD: Duration = Duration::from_millis(250 + 400 + 150);
 
 impl Robot {
@@ -17,14 +17,14 @@ impl Robot {
         self.pass(0.01);
     }
 
-    /// The gamepad is plugged in, held, and pushed; each in its turn.
+    /// The gamepad is plugged in, the button held, and the stick pushed, in this order.
     fn grip(&mut self, speed: f64) {
         for (what, value) in [("release", 0.0), ("speed", 0.0), ("plug", 0.0), ("hold", 0.0), ("speed", speed)] {
             self.pad(what, value);
         }
     }
 
-    /// How long it takes to stand from now on.
+    /// Time until standstill from now on.
     #[track_caller]
     fn stands_within(&mut self, bound: Duration, why: &str) {
         let begin = self.machine.now();
@@ -33,7 +33,7 @@ impl Robot {
             let took = self.machine.now().since(begin);
             assert!(took <= bound, "{why}: {} m/s after {took:?}", self.speed());
         }
-        // And goes on standing.
+        // And remains at standstill.
         self.pass(0.6);
         assert!(self.speed().abs() < 0.01, "{why}: it moves again");
     }
@@ -82,7 +82,7 @@ fn whatever_its_driver_does_in_whatever_phase_the_robot_stands_within_a_command_
             robot.machine.hang(pid);
         }
         robot.stands_within(STANDS_UNTOLD, &format!("its driver is gone in phase {phase}"));
-        // The watchdog is less and less in a hurry, up to ten seconds.
+        // The watchdog delays restarts more and more, up to ten seconds.
         let runs = |robot: &Robot| {
             let new = robot.machine.pid("driver_joydev").filter(|new| *new != pid);
             new.and_then(|new| robot.machine.state(new)) == Some(State::Run)

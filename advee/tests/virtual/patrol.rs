@@ -1,4 +1,4 @@
-//! The whole robot drives by itself, in virtual time: it finds itself, plans, drives, waits, and stands when it must.
+//! Whole robot driving autonomously in virtual time: it finds its pose, plans, drives, waits, and stops when it must.
 
 #[path = "../../../benches/patrol/rig.rs"]
 mod rig;
@@ -6,7 +6,7 @@ mod rig;
 use messages::middlelevel::DataGoal;
 use rig::Patrol;
 
-/// On its way for a while.
+/// Patrol that has driven for a while.
 fn driving(world: &str, people: Option<u32>, seed: u64) -> Patrol {
     let mut robot = Patrol::new(world, people, seed, None);
     robot.go();

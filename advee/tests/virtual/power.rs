@@ -1,4 +1,4 @@
-//! The power controller and the beacon scanner of the whole robot: what pulls the PAUSE line stops it, and it stays.
+//! Power controller and beacon scanner of the whole robot: an engaged PAUSE line stops the robot, and it stays stopped.
 
 use super::{Robot, at};
 use base::{Duration, Fault, Instant};
@@ -39,7 +39,7 @@ impl Heard {
     }
 }
 
-/// All modules run, the steering is homed; and everything that is heard from now on.
+/// All modules run, the steering is homed; and everything received from now on.
 fn ready(seed: u64) -> (Robot, Rc<RefCell<Heard>>) {
     let mut robot = Robot::ready(seed);
     let heard = Rc::new(RefCell::new(Heard::default()));
@@ -62,7 +62,7 @@ fn switch(robot: &mut Robot, device: i8, action: i8) {
     say(robot, lowlevel::CmdPower { timestamp: 0, device, action });
 }
 
-/// The robot stands, though somebody commands it all the time; then it is asked anew, and drives.
+/// The robot stays stopped in spite of continuous commands; after a new command it drives.
 fn is_latched_until_commanded_anew(robot: &mut Robot) {
     robot.drive(0.4, 0.0, 3.0);
     robot.pass(3.0);
@@ -92,12 +92,12 @@ fn a_bumper_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
     let (told, stop) = stops.iter().find(|(_, stop)| stop.engaged).expect("the line is engaged");
     assert_eq!(StopSource::from_name(&stop.source).is_front_bumper(), Some(true), "{stop:?}");
     let hit = heard.borrow().truth.iter().find(|(_, truth)| truth.collisions > 0).expect("it ran into it").0;
-    // The truth is told every 50 ms; the board's 7 words take 0.67 ms.
+    // The truth is published every 50 ms; the board's 7 words take 0.67 ms.
     assert!(
         told.since(hit) < Duration::from_millis(1) && hit.since(*told) < Duration::from_millis(51),
         "{told:?} {hit:?}"
     );
-    // Its foam pushes the robot off after 500 ms; the feed is there again, the drive is reset.
+    // Its foam pushes the robot off after 500 ms; the supply is back, the drive is reset.
     robot.pass(3.0);
     assert!(heard.borrow().stops.last().is_some_and(|(_, stop)| !stop.engaged));
     let left = at(12.0 + 60.0).since(robot.machine.now()).as_secs_f64();
@@ -116,7 +116,7 @@ fn the_stop_button_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
     let pressed = robot.machine.now();
     fault(&mut robot, "psc1", "stop_button", 0.0, 2.5);
     robot.pass(0.2);
-    // Before any word of it the line has opened the motors' feed: nothing drives it any more, it coasts.
+    // Before the report, the line has already cut the motors' supply: the robot coasts without drive.
     let motion = robot.motion();
     assert!(!motion.enabled && robot.speed() < 0.38 && robot.speed() > 0.3, "{motion:?}");
     let (told, stop) = heard.borrow().stops.iter().find(|(_, stop)| stop.engaged).cloned().expect("it is told");
@@ -176,7 +176,7 @@ fn channels_stop_and_start_at_the_board_s_pace() {
     let on = |power: &lowlevel::DataPower, name: &str| {
         power.channels.iter().find(|channel| channel.name == name).expect("all are there").on
     };
-    // The first order is obeyed at once; of the others the computer goes before audio. Asked once a second.
+    // The first command is executed at once; of the others the computer precedes audio. Polled once a second.
     let off = |name: &str| power.iter().find(|(_, power)| !on(power, name)).expect("it went off").0.since(begin);
     let (computer, monitor, audio) = (off("computer2"), off("monitor"), off("audio"));
     assert!(
@@ -271,7 +271,7 @@ fn beacons_are_seen_where_they_are_each_at_its_own_instant() {
                 [(0.1, 0.1), (10.0, 0.1), (19.9, 0.1), (19.9, 11.9), (8.0, 11.9), (0.1, 11.9)][beacon.id as usize - 1];
             let error = (by - y).atan2(bx - x - 0.25) - theta - beacon.bearing;
             let error = navitools::wrap(error).abs();
-            // The scanner may be turned by 3 degrees.
+            // The scanner may be rotated by 3 degrees.
             far += u32::from(error > 5.5f64.to_radians());
             let age = message.timestamp - beacon.timestamp;
             assert!((0..1_100_000).contains(&age), "{age} us");
@@ -289,7 +289,7 @@ fn beacons_are_seen_where_they_are_each_at_its_own_instant() {
 #[test]
 fn who_commands_beacons_gets_those_and_no_others() {
     let (mut robot, heard) = ready(1);
-    // Who chooses them while it runs.
+    // The estimator chooses them while it runs.
     let (module, state) = ("estimator".into(), common::DataState::TERMINATE);
     say(&mut robot, common::CmdState { timestamp: 0, module, state, manual: true, source: "test".into() });
     robot.pass(2.0);
@@ -321,7 +321,8 @@ fn all_buses_tell_how_they_fare_once_a_second() {
     }
 }
 
-/// Lets a board of bus A ail for a while; what was reported of it, and whether the robot drives afterwards.
+/// Injects a fault into a board of bus A for a while; returns the reports about it, and checks that the robot drives
+/// afterwards.
 fn ailing(board: &str, name: &str, value: f64, seconds: f64) -> Vec<(Fault, String)> {
     let (mut robot, heard) = ready(1);
     fault(&mut robot, board, name, value, seconds);

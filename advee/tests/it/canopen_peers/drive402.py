@@ -14,12 +14,12 @@ from canopen.objectdictionary import INTEGER8, INTEGER16, INTEGER32, UNSIGNED8, 
 NODE = 9
 CYCLE = 0.005
 
-# CiA 402-2, table of the controlword: mask, value. Bit 7 is another matter: its rising edge resets a fault.
+# CiA 402-2, table of the controlword: mask, value. Bit 7 is separate: its rising edge resets a fault.
 COMMANDS = (
     ("shutdown", 0x87, 0x06), ("switch on", 0x8F, 0x07), ("enable", 0x8F, 0x0F),
     ("disable voltage", 0x82, 0x00), ("quick stop", 0x86, 0x02),
 )
-# State: what stands in the statusword's bits 0 to 3, 5 and 6; commands: number of the transition and where to.
+# State: value of the statusword's bits 0 to 3, 5 and 6; commands: number of the transition and its target.
 STATES = {
     "switch on disabled": (0x40, {"shutdown": (2, "ready")}),
     "ready": (0x21, {"switch on": (3, "switched on"), "disable voltage": (7, "switch on disabled"),
@@ -32,7 +32,7 @@ STATES = {
     "fault reaction active": (0x0F, {}),
     "fault": (0x08, {}),
 }
-# What asks a state for nothing new: to be where it is, or less.
+# Commands without effect in a state: those for the current state or a lower one.
 IDLE = {
     "switch on disabled": {"disable voltage", "quick stop"},
     "ready": {"shutdown"},
@@ -160,7 +160,7 @@ class Drive:
         self.go(13, "fault reaction active")
         self.node.emcy.send(0x2310, 0x03)
 
-    # The motor: no mass, only ramps.
+    # Motor without mass, ramps only.
 
     def ramp(self, target, rate):
         step = rate * CYCLE

@@ -14,7 +14,7 @@ def number(value):
 def read(file, node):
     try:
         objects = canopen.import_od(file, node)
-    except Exception as error:  # Whatever it is: the file is not for comparison.
+    except Exception as error:  # Any error: the file is not comparable.
         print(f"{file}: {error!r}", file=sys.stderr)
         return None
     found = []

@@ -21,7 +21,7 @@ class Slave:
         self.node.sdo[0x2000].raw = b""
         self.written = []
         self.node.add_write_callback(self.on_write)
-        # After the node's own: that changes the state, but neither forgets objects nor boots.
+        # After the node's own handler, which changes the state but neither resets objects nor boots.
         self.network.subscribe(0, self.on_nmt)
 
     def on_write(self, index, subindex, od, data):

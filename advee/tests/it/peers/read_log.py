@@ -32,7 +32,7 @@ for path in sys.argv[1:]:
                 fields = message.__slots__
                 result["last"][channel.topic] = {f: getattr(message, f) for f in fields if f != "channels"}
 
-    # What rosbags takes for a bag is a folder with a page of ROS 2's; its reader of the files needs none.
+    # rosbags expects a bag to be a folder with metadata of ROS 2; its reader of single files needs none.
     bag = McapReader(Path(path))
     bag.open()
     store = get_typestore(Stores.EMPTY)

@@ -168,14 +168,14 @@ async def bad():
         except websockets.ConnectionClosed:
             pass
         closed["only nonsense"] = await gone(stream)
-    # A frame that RFC 6455 does not know, and a broken UTF-8 text.
+    # A frame that RFC 6455 does not define, and a text with broken UTF-8.
     for name, raw in [("reserved opcode", b"\x83\x80\0\0\0\0"), ("not masked", b"\x81\x01x"), ("not UTF-8", b"\x81\x81\0\0\0\0\xff")]:
         async with connect() as stream:
             viewer = Viewer(stream)
             await viewer.until(lambda: viewer.info)
             stream.transport.write(raw)
             closed[name] = await gone(stream)
-    # One that goes without a word.
+    # A client that disconnects without a close frame.
     async with connect() as stream:
         viewer = Viewer(stream)
         await viewer.until(lambda: viewer.info)
@@ -215,7 +215,7 @@ async def slow(seconds):
         stream.transport.pause_reading()
         await asyncio.sleep(seconds)
         stream.transport.resume_reading()
-        # What the line held is old; behind it comes what is new.
+        # The data in the socket buffers is old; new data follows it.
         end, youngest, count = time.monotonic() + 3, 1e9, 0
         while time.monotonic() < end:
             message = await asyncio.wait_for(stream.recv(), 5)
