@@ -13,8 +13,7 @@ use std::path::PathBuf;
 /// | rule | for |
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
-/// | `()`, which a declaration leaves out | `bool`, non-empty [`String`] and [`PathBuf`], lists of texts, types
-/// declared with [`settings!`](crate::settings!), and lists of such tables |
+/// | `()`, the default | `bool`, non-empty [`String`] and [`PathBuf`], lists of texts, declared tables and their lists |
 /// | [`ZeroOr`], [`Off`], [`Bytes`], [`Choice`], [`Parsed`] | see there |
 pub trait Rule<T> {
     /// Converts a value; `None` if it is not allowed.

@@ -1,7 +1,7 @@
-"""A CiA 402 drive on `canopen` (PyPI): `drive402.py PORT`. Its state machine is typed from the tables of CiA 402-2 and
-refuses and counts every command that its state does not know. It looks at its controlword once in a cycle of 5 ms.
+"""CiA 402 drive on `canopen` (PyPI): `drive402.py PORT`. Its state machine is typed from the tables of CiA 402-2 and
+refuses and counts every command that is invalid in its state. The controlword is evaluated in a cycle of 5 ms.
 
-Told `fault`, it has one. Told `report`, it prints what it refused and which transitions it took."""
+The line `fault` injects a fault; `report` prints the refused commands and the transitions since the last report."""
 import json
 import sys
 import threading
@@ -167,7 +167,7 @@ class Drive:
         self.velocity += max(-step, min(step, target - self.velocity))
 
     def approach(self, target, speed):
-        """Towards a position; whether it is there."""
+        """Moves towards a position; returns True when it is reached."""
         left = target - self.position
         step = max(-speed * CYCLE, min(speed * CYCLE, left))
         self.position += step

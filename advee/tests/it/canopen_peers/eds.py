@@ -1,5 +1,5 @@
-"""What `canopen` (PyPI) reads from an EDS or DCF: `eds.py NODE FILE...`; a line of JSON for each file, `null` for one
-that it cannot read. Objects by index and sub-index: data type, access, mappable, default, parameter value."""
+"""Objects that `canopen` (PyPI) reads from an EDS or DCF: `eds.py NODE FILE...`; one line of JSON per file, `null` for
+an unreadable one. Objects by index and sub-index: data type, access, mappable, default, parameter value."""
 import json
 import sys
 

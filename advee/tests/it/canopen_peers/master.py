@@ -1,5 +1,5 @@
-"""The master's side, by `canopen` (PyPI): `master.py PORT EXCHANGE`. The node answers to node.eds; ends with 0 when it
-behaves. Prints `on` when the node may be switched on."""
+"""Master on `canopen` (PyPI): `master.py PORT EXCHANGE`, for a node with the objects of node.eds. Exit code 0 if the
+node behaves as required. Prints `on` when the node may be powered on."""
 import pathlib
 import struct
 import sys
@@ -15,7 +15,7 @@ PRE_OPERATIONAL, OPERATIONAL, STOPPED, BOOT_UP = 127, 5, 4, 0
 
 
 def until(condition, what, seconds=5.0):
-    """Waits for something that another thread hears."""
+    """Waits for a condition that another thread makes true."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, f"not within {seconds} s: {what}"
@@ -23,7 +23,7 @@ def until(condition, what, seconds=5.0):
 
 
 class States(list):
-    """What the node's heartbeats said since the last look."""
+    """States in the node's heartbeats since the last check."""
 
     def await_(self, state, what):
         until(lambda: state in self, f"{what}: {list(self)}")
@@ -39,7 +39,7 @@ def abort_code(act):
 
 
 def pattern(length):
-    """Bytes without a short period, so that a lost or doubled segment shows."""
+    """Bytes without a short period, so that a lost or duplicate segment is detected."""
     return bytes((n * n // 7 + 31 * n) & 0xFF for n in range(length))
 
 

@@ -1,5 +1,5 @@
-"""A slave by `canopen` (PyPI): `slave.py PORT`. Its objects are those of node.eds. Told what to do line by line; prints
-what happens to it."""
+"""Slave on `canopen` (PyPI): `slave.py PORT`, with the objects of node.eds. Reads commands line by line, prints events.
+"""
 import json
 import pathlib
 import sys

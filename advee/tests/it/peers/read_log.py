@@ -1,5 +1,5 @@
-"""Reads a log with what others wrote, the `mcap` and `mcap-ros2-support` readers and `rosbags`: `read_log.py FILE...`, the
-files of a run in order; prints JSON: for each topic how many messages each reader finds, and some values."""
+"""Reads a log with independent readers, `mcap`, `mcap-ros2-support` and `rosbags`: `read_log.py FILE...`, the files of
+a run in order; prints JSON: for each topic the number of messages found by each reader, and some values."""
 import json
 import sys
 from pathlib import Path

@@ -1,12 +1,12 @@
-"""A viewer of the live endpoint that shares no code with it: websockets for the wire, rosbags and mcap-ros2-support for
-what comes. Reads commands from stdin, a JSON object a line, answers each with one on stdout.
+"""Independent viewer of the live endpoint: websockets for the wire, rosbags and mcap-ros2-support for the messages.
+Reads commands from stdin, one JSON object per line, and answers each with one on stdout.
 
-    ready                  once it is
-    watch SECONDS TOPICS FIELDS   subscribe to topics (empty: all); how much comes within the time, and what it says
-    bad                    everything that no client should say; what came of it
-    crowd N                N viewers at once; how many got in
-    slow SECONDS           subscribe to all, read nothing for so long, then say how old what comes is
-    status ORIGIN PROTOCOL   the HTTP status of a handshake
+    ready                  answers once the endpoint is available
+    watch SECONDS TOPICS FIELDS   subscribes to topics (empty: all); returns counts and values received in the time
+    bad                    sends malformed and hostile input; returns the reactions
+    crowd N                opens N viewers at once; returns the number accepted
+    slow SECONDS           subscribes to all, reads nothing for a while; returns the age of the data received then
+    status ORIGIN PROTOCOL   returns the HTTP status of a handshake
 """
 
 import asyncio
@@ -26,7 +26,7 @@ PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
 
 
 def decoders(channel):
-    """The same message by two independent readers."""
+    """Decoders of a message by two independent readers."""
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(channel["schema"], channel["schemaName"]))
     dynamic = generate_dynamic(channel["schemaName"], channel["schema"])[channel["schemaName"]]
@@ -75,7 +75,7 @@ async def ready():
 
 
 async def watch(seconds, topics, fields, everything=False):
-    """Decodes what has fields to look at, or everything."""
+    """Decodes the topics with requested fields, or everything."""
     async with connect() as stream:
         viewer = Viewer(stream)
         decode, counts, first, got, times = {}, {}, {}, {}, []
