@@ -174,7 +174,7 @@ fn an_expert_finds_out_what_ended_and_reads_a_drive() {
     screen.press("2/rs485a\r\r");
     screen.until("all about a module", |text| text.contains("it never ended") && text.contains("critical    yes"));
     robot.kill("driver_rs485a");
-    screen.until("how it ended", |text| text.contains("SIGKILL: it was killed") && text.contains("restarts    1"));
+    screen.until("how it ended", |text| text.contains("SIGKILL: killed") && text.contains("restarts    1"));
     screen.press("\x1b");
     std::thread::sleep(Duration::from_millis(300));
     screen.press("3:sdo propulsion 0x6041\r");

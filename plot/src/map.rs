@@ -194,7 +194,7 @@ impl Picture {
     fn draw_legend(&self, canvas: &mut dyn Canvas, sheet: &Sheet, y: f64) -> f64 {
         let contacts = format!("contacts ({})", self.contacts());
         let ellipses = format!("ellipses: {DEVIATIONS} σ");
-        let end = if self.pose.is_some() { "begin; robot at the end" } else { "begin" };
+        let end = if self.pose.is_some() { "start; robot at the end" } else { "start" };
         let mut entries: Vec<(&str, &str)> = Vec::new();
         let mut add = |shown: bool, entry| entries.extend(shown.then_some(entry));
         add(!self.truth.spots().is_empty(), ("truth", "truth"));

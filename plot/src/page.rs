@@ -143,14 +143,14 @@ impl Picture {
             let often = if times > 1 { format!(", {times} times") } else { String::new() };
             (letter(n), format!("{}{often}", axis::moment(seconds)), what)
         });
-        y = list(canvas, sheet, y, ("Stops", "how long in all, and why"), rows.collect(), more as u64);
+        y = list(canvas, sheet, y, ("Stops", "total duration and cause"), rows.collect(), more as u64);
         let listed = self.listed();
         let more = self.texts.len() as u64 - listed.len() as u64 + self.untold;
         let rows = listed
             .iter()
             .enumerate()
             .map(|(n, told)| ((n + 1).to_string(), since(told.first), line_of(told, told.last - sheet.from)));
-        y = list(canvas, sheet, y, ("Reports", "when first, and what"), rows.collect(), more);
+        y = list(canvas, sheet, y, ("Reports", "first time and text"), rows.collect(), more);
         let rows = self.marks.iter().take(MARKS).enumerate();
         let rows = rows.map(|(n, (at, text))| (format!("M{}", n + 1), since(*at), text.clone()));
         let more = self.marks.len().saturating_sub(MARKS) as u64 + self.unmarked;
@@ -167,10 +167,10 @@ impl Picture {
                 remarks.push(format!("{count} {what}"));
             }
         };
-        add(self.hidden_modules() as u64, "modules of which there is less to see have no row");
-        add(self.unheard, "announcements of more modules than are kept are left out");
-        add(lost, "changes of states or reasons found no room");
-        add(self.strays, "messages of impossible moments are left out");
+        add(self.hidden_modules() as u64, "modules with fewer changes have no row");
+        add(self.unheard, "announcements of modules beyond the maximum are left out");
+        add(lost, "changes of states or reasons are left out");
+        add(self.strays, "messages with implausible timestamps are left out");
         canvas.begin("remarks");
         for remark in remarks.iter().take(REPORTS) {
             let text = sheet.letters.fit(remark, TEXT, false, WIDTH - LEFT - 20.0);

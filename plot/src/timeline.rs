@@ -74,7 +74,7 @@ impl Picture {
 
     fn draw_stops(&self, canvas: &mut dyn Canvas, sheet: &Sheet, top: f64) -> f64 {
         canvas.begin("stops");
-        head(canvas, sheet, top, "Stops", "why the robot stands; letters are explained below");
+        head(canvas, sheet, top, "Stops", "causes of standstill; letters are explained below");
         let reasons = self.reasons();
         let rows: [(&str, &Lane<Stand>); 2] = [("PAUSE line", &self.pause), ("stands", self.stands())];
         let rect = rows_rect(sheet, top, rows.len());
@@ -297,7 +297,7 @@ fn panel(
         left.iter().for_each(|curve| draw_curve(canvas, sheet, curve, &scale));
     } else if right.is_none_or(|(curve, _)| curve.series.range().is_none()) {
         let at = Point { x: rect.x + rect.w / 2.0, y: middle + 3.5 };
-        canvas.text(at, "nothing was said of it", &Font::new(TEXT, GREY).at(Anchor::Middle));
+        canvas.text(at, "no data", &Font::new(TEXT, GREY).at(Anchor::Middle));
     }
     if let Some((curve, unit)) = right
         && let Some(range) = curve.series.range()

@@ -15,7 +15,7 @@ const FILE_MAX: u64 = 128 << 20;
 /// A file cannot be read, or is invalid; with its line or byte.
 pub fn load(file: &Path) -> Result<Map, String> {
     let named = |file: &Path, why: &dyn std::fmt::Display| format!("{}: {why}", file.display());
-    let text = String::from_utf8(read(file)?).map_err(|_| named(file, &"is no text"))?;
+    let text = String::from_utf8(read(file)?).map_err(|_| named(file, &"is not a text"))?;
     let info = yaml::read(&text).map_err(|error| named(file, &error))?;
     let image = file.parent().unwrap_or(Path::new("")).join(&info.image);
     let picture = pgm::read(&read(&image)?).map_err(|error| named(&image, &error))?;
@@ -26,7 +26,7 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
     let told = |error: std::io::Error| format!("{}: {error}", file.display());
     let about = fs::metadata(file).map_err(told)?;
     if !about.is_file() || about.len() > FILE_MAX {
-        return Err(format!("{}: no file, or longer than {} MiB", file.display(), FILE_MAX >> 20));
+        return Err(format!("{}: not a file, or longer than {} MiB", file.display(), FILE_MAX >> 20));
     }
     fs::read(file).map_err(told)
 }

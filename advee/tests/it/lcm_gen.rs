@@ -87,7 +87,7 @@ fn check_writes_nothing_and_tells_old_code_from_new() {
 fn what_is_wrong_is_one_line_with_its_place() {
     let folder = Folder::new("wrong");
     let bad = folder.file("bad_t.lcm", "package demo;\nstruct bad_t\n{\n    double x[n];\n}\n");
-    let message = format!("advee: {bad}:4:14: `n` is no constant or member declared before\n");
+    let message = format!("advee: {bad}:4:14: `n` is not a constant or member declared before\n");
     assert_eq!(generate(&[&bad]), (1, String::new(), message));
     let empty = folder.path("");
     fs::remove_file(&bad).unwrap();

@@ -96,7 +96,7 @@ fn a_map_that_is_none_is_named_with_line_or_byte() {
         ("-3.0, 0]", "-3.0, 0.3]", "is turned"),
         ("negate: 0\n", "", "bad.yaml: negate is missing"),
         ("room.pgm", "short.pgm", "short.pgm: byte 18: the picture ends after 3 of 19200 pixels"),
-        ("room.pgm", "header.pgm", "header.pgm: byte 0: no PGM"),
+        ("room.pgm", "header.pgm", "header.pgm: byte 0: not a PGM file"),
         ("room.pgm", "nowhere.pgm", "nowhere.pgm: "),
         ("room.pgm", ".", "no file"),
     ] {

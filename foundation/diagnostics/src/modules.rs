@@ -147,23 +147,23 @@ impl Modules {
 pub fn exit_in_words(code: i32) -> String {
     let class = |name: &str, base: u8| format!("{name} ({:#04x})", code.max(i32::from(base)));
     match code {
-        0 => "ended as told".into(),
+        0 => "ended on command".into(),
         -1 => "ended unseen".into(),
-        0x10..=0x1F => class("a resource was refused", exit::RESOURCE),
+        0x10..=0x1F => class("a resource is unavailable", exit::RESOURCE),
         0x20..=0x2F => class("a device failed", exit::DEVICE),
         0x40..=0x4F => class("failed", exit::OTHER),
         129..=192 => {
             let name = match code - 128 {
                 1 => "SIGHUP",
                 2 => "SIGINT",
-                4 => "SIGILL: it crashed",
-                6 => "SIGABRT: it gave up",
-                7 => "SIGBUS: it crashed",
-                8 => "SIGFPE: it crashed",
-                9 => "SIGKILL: it was killed",
-                11 => "SIGSEGV: it crashed",
-                14 => "SIGALRM: it hung",
-                15 => "SIGTERM: it was ended",
+                4 => "SIGILL: crashed",
+                6 => "SIGABRT: aborted",
+                7 => "SIGBUS: crashed",
+                8 => "SIGFPE: crashed",
+                9 => "SIGKILL: killed",
+                11 => "SIGSEGV: crashed",
+                14 => "SIGALRM: hung",
+                15 => "SIGTERM: terminated",
                 number => return format!("signal {number}"),
             };
             name.into()

@@ -41,7 +41,7 @@ pub fn home(timestamp: i64, axis: &str) -> CmdHoming {
 /// A sentence: the state cannot be commanded.
 pub fn state(timestamp: i64, module: &str, state: &str, source: &str) -> Result<CmdState, String> {
     let wanted = State::from_name(state).filter(|state| !matches!(state, State::Unknown | State::Init | State::Error));
-    let wanted = wanted.ok_or_else(|| format!("{state} is no state that can be commanded"))?;
+    let wanted = wanted.ok_or_else(|| format!("{state} is not a state that can be commanded"))?;
     Ok(manual(timestamp, module, wanted, source))
 }
 
@@ -62,7 +62,7 @@ pub fn power(timestamp: i64, channel: &str, action: &str) -> Result<CmdPower, St
         "off" => CmdPower::OFF,
         "on" => CmdPower::ON,
         "reboot" => CmdPower::REBOOT,
-        _ => return Err("a channel is switched on or off, or rebooted".into()),
+        _ => return Err("expected on, off or reboot".into()),
     };
     Ok(CmdPower { timestamp, device, action })
 }

@@ -60,10 +60,10 @@ pub struct Status {
 pub(crate) fn of(model: &Model, now: Instant) -> Status {
     let status = |word, reason: String| Status { word, reason };
     match model.traffic.last() {
-        None => return status(Word::Silent, "nothing is heard of a robot; is it on?".into()),
+        None => return status(Word::Silent, "no message from a robot was received; is it on?".into()),
         Some(at) if now.since(at) > SILENT => {
             let seconds = now.since(at).as_secs();
-            return status(Word::Silent, format!("nothing was heard of the robot for {seconds} s"));
+            return status(Word::Silent, format!("no message from the robot for {seconds} s"));
         }
         Some(_) => {}
     }
@@ -76,18 +76,18 @@ pub(crate) fn of(model: &Model, now: Instant) -> Status {
         return status(Word::Fault, down(row));
     }
     let Some(motion) = model.motion.fresh(now) else {
-        return status(Word::Fault, "driver_canbus says nothing of the drives".into());
+        return status(Word::Fault, "driver_canbus does not report the drives".into());
     };
     let goal = model.goal.fresh(now);
     let drives = motion.speed.abs() > STANDING;
     let with_source = |text: &str| match motion.source.as_str() {
         "" => text.to_owned(),
-        source => format!("{text}; {source} commands"),
+        source => format!("{text}; commanded by {source}"),
     };
     if drives {
         return match motion.reason.is_empty() {
             true => status(Word::Driving, with_source(&format!("{:.2} m/s", motion.speed))),
-            false => status(Word::Stopped, format!("it comes to a stop: {}", motion.reason)),
+            false => status(Word::Stopped, format!("the robot is stopping: {}", motion.reason)),
         };
     }
     // No other cause holds the motion; the drives may keep a quick stop meanwhile.
@@ -104,7 +104,9 @@ pub(crate) fn of(model: &Model, now: Instant) -> Status {
         Some(goal) if matches!(goal.status, DataGoal::DRIVING | DataGoal::BLOCKED) && !goal.message.is_empty() => {
             status(Word::Waiting, goal.message.clone())
         }
-        _ if idle || motion.source.is_empty() => status(Word::Ready, "it stands; nobody commands it".into()),
+        _ if idle || motion.source.is_empty() => {
+            status(Word::Ready, "the robot is at standstill without a command".into())
+        }
         _ if !motion.reason.is_empty() => status(Word::Waiting, motion.reason.clone()),
         _ => status(Word::Ready, with_source("it stands")),
     }

@@ -80,14 +80,14 @@ fn the_status_says_first_what_people_must_know_first() {
     };
     assert_eq!(word(&model, T0).0, Word::Silent);
     say(&mut model, T0, process(Process::RUNNING, DataState::RUN, 0));
-    assert_eq!(word(&model, T0), (Word::Fault, "driver_canbus says nothing of the drives".into()));
+    assert_eq!(word(&model, T0), (Word::Fault, "driver_canbus does not report the drives".into()));
     let idle = motion(0.0, "nobody commands the motion", "");
     say(&mut model, T0, holds("driver_canbus", &[(Hold::NobodyCommands, "")]));
     say(&mut model, T0, DataMotion { enabled: false, quick_stop: true, ..idle });
-    assert_eq!(word(&model, T0), (Word::Ready, "it stands; nobody commands it".into()));
+    assert_eq!(word(&model, T0), (Word::Ready, "the robot is at standstill without a command".into()));
     say(&mut model, T0, holds("driver_canbus", &[]));
     say(&mut model, T0, motion(0.4, "", "planner"));
-    assert_eq!(word(&model, T0), (Word::Driving, "0.40 m/s; planner commands".into()));
+    assert_eq!(word(&model, T0), (Word::Driving, "0.40 m/s; commanded by planner".into()));
     say(&mut model, T0, motion(0.0, "", "planner"));
     let goal = DataGoal {
         timestamp: 1,
@@ -102,14 +102,14 @@ fn the_status_says_first_what_people_must_know_first() {
     say(&mut model, T0, DataMotion { homed: false, ..motion(0.0, "the steering is not homed", "") });
     assert_eq!(word(&model, T0), (Word::Stopped, "the steering is not homed".into()));
     say(&mut model, T0, process(Process::TERMINATED, DataState::RUN, 139));
-    let down = "driver_canbus is down: SIGSEGV: it crashed; the robot does not move without it";
+    let down = "driver_canbus is down: SIGSEGV: crashed; the robot does not move without it";
     assert_eq!(word(&model, T0), (Word::Fault, down.into()));
     say(&mut model, T0, EventStop { timestamp: 1, engaged: true, source: "bumper3".into() });
     let paused = "the PAUSE line is engaged by bumper3; release it, then let the robot go on";
     assert_eq!(word(&model, T0), (Word::Paused, paused.into()));
     assert_eq!(
         word(&model, T0 + Duration::from_millis(2500)),
-        (Word::Silent, "nothing was heard of the robot for 2 s".into())
+        (Word::Silent, "no message from the robot for 2 s".into())
     );
 }
 
@@ -231,7 +231,7 @@ fn who_only_announces_himself_is_a_stranger() {
         [("running", false), ("stranger", true)]
     );
     assert_eq!(exit_in_words(0x21), "a device failed (0x21)");
-    assert_eq!(exit_in_words(137), "SIGKILL: it was killed");
+    assert_eq!(exit_in_words(137), "SIGKILL: killed");
     assert_eq!(exit_in_words(128 + 40), "signal 40");
 }
 

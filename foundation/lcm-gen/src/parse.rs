@@ -234,7 +234,7 @@ impl<'a> Parser<'a> {
         let constant = constants.iter().find(|constant| constant.name == word);
         let text = constant.map_or(word, |constant| &constant.text);
         if constant.is_some_and(|constant| matches!(constant.literal, Literal::Float(_))) {
-            return Err(self.error(at, format!("`{word}` is no integer constant and cannot be an array dimension")));
+            return Err(self.error(at, format!("`{word}` is not an integer constant and cannot be an array dimension")));
         }
         if constant.is_some() || !is_name(word) {
             // A dimension beyond 32 bits is too large for a message, too.
@@ -249,8 +249,10 @@ impl<'a> Parser<'a> {
             {
                 Ok(Dim { size: Size::Variable, text: word.to_owned() })
             }
-            Some(_) => Err(self.error(at, format!("`{word}` is no scalar integer and cannot be an array dimension"))),
-            None => Err(self.error(at, format!("`{word}` is no constant or member declared before"))),
+            Some(_) => {
+                Err(self.error(at, format!("`{word}` is not a scalar integer and cannot be an array dimension")))
+            }
+            None => Err(self.error(at, format!("`{word}` is not a constant or member declared before"))),
         }
     }
 
@@ -266,7 +268,7 @@ impl<'a> Parser<'a> {
                 let at = self.at();
                 let text = self.word("the value of an enum value")?;
                 let number = integer(text).and_then(|number| i32::try_from(number).ok());
-                number.ok_or_else(|| self.error(at, format!("`{text}` is no 32-bit integer")))?
+                number.ok_or_else(|| self.error(at, format!("`{text}` is not a 32-bit integer")))?
             } else {
                 // lcmgen.c: the largest value so far, at least 0, plus 1.
                 let largest = values.iter().map(|value| value.number).max().unwrap_or(0).max(0);
@@ -303,13 +305,13 @@ fn integer(text: &str) -> Option<i128> {
 fn literal(ty: Primitive, text: &str) -> Result<Literal, String> {
     let out_of_range = || format!("`{text}` is out of the range of {}", ty.name());
     if let Some(bits) = ty.integer_bits() {
-        let value = integer(text).ok_or_else(|| format!("`{text}` is no integer"))?;
+        let value = integer(text).ok_or_else(|| format!("`{text}` is not an integer"))?;
         let limit = 1_i128 << (bits - 1);
         let fits = (-limit..limit).contains(&value);
         return i64::try_from(value).ok().filter(|_| fits).map(Literal::Int).ok_or_else(out_of_range);
     }
     let digits = text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c));
-    let value: f64 = text.parse().ok().filter(|_| digits).ok_or_else(|| format!("`{text}` is no decimal number"))?;
+    let value: f64 = text.parse().ok().filter(|_| digits).ok_or_else(|| format!("`{text}` is not a decimal number"))?;
     let max = if ty == Primitive::Float { f64::from(f32::MAX) } else { f64::MAX };
     if value.abs() <= max { Ok(Literal::Float(value)) } else { Err(out_of_range()) }
 }

@@ -134,7 +134,7 @@ impl Schema {
                 };
                 let wrong = |message| Err(Error::new(&definition.file, member.at, message));
                 match self.get(name).map(|definition| &definition.kind) {
-                    None => return wrong(format!("type `{name}` is defined nowhere")),
+                    None => return wrong(format!("type `{name}` is not defined")),
                     Some(Kind::Enum { .. }) if !member.dims.is_empty() => {
                         return wrong(format!("`{name}` is an enum: arrays of enums are encoded differently by C"));
                     }
@@ -182,7 +182,7 @@ impl Schema {
         }
         hashes.steps += 1;
         if hashes.steps > STEPS_MAX || hashes.parents.len() > NESTING_MAX {
-            let message = format!("`{}` is one of too many types that hold each other", definition.name());
+            let message = format!("`{}` is one of too many mutually recursive types", definition.name());
             return Err(Error::new(&definition.file, definition.at, message));
         }
         hashes.parents.push(i);
@@ -281,6 +281,6 @@ fn array_size(element: usize, member: &Member) -> usize {
 }
 
 fn too_large(definition: &Definition, member: &Member) -> Error {
-    let message = format!("`{}` makes messages of more than 2^28 bytes, which nobody receives", member.name);
+    let message = format!("`{}` makes messages of more than 2^28 bytes, the limit of receivers", member.name);
     Error::new(&definition.file, member.at, message)
 }

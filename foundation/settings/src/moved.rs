@@ -118,7 +118,7 @@ fn rename(node: &mut Node, table: &[String], known: &Move, found: &mut Vec<Moved
         let Some(value) = map.remove(known.old) else { return };
         let (origin, old, new) = (value.origin.clone(), known.old, known.new.clone());
         if map.contains_key(&new) {
-            twice.push(format!("{origin}: {old}: the old name of {new}, which is there, too"));
+            twice.push(format!("{origin}: {old}: the old name of {new}, which is also set"));
         }
         map.entry(new.clone()).or_insert(value);
         found.push(Moved { origin, old, new });

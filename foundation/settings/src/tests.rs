@@ -253,10 +253,10 @@ fn old_names_are_read_in_files_and_overrides() {
 fn a_key_under_both_names_is_refused() {
     let mut node = parse("stick = {}\njoystick = { limit = 1, limit_mps = 2 }");
     let error = moves().rename(&mut node, &mut Vec::new()).unwrap_err();
-    assert_eq!(error.0, ["f.toml:2: joystick: the old name of stick, which is there, too"]);
+    assert_eq!(error.0, ["f.toml:2: joystick: the old name of stick, which is also set"]);
     let mut node = parse("joystick = { limit = 1, limit_mps = 2 }");
     let error = moves().rename(&mut node, &mut Vec::new()).unwrap_err();
-    assert_eq!(error.0, ["f.toml:1: limit: the old name of limit_mps, which is there, too"]);
+    assert_eq!(error.0, ["f.toml:1: limit: the old name of limit_mps, which is also set"]);
 }
 
 #[test]

@@ -142,7 +142,7 @@ impl Logger {
         let first = !self.deadlines.is_set(Timer::Losses);
         self.deadlines.set(Timer::Losses, now + LOSSES_OVER);
         if first {
-            let why = "messages are lost: the disk takes them too slowly, or not at all";
+            let why = "messages are lost: the disk is too slow, or accepts no data";
             out.raise(Severity::Warning, Fault::LogLost, "log", why);
         }
     }
@@ -170,7 +170,7 @@ impl Logger {
             Ok(()) => run.sequence = run.sequence.wrapping_add(1),
             Err(McapError::TooManyChannels) => {
                 run.dropped += 1;
-                let why = "more channels than a log holds: messages of further ones are left out";
+                let why = "more channels than a log can hold: messages on further ones are left out";
                 out.raise(Severity::Warning, Fault::LogCrowded, "log", why);
                 return;
             }
@@ -314,7 +314,7 @@ impl Logger {
                 }
             }
             _ => {
-                let why = format!("CM_CMD_LOG: {} is no action", command.action);
+                let why = format!("CM_CMD_LOG: {} is not an action", command.action);
                 out.report(Severity::Warning, Fault::CommandForbidden, "log", why);
             }
         }
@@ -395,7 +395,7 @@ impl Logger {
                 self.refused = true;
             }
             (None, true) => {
-                out.clear(Fault::LogRefused, "log", "the disk takes what is recorded");
+                out.clear(Fault::LogRefused, "log", "the disk accepts data again");
                 out.working();
                 self.refused = false;
             }
@@ -426,12 +426,12 @@ impl Logger {
     fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) {
         match input {
             Input::Up => {
-                out.clear(Fault::PortDown, self.config.bus.as_str(), "the folder of logs is there");
+                out.clear(Fault::PortDown, self.config.bus.as_str(), "the log folder is available");
                 self.disk.up();
                 out.working();
             }
             Input::Down(why) => {
-                let message = format!("the folder of logs is not there: {why}; tried again");
+                let message = format!("the log folder is not available: {why}; tried again");
                 out.raise(Severity::Error, Fault::PortDown, self.config.bus.as_str(), message);
                 let lost = self.disk.down();
                 self.forget(now, lost, out);

@@ -58,7 +58,7 @@ impl fmt::Display for Untranslated {
             Self::Unknown => write!(f, "no type has its fingerprint"),
             Self::NoSuchType { name } => write!(f, "ROS 2 has no types like {name}"),
             Self::Malformed(error) => error.fmt(f),
-            Self::TooManyTopics => write!(f, "{TOPICS_MAX} topics and no more"),
+            Self::TooManyTopics => write!(f, "there are {TOPICS_MAX} topics already"),
         }
     }
 }

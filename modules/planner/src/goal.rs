@@ -58,13 +58,13 @@ impl Goal {
         for (number, waypoint) in command.waypoints.iter().enumerate() {
             let within = |value: f64| value.abs() <= FAR;
             if !within(waypoint.x) || !within(waypoint.y) {
-                return Err(format!("waypoint {number} at {}, {}: no place within ±10 km", waypoint.x, waypoint.y));
+                return Err(format!("waypoint {number} at {}, {}: not within ±10 km", waypoint.x, waypoint.y));
             }
             if waypoint.heading && !waypoint.theta.is_finite() {
-                return Err(format!("waypoint {number} with heading {}: no angle", waypoint.theta));
+                return Err(format!("waypoint {number} with heading {}: not an angle", waypoint.theta));
             }
             if !(0.0..=FAR).contains(&waypoint.tolerance) {
-                return Err(format!("waypoint {number} with tolerance {}: no distance", waypoint.tolerance));
+                return Err(format!("waypoint {number} with tolerance {}: not a distance", waypoint.tolerance));
             }
             waypoints.push(Waypoint {
                 at: Point { x: waypoint.x, y: waypoint.y },
@@ -147,10 +147,10 @@ mod tests {
         turned.waypoints[0].theta = f64::NAN;
         assert!(Goal::of(&turned).is_ok(), "a heading that does not matter");
         turned.waypoints[0].heading = true;
-        assert_eq!(Goal::of(&turned).unwrap_err(), "waypoint 0 with heading NaN: no angle");
+        assert_eq!(Goal::of(&turned).unwrap_err(), "waypoint 0 with heading NaN: not an angle");
         let mut near = command(&[(0.0, 0.0)], false);
         near.waypoints[0].tolerance = -1.0;
-        assert_eq!(Goal::of(&near).unwrap_err(), "waypoint 0 with tolerance -1: no distance");
+        assert_eq!(Goal::of(&near).unwrap_err(), "waypoint 0 with tolerance -1: not a distance");
         assert!(Goal::of(&command(&[(0.0, 0.0); 1001], false)).is_err());
     }
 

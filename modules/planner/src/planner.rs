@@ -112,7 +112,7 @@ impl Planner {
         let taken = self.senses.on_estimate(at, estimate);
         let bad = matches!(taken, Taken::Nonsense | Taken::Backwards);
         if self.bad && !bad {
-            out.clear(Fault::EstimateBad, "", "the estimate can be driven by again");
+            out.clear(Fault::EstimateBad, "", "the estimate is valid again");
         }
         self.bad = bad;
         match taken {
@@ -123,10 +123,10 @@ impl Planner {
                 self.mission.forget_trace();
             }
             Taken::Nonsense => {
-                out.raise(Severity::Error, Fault::EstimateBad, "", "the estimate is no number: the robot stands");
+                out.raise(Severity::Error, Fault::EstimateBad, "", "the estimate is not a number: the robot stops");
             }
             Taken::Backwards => {
-                let why = "the estimate's time runs backwards: the robot stands";
+                let why = "the estimate's time runs backwards: the robot stops";
                 out.raise(Severity::Error, Fault::EstimateBad, "", why);
             }
         }

@@ -89,10 +89,10 @@ impl fmt::Display for Why {
             Self::Twice => write!(f, "given twice"),
             Self::Kind { expected, found } => write!(f, "expected {expected}, found {found}"),
             Self::Range { ty } => write!(f, "out of the range of {ty}"),
-            Self::NoValue { name } => write!(f, "{name:?} is none of the enum's values"),
+            Self::NoValue { name } => write!(f, "{name:?} is not a value of the enum"),
             Self::Length { expected, found } => write!(f, "{found} elements where {expected} are expected"),
-            Self::LengthRange { len } => write!(f, "{len} is no possible length"),
-            Self::Nul => write!(f, "holds a NUL character, which LCM ends strings with"),
+            Self::LengthRange { len } => write!(f, "{len} is not a possible length"),
+            Self::Nul => write!(f, "contains a NUL character, the end of a string in LCM"),
             Self::TooLong => write!(f, "the message would be longer than {} MiB", super::MESSAGE_MAX >> 20),
             Self::Depth => write!(f, "nested deeper than {}", super::MAX_DEPTH),
         }

@@ -14,7 +14,7 @@ fn check_names(schema: &Schema, options: &Options) -> Result<(), Error> {
     for definition in schema.definitions() {
         let wrong = |message: String| Err(Error::new(&definition.file, definition.at, message));
         if definition.package.split('.').any(|segment| segment == "codec") {
-            return wrong("a package cannot be named `codec` in Rust: the generated code needs the word".to_owned());
+            return wrong("a package cannot be named `codec` in Rust: the generated code needs the name".to_owned());
         }
         let view = has_view(schema, options, definition).then(|| view_name(&definition.short));
         for name in [camel_case(&definition.short)].into_iter().chain(view) {

@@ -199,7 +199,7 @@ const STRICT: &[(&str, &str)] = &[
     ("struct x_t { const int64_t A = 9223372036854775808; }", "does not fit"),
     ("enum e_t { A } struct x_t { e_t a[2]; }", "C encodes the length of the last element"),
     ("struct x_t { x_t a; }", "has no end"),
-    ("struct x_t { y_t a; }", "is defined nowhere"),
+    ("struct x_t { y_t a; }", "is not defined"),
     ("struct x_t { byte a[0x20000000]; }", "is more than a message can be"),
 ];
 

@@ -205,8 +205,7 @@ impl Faults {
                     let name = status_name(&list.module, fault.number, &fault.subject);
                     fields.status(level, &name, &fault.message, &robot.name, &values);
                 }
-                let (level, message) =
-                    if down { (STALE, "not known: the module does not run") } else { (OK, "cleared") };
+                let (level, message) = if down { (STALE, "unknown: the module does not run") } else { (OK, "cleared") };
                 for (number, subject) in &gone {
                     let values = [("number", format!("0x{number:04X}")), ("subject", subject.clone())];
                     fields.status(level, &status_name(&list.module, *number, subject), message, &robot.name, &values);

@@ -49,7 +49,7 @@ impl fmt::Display for PgmError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "byte {}: ", self.byte)?;
         match self.why {
-            Why::Magic => write!(f, "no PGM: expected P2 or P5"),
+            Why::Magic => write!(f, "not a PGM file: expected P2 or P5"),
             Why::Number(what) => write!(f, "expected the {what}, a number"),
             Why::Range(what, value) => write!(f, "the {what} is {value}: out of range"),
             Why::Size(width, height) => write!(f, "{width} × {height} pixels: expected 1 to {CELLS_MAX}"),

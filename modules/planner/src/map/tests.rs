@@ -122,9 +122,9 @@ fn pictures_are_read_plain_and_raw_of_eight_and_sixteen_bits() {
 fn pictures_that_are_none_say_where() {
     let told = |bytes: &[u8]| pgm::read(bytes).unwrap_err().to_string();
     for (bytes, why) in [
-        (&b""[..], "byte 0: no PGM: expected P2 or P5"),
-        (b"P6 1 1 255\n\0\0\0", "byte 0: no PGM: expected P2 or P5"),
-        (b"P5", "byte 0: no PGM: expected P2 or P5"),
+        (&b""[..], "byte 0: not a PGM file: expected P2 or P5"),
+        (b"P6 1 1 255\n\0\0\0", "byte 0: not a PGM file: expected P2 or P5"),
+        (b"P5", "byte 0: not a PGM file: expected P2 or P5"),
         (b"P5\n", "byte 3: expected the width, a number"),
         (b"P5\nx 1 255\n", "byte 3: expected the width, a number"),
         (b"P5\n-1 1 255\n", "byte 3: expected the width, a number"),
@@ -163,21 +163,21 @@ fn the_text_beside_a_picture_is_read_as_nav2_writes_it() {
 fn texts_that_are_none_say_where() {
     let told = |from: &str, to: &str| yaml::read(&TEXT.replace(from, to)).unwrap_err().to_string();
     for (from, to, why) in [
-        ("image: hall.pgm", "image:", "line 1: image: \"[]\" is no text"),
+        ("image: hall.pgm", "image:", "line 1: image: \"[]\" is not a text"),
         ("image: hall.pgm  # beside this\n", "", "image is missing"),
-        ("0.05", "0", "line 2: resolution: \"0\" is no number from 0.001 to 10"),
-        ("0.05", "nan", "line 2: resolution: \"nan\" is no number from 0.001 to 10"),
-        ("0.05", ".inf", "line 2: resolution: \".inf\" is no number from 0.001 to 10"),
+        ("0.05", "0", "line 2: resolution: \"0\" is not a number from 0.001 to 10"),
+        ("0.05", "nan", "line 2: resolution: \"nan\" is not a number from 0.001 to 10"),
+        ("0.05", ".inf", "line 2: resolution: \".inf\" is not a number from 0.001 to 10"),
         ("0.0]", "0.1]", "line 3: origin: \"[-1.0, 2.5, 0.1]\" is turned: only maps with theta 0 are read"),
-        (", 0.0]", "]", "line 3: origin: \"[-1.0, 2.5]\" is no list of three numbers: x, y, theta"),
-        ("[-1.0", "[nan", "line 3: origin: \"[nan, 2.5, 0.0]\" is no list of three numbers: x, y, theta"),
+        (", 0.0]", "]", "line 3: origin: \"[-1.0, 2.5]\" is not a list of three numbers: x, y, theta"),
+        ("[-1.0", "[nan", "line 3: origin: \"[nan, 2.5, 0.0]\" is not a list of three numbers: x, y, theta"),
         ("negate: 0", "negate: 2", "line 4: negate: \"2\" is neither 0 nor 1"),
-        ("0.65", "1.5", "line 5: occupied_thresh: \"1.5\" is no number from 0 to 1"),
+        ("0.65", "1.5", "line 5: occupied_thresh: \"1.5\" is not a number from 0 to 1"),
         ("0.196", "0.7", "line 6: free_thresh: \"0.7\" is above occupied_thresh"),
         ("negate: 0", "negate 0", "line 4: expected `key: value`, found \"negate 0\""),
-        ("negate: 0", "resolution: 1", "line 4: resolution stands there twice"),
-        ("negate: 0", "- 5", "line 4: an item of no list"),
-        ("negate: 0", "negate: 0\nmode: quaternary", "line 5: mode: \"quaternary\" is none of trinary, scale, raw"),
+        ("negate: 0", "resolution: 1", "line 4: resolution occurs twice"),
+        ("negate: 0", "- 5", "line 4: a list item without a list"),
+        ("negate: 0", "negate: 0\nmode: quaternary", "line 5: mode: \"quaternary\" is not one of trinary, scale, raw"),
     ] {
         assert_eq!(told(from, to), why);
     }

@@ -71,7 +71,7 @@ const TEXT_MAX: usize = 64 << 10;
 /// A key is missing or duplicate, or its value is invalid; with the line.
 pub fn read(text: &str) -> Result<Info, YamlError> {
     if text.len() > TEXT_MAX {
-        return Err(YamlError { line: 0, why: format!("{} bytes: too long for the text of a map", text.len()) });
+        return Err(YamlError { line: 0, why: format!("{} bytes: too long for a map's text", text.len()) });
     }
     let values = Values::read(text)?;
     let info = Info {
@@ -153,7 +153,7 @@ impl Values {
                 continue;
             }
             if let Some(item) = item.strip_prefix("- ") {
-                let Open::List(key) = open else { return refuse("an item of no list".into()) };
+                let Open::List(key) = open else { return refuse("a list item without a list".into()) };
                 if let Some((_, list)) = values.0[key].as_mut() {
                     list.insert_str(list.len() - 1, if list.len() > 2 { "," } else { "" });
                     list.insert_str(list.len() - 1, item);
@@ -168,7 +168,7 @@ impl Values {
                 continue;
             };
             if values.0[index].is_some() {
-                return refuse(format!("{key} stands there twice"));
+                return refuse(format!("{key} occurs twice"));
             }
             let value = value.trim();
             open = if value.is_empty() { Open::List(index) } else { Open::Nothing };
@@ -190,12 +190,14 @@ impl Values {
 
     fn text(&self, key: &str) -> Result<&str, YamlError> {
         let value = self.get(key).map(|(_, value)| value.as_str());
-        value.filter(|value| !value.is_empty() && !value.starts_with('[')).ok_or_else(|| self.refuse(key, "is no text"))
+        value
+            .filter(|value| !value.is_empty() && !value.starts_with('['))
+            .ok_or_else(|| self.refuse(key, "is not a text"))
     }
 
     fn number(&self, key: &str, low: f64, high: f64) -> Result<f64, YamlError> {
         let number = self.text(key)?.parse().ok().filter(|value| (low..=high).contains(value));
-        number.ok_or_else(|| self.refuse(key, &format!("is no number from {low} to {high}")))
+        number.ok_or_else(|| self.refuse(key, &format!("is not a number from {low} to {high}")))
     }
 
     fn flag(&self, key: &str) -> Result<bool, YamlError> {
@@ -214,7 +216,7 @@ impl Values {
             "trinary" => Ok(Mode::Trinary),
             "scale" => Ok(Mode::Scale),
             "raw" => Ok(Mode::Raw),
-            _ => Err(self.refuse("mode", "is none of trinary, scale, raw")),
+            _ => Err(self.refuse("mode", "is not one of trinary, scale, raw")),
         }
     }
 
@@ -228,7 +230,7 @@ impl Values {
                 0.0 => Ok((*x, *y)),
                 _ => Err(self.refuse("origin", "is turned: only maps with theta 0 are read")),
             },
-            _ => Err(self.refuse("origin", "is no list of three numbers: x, y, theta")),
+            _ => Err(self.refuse("origin", "is not a list of three numbers: x, y, theta")),
         }
     }
 }
