@@ -88,7 +88,7 @@ fn the_oldest_compiler_is_the_same_everywhere() {
 }
 
 #[test]
-fn the_table_itself_has_no_arrow_upwards() {
+fn the_table_itself_has_no_circle() {
     let table = table();
     // Repeatedly removes crates without remaining dependencies; a circle would be left.
     let mut left: BTreeMap<_, _> = table.iter().filter_map(|(name, (_, may))| Some((name, may.clone()?))).collect();

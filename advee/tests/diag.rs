@@ -114,7 +114,7 @@ const COLUMNS: NonZero<u16> = NonZero::new(80).expect("not zero");
 const UP: &str = "\x1b[A";
 
 #[test]
-fn arrows_that_are_held_drive_and_let_go_stop_and_the_screen_says_so() {
+fn held_arrow_keys_drive_and_released_ones_stop_and_the_screen_shows_it() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY ") && text.contains("1Overview"));
@@ -152,7 +152,7 @@ fn arrows_that_are_held_drive_and_let_go_stop_and_the_screen_says_so() {
 }
 
 #[test]
-fn who_is_killed_at_the_wheel_leaves_a_robot_that_stops() {
+fn a_terminal_killed_while_driving_leaves_a_robot_that_stops() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY "));
@@ -196,7 +196,7 @@ fn an_expert_finds_out_what_ended_and_reads_a_drive() {
 }
 
 #[test]
-fn whatever_is_on_the_bus_nothing_of_it_reaches_the_terminal() {
+fn control_characters_on_the_bus_never_reach_the_terminal() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &["--read-only"]);
     screen.until("it is ready", |text| text.contains(" READY "));
@@ -229,7 +229,7 @@ fn whatever_is_on_the_bus_nothing_of_it_reaches_the_terminal() {
 }
 
 #[test]
-fn floods_of_keys_of_messages_and_of_sizes_leave_it_at_work() {
+fn floods_of_keys_messages_and_resizes_are_survived() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY "));
@@ -253,7 +253,7 @@ fn floods_of_keys_of_messages_and_of_sizes_leave_it_at_work() {
 }
 
 #[test]
-fn it_is_there_at_once_and_takes_little() {
+fn it_starts_at_once_and_uses_little_processor_time() {
     let mut robot = Robot::ready(&[]);
     let screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY "));

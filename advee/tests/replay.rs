@@ -111,7 +111,7 @@ fn recorded(name: &str) -> Run {
 }
 
 #[test]
-fn a_run_in_virtual_time_is_played_again_to_the_last_bit() {
+fn a_run_in_virtual_time_is_replayed_bit_for_bit() {
     let run = recorded("virtual");
     let (code, lines) = Run::replay(&run.0, &[]);
     let results: Vec<(&str, &str)> =
@@ -133,7 +133,7 @@ fn within(svg: &str, group: &str, what: &str) -> usize {
 }
 
 #[test]
-fn a_run_is_drawn_from_what_its_modules_said() {
+fn a_run_is_drawn_from_its_recorded_messages() {
     let run = recorded("plot");
     let plot = |extra: &[&str]| {
         let advee = Command::new(env!("CARGO_BIN_EXE_advee")).arg("plot").arg(&run.0).args(extra).output().unwrap();
@@ -183,7 +183,7 @@ fn a_run_is_drawn_from_what_its_modules_said() {
 }
 
 #[test]
-fn another_constant_is_shown_with_its_moment_its_channel_and_its_fields() {
+fn a_changed_constant_is_shown_with_its_instant_channel_and_fields() {
     let run = recorded("constant");
     // The robot coasts as far as before: the set-points differ.
     let sets = ["--set", "limits.speed_manual_mps=0.3"];
@@ -220,7 +220,7 @@ fn another_constant_is_shown_with_its_moment_its_channel_and_its_fields() {
 }
 
 #[test]
-fn what_is_cut_damaged_or_has_a_gap_is_refused_with_its_place() {
+fn a_truncated_damaged_or_incomplete_recording_is_refused_with_its_position() {
     let run = recorded("harmed");
     let whole = fs::read(run.file("driver_power")).unwrap();
     let harmed = run.file("harmed");
@@ -266,7 +266,7 @@ fn what_is_cut_damaged_or_has_a_gap_is_refused_with_its_place() {
 }
 
 #[test]
-fn a_live_run_is_played_again_to_the_last_bit() {
+fn a_live_run_is_replayed_bit_for_bit() {
     let mut robot = Robot::ready(&[]);
     robot.drive(0.4, 0.1, 2.0);
     assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());

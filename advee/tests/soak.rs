@@ -93,7 +93,7 @@ fn the_shipped_scenario_holds() {
 }
 
 #[test]
-fn what_once_failed_does_not_fail_again() {
+fn earlier_failures_do_not_recur() {
     for regression in config::regressions(&root().join("scenarios/regressions.toml")).expect("a good file") {
         // As at the time of the failure: before there were visitors.
         let place = Place { sets: vec!["world.people=0".into()], ..place(&regression.world) };
@@ -114,7 +114,7 @@ fn kind(name: &str, target: &str, fault: &str, per_hour: f64) -> Kind {
 }
 
 #[test]
-fn a_fault_that_outlives_the_chaos_is_found_and_is_all_that_is_left_of_the_list() {
+fn a_fault_that_outlives_the_chaos_is_found_and_the_list_reduced_to_it() {
     // Unlimited, as 0 means; with many harmless faults besides.
     let scenario = only(vec![kind("harmless", "clock", "step", 2000.0), kind("mute", "psc1", "silent", 400.0)]);
     let robot = robot(scenario.clone(), "empty", 1);
@@ -128,7 +128,7 @@ fn a_fault_that_outlives_the_chaos_is_found_and_is_all_that_is_left_of_the_list(
 }
 
 #[test]
-fn a_fault_that_nobody_knows_is_told_and_no_soak_goes_on_without_it() {
+fn an_unknown_fault_is_reported_and_ends_the_soak() {
     let report = robot(only(vec![kind("odd", "sd1_frnt", "silent", 3000.0)]), "empty", 1);
     let report = report.many(3, 2, &Progress::none()).unwrap();
     let [(0, violation)] = &report.violations[..] else { panic!("{:?}", report.violations) };
@@ -179,7 +179,7 @@ fn effect(world: &str, scenario: &Scenario, faults: &[Fault]) -> (u64, u32) {
 }
 
 #[test]
-fn every_kind_of_fault_of_the_shipped_scenario_does_something() {
+fn every_kind_of_fault_of_the_shipped_scenario_has_an_effect() {
     let scenario = Scenario { settle: Duration::from_secs(13), ..short() };
     let at = scenario.settle + Duration::from_secs(2);
     // A step of the clock shows in processes started after it.
@@ -201,7 +201,7 @@ fn every_kind_of_fault_of_the_shipped_scenario_does_something() {
 }
 
 #[test]
-fn a_disk_that_is_full_is_told_once_by_each_process_and_stops_nobody() {
+fn a_full_disk_is_reported_once_by_each_process_and_stops_none() {
     let scenario = short();
     let full = |at_s, lasts| Fault {
         at: Duration::from_secs(at_s),

@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_without_a_cause_is_free_and_one_that_is_not_known_stands_against_acting() {
+    fn a_list_without_a_cause_is_free_and_an_unknown_cause_holds() {
         let list = |holds| lowlevel::DataHold { holds, ..Default::default() };
         let idle = list(vec![hold(401, "")]);
         assert!(idle.is_free() && idle.is_idle() && idle.first() == Some(Hold::NobodyCommands));

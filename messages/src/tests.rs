@@ -103,7 +103,7 @@ fn serialized_it_is_the_message_alone_and_nan_is_null() {
 }
 
 #[test]
-fn a_message_on_the_wrong_channel_is_told_by_its_fingerprint() {
+fn a_message_on_the_wrong_channel_is_detected_by_its_fingerprint() {
     let mut bytes = Vec::new();
     empty(Channel::LlDataSrfs).encode(&mut bytes).unwrap();
     let (expected, found) = (Channel::LlDataIrs.fingerprint(), Channel::LlDataSrfs.fingerprint());

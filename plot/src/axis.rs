@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn times_read_as_people_say_them() {
+    fn times_have_readable_units() {
         assert_eq!(moments(64.0, 8).0.last().unwrap(), &(60.0, "60".to_string()));
         let (list, unit) = moments(600.0, 6);
         assert_eq!((texts(&list), unit), (vec!["0:00", "2:00", "4:00", "6:00", "8:00", "10:00"], "min:s"));

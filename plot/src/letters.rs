@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_cut_to_their_room() {
+    fn texts_are_shortened_to_their_width() {
         let letters = Letters;
         let whole = letters.width("the robot stands", 10.0, false);
         assert!((60.0..100.0).contains(&whole), "{whole}");

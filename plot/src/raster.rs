@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_is_there_when_the_file_is_read_again() {
+    fn drawn_shapes_are_in_the_decoded_file() {
         let mut raster = Raster::new(100.0, 50.0).unwrap();
         let red = Colour::new(0xff0000);
         raster.area(&[(10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0)].map(|(x, y)| Point { x, y }), red, None);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_or_far_away_does_no_harm() {
+    fn nan_and_distant_coordinates_do_no_harm() {
         let mut raster = Raster::new(50.0, 50.0).unwrap();
         let (black, at) = (Colour::new(0), |x: f64, y: f64| Point { x, y });
         let stroke = Stroke::new(black, 1.0);

@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_interrupted_by_what_is_no_number_and_by_silence_and_time_does_not_go_back() {
+    fn a_line_is_interrupted_by_nan_and_by_gaps_and_time_never_goes_back() {
         let mut series = Series::default();
         for (at, value) in
             [(0.0, 1.0), (1.0, 2.0), (0.5, 9.0), (2.0, f64::NAN), (3.0, 3.0), (30.0, 4.0), (f64::NAN, 5.0)]
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn who_jumps_at_each_point_leaves_no_line_and_takes_no_more_room() {
+    fn a_jump_at_each_point_leaves_no_line_and_takes_no_more_memory() {
         let mut track = Track::default();
         for n in 0..100_000 {
             track.push(f64::from(n), Point { x: f64::from(n % 2) * 50.0, y: 0.0 });
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lane_ends_where_nothing_is_said_any_more() {
+    fn a_lane_ends_when_its_value_is_no_longer_repeated() {
         let mut lane = Lane::default();
         for (at, what) in [(0.0, 1), (1.0, 1), (1.5, 3), (2.5, 3), (2.0, 9), (9.0, 3)] {
             lane.push(at, what, 2.0);

@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hostile_words_stay_words_and_what_is_no_number_is_left_out() {
+    fn hostile_texts_are_escaped_and_nan_is_left_out() {
         let mut svg = Svg::new(100.0, 50.0);
         let at = |x: f64| Point { x, y: 1.234 };
         svg.begin("a\"b");

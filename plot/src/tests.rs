@@ -74,7 +74,7 @@ fn size(png: &[u8]) -> (u32, u32, usize) {
 }
 
 #[test]
-fn everything_that_was_told_is_in_it() {
+fn every_part_of_the_run_is_in_the_picture() {
     assert!(picture().is_empty() && !whole().is_empty());
     let svg = whole().svg();
     let ours = |group, what| within(&svg, group, what);
@@ -107,7 +107,7 @@ fn everything_that_was_told_is_in_it() {
 }
 
 #[test]
-fn why_it_stood_is_told_by_number_where_the_log_has_numbers_and_that_nobody_commands_is_no_stop() {
+fn stops_follow_the_numbers_of_the_log_and_a_missing_command_is_not_a_stop() {
     let picture = |with_numbers: bool| {
         let mut picture = whole();
         for n in 0..50 {
@@ -128,7 +128,7 @@ fn why_it_stood_is_told_by_number_where_the_log_has_numbers_and_that_nobody_comm
 }
 
 #[test]
-fn a_run_without_a_place_or_without_anything_is_a_page_all_the_same() {
+fn a_run_without_positions_or_without_data_is_still_a_page() {
     let mut bare = Picture::new(World::default(), None);
     assert!(size(&bare.png().unwrap()).2 > 1000, "axes and words");
     bare.take(BEGIN, &state("watchdog", 3));
@@ -137,7 +137,7 @@ fn a_run_without_a_place_or_without_anything_is_a_page_all_the_same() {
 }
 
 #[test]
-fn what_is_no_number_or_no_moment_or_far_away_does_no_harm() {
+fn invalid_numbers_times_and_positions_do_no_harm() {
     let mut picture = whole();
     let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, 1e18, f64::MIN_POSITIVE];
     for (n, value) in odd.into_iter().enumerate() {
@@ -166,7 +166,7 @@ fn what_is_no_number_or_no_moment_or_far_away_does_no_harm() {
 }
 
 #[test]
-fn a_walk_beyond_the_world_does_not_shrink_it_and_without_a_world_few_do_not() {
+fn positions_beyond_the_world_do_not_shrink_it() {
     let far = |picture: &mut Picture| {
         for n in 0..1000 {
             let x = if n == 500 { 9e5 } else { f64::from(n) * 0.01 };

@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_module_is_made_again_of_what_its_file_begins_with() {
+    fn every_module_is_rebuilt_from_its_header() {
         let place = Place {
             config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
             run_dir: "/run/advee".into(),

@@ -130,7 +130,7 @@ fn fewer_and_fewer_lines_are_wider_than_they_may_be() {
 }
 
 #[test]
-fn lines_links_and_widths_are_told_apart() {
+fn lines_links_and_widths_are_recognized() {
     let text = "a [b](c.md) [d](e/f.md#g)\n```toml\nx = 1\n```\nend";
     assert_eq!(
         lines(text).iter().map(|(number, _, block)| (*number, *block)).collect::<Vec<_>>(),

@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn sentences_that_stand_in_the_code_are_found() {
+    fn sentences_in_the_code_are_found() {
         let sentences = ["nobody commands the motion", "critical module {} is not running", "{} is down"];
         for (planted, found) in [
             (r#"const IDLE: &str = "nobody commands the motion";"#, true),
@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shown_or_only_compared_with_before_is_not_found() {
+    fn display_and_change_detection_are_not_found() {
         for fine in [
             r#"if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason }"#,
             r#"if self.told != reason { self.told = reason.into(); }"#,

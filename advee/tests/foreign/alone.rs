@@ -95,7 +95,7 @@ fn held_in_init_it_stops_and_stays_there() {
 }
 
 #[test]
-fn whose_watchdog_is_gone_ends_after_three_seconds_and_no_sooner() {
+fn a_module_without_a_watchdog_ends_after_three_seconds() {
     let Some(built) = Built::on_the_wheel() else { return };
     let of = |name| {
         let mut robot = Robot::start(built, name, &[], &[("ADVEE_GUARDED", "yes")]);
@@ -117,7 +117,7 @@ fn whose_watchdog_is_gone_ends_after_three_seconds_and_no_sooner() {
 }
 
 #[test]
-fn what_breaks_in_a_handler_is_reported_and_ends_it_with_a_code_of_its_class() {
+fn an_exception_in_a_handler_is_reported_and_ends_the_module_with_its_exit_code() {
     let Some(built) = Built::on_the_wheel() else { return };
     for (name, kind) in [("broken", "RuntimeError: "), ("broken_cpp", "")] {
         let mut robot = Robot::start(built, name, &["timer"], &[]);
@@ -143,7 +143,7 @@ fn what_breaks_in_a_handler_is_reported_and_ends_it_with_a_code_of_its_class() {
 
 /// Heartbeat page in the format of docs/beats.md.
 #[test]
-fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
+fn each_thread_sends_heartbeats_unless_it_hangs() {
     let Some(built) = Built::on_the_wheel() else { return };
     for name in ["broken", "broken_cpp"] {
         let path = std::env::temp_dir().join(format!("advee-page-of-{name}-{}", std::process::id()));
@@ -184,7 +184,7 @@ fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
 }
 
 #[test]
-fn a_command_line_that_cannot_be_is_refused_with_a_reason() {
+fn an_invalid_command_line_is_refused_with_a_reason() {
     let Some(built) = Built::on_the_wheel() else { return };
     for name in ["battery_watch", "nearest_obstacle"] {
         let bad: [(&[&str], &str); 4] = [

@@ -51,7 +51,7 @@ const LCM_GROUP: [u8; 4] = [239, 255, 76, 67];
 const CAN_GROUP: [u8; 4] = [239, 74, 163, 2];
 
 #[test]
-fn a_wrong_fingerprint_is_told_once_and_the_robot_drives_on() {
+fn a_wrong_fingerprint_is_reported_once_and_the_robot_drives_on() {
     let mut robot = Robot::ready(&[]);
     let mut other_type = Vec::new();
     Message::from(common::DataState::default()).encode(&mut other_type).unwrap();
@@ -67,7 +67,7 @@ fn a_wrong_fingerprint_is_told_once_and_the_robot_drives_on() {
 }
 
 #[test]
-fn truncated_datagrams_and_messages_are_told_once_each_and_the_robot_drives_on() {
+fn truncated_datagrams_and_messages_are_reported_once_each_and_the_robot_drives_on() {
     let mut robot = Robot::ready(&[]);
     let mut motion = Vec::new();
     Message::from(lowlevel::CmdMotion::default()).encode(&mut motion).unwrap();
@@ -102,7 +102,7 @@ fn truncated_datagrams_and_messages_are_told_once_each_and_the_robot_drives_on()
 }
 
 #[test]
-fn a_datagram_that_is_no_can_frame_is_told_once_and_the_robot_drives_on() {
+fn a_datagram_that_is_not_a_can_frame_is_reported_once_and_the_robot_drives_on() {
     let mut robot = Robot::ready(&[]);
     let port = can_port_beside(robot.port);
     drive_through(&mut robot, |_| throw(CAN_GROUP, port, b"nonsense"));
@@ -116,7 +116,7 @@ fn a_datagram_that_is_no_can_frame_is_told_once_and_the_robot_drives_on() {
 }
 
 #[test]
-fn a_missing_device_is_an_error_told_once_until_it_appears() {
+fn a_missing_device_is_reported_once_until_it_appears() {
     // The driver alone: the simulator, which provides the device, starts later.
     let run_dir = std::env::temp_dir().join(format!("advee-missing-{}", std::process::id()));
     std::fs::create_dir_all(&run_dir).unwrap();
@@ -289,7 +289,7 @@ impl InVirtualTime {
 }
 
 #[test]
-fn a_bad_crc_now_and_then_is_counted_and_asked_again() {
+fn an_occasional_bad_crc_is_counted_and_retried() {
     let mut robot = InVirtualTime::driving(20.0);
     let before = robot.node("so1").crc_errors;
     for _ in 0..5 {
@@ -304,7 +304,7 @@ fn a_bad_crc_now_and_then_is_counted_and_asked_again() {
 }
 
 #[test]
-fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_robot_drives_on() {
+fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_drives_on() {
     let mut robot = InVirtualTime::driving(60.0);
     let odo = robot.seen.borrow().odo;
     robot.fault("sd1_front", "bad_crc", 0.0);
@@ -335,7 +335,7 @@ fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_r
 }
 
 #[test]
-fn an_unknown_instruction_is_told_once_and_counted_and_the_robot_drives_on() {
+fn an_unknown_instruction_is_reported_once_and_counted_and_the_robot_drives_on() {
     let mut robot = InVirtualTime::driving(40.0);
     robot.fault("sd1_rear", "refuses", 25.0);
     robot.pass(20.0);
@@ -397,7 +397,7 @@ impl Module for Stubborn {
 }
 
 #[test]
-fn an_sdo_abort_at_boot_is_told_once_with_its_object_and_reason_and_tried_again() {
+fn an_sdo_abort_at_boot_is_reported_once_with_object_and_reason_and_retried() {
     let refused = Rc::new(RefCell::new(0));
     let count = refused.clone();
     let machine = Virtual::new(Config::default(), move |name, wanted| match name {

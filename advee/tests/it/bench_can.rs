@@ -15,7 +15,7 @@ fn bench(one: u16, other: u16) -> (Output, Value) {
 }
 
 #[test]
-fn each_frame_is_heard_once_and_in_order_and_without_a_bus_none_is() {
+fn each_frame_is_received_once_and_in_order_and_none_without_a_bus() {
     let (port, elsewhere) = (can_port(), can_port());
     for (other, lost) in [(port, false), (elsewhere, true)] {
         let (output, report) = bench(port, other);

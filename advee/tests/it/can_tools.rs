@@ -114,7 +114,7 @@ fn serve(port: &mut Port, nodes: &mut [Node]) {
 }
 
 #[test]
-fn scan_finds_who_is_on_the_bus_and_says_what_they_are() {
+fn scan_finds_and_identifies_the_nodes_on_the_bus() {
     let bus = Bus::new();
     let begin = std::time::Instant::now();
     let told = bus.run(&["scan"]).good();
@@ -182,7 +182,7 @@ fn long_objects_go_through_files_in_segments_and_in_blocks() {
 }
 
 #[test]
-fn a_command_to_nodes_is_seen_obeyed_or_is_no_success() {
+fn a_command_to_nodes_succeeds_only_if_they_follow_it() {
     let bus = Bus::new();
     let nmt = |args: &[&str]| bus.run(&[&["nmt"], args].concat());
     assert_eq!(nmt(&["start", "5"]).good(), "node 5: operational\n");
@@ -244,7 +244,7 @@ fn monitor_decodes_what_crosses_the_bus() {
 }
 
 #[test]
-fn what_cannot_be_meant_is_one_clear_line() {
+fn an_invalid_command_line_is_one_clear_line() {
     let run = |args: &[&str]| {
         let mut command = advee("udpm://239.255.76.67:7667?ttl=0", &std::env::temp_dir().join("advee-can-none"));
         Outcome::of(command.arg("can").args(args).output().unwrap())
@@ -259,7 +259,7 @@ fn what_cannot_be_meant_is_one_clear_line() {
 }
 
 #[test]
-fn a_bus_that_a_module_holds_is_listened_to_and_otherwise_its_modules_own() {
+fn a_bus_held_by_a_module_is_monitored_and_otherwise_left_to_the_module() {
     let mut robot = Robot::ready(&[]);
     let driver = robot.view.pid("driver_canbus");
     let can = |robot: &Robot, args: &[&str]| Outcome::of(robot.advee(&[&["can"], args].concat()));

@@ -53,7 +53,7 @@ fn silence_begins_a_quick_stop() {
 }
 
 #[test]
-fn the_death_of_a_critical_module_stops_the_robot_and_it_drives_again_when_asked_anew() {
+fn the_death_of_a_critical_module_stops_the_robot_until_a_new_command() {
     let mut robot = Robot::ready(&[]);
     robot.drive(0.4, 0.0, 1.2);
     let pid = robot.view.pid("driver_rs485a");
@@ -119,7 +119,7 @@ fn a_watchdog_that_dies_is_followed_by_one_that_takes_its_modules_over() {
 }
 
 #[test]
-fn a_module_that_hangs_is_ended_and_is_back() {
+fn a_hung_module_is_killed_and_restarted() {
     let mut robot = Robot::ready(&[]);
     let pid = robot.view.pid("driver_canbus");
     robot.drive(0.4, 0.0, 1.2);
@@ -132,7 +132,7 @@ fn a_module_that_hangs_is_ended_and_is_back() {
 }
 
 #[test]
-fn a_module_obeys_state_commands_and_keeps_them_over_its_death() {
+fn a_module_follows_state_commands_and_keeps_its_state_after_a_restart() {
     let mut robot = Robot::ready(&[]);
     let done = robot.advee(&["state", "driver_rs485a", "STOP"]);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
@@ -149,7 +149,7 @@ fn a_module_obeys_state_commands_and_keeps_them_over_its_death() {
 }
 
 #[test]
-fn nonsense_on_the_bus_is_reported_once_and_survived() {
+fn malformed_messages_are_reported_once_and_survived() {
     let mut robot = Robot::ready(&[]);
     let odo = lowlevel::DataOdo::default();
     let mut wrong = Vec::new();

@@ -70,7 +70,7 @@ fn a_folder_becomes_a_file_or_a_file_for_each_package() {
 }
 
 #[test]
-fn check_writes_nothing_and_tells_old_code_from_new() {
+fn check_writes_nothing_and_detects_outdated_code() {
     let folder = Folder::new("check");
     let (point, out) = (folder.file("point_t.lcm", POINT), folder.path("types.rs"));
     let differs = (1, String::new(), format!("advee: {out}: is not what the types would give\n"));
@@ -84,7 +84,7 @@ fn check_writes_nothing_and_tells_old_code_from_new() {
 }
 
 #[test]
-fn what_is_wrong_is_one_line_with_its_place() {
+fn an_error_is_one_line_with_its_position() {
     let folder = Folder::new("wrong");
     let bad = folder.file("bad_t.lcm", "package demo;\nstruct bad_t\n{\n    double x[n];\n}\n");
     let message = format!("advee: {bad}:4:14: `n` is not a constant or member declared before\n");

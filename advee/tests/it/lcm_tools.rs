@@ -158,7 +158,7 @@ fn hz_and_bw_measure_the_channels_asked_for() {
 }
 
 #[test]
-fn silence_is_an_answer_that_says_where() {
+fn silence_is_reported_with_the_bus() {
     let bench = Bench::new();
     for args in [&["list"][..], &["hz", "A"], &["bw", "A"], &["echo", "A"], &["list", "--json"]] {
         let Outcome { code, out, err } = bench.run(&[args, &["--for", "0.2"]].concat());
@@ -269,7 +269,7 @@ fn pub_reads_a_message_a_line_and_echo_writes_them() {
 }
 
 #[test]
-fn pub_ends_when_it_is_told_to_though_stdin_stays_open() {
+fn pub_ends_on_a_signal_although_stdin_stays_open() {
     let bench = Bench::new();
     let mut timed =
         bench.command(&["pub", "CM_DATA_STATE", "-", "--for", "0.2"]).stdin(Stdio::piped()).spawn().unwrap();
@@ -304,7 +304,7 @@ fn echo_shows_messages_on_a_line_on_many_and_as_json() {
 }
 
 #[test]
-fn types_of_others_are_read_from_their_files() {
+fn foreign_types_are_read_from_their_files() {
     let bench = Bench::new();
     // A robot's type within a foreign one, and another version of a robot's type.
     bench.file("types/a.lcm", "package theirs; struct scan_t { int32_t n; lowlevel.range_t ranges[n]; byte raw[2]; }");
@@ -335,7 +335,7 @@ fn types_of_others_are_read_from_their_files() {
 }
 
 #[test]
-fn losses_are_told_by_publisher() {
+fn losses_are_reported_by_publisher() {
     let bench = Bench::new();
     let stop = Arc::new(AtomicBool::new(false));
     let (stopped, url) = (stop.clone(), lcm::Url::parse(&bench.url).unwrap().0);
@@ -367,7 +367,7 @@ fn losses_are_told_by_publisher() {
 }
 
 #[test]
-fn a_log_is_listened_to_like_a_bus() {
+fn a_log_is_received_like_a_bus() {
     let bench = Bench::new();
     let path = bench.folder.join("some.log").display().to_string();
     let write = lcm::Url::parse(&format!("file://{path}?mode=w")).unwrap().0;
@@ -393,7 +393,7 @@ fn first_line(child: &mut Child) -> (String, BufReader<ChildStdout>) {
 }
 
 #[test]
-fn a_reader_that_has_read_enough_ends_the_command_without_a_word() {
+fn a_closed_pipe_ends_the_command_silently() {
     let bench = Bench::new();
     let _publisher = bench.publish(some());
     let mut echo = bench.command(&["echo", ".*"]).spawn().unwrap();

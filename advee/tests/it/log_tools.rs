@@ -145,7 +145,7 @@ fn events(path: &str) -> Vec<Line> {
 }
 
 #[test]
-fn info_tells_times_channels_rates_attachments_and_marks() {
+fn info_lists_times_channels_rates_attachments_and_marks() {
     let bench = Bench::new();
     let run = bench.sample("run");
     let text = bench.run(&["info", &run]).good();
@@ -327,7 +327,7 @@ fn what_is_imported_comes_out_again_and_ros_2_reads_it() {
 }
 
 #[test]
-fn recover_makes_an_index_in_place_or_beside_and_tells_what_is_lost() {
+fn recover_restores_the_index_in_place_or_in_a_copy_and_reports_losses() {
     let bench = Bench::new();
     let whole = file(&messages(), 0);
     let (log, beside) = (bench.path("log.mcap"), bench.path("log.recovered.mcap"));
@@ -527,7 +527,7 @@ fn the_official_logger_records_what_is_played() {
 }
 
 #[test]
-fn a_mark_reaches_the_logger_and_its_answer_is_told() {
+fn a_mark_reaches_the_logger_and_its_answer_is_printed() {
     let bench = Bench::new();
     let mut bus = listen(&bench.url);
     let mark = bench.command(&["mark", "the dog crossed"]).spawn().unwrap();

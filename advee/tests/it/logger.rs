@@ -26,7 +26,7 @@ fn wall() -> u64 {
 }
 
 #[test]
-fn everything_that_was_said_is_in_the_file_once_and_in_order() {
+fn every_message_is_in_the_file_once_and_in_order() {
     let mut rig = Rig::new();
     let logger = rig.start(&[]);
     let begun = wall();
@@ -116,7 +116,7 @@ fn mount(args: &[&str]) -> bool {
 }
 
 #[test]
-fn a_full_disk_ends_recording_and_nothing_else_and_room_begins_it_again() {
+fn a_full_disk_only_ends_recording_until_there_is_space() {
     on_a_small_disk(24, |rig| {
         let mut logger = rig.start(&["log.keep_free_bytes=4e6"]);
         let mut noise = 0x9E37_79B9u32;
@@ -151,7 +151,7 @@ fn a_full_disk_ends_recording_and_nothing_else_and_room_begins_it_again() {
 }
 
 #[test]
-fn a_read_only_disk_is_told_and_waited_for() {
+fn a_read_only_disk_is_reported_and_retried() {
     on_a_small_disk(24, |rig| {
         assert!(mount(&["-o", "remount,ro", &rig.root.to_string_lossy()]));
         let mut logger = rig.spawn(&["log.keep_free_bytes=1e6"]);
@@ -166,7 +166,7 @@ fn a_read_only_disk_is_told_and_waited_for() {
 }
 
 #[test]
-fn a_hundred_thousand_channels_are_bounded_and_told_once() {
+fn a_hundred_thousand_channels_are_bounded_and_reported_once() {
     let _alone = support::alone();
     let mut rig = Rig::new();
     let mut logger = rig.start(&[]);
@@ -228,7 +228,7 @@ fn one_message_of_a_hundred_megabytes_fits() {
 }
 
 #[test]
-fn a_flood_is_survived_and_what_it_cost_is_told() {
+fn a_flood_is_survived_and_its_losses_are_reported() {
     let _alone = support::alone();
     let mut rig = Rig::new();
     let mut logger = rig.start(&[]);
@@ -274,7 +274,7 @@ fn a_flood_is_survived_and_what_it_cost_is_told() {
 }
 
 #[test]
-fn marks_and_pauses_are_obeyed() {
+fn marks_and_pauses_are_executed() {
     let mut rig = Rig::new();
     let logger = rig.start(&[]);
     let command = |action| encoded(common::CmdLog { action, text: "here it was".into(), ..Default::default() });

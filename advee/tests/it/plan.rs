@@ -32,7 +32,7 @@ fn plan(folder: &Path, arguments: &[&str]) -> Output {
 }
 
 #[test]
-fn a_way_is_written_as_csv_and_told_as_json() {
+fn a_path_is_written_as_csv_and_as_json() {
     let folder = map("way");
     let output = plan(
         &folder,
@@ -57,7 +57,7 @@ fn a_way_is_written_as_csv_and_told_as_json() {
 }
 
 #[test]
-fn without_a_way_it_says_why_and_fails() {
+fn without_a_path_it_fails_with_the_reason() {
     let folder = map("none");
     for (start, goal, reason) in [
         ("-3,-2,0", "3.5,0,1.57", "no way leads to the goal"),
@@ -84,7 +84,7 @@ fn without_a_way_it_says_why_and_fails() {
 }
 
 #[test]
-fn a_map_that_is_none_is_named_with_line_or_byte() {
+fn an_invalid_map_is_named_with_line_or_byte() {
     let folder = map("bad");
     let text = fs::read_to_string(folder.join("room.yaml")).unwrap();
     let request = ["--map", "bad.yaml", "--start", "-3,-2,0", "--goal", "1,1"];

@@ -121,7 +121,7 @@ fn serve(port: &mut Port, slaves: &mut [Slave], boards: &[Emulated]) {
 }
 
 #[test]
-fn scan_finds_who_is_on_the_line_and_says_what_they_are() {
+fn scan_finds_and_identifies_the_boards_on_the_line() {
     let boards = Boards::new(&[SO1, STRANGER]);
     let told = boards.run(&["scan", "--first", "16", "--last", "127", "--timeout", "5"]).good();
     let lines: Vec<&str> = told.lines().collect();
@@ -135,7 +135,7 @@ fn scan_finds_who_is_on_the_line_and_says_what_they_are() {
 }
 
 #[test]
-fn a_scan_that_is_interrupted_says_what_it_found() {
+fn an_interrupted_scan_lists_the_boards_found() {
     let boards = Boards::new(&[(0x01, SO1.1)]);
     let scan = boards.command(&["scan", "--timeout", "200"]).spawn().unwrap();
     sleep(std::time::Duration::from_millis(700));
@@ -167,7 +167,7 @@ fn version_and_reset_ask_one_board_by_name_or_address() {
 }
 
 #[test]
-fn poll_counts_what_came_of_each() {
+fn poll_counts_the_outcomes() {
     let boards = Boards::new(&[SO1]);
     let told = boards.run(&["poll", "so1", "--count", "50"]).good();
     assert!(told.starts_with("so1 (0x20) on ") && told.contains(": get_ticks, 115200 Bd"), "{told}");
@@ -189,7 +189,7 @@ fn poll_counts_what_came_of_each() {
 }
 
 #[test]
-fn monitor_reads_a_free_line_and_shows_what_is_damaged() {
+fn monitor_reads_a_free_line_and_shows_damaged_frames() {
     let mut chatter = Vec::new();
     let mut say = |address, instruction, flags, data: &[u8], broken| {
         let mut words = Words::new();
@@ -214,7 +214,7 @@ fn monitor_reads_a_free_line_and_shows_what_is_damaged() {
 }
 
 #[test]
-fn what_cannot_be_opened_is_one_clear_line() {
+fn a_port_that_cannot_be_opened_is_one_clear_line() {
     let boards = Boards::new(&[]);
     let parity = boards.run(&["scan", "--transport", "parity"]).bad();
     assert!(parity.contains("pseudo-terminal, whose driver (pty) drops PARENB"), "{parity}");
@@ -238,7 +238,7 @@ fn lines(child: &mut Child) -> impl Iterator<Item = String> + use<> {
 }
 
 #[test]
-fn a_port_that_a_module_holds_is_shown_as_the_module_tells_it_and_otherwise_refused() {
+fn a_port_held_by_a_module_is_monitored_through_it_and_otherwise_refused() {
     let mut robot = Robot::ready(&["--set", "rs485.a.raw=true"]);
     let driver = robot.view.pid("driver_rs485a");
     let mut monitor = advee(&robot.url, &robot.run_dir)

@@ -48,7 +48,7 @@ fn pass(from: &PtyMaster, to: &PtyMaster) {
 }
 
 #[test]
-fn python_can_hears_us_and_is_heard() {
+fn python_can_receives_our_frames_and_we_receive_its() {
     let Some(python) = support::python() else { return };
     let ((left, path), (right, channel)) = (terminal(), terminal());
     let mut port = Port::new("can.main".into(), PortConfig::CanSlcan { path: path.into(), bitrate: 1_000_000 });

@@ -104,7 +104,7 @@ impl Drop for Conf {
 }
 
 #[test]
-fn each_module_that_is_stopped_is_ended_and_comes_back() {
+fn each_stopped_module_is_killed_and_restarted() {
     let mut robot = running(&[]);
     for module in MODULES {
         let old = robot.view.pid(module);
@@ -122,7 +122,7 @@ fn each_module_that_is_stopped_is_ended_and_comes_back() {
 }
 
 #[test]
-fn a_watchdog_that_is_killed_again_and_again_loses_nobody() {
+fn a_watchdog_killed_repeatedly_loses_no_module() {
     let mut robot = running(&[]);
     let modules = pids(&robot);
     for _ in 0..5 {
@@ -162,7 +162,7 @@ fn a_watchdog_that_hangs_is_replaced_and_its_modules_live_on() {
 }
 
 #[test]
-fn nothing_is_left_whoever_is_killed_in_whatever_order() {
+fn no_process_is_left_whatever_is_killed_in_any_order() {
     for order in [["watchdog", "up"], ["up", "watchdog"], ["frozen up", "watchdog"]] {
         let robot = running(&[]);
         let (parent, child) = (up(&robot), watchdog(&robot));
@@ -184,7 +184,7 @@ fn nothing_is_left_whoever_is_killed_in_whatever_order() {
 }
 
 #[test]
-fn what_hangs_while_all_that_guards_it_is_killed_is_ended_too() {
+fn a_hung_module_ends_even_if_all_its_guards_are_killed() {
     for how in ["STOP", "a program that knows nothing of us", "both"] {
         let extra =
             ["--set", "modules.driver_rs485b.command=\"sleep\"", "--set", "modules.driver_rs485b.args=[\"100\"]"];
@@ -213,7 +213,7 @@ fn what_hangs_while_all_that_guards_it_is_killed_is_ended_too() {
 }
 
 #[test]
-fn a_program_of_another_s_is_guarded_like_a_module() {
+fn a_foreign_program_is_supervised_like_a_module() {
     let extra = ["--set", "modules.driver_rs485b.command=\"sleep\"", "--set", "modules.driver_rs485b.args=[\"100\"]"];
     let mut robot = Robot::start(&extra);
     let is_running = |view: &support::View| {
@@ -238,7 +238,7 @@ fn end(up: &mut Child) {
 }
 
 #[test]
-fn the_next_start_adopts_what_lives_and_keeps_what_was_wanted() {
+fn the_next_start_adopts_running_modules_and_keeps_their_wanted_states() {
     // The same command line for both instances: processes started with another are not adopted.
     let mut robot = running(&[]);
     assert!(robot.advee(&["state", "driver_rs485b", "STOP"]).status.success());
@@ -277,7 +277,7 @@ fn the_next_start_adopts_what_lives_and_keeps_what_was_wanted() {
 }
 
 #[test]
-fn a_record_of_numbers_that_others_have_now_harms_nobody() {
+fn a_record_of_reused_process_ids_harms_no_process() {
     let nobody = Robot::start(&["--no-such-option"]);
     let (url, run_dir) = (nobody.url.clone(), nobody.run_dir.with_extension("stale"));
     let mut bystander = Command::new("sleep").arg("60").spawn().unwrap();
@@ -316,7 +316,7 @@ fn a_record_of_numbers_that_others_have_now_harms_nobody() {
 }
 
 #[test]
-fn a_module_that_is_listed_no_more_is_ended_by_the_next_watchdog() {
+fn a_module_that_is_no_longer_listed_is_ended_by_the_next_watchdog() {
     let conf = Conf::new("listed", "");
     let mut robot = running(&["--config", conf.folder().to_str().unwrap()]);
     let old = robot.view.pid("driver_rs485b");
@@ -345,7 +345,7 @@ fn a_module_lives_within_its_limits() {
 }
 
 #[test]
-fn a_storm_is_told_once_and_what_cannot_be_executed_by_name_and_reason() {
+fn restarts_are_reported_once_and_a_missing_executable_by_name_and_reason() {
     let extra =
         ["--set", "modules.driver_rs485b.command=\"false\"", "--set", "modules.driver_power.command=\"/no/such\""];
     let mut robot = Robot::start(&extra);
@@ -361,7 +361,7 @@ fn a_storm_is_told_once_and_what_cannot_be_executed_by_name_and_reason() {
 }
 
 #[test]
-fn who_announces_another_s_name_is_told_and_harms_nobody() {
+fn an_announcement_under_another_s_name_is_reported_and_harms_no_module() {
     let mut robot = running(&[]);
     assert!(robot.advee(&["state", "driver_rs485b", "TERMINATE"]).status.success());
     robot.until("it is down", 3.0, |view| view.processes["driver_rs485b"].phase == common::Process::TERMINATED);
@@ -405,7 +405,7 @@ fn notified(name: &str, extra: &[&str], seconds: f64) -> (Vec<String>, bool) {
 }
 
 #[test]
-fn the_service_manager_is_fed_while_all_critical_modules_are_healthy() {
+fn the_service_manager_is_notified_while_all_critical_modules_are_healthy() {
     let (lines, fine) = notified(&format!("advee-well-{}", std::process::id()), &[], 4.0);
     let count = |word: &str| lines.iter().filter(|line| *line == word).count();
     assert!(fine && count("READY=1") == 1 && count("STOPPING=1") == 1, "{lines:?}");

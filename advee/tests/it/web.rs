@@ -132,7 +132,7 @@ fn numbers(values: &Value) -> Vec<f64> {
 }
 
 #[test]
-fn what_the_robot_does_is_seen_and_read_by_others_code() {
+fn the_motion_of_the_robot_is_decoded_by_independent_code() {
     let Some(python) = python() else { return };
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot, &[]);
@@ -195,7 +195,7 @@ fn what_the_robot_does_is_seen_and_read_by_others_code() {
 }
 
 #[test]
-fn strangers_are_refused_counted_and_hurt_nobody() {
+fn strangers_are_refused_and_counted_and_do_no_harm() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot, &["--set", "web.hosts=[\"advee.local\"]"]);
     let at = web.at;
@@ -271,7 +271,7 @@ fn viewers_that_lie(viewer: &mut Viewer, at: SocketAddr, frames: u64) {
 }
 
 #[test]
-fn a_viewer_that_does_not_read_gets_the_newest_and_nobody_else_less() {
+fn a_viewer_that_does_not_read_gets_the_newest_and_slows_no_other() {
     let Some(python) = python() else { return };
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot, &[]);
@@ -303,7 +303,7 @@ fn a_viewer_that_does_not_read_gets_the_newest_and_nobody_else_less() {
 }
 
 #[test]
-fn another_than_a_loopback_address_needs_credentials() {
+fn an_address_other_than_loopback_needs_credentials() {
     let robot = Robot::start(&[]);
     let refused = robot.advee(&["web", "--http", "0.0.0.0:0"]);
     let text = String::from_utf8_lossy(&refused.stderr).into_owned();
@@ -338,7 +338,7 @@ fn another_than_a_loopback_address_needs_credentials() {
 }
 
 #[test]
-fn the_robot_has_it_as_a_module_and_runs_on_without() {
+fn the_robot_runs_it_as_a_module_and_works_without_it() {
     let at = free();
     let http = at.to_string();
     let mut robot = Robot::ready(&["--http", &http]);

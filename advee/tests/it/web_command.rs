@@ -100,7 +100,7 @@ fn all() -> Vec<(Value, Role, bool)> {
 }
 
 #[test]
-fn devices_are_paired_known_again_and_forgotten() {
+fn devices_are_paired_recognized_and_unpaired() {
     let mut bench = Bench::start(&[], false);
     let at = bench.at;
     let me = get(at, "/api/me", "").json();
@@ -184,7 +184,7 @@ fn devices_are_paired_known_again_and_forgotten() {
 }
 
 #[test]
-fn nobody_writes_who_is_not_paired() {
+fn only_paired_devices_can_write() {
     let file = std::env::temp_dir().join(format!("advee-command-token-{}", std::process::id()));
     std::fs::write(&file, "0123456789abcdef\n").unwrap();
     std::fs::set_permissions(&file, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
@@ -247,7 +247,7 @@ fn nobody_writes_who_is_not_paired() {
 }
 
 #[test]
-fn each_role_may_what_it_may() {
+fn each_role_has_exactly_its_rights() {
     let mut bench = Bench::start(&[], true);
     let at = bench.at;
     let cookies = [String::new(), bench.pair("operator", "Ann"), bench.pair("engineer", "Eve")];
@@ -303,7 +303,7 @@ fn each_role_may_what_it_may() {
 }
 
 #[test]
-fn one_drives_at_a_time_and_nothing_wrong_moves_the_robot() {
+fn one_device_drives_at_a_time_and_invalid_input_never_moves_the_robot() {
     let mut bench = Bench::start(&[], true);
     let at = bench.at;
     let cookies = [bench.pair("operator", "Ann"), bench.pair("operator", "Bob")];

@@ -173,7 +173,7 @@ fn each_part_has_its_shape_and_its_rate() {
 }
 
 #[test]
-fn who_watches_a_channel_gets_its_newest_message() {
+fn a_watched_channel_delivers_its_newest_message() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot);
     robot.publish(DataSdo { request: 77, data: vec![1, 2], ..Default::default() });
@@ -235,7 +235,7 @@ fn who_watches_a_channel_gets_its_newest_message() {
 }
 
 #[test]
-fn slow_viewers_get_the_newest_cost_nothing_and_there_are_so_many_at_most() {
+fn slow_viewers_get_the_newest_at_no_cost_and_their_number_is_limited() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot);
     let mut good = web.view("");
@@ -299,7 +299,7 @@ fn slow_viewers_get_the_newest_cost_nothing_and_there_are_so_many_at_most() {
 }
 
 #[test]
-fn recorded_runs_are_listed_given_and_played() {
+fn recorded_runs_are_listed_downloaded_and_played() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot);
     let folder = logs(&robot.run_dir);

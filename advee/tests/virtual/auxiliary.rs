@@ -82,7 +82,7 @@ impl Rig {
 }
 
 #[test]
-fn temperatures_and_fans_are_told_and_the_bus_is_seldom_taken() {
+fn temperatures_and_fans_are_published_with_little_bus_load() {
     let mut rig = Rig::new(1);
     rig.robot.pass(8.0);
     let names = |heard: &Heard| {
@@ -106,7 +106,7 @@ fn temperatures_and_fans_are_told_and_the_bus_is_seldom_taken() {
 }
 
 #[test]
-fn an_over_temperature_is_told_the_fans_run_and_it_is_over() {
+fn an_over_temperature_is_reported_the_fans_run_and_it_is_cleared() {
     let mut rig = Rig::new(2);
     rig.fault("fan1", "hot", 70.0, 12.0);
     rig.robot.pass(8.0);
@@ -123,7 +123,7 @@ fn an_over_temperature_is_told_the_fans_run_and_it_is_over() {
 }
 
 #[test]
-fn a_fan_that_is_blocked_is_told_and_the_other_helps() {
+fn a_blocked_fan_is_reported_and_the_other_compensates() {
     let mut rig = Rig::new(3);
     rig.robot.pass(5.0);
     rig.fault("fan1", "stall", 2.0, 15.0);
@@ -153,7 +153,7 @@ fn a_chip_that_is_lost_is_an_error_of_its_module_alone_and_comes_back() {
 }
 
 #[test]
-fn a_thermometer_that_vanishes_is_a_state_and_no_error() {
+fn a_disconnected_thermometer_is_a_state_and_not_an_error() {
     let mut rig = Rig::new(7);
     rig.fault("battery", "silent", 0.0, 5.0);
     rig.robot.pass(4.0);
@@ -169,7 +169,7 @@ fn a_thermometer_that_vanishes_is_a_state_and_no_error() {
 }
 
 #[test]
-fn when_the_simulator_s_end_dies_and_is_back_the_chip_is_found_again() {
+fn the_chip_is_found_again_after_a_restart_of_the_simulator() {
     let mut rig = Rig::new(8);
     rig.robot.machine.kill(rig.robot.machine.pid("driver_aux").unwrap());
     rig.robot.pass(3.0);

@@ -95,7 +95,7 @@ fn it_finds_the_robot_by_itself_and_follows_it() {
 }
 
 #[test]
-fn without_beacons_it_goes_by_odometry_and_by_hand() {
+fn without_beacons_it_uses_odometry_and_poses_set_by_hand() {
     let (mut robot, told) = observed(2);
     fault(&mut robot, "sbs1", "hidden", 0.0);
     round(&mut robot, 20.0);
@@ -111,7 +111,7 @@ fn without_beacons_it_goes_by_odometry_and_by_hand() {
 }
 
 #[test]
-fn encoders_that_stand_while_it_drives_are_told_and_do_not_mislead_it_for_long() {
+fn blocked_encoders_are_reported_and_mislead_the_estimator_only_briefly() {
     let (mut robot, told) = observed(3);
     round(&mut robot, 30.0);
     fault(&mut robot, "so1", "stuck", 0.0);
@@ -129,7 +129,7 @@ fn encoders_that_stand_while_it_drives_are_told_and_do_not_mislead_it_for_long()
 }
 
 #[test]
-fn standing_it_stays_where_it_is() {
+fn at_standstill_the_estimate_does_not_drift() {
     let (mut robot, told) = observed(4);
     let now = robot.machine.now();
     robot.machine.inject(now, command(0.0, 0.0));
@@ -175,7 +175,7 @@ fn carry_off(robot: &mut Robot, told: &RefCell<Told>, number: f64) -> Instant {
 }
 
 #[test]
-fn carried_off_while_it_stands_it_notices_and_finds_itself_again() {
+fn a_kidnapping_at_standstill_is_noticed_and_the_pose_found_again() {
     for (seed, number) in [(5, 1.0), (6, 3.0), (7, 4.0)] {
         let (mut robot, told) = observed(seed);
         round(&mut robot, 20.0);
@@ -186,7 +186,7 @@ fn carried_off_while_it_stands_it_notices_and_finds_itself_again() {
 }
 
 #[test]
-fn carried_off_while_it_drives_to_a_goal_it_stops_and_finds_itself_again() {
+fn a_kidnapping_on_the_way_to_a_goal_stops_the_robot_and_the_pose_is_found_again() {
     for (seed, number) in [(8, 1.0), (9, 2.0)] {
         let (mut robot, told) = observed(seed);
         let waypoints = vec![Waypoint { x: 12.5, y: 6.0, ..Default::default() }];

@@ -82,7 +82,7 @@ fn a_board_that_comes_back_leaves_the_other_s_fault_and_a_late_listener_knows_it
 }
 
 #[test]
-fn the_faults_of_a_module_without_a_process_are_not_known() {
+fn the_faults_of_a_module_without_a_process_are_unknown() {
     let mut robot = Robot::ready(1);
     let early = Listener::join(&mut robot);
     fault(&mut robot, "sd1_rear", "silent");

@@ -40,7 +40,7 @@ impl Robot {
 }
 
 #[test]
-fn it_drives_while_it_is_held_and_stands_when_it_is_let_go() {
+fn it_drives_while_the_button_is_held_and_stops_when_it_is_released() {
     let mut robot = Robot::ready(3);
     robot.grip(1.0);
     robot.pass(2.0);
@@ -54,7 +54,7 @@ fn it_drives_while_it_is_held_and_stands_when_it_is_let_go() {
 }
 
 #[test]
-fn unplugged_at_any_phase_of_its_commands_it_stands_within_its_bound() {
+fn unplugged_in_any_phase_of_its_commands_the_robot_stops_within_its_bound() {
     let mut robot = Robot::ready(4);
     for phase in 0..25_u32 {
         robot.grip(if phase % 2 == 0 { 1.0 } else { -0.7 });
@@ -69,7 +69,7 @@ fn unplugged_at_any_phase_of_its_commands_it_stands_within_its_bound() {
 }
 
 #[test]
-fn whatever_its_driver_does_in_whatever_phase_the_robot_stands_within_a_command_s_life_and_a_quick_stop() {
+fn whatever_its_driver_does_the_robot_stops_within_a_command_s_validity_and_a_quick_stop() {
     let mut robot = Robot::ready(5);
     for phase in 0..12_u32 {
         robot.grip(0.8);
@@ -98,7 +98,7 @@ fn whatever_its_driver_does_in_whatever_phase_the_robot_stands_within_a_command_
 }
 
 #[test]
-fn a_gamepad_that_goes_with_its_simulator_stops_the_robot_too() {
+fn a_gamepad_that_disappears_with_its_simulator_stops_the_robot_too() {
     let mut robot = Robot::ready(6);
     let mut pad = Device::new("of the test");
     for code in [ABS_Y, ABS_RX] {
@@ -124,7 +124,7 @@ fn a_gamepad_that_goes_with_its_simulator_stops_the_robot_too() {
 }
 
 #[test]
-fn a_session_with_a_gamepad_is_the_same_to_the_last_bit() {
+fn a_session_with_a_gamepad_is_reproducible_bit_for_bit() {
     let session = |seed| {
         let mut robot = Robot::ready(seed);
         robot.grip(0.9);

@@ -222,7 +222,7 @@ fn run(lost: u64) -> (Option<can::Frame>, Result<Outcome, String>) {
 }
 
 #[test]
-fn whatever_single_frame_of_a_start_is_lost_the_robot_drives_or_says_why_not() {
+fn whatever_single_frame_of_a_start_is_lost_the_robot_drives_or_reports_why_not() {
     if let Some(lost) = std::env::var("LOSS").ok().and_then(|number| number.parse().ok()) {
         let mut start = Start::new(Some(lost));
         let outcome = start.run();

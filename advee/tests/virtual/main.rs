@@ -195,7 +195,7 @@ fn eventful(seed: u64) -> (u64, u64) {
 }
 
 #[test]
-fn the_same_seed_is_the_same_run_to_the_last_bit() {
+fn the_same_seed_gives_the_same_run_bit_for_bit() {
     let (digest, messages) = eventful(7);
     assert_eq!(eventful(7), (digest, messages));
     assert_ne!(eventful(8).0, digest);
@@ -220,7 +220,7 @@ fn it_drives_as_commanded() {
 }
 
 #[test]
-fn silence_begins_a_quick_stop_when_the_command_has_lived_its_time() {
+fn silence_begins_a_quick_stop_when_the_command_expires() {
     let mut robot = Robot::ready(1);
     let begin = robot.machine.now();
     robot.drive(0.4, 0.0, 2.0);

@@ -75,7 +75,7 @@ fn is_latched_until_commanded_anew(robot: &mut Robot) {
 }
 
 #[test]
-fn a_bumper_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
+fn a_bumper_stops_the_robot_until_a_new_command() {
     let (mut robot, heard) = ready(1);
     // From x = 3 through the hall, past its columns, to a stand's wall at x = 15.
     robot.drive(0.6, -0.02, 60.0);
@@ -109,7 +109,7 @@ fn a_bumper_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
 }
 
 #[test]
-fn the_stop_button_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
+fn the_stop_button_stops_the_robot_until_a_new_command() {
     let (mut robot, heard) = ready(1);
     robot.drive(0.4, 0.0, 6.0);
     robot.pass(2.0);
@@ -131,7 +131,7 @@ fn the_stop_button_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
 }
 
 #[test]
-fn when_the_power_controller_is_silent_the_robot_stops_1200_ms_after_its_last_word() {
+fn a_silent_power_controller_stops_the_robot_1200_ms_after_its_last_message() {
     let (mut robot, heard) = ready(1);
     robot.drive(0.4, 0.0, 10.0);
     robot.pass(2.0);
@@ -209,7 +209,7 @@ fn without_the_motors_channel_it_does_not_drive_and_without_sensors_their_boards
 }
 
 #[test]
-fn the_battery_is_counted_down_and_a_low_one_is_told_of() {
+fn the_battery_is_counted_down_and_a_low_charge_is_reported() {
     let (mut robot, heard) = ready(1);
     robot.pass(600.0);
     let power = heard.borrow().power.clone();
@@ -227,7 +227,7 @@ fn the_battery_is_counted_down_and_a_low_one_is_told_of() {
 }
 
 #[test]
-fn before_its_supply_is_cut_the_robot_is_shut_down_in_order_and_nobody_s_computer_is_halted() {
+fn before_its_supply_is_cut_the_robot_is_shut_down_in_order_without_halting_this_computer() {
     let (mut robot, heard) = ready(1);
     robot.drive(0.4, 0.0, 5.0);
     robot.pass(1.5);
@@ -287,7 +287,7 @@ fn beacons_are_seen_where_they_are_each_at_its_own_instant() {
 }
 
 #[test]
-fn who_commands_beacons_gets_those_and_no_others() {
+fn only_commanded_beacons_are_sighted() {
     let (mut robot, heard) = ready(1);
     // The estimator chooses them while it runs.
     let (module, state) = ("estimator".into(), common::DataState::TERMINATE);
@@ -303,7 +303,7 @@ fn who_commands_beacons_gets_those_and_no_others() {
 }
 
 #[test]
-fn all_buses_tell_how_they_fare_once_a_second() {
+fn all_buses_publish_their_state_once_a_second() {
     let (mut robot, heard) = ready(1);
     robot.pass(10.0);
     let heard = heard.borrow();
@@ -336,7 +336,7 @@ fn ailing(board: &str, name: &str, value: f64, seconds: f64) -> Vec<(Fault, Stri
 }
 
 #[test]
-fn each_fault_of_a_board_is_told_of_the_board_that_has_it() {
+fn each_fault_of_a_board_is_reported_with_its_board() {
     for (name, value, seconds, fault, words) in [
         ("silent", 0.0, 8.0, Fault::BoardLost, "does not answer"),
         ("slow", 0.05, 8.0, Fault::BoardLost, "does not answer"),
@@ -356,7 +356,7 @@ fn each_fault_of_a_board_is_told_of_the_board_that_has_it() {
 }
 
 #[test]
-fn the_power_controller_s_own_faults_stop_the_robot_or_are_told() {
+fn the_power_controller_s_own_faults_stop_the_robot_or_are_reported() {
     let (mut robot, heard) = ready(1);
     fault(&mut robot, "psc1", "bad_crc", 0.0, 20.0);
     robot.pass(20.0);

@@ -244,7 +244,7 @@ fn number(name: &str) -> Option<u64> {
 }
 
 #[test]
-fn in_a_storm_nothing_moves_that_nobody_lets_move() {
+fn in_a_storm_nothing_moves_without_permission() {
     if let Some(seed) = number("STORM") {
         storm(seed);
         return;

@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_is_said_in_words() {
+    fn invalid_commands_are_refused_with_a_sentence() {
         assert_eq!(state(0, "planner", "PAUSE", "x").unwrap().state, State::Pause as i8);
         for none in ["INIT", "UNKNOWN", "ERROR", "pause!", ""] {
             assert!(state(0, "planner", none, "x").is_err(), "{none}");

@@ -72,7 +72,7 @@ fn error(number: i32, severity: i8, message: &str, timestamp: i64) -> Error {
 }
 
 #[test]
-fn the_status_says_first_what_people_must_know_first() {
+fn the_status_shows_the_most_important_cause_first() {
     let mut model = model();
     let word = |model: &Model, now| {
         let Status { word, reason } = model.status(now);
@@ -129,7 +129,7 @@ fn another_sentence_for_the_same_cause_changes_no_status() {
 }
 
 #[test]
-fn all_that_stands_has_a_row_each_once_the_motion_first() {
+fn each_cause_has_one_row_the_motion_first() {
     let mut model = model();
     let goal = [(Hold::PauseBumper, "bumper2"), (Hold::EstimateLost, "")];
     say(&mut model, T0, holds("planner", &goal));
@@ -172,7 +172,7 @@ fn a_log_from_before_the_numbers_has_its_text() {
 }
 
 #[test]
-fn what_is_older_than_twice_its_period_is_stale() {
+fn a_value_older_than_twice_its_period_is_stale() {
     let mut model = model();
     assert_eq!(model.motion.freshness(T0), Freshness::Never);
     say(&mut model, T0, motion(0.0, "", ""));
@@ -187,7 +187,7 @@ fn what_is_older_than_twice_its_period_is_stale() {
 }
 
 #[test]
-fn errors_of_a_kind_are_one_group_that_stands_until_its_end() {
+fn reports_of_a_fault_are_one_group_until_it_is_cleared() {
     let mut errors = Errors::default();
     for (n, severity) in [Error::ERROR, Error::ERROR, Error::NOTICE].into_iter().enumerate() {
         errors.hear(T0, &error(0x201, severity, "lost", n as i64));
@@ -204,7 +204,7 @@ fn errors_of_a_kind_are_one_group_that_stands_until_its_end() {
 }
 
 #[test]
-fn a_channel_has_its_rate_and_there_are_so_many_at_most() {
+fn a_channel_has_its_rate_and_the_table_is_bounded() {
     let mut traffic = Traffic::default();
     for n in 0..200 {
         traffic.hear(T0 + Duration::from_millis(n * 50), "LL_DATA_MOTION", 100);
@@ -221,7 +221,7 @@ fn a_channel_has_its_rate_and_there_are_so_many_at_most() {
 }
 
 #[test]
-fn who_only_announces_himself_is_a_stranger() {
+fn a_module_without_a_watchdog_is_a_stranger() {
     let mut model = model();
     say(&mut model, T0, DataState { timestamp: 1, module: "listen.py".into(), state: DataState::RUN });
     say(&mut model, T0, process(Process::RUNNING, DataState::ERROR, 0));
@@ -236,7 +236,7 @@ fn who_only_announces_himself_is_a_stranger() {
 }
 
 #[test]
-fn an_ellipse_lies_along_what_is_least_known() {
+fn an_ellipse_extends_along_the_largest_uncertainty() {
     let ellipse = Ellipse::of(&[[0.04, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.0001]]).unwrap();
     assert!((ellipse.long - 0.4).abs() < 1e-12 && (ellipse.short - 0.2).abs() < 1e-12 && ellipse.angle == 0.0);
     assert_eq!(Ellipse::of(&[[f64::NAN; 3]; 3]), None);
@@ -296,7 +296,7 @@ fn of_two_lost_boards_one_that_comes_back_does_not_clear_the_other() {
 }
 
 #[test]
-fn who_joins_late_knows_what_is_active_and_no_more() {
+fn a_late_listener_knows_the_active_faults_only() {
     let mut model = model();
     say(&mut model, T0, list(900, "driver_rs485a", &[fault(LOST, "sd1_front", 10), fault(LOST, "sd1_rear", 20)]));
     say(&mut model, T0, list(900, "planner", &[]));
@@ -308,7 +308,7 @@ fn who_joins_late_knows_what_is_active_and_no_more() {
 }
 
 #[test]
-fn what_nobody_lists_any_more_is_not_known() {
+fn an_expired_list_leaves_faults_unknown() {
     let mut model = model();
     say(&mut model, T0, list(10, "driver_rs485a", &[fault(LOST, "sd1_rear", 10)]));
     let group = |standing, known| vec![("sd1_rear".to_owned(), standing, known, 1)];
@@ -327,7 +327,7 @@ fn what_nobody_lists_any_more_is_not_known() {
 }
 
 #[test]
-fn who_lists_nothing_is_judged_by_his_reports_and_what_happens_once_is_never_active() {
+fn a_module_without_a_list_is_judged_by_its_reports_and_single_events_are_never_active() {
     let mut model = model();
     say(&mut model, T0, lost(10, Error::WARNING, "a board is lost"));
     let group = |standing, count| vec![(String::new(), standing, true, count)];
@@ -348,7 +348,7 @@ fn who_lists_nothing_is_judged_by_his_reports_and_what_happens_once_is_never_act
 }
 
 #[test]
-fn no_list_takes_memory_without_end() {
+fn all_lists_are_bounded() {
     let mut model = model();
     for n in 0..600 {
         let faults: Vec<Fault> = (0..300).map(|number| fault(number, &format!("{n}"), 1)).collect();
@@ -362,7 +362,7 @@ fn no_list_takes_memory_without_end() {
 }
 
 #[test]
-fn texts_come_the_latest_first_with_their_level() {
+fn texts_are_listed_newest_first_with_their_level() {
     let mut model = model();
     for (n, level) in [EventText::INFO, EventText::ERROR, 77].into_iter().enumerate() {
         let text = EventText { timestamp: n as i64, module: "eye".into(), level, text: format!("line {n}\n") };
@@ -374,7 +374,7 @@ fn texts_come_the_latest_first_with_their_level() {
 }
 
 #[test]
-fn readings_say_what_is_not_known_and_the_view_of_2011_does_where_nothing_better_comes() {
+fn readings_show_unknown_and_fall_back_to_the_view_of_2011() {
     use lowlevel::{DataIrs, DataRanges, DataSrfs, Range, Reading};
     let mut model = model();
     assert_eq!(model.sonar_readings(T0, 0.5), None);

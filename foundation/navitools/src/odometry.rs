@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_that_wraps_goes_on() {
+    fn a_wrapping_counter_continues() {
         assert_eq!(tick_difference(-32768, 32767), 1);
         assert_eq!(tick_difference(32767, -32768), -1);
         assert_eq!(tick_difference(1000, -1000), 2000);
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_is_measured_alike_however_often_one_polls() {
+    fn a_circle_is_measured_alike_at_any_polling_rate() {
         for step in [0.25, 0.05, 0.01, 0.001, 0.0002] {
             let (seen, true_path) = circle(step);
             assert!(libm::fabs(seen.translation - true_path.translation) < 0.03, "{step}: {seen:?}");
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_counter_starts_anew() {
+    fn a_lost_counter_restarts() {
         let mut odometry = Odometry::new(advee(), METRES_PER_TICK);
         odometry.update(500, 500);
         odometry.update(600, 600);

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_times_its_inverse_is_nothing() {
+    fn a_pose_times_its_inverse_is_the_identity() {
         let pose = Pose::new(3.0, -2.0, 2.5);
         assert!(near(pose * pose.inverse(), Pose::default()));
         assert!(near(pose.inverse() * pose, Pose::default()));

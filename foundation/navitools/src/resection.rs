@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn on_the_circle_through_the_points_there_is_no_answer_and_near_it_d_says_so() {
+    fn there_is_no_solution_on_the_circle_through_the_points_and_d_is_small_near_it() {
         let on = |angle: f64, radius: f64| Point { x: radius * libm::cos(angle), y: radius * libm::sin(angle) };
         let points = [on(0.3, 5.0), on(1.9, 5.0), on(4.0, 5.0)];
         let d = |radius: f64| {
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_no_fix() {
+    fn invalid_input_gives_no_fix() {
         let points = [Point { x: 1.0, y: 0.0 }, Point { x: 0.0, y: 1.0 }, Point { x: -1.0, y: -1.0 }];
         let zero = [Angle::ZERO; 3];
         assert_eq!(three_bearings([points[0]; 3], zero), None);

@@ -176,7 +176,7 @@ fn what_is_written_is_read() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_its_line_and_what_is_allowed() {
+fn errors_name_the_line_and_the_allowed_values() {
     refused(
         "title = \"\"\nsize_bytes = 1\ncolour = \"green\"\nvolume = 1\nletter = \"x\"\ncpus = [8]\nwords = [1]\nloop = 1",
         &[
@@ -215,7 +215,7 @@ fn the_keys_of_a_node_are_those_of_its_driver() {
 }
 
 #[test]
-fn of_each_key_the_first_error_is_told_and_stand_ins_collide_with_nothing() {
+fn the_first_error_of_each_key_is_reported_and_stand_ins_do_not_collide() {
     let node = |id: &str| format!("{{ id = {id}, driver = \"slow\" }},\n");
     refused(
         &format!("[bus.b]\nnodes = [\n{}{}{}{}]", node("0"), node("1"), node("200"), node("1")),

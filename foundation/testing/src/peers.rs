@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_checkout_is_found_and_what_is_missing_is_named() {
+    fn the_checkout_is_found_and_missing_tools_are_named() {
         assert!(root().join("ARCHITECTURE.md").exists());
         let why = tool("no-such-program-at-all", "--version").expect_err("there is none");
         assert!(why.contains("no-such-program-at-all"), "{why}");

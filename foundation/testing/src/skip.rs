@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_there_is_handed_on() {
+    fn a_present_peer_is_returned() {
         assert_eq!((peer(Ok(1), true), peer(Ok(2), false), machine_or_skip(Ok(3))), (Some(1), Some(2), Some(3)));
     }
 

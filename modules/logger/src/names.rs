@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_are_told_from_what_else_is_there_and_stand_in_order() {
+    fn runs_are_distinguished_from_other_entries_and_ordered() {
         let mut names = ["2026_11_22_09_24_06_10", "2026_11_22_09_24_06", "2026_11_22_09_24_06_2"];
         names.sort_by_key(|name| place(name));
         assert_eq!(names, ["2026_11_22_09_24_06", "2026_11_22_09_24_06_2", "2026_11_22_09_24_06_10"]);

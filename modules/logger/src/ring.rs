@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_old_or_too_much_is_gone() {
+    fn messages_beyond_the_limits_are_dropped() {
         let mut ring = Ring::new(Duration::from_secs(1), 1000);
         let at = Instant::from_millis;
         assert_eq!(ring.push(at(0), "a", &[0; 300]), 0);

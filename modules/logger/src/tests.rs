@@ -19,7 +19,7 @@ fn config() -> Config {
 }
 
 #[test]
-fn what_is_heard_stands_in_the_file_with_all_that_explains_it() {
+fn received_messages_are_in_the_file_with_their_types() {
     let attachment = Attachment { name: "robot.toml".into(), media_type: "text/plain".into(), data: b"[robot]".into() };
     let mut rig = Rig::new(Config { attachments: vec![attachment], ..config() });
     rig.odo(1);
@@ -169,7 +169,7 @@ fn a_channel_whose_type_changes_has_both() {
 }
 
 #[test]
-fn a_hundred_thousand_channels_are_too_many_and_that_is_told_once() {
+fn a_hundred_thousand_channels_are_too_many_and_reported_once() {
     let mut rig = Rig::new(config());
     for number in 0..100_000 {
         rig.hear(&format!("CHANNEL_{number}"), &[1; 16]);
@@ -191,7 +191,7 @@ fn a_hundred_thousand_channels_are_too_many_and_that_is_told_once() {
 }
 
 #[test]
-fn a_message_of_a_hundred_megabytes_fits_and_leaves_no_room_behind() {
+fn a_message_of_a_hundred_megabytes_fits_and_its_memory_is_released() {
     let mut rig = Rig::new(config());
     let large = vec![3; 100_000_000];
     rig.hear("LARGE", &large);

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_robot_can_reach_is_refused_in_words() {
+    fn invalid_waypoints_are_refused_with_a_reason() {
         for bad in [f64::NAN, f64::INFINITY, 1e5] {
             let why = Goal::of(&command(&[(0.0, 0.0), (bad, 0.0)], false)).unwrap_err();
             assert!(why.starts_with("waypoint 1 at "), "{why}");
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_goes_on_with_its_first_waypoint() {
+    fn a_loop_continues_with_its_first_waypoint() {
         let once = Goal::of(&command(&[(0.0, 0.0), (1.0, 0.0)], false)).unwrap().unwrap();
         assert_eq!((once.after(0), once.after(1)), (Some(1), None));
         let looped = Goal { looped: true, ..once };
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_is_passed_halfway_turned() {
+    fn a_corner_is_passed_with_half_the_turn() {
         let goal = Goal::of(&command(&[(2.0, 0.0), (2.0, 2.0), (0.0, 2.0)], false)).unwrap().unwrap();
         let heading = goal.passing(Point { x: 0.0, y: 0.0 }, 0).unwrap();
         assert!((heading.to_degrees() - 45.0).abs() < 1e-9, "{heading}");
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_counts_when_it_was_asked_for() {
+    fn a_heading_counts_if_it_is_required() {
         let waypoint = Waypoint { at: Point { x: 1.0, y: 0.0 }, heading: Some(3.1), tolerance: 0.15 };
         assert!(waypoint.is_reached(Pose::new(1.1, 0.0, -3.1)), "across the cut");
         assert!(!waypoint.is_reached(Pose::new(1.1, 0.0, 0.0)));

@@ -501,7 +501,7 @@ mod tests {
     }
 
     #[test]
-    fn one_echo_is_no_obstacle_and_two_are() {
+    fn one_echo_is_not_an_obstacle_and_two_are() {
         let mut bench = bench();
         bench.hear([f64::NAN, 1.0, f64::NAN]);
         assert_eq!(bench.count(), 0);
@@ -514,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn echoes_of_two_rounds_that_are_far_apart_in_time_are_no_obstacle() {
+    fn echoes_far_apart_in_time_are_not_an_obstacle() {
         let mut bench = bench();
         bench.hear([f64::NAN, 1.0, f64::NAN]);
         bench.1 += Duration::from_secs(2);
@@ -536,7 +536,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_left_is_forgotten_as_the_space_is_seen_free() {
+    fn a_person_who_has_left_is_removed_as_the_space_is_observed_free() {
         let mut bench = bench();
         for _ in 0..8 {
             bench.hear([2.0, 1.0, 2.0]);
@@ -555,7 +555,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_frees_no_more_than_what_a_leg_would_be_heard_in() {
+    fn silence_frees_only_the_space_in_which_a_leg_would_echo() {
         let mut bench = bench();
         for _ in 0..3 {
             bench.hear([2.4, 2.3, 2.4]);
@@ -571,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn an_echo_of_the_map_is_no_obstacle() {
+    fn a_mapped_echo_is_not_an_obstacle() {
         let mut bench = Bench(Obstacles::new(), Instant::from_millis(1000));
         for _ in 0..4 {
             bench.1 += Duration::from_millis(250);
@@ -583,7 +583,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sonar_of_which_nothing_is_known_frees_nothing_and_sees_nothing() {
+    fn an_unknown_reading_frees_and_marks_nothing() {
         let silent = ranges::Heard::Silent;
         for (unknown, kept) in [(ranges::Heard::Unknown, true), (ranges::Heard::NoEcho, true), (silent, false)] {
             let mut bench = bench();
@@ -602,7 +602,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_heard_last_is_braked_for_while_nothing_newer_is_known() {
+    fn the_last_echo_limits_the_speed_until_a_newer_reading() {
         let mut bench = bench();
         bench.hear([f64::NAN, 0.5, f64::NAN]);
         bench.take([ranges::Heard::Unknown; 3]);
@@ -614,7 +614,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_that_is_sent_again_is_no_second_one() {
+    fn a_repeated_reading_does_not_count_twice() {
         let mut bench = bench();
         let heard = [f64::NAN, 1.0, f64::NAN].map(echo);
         bench.take(heard);
@@ -628,7 +628,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_beam_suspects_and_frees_no_more_than_itself() {
+    fn a_narrow_beam_marks_and_frees_only_its_own_width() {
         let width = |beam: f64| {
             let mut bench = bench();
             for _ in 0..2 {
@@ -648,7 +648,7 @@ mod tests {
     }
 
     #[test]
-    fn who_walks_towards_the_robot_is_known_by_the_readings() {
+    fn a_person_walking_towards_the_robot_has_a_closing_speed() {
         let mut bench = bench();
         bench.hear([f64::NAN, 2.0, f64::NAN]);
         bench.hear([f64::NAN, 1.75, f64::NAN]);
@@ -658,7 +658,7 @@ mod tests {
     }
 
     #[test]
-    fn space_is_seen_for_a_while() {
+    fn observed_space_expires() {
         let mut bench = bench();
         bench.hear([2.0, 2.0, 2.0]);
         let (second, now) = (Duration::from_secs(1), bench.1);
@@ -669,7 +669,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_in_a_message_does_no_harm() {
+    fn invalid_values_in_a_message_do_no_harm() {
         let mut bench = bench();
         let wild = [f64::NAN, f64::INFINITY, -1.0, 0.0, 1e300, 1e-300, 2.0];
         for x in wild {

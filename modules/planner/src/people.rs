@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn one_echo_may_be_of_nobody_and_two_are_of_somebody() {
+    fn one_echo_is_unconfirmed_and_two_confirm_a_person() {
         let mut people = People::default();
         let now = Instant::from_millis(10_000);
         let then = now + Duration::from_millis(250);
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_map_has_is_nobody() {
+    fn a_mapped_echo_is_not_a_person() {
         let mut people = People::default();
         let now = Instant::from_millis(10_000);
         let wall = Heard { echo: Some(1.0), mapped: true, ..heard(now, (1.0, 0.0)) };
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn who_walks_has_a_velocity_and_who_stands_has_none() {
+    fn a_walking_person_has_a_velocity_and_a_standing_one_has_none() {
         let mut people = People::default();
         let now = follow(&mut people, Point { x: 2.4, y: 0.0 }, (-1.0, 0.0), 6);
         let person = people.around(now).find(|person| person.sure).unwrap();
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_heard_near_is_soon_forgotten_and_far_later() {
+    fn a_track_without_echoes_is_deleted_sooner_at_close_range() {
         let left = |x: f64| {
             let mut people = People::default();
             let mut now = follow(&mut people, Point { x, y: 0.0 }, (0.0, 0.0), 8);
@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_and_crowds_are_bounded() {
+    fn invalid_values_and_crowds_are_bounded() {
         let mut people = People::default();
         let mut now = Instant::from_millis(10_000);
         for n in 0..200 {

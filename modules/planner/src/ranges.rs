@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn who_looks_ahead_is_known_from_where_it_sits_and_how_wide_it_hears() {
+    fn the_direction_that_a_sonar_covers_follows_from_its_mounting_and_beam() {
         let looks = |x, y, degrees, beam| [true, false].map(|forward| mount(x, y, degrees, beam).looks(forward, &BODY));
         // The reference robot's: three of five at the front, three of five at the rear.
         for (y, degrees) in [(0.15, 25.0), (0.0, 0.0), (-0.15, -25.0)] {
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_distance_counts_from_the_end_that_drives() {
+    fn a_distance_counts_from_the_leading_end() {
         assert_eq!(mount(0.75, 0.0, 0.0, 1.0).behind(true, &BODY), 0.0);
         assert!((mount(0.30, 0.0, 0.0, 1.0).behind(true, &BODY) - 0.45).abs() < 1e-12);
         assert!((mount(0.30, 0.0, 180.0, 1.0).behind(false, &BODY) - 0.45).abs() < 1e-12);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_view_of_2011_does_not_say_what_is_free() {
+    fn the_view_of_2011_frees_nothing() {
         let range = |id, distance: f64| messages::lowlevel::Range {
             id,
             distance,

@@ -318,12 +318,12 @@ mod tests {
     }
 
     #[test]
-    fn nothing_stands_against_driving_when_all_is_well() {
+    fn nothing_holds_the_robot_when_all_is_well() {
         assert_eq!(why(&ready(), 1100), (vec![], String::new()));
     }
 
     #[test]
-    fn what_stands_against_driving_has_its_number_and_its_text() {
+    fn each_cause_has_its_number_and_its_text() {
         let mut senses = ready();
         senses.state = Some(State::Pause);
         assert_eq!(why(&senses, 1100), one(Hold::ModulePaused, "planner", "planner is in PAUSE"));
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_stands_is_listed_each_once() {
+    fn each_cause_is_listed_once() {
         let mut senses = ready();
         senses.on_stop(&EventStop { timestamp: 0, engaged: true, source: "bumper2".into() });
         senses.on_estimate(ms(1050), &DataEstimate { quality: DataEstimate::SEARCHING, ..estimate(2, 0.0) });
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cause_that_is_not_known_stands_against_driving() {
+    fn an_unknown_cause_holds_the_robot() {
         let mut senses = ready();
         let mut list = holds(0, &[(Hold::Homing, "steering")]);
         list.holds[0].code = 9999;
@@ -423,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn an_estimate_is_carried_on_to_now_and_back_to_when_the_sonars_were_fired() {
+    fn an_estimate_is_extrapolated_to_now_and_back_to_the_firing_of_the_sonars() {
         let mut senses = ready();
         for n in 1..=6 {
             senses.on_estimate(ms(1000 + 50 * n), &estimate(1 + n as i64, 0.05 * n as f64));
@@ -433,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_or_runs_backwards_is_no_estimate() {
+    fn nan_and_backward_timestamps_are_rejected() {
         let mut senses = ready();
         assert_eq!(senses.on_estimate(ms(1050), &estimate(0, 0.0)), Taken::Backwards);
         assert_eq!(senses.on_estimate(ms(1050), &estimate(2, 0.05)), Taken::Well);
@@ -446,14 +446,14 @@ mod tests {
     }
 
     #[test]
-    fn an_estimate_that_jumps_on_its_first_word_is_where_the_robot_is() {
+    fn the_first_estimate_is_reported_as_a_jump() {
         let mut senses = Senses::default();
         assert_eq!(senses.on_estimate(ms(5), &estimate(1, 3.0)), Taken::Jumped);
         assert_eq!(senses.located(ms(5)).unwrap().pose.x, 3.0);
     }
 
     #[test]
-    fn the_view_of_2011_is_for_where_nothing_better_comes() {
+    fn the_view_of_2011_is_the_fallback_only() {
         let mut senses = Senses::default();
         assert!(senses.lacks_ranges(ms(0)));
         senses.on_ranges(ms(1000));

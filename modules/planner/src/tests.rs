@@ -268,7 +268,7 @@ impl Robot {
 }
 
 #[test]
-fn it_drives_to_a_goal_and_stands_there() {
+fn it_drives_to_a_goal_and_stops_there() {
     let mut robot = Robot::new();
     robot.pass(1.0);
     assert_eq!((robot.goal.status, robot.goal.message.as_str()), (DataGoal::IDLE, "there is no goal"));
@@ -301,7 +301,7 @@ fn waypoints_are_passed_without_a_stop() {
 }
 
 #[test]
-fn a_goal_that_is_taken_back_leaves_the_robot_standing() {
+fn a_cancelled_goal_leaves_the_robot_at_standstill() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -317,7 +317,7 @@ fn disc(x: f64, y: f64) -> (Point, f64) {
 }
 
 #[test]
-fn who_stands_in_the_way_is_waited_for() {
+fn it_waits_for_a_person_on_the_path() {
     let mut robot = Robot::new();
     robot.discs = vec![disc(6.0, 2.0)];
     robot.goal(&[(10.0, 2.0)], false);
@@ -332,7 +332,7 @@ fn who_stands_in_the_way_is_waited_for() {
 }
 
 #[test]
-fn who_steps_in_close_by_is_braked_for() {
+fn it_brakes_for_a_person_who_steps_onto_the_path() {
     for (x, y) in [(1.3, 0.0), (1.5, 0.2), (1.2, -0.25)] {
         let mut robot = Robot::new();
         robot.goal(&[(12.0, 2.0)], false);
@@ -347,7 +347,7 @@ fn who_steps_in_close_by_is_braked_for() {
 }
 
 #[test]
-fn who_walks_towards_it_finds_it_standing() {
+fn it_stands_before_a_person_walking_towards_it_arrives() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -373,7 +373,7 @@ fn hall() -> crate::map::Map {
 }
 
 #[test]
-fn a_way_around_is_found_when_nobody_leaves() {
+fn a_path_around_is_found_if_the_obstacle_remains() {
     let mut robot = Robot::on(Some(hall()));
     robot.discs = vec![disc(5.5, 2.0), disc(5.5, 2.3), disc(5.5, 1.7)];
     robot.goal(&[(9.0, 2.0)], false);
@@ -383,7 +383,7 @@ fn a_way_around_is_found_when_nobody_leaves() {
 }
 
 #[test]
-fn a_goal_in_a_wall_fails_in_words_and_the_robot_stands() {
+fn a_goal_in_a_wall_fails_with_a_reason_and_the_robot_stands() {
     let mut map = hall();
     map.wall((8.0, 0.0), (8.0, 6.0));
     for (goal, why) in [
@@ -399,7 +399,7 @@ fn a_goal_in_a_wall_fails_in_words_and_the_robot_stands() {
 }
 
 #[test]
-fn a_goal_that_is_no_place_is_refused() {
+fn an_invalid_goal_is_refused() {
     let mut robot = Robot::new();
     robot.pass(0.5);
     robot.goal(&[(f64::NAN, 3.0)], false);
@@ -415,7 +415,7 @@ fn closed() -> Vec<(Point, f64)> {
 }
 
 #[test]
-fn a_goal_behind_what_never_leaves_is_given_up_in_words() {
+fn a_goal_behind_a_permanent_obstacle_is_given_up_with_a_reason() {
     let mut robot = Robot::on(Some(hall()));
     robot.discs = closed();
     robot.goal(&[(10.0, 2.0)], false);
@@ -444,7 +444,7 @@ fn a_loop_is_never_given_up() {
 }
 
 #[test]
-fn without_an_estimate_it_stands_and_says_so() {
+fn without_an_estimate_it_stands_and_reports_the_cause() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -459,7 +459,7 @@ fn without_an_estimate_it_stands_and_says_so() {
 }
 
 #[test]
-fn what_driver_canbus_says_is_passed_on() {
+fn causes_of_driver_canbus_are_passed_on() {
     let mut robot = Robot::new();
     robot.stands = Some(Hold::PlannerLatched);
     robot.goal(&[(12.0, 2.0)], false);
@@ -496,7 +496,7 @@ fn in_pause_it_keeps_its_goal_and_is_silent() {
 }
 
 #[test]
-fn deaf_sonars_stop_it() {
+fn missing_sonar_readings_stop_it() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -507,7 +507,7 @@ fn deaf_sonars_stop_it() {
 }
 
 #[test]
-fn what_is_sensed_stands_where_it_is_whatever_the_rate() {
+fn sensed_obstacles_are_at_their_true_position_at_any_rate() {
     for poll in [50, 25, 10, 5] {
         let mut robot = Robot::new();
         robot.discs = vec![disc(8.0, 2.0)];
@@ -524,7 +524,7 @@ fn what_is_sensed_stands_where_it_is_whatever_the_rate() {
 }
 
 #[test]
-fn without_the_sonars_ahead_it_stands_until_they_are_known_again() {
+fn unknown_front_sonars_stop_it_until_they_are_known_again() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -540,7 +540,7 @@ fn without_the_sonars_ahead_it_stands_until_they_are_known_again() {
 }
 
 #[test]
-fn without_the_sonars_behind_it_drives_on_and_does_not_back_out() {
+fn unknown_rear_sonars_only_prevent_backing_out() {
     let mut robot = Robot::on(Some(hall()));
     robot.dead = 8..16;
     robot.goal(&[(9.0, 2.0)], false);
@@ -556,7 +556,7 @@ fn without_the_sonars_behind_it_drives_on_and_does_not_back_out() {
 }
 
 #[test]
-fn with_the_view_of_2011_alone_it_drives_as_fast_as_where_nothing_is_seen() {
+fn with_the_view_of_2011_alone_it_drives_at_the_speed_for_unobserved_space() {
     let mut robot = Robot::new();
     robot.old = true;
     robot.goal(&[(8.0, 3.0)], false);
@@ -576,7 +576,7 @@ fn with_the_view_of_2011_alone_it_drives_as_fast_as_where_nothing_is_seen() {
 }
 
 #[test]
-fn it_comes_back_to_where_it_stands_with_another_heading() {
+fn it_returns_to_its_position_with_another_heading() {
     let mut robot = Robot::on(Some(hall()));
     let turned = Waypoint { x: 2.0, y: 2.0, theta: 3.1, tolerance: 0.2, heading: true };
     robot.bench.message(CmdGoal { timestamp: 0, id: 5, waypoints: vec![turned], r#loop: false });
@@ -585,7 +585,7 @@ fn it_comes_back_to_where_it_stands_with_another_heading() {
 }
 
 #[test]
-fn a_way_back_leads_to_no_waypoint() {
+fn backing_out_leads_to_no_waypoint() {
     let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), false));
     let mut track = crate::track::Track::new(&poses, None, &BODY, &LIMITS, &Manners::default());
     assert_eq!((track.leads_to(), track.passed(), track.remaining()), (None, None, 0.5));

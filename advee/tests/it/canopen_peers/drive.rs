@@ -307,7 +307,7 @@ fn our_axis_homes_a_foreign_drive_and_goes_on_from_there() {
 
 /// Invalid commands that the drive refuses and counts: a controlword that skips two states, a reset without a fault.
 #[test]
-fn the_foreign_drive_refuses_what_a_state_does_not_know() {
+fn the_foreign_drive_refuses_commands_that_are_invalid_in_a_state() {
     let Some(mut rig) = Rig::booted() else { return };
     rig.go(Goal::Disabled);
     let _ = rig.report();

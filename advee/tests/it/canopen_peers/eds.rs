@@ -47,7 +47,7 @@ fn shown(object: &Object) -> Value {
 }
 
 #[test]
-fn we_read_in_eds_and_dcf_files_what_python_canopen_reads() {
+fn eds_and_dcf_files_are_parsed_like_by_python_canopen() {
     let Some(python) = python() else { return };
     let files = files();
     let output = Command::new(python)

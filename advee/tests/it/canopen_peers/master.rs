@@ -208,7 +208,7 @@ fn our_master_loses_a_slave_of_python_canopen_that_falls_silent_or_reboots() {
 }
 
 #[test]
-fn our_master_refuses_a_slave_of_python_canopen_that_is_not_the_one() {
+fn our_master_refuses_a_slave_of_python_canopen_with_another_identity() {
     let Some(mut side) = Side::start("slave.py", &[config()]) else { return };
     side.script.say("identity 2 17");
     side.hear("changed");
@@ -223,7 +223,7 @@ fn our_master_refuses_a_slave_of_python_canopen_that_is_not_the_one() {
 }
 
 #[test]
-fn a_flood_of_emergencies_from_python_canopen_is_counted_and_thinned_out() {
+fn a_flood_of_emergencies_from_python_canopen_is_counted_and_limited() {
     let Some(mut side) = Side::start("slave.py", &[config()]) else { return };
     side.until("boot-up", booted);
     side.script.say("emergencies 500");

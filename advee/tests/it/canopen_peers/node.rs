@@ -69,17 +69,17 @@ fn settle(node: &mut Node, bus: &mut Bus) {
 }
 
 #[test]
-fn every_nmt_command_of_python_canopen_is_obeyed() {
+fn every_nmt_command_of_python_canopen_is_executed() {
     serve("nmt");
 }
 
 #[test]
-fn python_canopen_sees_heartbeats_at_the_period_it_sets_and_is_watched_itself() {
+fn python_canopen_receives_heartbeats_at_the_period_it_sets_and_is_monitored_itself() {
     serve("heartbeat");
 }
 
 #[test]
-fn python_canopen_guards_our_node_and_tells_it_the_time() {
+fn python_canopen_guards_our_node_and_sends_it_the_time() {
     serve("guarding");
 }
 

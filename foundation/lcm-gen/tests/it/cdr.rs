@@ -115,7 +115,7 @@ fn messages_of_the_official_tools_say_the_same() {
 }
 
 #[test]
-fn what_is_a_message_is_converted_and_nothing_else() {
+fn only_valid_messages_are_converted() {
     let mut random = Random::new(5);
     let (mut converted, mut refused) = (0, 0);
     for folder in ["vectors/types", "more"] {
@@ -143,7 +143,7 @@ fn what_is_a_message_is_converted_and_nothing_else() {
 }
 
 #[test]
-fn types_that_ros_does_not_have_are_none() {
+fn types_unknown_to_ros_have_no_plan() {
     let both = Both::new(&files("vectors/types"));
     for name in ["vec.tree_t", "vec.ping_t", "vec.pong_t", "vec.nowhere_t"] {
         assert!(both.plans.get(name).is_none() && both.names.get(name).is_none(), "{name}");
@@ -169,7 +169,7 @@ fn lengths_of_structs_in_each_other_are_kept_apart() {
 }
 
 #[test]
-fn small_messages_cannot_become_large_without_end() {
+fn the_output_of_small_messages_is_bounded() {
     // Lengths shared by many arrays, elements without bytes, elements that each expand to many.
     let arrays: String = (0..1000).map(|i| format!("double a{i}[n];")).collect();
     let text = format!("struct t {{ int32_t m; u u[m]; }} struct u {{ int8_t n; {arrays} }}");
@@ -196,7 +196,7 @@ fn small_messages_cannot_become_large_without_end() {
 }
 
 #[test]
-fn names_are_as_ros_wants_them_and_none_is_lost() {
+fn names_follow_the_rules_of_ros_and_stay_distinct() {
     let text = "package a__B.c;
         struct _the_t { const int8_t lower = 1, LOWER = -2; const double Tiny = 1e-9; int8_t self; int8_t Self; byte _; byte __9; }
         struct the { the_T x[2][3]; } struct the_T { boolean b; } enum e { RED = 4, red } struct nothing { }";

@@ -77,7 +77,7 @@ fn a_package_named_mod_has_no_file() {
 }
 
 #[test]
-fn what_cannot_be_read_is_told_in_one_line() {
+fn an_unreadable_file_is_reported_in_one_line() {
     let none = files::folder("support");
     assert_eq!(build::read(&[&none]).unwrap_err(), format!("{}: no .lcm files", none.display()));
     let missing = files::folder("missing.lcm");

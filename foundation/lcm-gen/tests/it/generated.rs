@@ -108,7 +108,7 @@ fn every_type_that_can_borrow_has_a_view_and_no_other() {
 }
 
 #[test]
-fn whatever_the_language_can_say_comes_back_as_it_was() {
+fn every_value_is_restored_after_encoding() {
     let mut random = Random::new(1);
     for folder in ["vectors/types", "more"] {
         let schema = Schema::new(&files(folder)).unwrap();

@@ -15,7 +15,7 @@ fn accepted(text: &str, same: &str) {
 }
 
 #[test]
-fn mistakes_are_told_with_file_line_and_column() {
+fn mistakes_are_reported_with_file_line_and_column() {
     let cases = [
         ("int32_t x;", "1:1: expected `package`, `struct` or `enum`, found `int32_t`"),
         ("package p\nstruct x_t { }", "2:1: expected `;` after the package name, found `struct`"),
@@ -98,7 +98,7 @@ fn mistakes_are_told_with_file_line_and_column() {
 }
 
 #[test]
-fn a_mistake_between_files_is_told_with_the_file_that_makes_it() {
+fn a_mistake_between_files_is_reported_with_its_file() {
     let files = [("a.lcm", "package p; struct x_t { }"), ("b.lcm", "package q;\n\nstruct y_t { int8_t n; x_t x[n]; }")];
     assert_eq!(Schema::new(&files).unwrap_err().to_string(), "b.lcm:3:24: type `q.x_t` is not defined");
     let files = [("a.lcm", "package p; struct x_t { }"), ("b.lcm", "package p;\nstruct x_t { }")];
@@ -149,7 +149,7 @@ fn numbers_are_read_by_the_rules_of_c() {
 }
 
 #[test]
-fn comments_document_what_follows_or_stands_before_them_on_their_line() {
+fn comments_document_the_next_declaration_or_the_one_on_their_line() {
     let text = "
         // A remark about the file.
 
@@ -256,7 +256,7 @@ fn types_nest_as_deep_as_decoders_can_follow() {
 }
 
 #[test]
-fn types_that_all_hold_each_other_have_an_end() {
+fn mutually_recursive_types_are_bounded() {
     let each = |count: usize| -> String {
         let members: String = (0..count).map(|i| format!(" t{i}_t m{i}[n];")).collect();
         (0..count).map(|i| format!("struct t{i}_t {{ int8_t n;{members} }}\n")).collect()

@@ -131,7 +131,7 @@ const ALIKE: &[&str] = &[
 ];
 
 #[test]
-fn what_the_official_tool_takes_or_refuses_is_taken_or_refused() {
+fn the_official_tool_accepts_and_rejects_the_same_texts() {
     let Some(program) = official() else { return };
     for text in ALIKE.iter().copied().map(file) {
         assert_eq!(ours(&text), theirs(&program, "alike", &text), "{text}");
@@ -166,7 +166,7 @@ fn any_types(count: usize) -> String {
 }
 
 #[test]
-fn types_drawn_by_lot_have_the_same_hashes() {
+fn random_types_have_the_same_hashes() {
     let Some(program) = official() else { return };
     let text = any_types(400);
     let parsed = lcm_gen::parse("drawn.lcm", &text).unwrap();
@@ -204,7 +204,7 @@ const STRICT: &[(&str, &str)] = &[
 ];
 
 #[test]
-fn where_the_two_differ_it_is_meant() {
+fn differences_between_the_two_are_intended() {
     let Some(program) = official() else { return };
     for text in LENIENT.iter().copied().map(file) {
         assert!(ours(&text).is_some() && theirs(&program, "lenient", &text).is_none(), "{text}");

@@ -59,7 +59,7 @@ fn messages_of_the_official_tools_are_read_and_written_byte_for_byte() {
 }
 
 #[test]
-fn what_generated_code_accepts_and_says_is_accepted_and_said() {
+fn decoding_at_run_time_equals_generated_code() {
     let mut random = Random::new(3);
     let mut accepted = 0;
     for folder in ["vectors/types", "more"] {
@@ -142,7 +142,7 @@ fn types_are_found_by_fingerprint_and_by_name() {
 }
 
 #[test]
-fn what_is_wrong_with_a_value_is_said_with_its_place() {
+fn an_invalid_value_is_reported_with_its_path() {
     let text = "package p;
         enum e { RED = 1, BLUE }
         struct in_t { float x; boolean b; }
@@ -200,7 +200,7 @@ fn what_is_wrong_with_a_value_is_said_with_its_place() {
 }
 
 #[test]
-fn what_is_missing_is_zero_where_that_is_asked_for() {
+fn missing_members_are_zero_on_request() {
     let text = "struct in_t { string s; double d[2]; }
         struct t { int32_t n; int32_t m; in_t list[n]; boolean b[3]; byte grid[n][m]; in_t one; }";
     let types = Types::new(&Schema::new(&[("t.lcm", text)]).unwrap());

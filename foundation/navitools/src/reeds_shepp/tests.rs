@@ -23,7 +23,7 @@ fn lattice(mut visit: impl FnMut(Pose)) {
 }
 
 #[test]
-fn every_word_ends_where_it_is_sent_and_the_shortest_is_among_them() {
+fn every_word_ends_at_its_target_and_the_shortest_is_among_them() {
     let from = Pose::new(1.0, -2.0, 0.7);
     let mut seen = [false; 6];
     lattice(|relative| {
@@ -46,7 +46,7 @@ fn every_word_ends_where_it_is_sent_and_the_shortest_is_among_them() {
 }
 
 #[test]
-fn the_way_back_is_as_long() {
+fn the_reversed_path_has_the_same_length() {
     lattice(|to| {
         let there = reeds_shepp_length(Pose::default(), to, RADIUS);
         let back = reeds_shepp_length(to, Pose::default(), RADIUS);
@@ -57,7 +57,7 @@ fn the_way_back_is_as_long() {
 }
 
 #[test]
-fn nothing_that_one_can_drive_in_four_pieces_is_shorter() {
+fn no_path_of_four_segments_is_shorter() {
     // All words of up to four segments from three turns, both directions, and lengths in steps of π/8 and some between.
     const LENGTHS: [f64; 6] = [0.2, PI / 8.0, PI / 4.0, PI / 2.0, 2.0, 3.0];
     fn drive(at: Pose, driven: f64, left: u32) {
@@ -76,7 +76,7 @@ fn nothing_that_one_can_drive_in_four_pieces_is_shorter() {
 }
 
 #[test]
-fn known_ways() {
+fn known_paths() {
     let length = |x, y, degrees: f64| reeds_shepp_length(Pose::default(), Pose::new(x, y, degrees.to_radians()), 1.0);
     for (x, y, degrees, known) in [
         (0.0, 0.0, 0.0, 0.0),

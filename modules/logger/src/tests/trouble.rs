@@ -9,7 +9,7 @@ use messages::common::CmdLog;
 use module::{Input, State};
 
 #[test]
-fn a_slow_disk_costs_messages_which_are_counted_and_told_once() {
+fn a_slow_disk_costs_messages_which_are_counted_and_reported_once() {
     let store = Store { bytes_per_ms: 100, ..Store::default() };
     let limits = Config { buffer_bytes: 1_000_000, compression: Compression::None, ..config() };
     let mut rig = Rig::on(store, limits);
@@ -44,7 +44,7 @@ fn a_slow_disk_costs_messages_which_are_counted_and_told_once() {
 }
 
 #[test]
-fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
+fn the_oldest_runs_are_removed_and_other_files_stay() {
     let mut store = Store { capacity: 10_000_000, ..Store::default() };
     store.put("2020_01_01_00_00_00_10/log_000.mcap", 1_000_000);
     store.put("2020_01_01_00_00_00_2/log_000.mcap", 1_000_000);
@@ -87,7 +87,7 @@ fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
 }
 
 #[test]
-fn a_disk_that_others_fill_is_tried_again() {
+fn a_disk_filled_by_others_is_retried() {
     let mut rig = Rig::new(config());
     rig.ms(300);
     rig.store.put("photos/holiday.jpg", 0);
@@ -110,7 +110,7 @@ fn a_disk_that_others_fill_is_tried_again() {
 }
 
 #[test]
-fn what_is_refused_for_a_while_is_written_when_it_is_taken_again() {
+fn refused_data_is_written_when_the_disk_accepts_it_again() {
     for trouble in [Trouble::ReadOnly, Trouble::Other("it is wet".into())] {
         let mut rig = Rig::new(config());
         rig.ms(300);
@@ -129,7 +129,7 @@ fn what_is_refused_for_a_while_is_written_when_it_is_taken_again() {
 }
 
 #[test]
-fn a_file_that_takes_nothing_more_is_followed_by_another() {
+fn a_file_that_accepts_no_more_data_is_followed_by_another() {
     let mut rig = Rig::new(config());
     rig.ms(300);
     rig.store.open = None;
@@ -144,7 +144,7 @@ fn a_file_that_takes_nothing_more_is_followed_by_another() {
 }
 
 #[test]
-fn a_folder_that_is_read_only_from_the_start_is_told_and_the_last_seconds_are_kept() {
+fn a_read_only_folder_is_reported_and_the_last_seconds_are_kept() {
     let mut rig = Rig::on(Store { trouble: Some(Trouble::ReadOnly), ..Store::default() }, config());
     for ticks in 0..200 {
         rig.odo(ticks);
@@ -164,7 +164,7 @@ fn a_folder_that_is_read_only_from_the_start_is_told_and_the_last_seconds_are_ke
 }
 
 #[test]
-fn a_folder_that_is_lost_and_found_goes_on_in_another_file_of_the_run() {
+fn after_the_loss_of_the_folder_the_run_continues_in_another_file() {
     let mut rig = Rig::new(config());
     rig.ms(300);
     rig.odo(1);
@@ -182,7 +182,7 @@ fn a_folder_that_is_lost_and_found_goes_on_in_another_file_of_the_run() {
 }
 
 #[test]
-fn in_stop_it_closes_the_file_and_in_pause_it_goes_on() {
+fn in_stop_the_file_is_closed_and_in_pause_recording_continues() {
     let mut rig = Rig::new(config());
     let state = |state: State| messages::common::CmdState {
         timestamp: 0,

@@ -86,7 +86,7 @@ fn cut_at_2000_random_bytes_everything_in_whole_chunks_is_kept() {
 }
 
 #[test]
-fn a_whole_file_stays_as_it_is_and_copied_says_the_same() {
+fn an_intact_file_is_unchanged_and_its_copy_has_the_same_content() {
     for compression in [None, Some(Compression::Zstd), Some(Compression::Lz4)] {
         let (file, lines) = log(options(compression, 3000), 1500);
         let (bytes, outcome) = sealed(&file);
@@ -141,7 +141,7 @@ fn random_damage_costs_the_chunks_it_hits_and_no_more() {
 }
 
 #[test]
-fn a_channel_defined_in_a_lost_chunk_is_known_from_the_summary_or_stood_in_for() {
+fn a_channel_defined_in_a_lost_chunk_is_taken_from_the_summary_or_replaced() {
     let (file, lines) = log(options(None, 2000), 300);
     let summary = mcap::Summary::read(&file).unwrap().unwrap();
     let first = &summary.chunk_indexes[0];

@@ -38,7 +38,7 @@ fn near(found: &[f64], expected: &[f64]) {
 }
 
 #[test]
-fn every_message_of_the_robots_says_the_same_as_lcm_and_as_ros() {
+fn every_message_of_the_robot_is_the_same_in_lcm_and_in_ros() {
     let (schema, types, mut translator) = (schema(), Types::new(&schema()), translator());
     for (channel, data) in samples(1, 30) {
         let kind = translator.kind(&channel, &data).unwrap().clone();
@@ -211,7 +211,7 @@ fn texts_and_reports_are_lines_of_a_log() {
 }
 
 #[test]
-fn odometry_is_followed_and_survives_a_new_life_of_the_driver() {
+fn odometry_is_integrated_and_survives_a_restart_of_the_driver() {
     let mut translator = translator();
     let mut at = NOW;
     let mut tell = |path: f64, heading: f64| {
@@ -323,7 +323,7 @@ fn range_finders_have_topics_frames_and_transforms() {
 }
 
 #[test]
-fn readings_have_their_own_stamps_and_say_what_is_not_known() {
+fn readings_have_their_own_stamps_and_unknown_is_nan() {
     let mut translator = translator();
     let reading = |kind, id, age: i64, status, distance| Reading {
         timestamp: NOW - age,
@@ -441,7 +441,7 @@ fn foreign(name: &str) -> Vec<u8> {
 }
 
 #[test]
-fn a_topic_keeps_its_type_whatever_is_heard_on_the_channel() {
+fn a_topic_keeps_its_type_whatever_the_channel_carries() {
     let mut translator = Translator::with_types(scene(), FOREIGN).unwrap();
     let mut topics = |channel: &str, data: &[u8]| {
         let all = translate(&mut translator, channel, data)?;
@@ -473,7 +473,7 @@ fn a_topic_keeps_its_type_whatever_is_heard_on_the_channel() {
 }
 
 #[test]
-fn a_timestamp_is_found_where_its_place_is_known() {
+fn a_timestamp_is_found_at_a_fixed_offset() {
     let translator = Translator::with_types(RobotScene::default(), FOREIGN).unwrap();
     let timestamp = |name: &str| {
         let mut data = foreign(name);
@@ -487,7 +487,7 @@ fn a_timestamp_is_found_where_its_place_is_known() {
 }
 
 #[test]
-fn channels_without_end_take_no_memory_without_end() {
+fn any_number_of_channels_takes_bounded_memory() {
     let mut translator = Translator::with_types(scene(), FOREIGN).unwrap();
     let wheel = foreign("other.wheel_t");
     let mut refused = 0;
@@ -508,7 +508,7 @@ fn channels_without_end_take_no_memory_without_end() {
 }
 
 #[test]
-fn a_long_message_is_told_once() {
+fn a_long_message_has_one_form_only() {
     let mut translator = translator();
     let mut topics = |count| {
         let (plan, mut data) = (DataPlan { timestamp: NOW, x: vec![1.0; count], y: vec![2.0; count] }, Vec::new());

@@ -61,7 +61,7 @@ fn same(topic: &str, answers: &[Json; 2], expected: &Json) {
 }
 
 #[test]
-fn every_message_of_the_robots_is_read_by_others() {
+fn every_message_of_the_robot_is_decoded_by_independent_readers() {
     let Some(python) = python() else { return };
     let (schema, types, mut translator) = (schema(), Types::new(&schema()), translator());
     let (mut all, mut expected) = (Vec::new(), Vec::new());
@@ -102,7 +102,7 @@ fn every_message_of_the_robots_is_read_by_others() {
 }
 
 #[test]
-fn foreign_types_are_read_by_others() {
+fn foreign_types_are_decoded_by_independent_readers() {
     let Some(python) = python() else { return };
     let folder = root().join("foundation/lcm-gen/tests/vectors/types");
     let mut files = Vec::new();

@@ -76,7 +76,7 @@ fn allowed(x: f64, y: f64, velocity: (f64, f64), rounds: i32) -> f64 {
 }
 
 #[test]
-fn with_nobody_around_it_goes_as_fast_as_it_may() {
+fn without_people_around_the_full_speed_is_allowed() {
     let config = config();
     let mut obstacles = Obstacles::new();
     let now = Instant::from_millis(10_000);
@@ -86,40 +86,40 @@ fn with_nobody_around_it_goes_as_fast_as_it_may() {
 }
 
 #[test]
-fn the_nearer_somebody_stands_the_slower_it_goes_up_to_where_it_does_not() {
+fn the_closer_a_person_the_lower_the_speed_down_to_zero() {
     let speeds = [2.2, 1.8, 1.5, 1.2, 0.98].map(|x| allowed(x, 0.0, (0.0, 0.0), 8));
     assert!(speeds.is_sorted_by(|far, near| far >= near), "{speeds:?}");
     assert!(speeds[0] > 0.7 && speeds[3] <= SQUEEZES && speeds[4] == 0.0, "{speeds:?}");
 }
 
 #[test]
-fn who_comes_is_met_slower_than_who_stands_and_who_leaves_faster() {
+fn an_approaching_person_slows_more_than_a_standing_one_and_a_leaving_one_less() {
     let [comes, stands, leaves] = [-1.0, 0.0, 1.0].map(|vx| allowed(2.2, 0.0, (vx, 0.0), 6));
     assert!(comes < 0.6 * stands && stands <= leaves, "{comes} {stands} {leaves}");
 }
 
 #[test]
-fn who_will_cross_the_way_is_waited_for_and_who_has_crossed_it_is_not() {
+fn a_person_about_to_cross_the_path_stops_the_robot_and_one_who_has_crossed_does_not() {
     let crosses = allowed(1.4, 0.7, (0.0, -0.9), 6);
     let crossed = allowed(1.4, 0.7, (0.0, 0.9), 6);
     assert!(crosses < 0.5 && crossed > crosses + 0.2, "{crosses} {crossed}");
 }
 
 #[test]
-fn beside_somebody_it_squeezes_past_slowly() {
+fn a_person_beside_the_path_is_passed_slowly() {
     let beside = allowed(0.4, 0.62, (0.0, 0.0), 8);
     assert!((LEAST..=SQUEEZES).contains(&beside), "{beside}");
 }
 
 #[test]
-fn a_single_echo_ahead_is_braked_for_as_if_somebody_came() {
+fn a_single_echo_ahead_is_braked_for_like_an_approaching_person() {
     let config = config();
     let once = allowed(2.6, 0.0, (0.0, 0.0), 1);
     assert!(once > 0.0 && once < config.limits.speed, "{once}");
 }
 
 #[test]
-fn who_stands_behind_is_nothing_to_a_robot_that_goes_forward() {
+fn a_person_behind_does_not_slow_forward_motion() {
     let (now, obstacles) = heard(Point { x: -0.65, y: 0.0 }, (0.0, 0.0), 8);
     let config = config();
     assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);

@@ -90,7 +90,7 @@ fn a_map_of_shapes_holds_them_all() {
 }
 
 #[test]
-fn frames_that_are_none_are_refused() {
+fn invalid_frames_are_rejected() {
     let frame = |x, resolution, width, height| Frame { x, y: 0.0, resolution, width, height };
     assert_eq!(Map::new(frame(0.0, 0.05, 4096, 4096)).map(|map| map.cells().len()), Ok(CELLS_MAX));
     for bad in [
@@ -119,7 +119,7 @@ fn pictures_are_read_plain_and_raw_of_eight_and_sixteen_bits() {
 }
 
 #[test]
-fn pictures_that_are_none_say_where() {
+fn invalid_pictures_are_rejected_with_the_position() {
     let told = |bytes: &[u8]| pgm::read(bytes).unwrap_err().to_string();
     for (bytes, why) in [
         (&b""[..], "byte 0: not a PGM file: expected P2 or P5"),
@@ -160,7 +160,7 @@ fn the_text_beside_a_picture_is_read_as_nav2_writes_it() {
 }
 
 #[test]
-fn texts_that_are_none_say_where() {
+fn invalid_texts_are_rejected_with_the_line() {
     let told = |from: &str, to: &str| yaml::read(&TEXT.replace(from, to)).unwrap_err().to_string();
     for (from, to, why) in [
         ("image: hall.pgm", "image:", "line 1: image: \"[]\" is not a text"),
@@ -207,7 +207,7 @@ fn grey_becomes_cells_by_nav2_s_rules_and_the_top_row_is_the_highest() {
 }
 
 #[test]
-fn bytes_that_nobody_meant_are_refused_or_read_and_never_more() {
+fn random_bytes_are_rejected_or_parsed_without_harm() {
     let mut seed = 7u32;
     let mut random = move || {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

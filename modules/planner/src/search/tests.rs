@@ -46,7 +46,7 @@ fn check(field: &Field, start: Pose, path: &Path) {
 }
 
 #[test]
-fn across_an_empty_room_the_way_is_as_short_as_a_car_can() {
+fn across_an_empty_room_the_path_is_the_shortest_of_a_car() {
     let field = room(&[]);
     let start = Pose::new(1.0, 1.0, 0.0);
     let mut search = Search::new(limits());
@@ -59,7 +59,7 @@ fn across_an_empty_room_the_way_is_as_short_as_a_car_can() {
 }
 
 #[test]
-fn without_a_heading_the_way_ends_at_the_point() {
+fn without_a_heading_the_path_ends_at_the_point() {
     let field = room(&[(4.0, 0.0, 4.0, 6.0)]);
     let start = Pose::new(1.0, 1.0, 0.0);
     let goal = Goal { x: 8.0, y: 1.5, heading: None, tolerance_m: 0.0 };
@@ -98,7 +98,7 @@ fn a_door_is_passed_if_the_robot_fits_through() {
 }
 
 #[test]
-fn what_cannot_be_says_why() {
+fn an_impossible_request_has_its_reason() {
     let field = room(&[(5.0, 0.0, 5.0, 8.0), (2.0, 5.0, 3.0, 5.0)]);
     let mut search = Search::new(limits());
     let mut why = |start: Pose, goal: Goal, first: u32| {
@@ -170,7 +170,7 @@ fn a_goal_too_near_to_a_wall_is_met_within_its_tolerance() {
 }
 
 #[test]
-fn a_search_in_pieces_ends_where_one_in_one_go_does() {
+fn an_incremental_search_has_the_same_result() {
     let field = room(&[(4.0, 0.0, 4.0, 6.0), (7.0, 2.0, 7.0, 8.0)]);
     let (start, goal) = (Pose::new(1.0, 1.0, 0.0), pose_goal(8.5, 7.0, 1.0));
     let whole = Search::new(limits()).plan(&field, start, goal, Budget::default()).unwrap().clone();
@@ -198,7 +198,7 @@ fn a_search_in_pieces_ends_where_one_in_one_go_does() {
 }
 
 #[test]
-fn obstacles_of_the_moment_are_driven_around() {
+fn temporary_obstacles_are_avoided() {
     let mut field = room(&[]);
     let (start, goal) = (Pose::new(1.0, 4.0, 0.0), pose_goal(8.5, 4.0, 0.0));
     let mut search = Search::new(limits());
@@ -220,7 +220,7 @@ fn obstacles_of_the_moment_are_driven_around() {
 }
 
 #[test]
-fn requests_at_random_end_with_a_path_that_is_one_or_with_a_reason() {
+fn random_requests_end_with_a_valid_path_or_a_reason() {
     let mut seed = 11u32;
     let mut random = move |low: f64, high: f64| {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -249,7 +249,7 @@ fn requests_at_random_end_with_a_path_that_is_one_or_with_a_reason() {
 }
 
 #[test]
-fn the_footprint_is_judged_as_cell_by_cell() {
+fn the_footprint_check_equals_a_test_of_each_cell() {
     let mut seed = 5u32;
     let mut random = move |high: f64| {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

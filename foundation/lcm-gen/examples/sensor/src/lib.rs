@@ -39,7 +39,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_obeyed_by_whom_it_concerns() {
+    fn a_command_is_executed_by_its_addressee() {
         let command = sensor::Command { name: "front".into(), range_max: 4.0, firmware: [1, 2].into() };
         let mut message = lcm::codec::Vec::new();
         command.encode(&mut message).unwrap();

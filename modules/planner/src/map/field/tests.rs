@@ -47,7 +47,7 @@ fn distances_are_exact() {
 }
 
 #[test]
-fn unknown_cells_block_or_not_as_one_likes() {
+fn unknown_cells_block_as_configured() {
     let mut map = Map::around((0.0, 0.0), (5.0, 5.0), 0.05).unwrap();
     map.set(50, 50, Cell::Unknown);
     assert_eq!(Field::new(&map, Unknown::Blocked).cell(50, 50), 0.0);
