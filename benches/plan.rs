@@ -56,7 +56,7 @@ fn main() {
                         first.get_or_insert((milliseconds(begun), path.length()));
                     }
                     Status::Found(path) => break Ok(path.clone()),
-                    Status::NoWay(why) => break Err(why),
+                    Status::NoPath(why) => break Err(why),
                 }
             };
             plan_ms = plan_ms.min(milliseconds(begun));

@@ -6,11 +6,11 @@ use navitools::{Point, Pose};
 /// Maximum number of waypoints.
 const WAYPOINTS_MAX: usize = 1000;
 /// Largest absolute coordinate, m; the same as in a world.
-const FAR: f64 = 1e4;
+const COORDINATE_MAX_M: f64 = 1e4;
 /// Distance that counts as reached without a tolerance, or with one below the accuracy of the estimate, m.
-const TOLERANCE: f64 = 0.15;
+const TOLERANCE_DEFAULT_M: f64 = 0.15;
 /// Deviation from a heading that counts as reached, rad.
-pub const TURNED: f64 = 0.2;
+pub const HEADING_TOLERANCE_RAD: f64 = 0.2;
 
 /// Waypoint of a goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +28,7 @@ impl Waypoint {
     #[must_use]
     pub fn is_reached(&self, robot: Pose) -> bool {
         let turned = self.heading.map_or(0.0, |heading| navitools::wrap(robot.theta.radians() - heading).abs());
-        robot.point().distance(self.at) <= self.tolerance && turned <= TURNED
+        robot.point().distance(self.at) <= self.tolerance && turned <= HEADING_TOLERANCE_RAD
     }
 }
 
@@ -56,20 +56,20 @@ impl Goal {
         }
         let mut waypoints = Vec::with_capacity(command.waypoints.len());
         for (number, waypoint) in command.waypoints.iter().enumerate() {
-            let within = |value: f64| value.abs() <= FAR;
+            let within = |value: f64| value.abs() <= COORDINATE_MAX_M;
             if !within(waypoint.x) || !within(waypoint.y) {
                 return Err(format!("waypoint {number} at {}, {}: not within ±10 km", waypoint.x, waypoint.y));
             }
             if waypoint.heading && !waypoint.theta.is_finite() {
                 return Err(format!("waypoint {number} with heading {}: not an angle", waypoint.theta));
             }
-            if !(0.0..=FAR).contains(&waypoint.tolerance) {
+            if !(0.0..=COORDINATE_MAX_M).contains(&waypoint.tolerance) {
                 return Err(format!("waypoint {number} with tolerance {}: not a distance", waypoint.tolerance));
             }
             waypoints.push(Waypoint {
                 at: Point { x: waypoint.x, y: waypoint.y },
                 heading: waypoint.heading.then(|| navitools::wrap(waypoint.theta)),
-                tolerance: waypoint.tolerance.max(TOLERANCE),
+                tolerance: waypoint.tolerance.max(TOLERANCE_DEFAULT_M),
             });
         }
         let goal = Self { id: command.id, waypoints, looped: command.r#loop, next: 0 };

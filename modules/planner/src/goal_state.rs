@@ -1,7 +1,7 @@
 //! State of a goal: each with its figures, its status on the wire, its text, and the cause that holds the robot in it.
 
 use crate::goal::Status;
-use crate::search::NoWay;
+use crate::search::SearchError;
 use messages::Hold;
 use navitools::Point;
 use std::fmt;
@@ -63,7 +63,7 @@ pub enum GoalState {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Hindrance {
     /// The search found no path.
-    Search(NoWay),
+    Search(SearchError),
     /// Without a map: start and waypoint are too far apart.
     FloorTooLarge,
     /// No motion although motion was commanded.
@@ -142,11 +142,11 @@ impl fmt::Display for GoalState {
 impl Hindrance {
     const fn hold(self) -> Hold {
         match self {
-            Self::Search(NoWay::GoalBlocked) => Hold::GoalBlocked,
-            Self::Search(NoWay::StartBlocked) => Hold::StartBlocked,
-            Self::Search(NoWay::Unreachable) => Hold::Unreachable,
-            Self::Search(NoWay::Budget) => Hold::SearchExhausted,
-            Self::Search(NoWay::Invalid) => Hold::GoalInvalid,
+            Self::Search(SearchError::GoalBlocked) => Hold::GoalBlocked,
+            Self::Search(SearchError::StartBlocked) => Hold::StartBlocked,
+            Self::Search(SearchError::Unreachable) => Hold::Unreachable,
+            Self::Search(SearchError::Budget) => Hold::SearchExhausted,
+            Self::Search(SearchError::Invalid) => Hold::GoalInvalid,
             Self::FloorTooLarge => Hold::FloorTooLarge,
             Self::NotMoving => Hold::NotMoving,
             Self::Beside(_) => Hold::StoppedBeside,
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn each_state_has_its_text_its_status_and_its_cause() {
         let point = Point { x: 5.52, y: 5.7 };
-        let unreachable = Hindrance::Search(NoWay::Unreachable);
+        let unreachable = Hindrance::Search(SearchError::Unreachable);
         for (state, text, status, hold) in [
             (GoalState::NoGoal, "there is no goal", Status::Idle, Some((601, ""))),
             (GoalState::Cancelled, "cancelled: there is no goal", Status::Cancelled, Some((601, ""))),
@@ -236,7 +236,13 @@ mod tests {
 
     #[test]
     fn each_hindrance_is_the_sentence_of_its_cause() {
-        let search = [NoWay::GoalBlocked, NoWay::StartBlocked, NoWay::Unreachable, NoWay::Budget, NoWay::Invalid];
+        let search = [
+            SearchError::GoalBlocked,
+            SearchError::StartBlocked,
+            SearchError::Unreachable,
+            SearchError::Budget,
+            SearchError::Invalid,
+        ];
         let others = [Hindrance::FloorTooLarge, Hindrance::InTheWay];
         for why in search.map(Hindrance::Search).into_iter().chain(others) {
             assert_eq!(why.hold().words("3"), format!("no way to waypoint 3: {why}"));

@@ -9,57 +9,57 @@
 //! is weak evidence.
 
 use crate::config::Body;
-use crate::people::{Heard, People, Person};
-use crate::ranges::{self, BELIEVED, Mount, SONARS_MAX, Sounding};
+use crate::people::{People, Person, Reading};
+use crate::ranges::{self, Mount, READING_VALID_FOR, SONARS_MAX, Sounding};
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
 use std::mem;
 
 /// Side of a cell, m.
-pub const CELL: f64 = 0.05;
+pub const CELL_M: f64 = 0.05;
 /// Number of cells along a side of the grid (8 m), which moves with the robot.
-const SIDE: i32 = 160;
+const SIDE_CELLS: i32 = 160;
 /// Range within which a leg returns an echo, m; anything farther does not matter for the next stop.
-const REACH: f64 = 2.5;
+const LEG_RANGE_M: f64 = 2.5;
 /// Range up to which silence frees space, m: a leg would return an echo.
-const SILENT_REACH: f64 = 2.0;
+const SILENCE_RANGE_M: f64 = 2.0;
 /// Specular limit, 25°, rad: within this angle of the axis a smooth wall perpendicular to the beam returns an echo.
-const SPECULAR: f64 = 0.4363;
+const SPECULAR_LIMIT_RAD: f64 = 0.4363;
 /// Share of a cone's width that counts as observed.
-const SEEN_SHARE: f64 = 0.9;
+const OBSERVED_SHARE: f64 = 0.9;
 /// Longest time between two firings for which a cone frees cells of the other's arc.
-const TOGETHER: Duration = Duration::from_millis(300);
+const CARVE_WITHIN: Duration = Duration::from_millis(300);
 /// Time between two readings of a sonar within which they give the closing speed of one obstacle, s: minimum and
 /// maximum.
-const FOLLOWS: (f64, f64) = (0.05, 0.6);
+const CLOSING_INTERVAL_S: (f64, f64) = (0.05, 0.6);
 /// Accuracy of an echo's position, m: noise, age of the reading, and pose.
-const BLUR: f64 = 0.10;
+const ECHO_ACCURACY_M: f64 = 0.10;
 /// Weight of a suspicion, and the sum that makes an obstacle: two suspicions.
-const SUSPICION: u8 = 4;
-const CONFIRMED: u8 = 6;
+const SUSPICION_WEIGHT: u8 = 4;
+const OBSTACLE_EVIDENCE: u8 = 6;
 /// Upper bound of the evidence, so that an obstacle that has left expires soon.
 const EVIDENCE_MAX: u8 = 12;
 /// Decrease per round in which a cone is free: near, and where the echo may have been missed.
-const FREE_NEAR: u8 = 3;
-const FREE_FAR: u8 = 1;
+const FREE_WEIGHT_NEAR: u8 = 3;
+const FREE_WEIGHT_FAR: u8 = 1;
 /// Limit of the near range, m.
-const NEAR: f64 = 1.0;
+const NEAR_M: f64 = 1.0;
 /// Time without a suspicion after which a cell is free.
-const DECAY: Duration = Duration::from_secs(5);
+const CELL_LIFETIME: Duration = Duration::from_secs(5);
 /// Time within which the second suspicion must follow.
 const CONFIRM_WITHIN: Duration = Duration::from_secs(1);
 /// Side of a patch of observed space, m.
-const PATCH: f64 = 0.25;
+const PATCH_M: f64 = 0.25;
 /// Number of patches along a side.
-const PATCHES: i32 = 32;
+const PATCHES_PER_SIDE: i32 = 32;
 /// Maximum number of suspected cells.
 const HITS_MAX: usize = 2000;
 /// Fastest walking speed, m/s (ISO 13855).
-const WALKING: f64 = 1.6;
+const WALKING_SPEED_MAX_MPS: f64 = 1.6;
 /// Difference of two echoes of a sonar below which they belong to one obstacle, m.
-const SAME: f64 = 0.7;
+const SAME_ECHO_M: f64 = 0.7;
 /// Closing speed below which a change is jitter of the readings' age, m/s.
-const CLOSING_LEAST: f64 = 0.3;
+const CLOSING_SPEED_MIN_MPS: f64 = 0.3;
 
 /// Occupied cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +74,7 @@ pub struct Hit {
 struct Cell {
     place: (i32, i32),
     evidence: u8,
-    heard: Instant,
+    suspected: Instant,
     closing: f64,
 }
 
@@ -92,14 +92,14 @@ struct Echo {
     /// True if the map explains the echo.
     mapped: bool,
     /// True if the previous reading was about the same.
-    again: bool,
+    repeated: bool,
     /// Distance of a mapped obstacle in the previous reading that this one missed, m.
-    held: Option<f64>,
+    missed_wall: Option<f64>,
 }
 
 /// Echo in a direction of travel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Echoed {
+pub struct DirectedEcho {
     /// Distance from the leading end of the body, m.
     pub distance: f64,
     /// Closing speed of the obstacle itself, m/s.
@@ -107,7 +107,7 @@ pub struct Echoed {
     /// True if the map explains the echo.
     pub mapped: bool,
     /// True if the previous reading confirms it, so that it is not crosstalk.
-    pub again: bool,
+    pub repeated: bool,
 }
 
 /// Reading with the motion of the robot when the sonar fired.
@@ -148,8 +148,8 @@ impl Cone {
         let d2 = dx * dx + dy * dy;
         let frees = along > 0.0 && d2 < self.free * self.free && along * along >= self.clear.0 * d2;
         match frees {
-            true if d2 < NEAR * NEAR => FREE_NEAR,
-            true => FREE_FAR,
+            true if d2 < NEAR_M * NEAR_M => FREE_WEIGHT_NEAR,
+            true => FREE_WEIGHT_FAR,
             false => 0,
         }
     }
@@ -159,9 +159,9 @@ impl Cone {
 #[derive(Debug)]
 pub struct Obstacles {
     cells: Vec<Cell>,
-    /// Index of a cell plus one, or 0, by its coordinates modulo [`SIDE`].
+    /// Index of a cell plus one, or 0, by its coordinates modulo [`SIDE_CELLS`].
     index: Vec<u16>,
-    /// Patch, and the instant at which it was last observed free, by its coordinates modulo [`PATCHES`].
+    /// Patch, and the instant at which it was last observed free, by its coordinates modulo [`PATCHES_PER_SIDE`].
     seen: Vec<((i32, i32), Instant)>,
     echoes: Vec<Echo>,
     people: People,
@@ -174,8 +174,8 @@ impl Default for Obstacles {
     fn default() -> Self {
         Self {
             cells: Vec::new(),
-            index: vec![0; (SIDE * SIDE) as usize],
-            seen: vec![((i32::MAX, i32::MAX), Instant::ZERO); (PATCHES * PATCHES) as usize],
+            index: vec![0; (SIDE_CELLS * SIDE_CELLS) as usize],
+            seen: vec![((i32::MAX, i32::MAX), Instant::ZERO); (PATCHES_PER_SIDE * PATCHES_PER_SIDE) as usize],
             echoes: Vec::new(),
             people: People::default(),
             cones: Vec::with_capacity(SONARS_MAX),
@@ -192,7 +192,7 @@ impl Obstacles {
     }
 
     /// Clears everything, after a jump of the pose.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         *self = Self::default();
     }
 
@@ -207,24 +207,24 @@ impl Obstacles {
         footprint: impl Fn(Point) -> bool,
         mapped: impl Fn(Point) -> bool,
     ) {
-        self.listen(&round[..round.len().min(SONARS_MAX)]);
+        self.process(&round[..round.len().min(SONARS_MAX)]);
         let cones = mem::take(&mut self.cones);
         let new = || cones.iter().filter(|cone| cone.is_new);
         let inverse = robot.inverse();
-        let near = CELL * f64::from(SIDE) / 2.0 - CELL;
+        let near = CELL_M * f64::from(SIDE_CELLS) / 2.0 - CELL_M;
         self.keep(|cell| {
             let at = middle(cell.place);
-            let limit = if cell.evidence < CONFIRMED { CONFIRM_WITHIN } else { DECAY };
+            let limit = if cell.evidence < OBSTACLE_EVIDENCE { CONFIRM_WITHIN } else { CELL_LIFETIME };
             let freed = new().map(|cone| cone.frees(at)).max().unwrap_or(0);
             cell.evidence = cell.evidence.saturating_sub(freed);
             let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
-            cell.evidence > 0 && now.since(cell.heard) < limit && inside && !footprint(inverse * at)
+            cell.evidence > 0 && now.since(cell.suspected) < limit && inside && !footprint(inverse * at)
         });
         self.round.clear();
         for cone in new() {
-            self.look(cone);
-            let mapped = self.suspect(cone, &cones, |point| footprint(inverse * point), &mapped);
-            self.round.push(Heard {
+            self.mark_observed(cone);
+            let mapped = self.mark_arc(cone, &cones, |point| footprint(inverse * point), &mapped);
+            self.round.push(Reading {
                 at: cone.at,
                 from: cone.from,
                 axis: (cone.cos, cone.sin),
@@ -233,56 +233,60 @@ impl Obstacles {
                 mapped,
             });
         }
-        self.round.sort_by_key(|heard| heard.at);
+        self.round.sort_by_key(|reading| reading.at);
         self.people.update(&self.round, |point| footprint(inverse * point));
         self.cones = cones;
     }
 
-    fn listen(&mut self, round: &[Fired]) {
+    fn process(&mut self, round: &[Fired]) {
         let is_there = |sonar: i32| round.iter().any(|fired| fired.sounding.id == sonar);
         self.echoes.retain(|echo| is_there(echo.sonar));
         self.cones.retain(|cone| is_there(cone.sonar));
         self.cones.iter_mut().for_each(|cone| cone.is_new = false);
         for Fired { sounding, robot, speed } in round {
-            let Sounding { id: sonar, at, mount, heard } = *sounding;
+            let Sounding { id: sonar, at, mount, measurement } = *sounding;
             let number = self.echoes.iter().position(|echo| echo.sonar == sonar).unwrap_or_else(|| {
                 self.echoes.push(Echo { sonar, ..Echo::default() });
                 self.echoes.len() - 1
             });
             let last = &mut self.echoes[number];
             last.mount = mount;
-            let distance = match heard {
-                ranges::Heard::Echo(distance) => Some(distance),
-                ranges::Heard::Silent | ranges::Heard::NoEcho => None,
-                ranges::Heard::Unknown => continue,
+            let distance = match measurement {
+                ranges::Measurement::Echo(distance) => Some(distance),
+                ranges::Measurement::Silent | ranges::Measurement::NoEcho => None,
+                ranges::Measurement::Unknown => continue,
             };
             if last.at.is_some_and(|last| at <= last) {
                 continue;
             }
             let dt = last.at.map_or(f64::INFINITY, |last| at.since(last).as_secs_f64());
             let closing = match (last.distance, distance) {
-                (Some(before), Some(after)) if dt > FOLLOWS.0 && dt < FOLLOWS.1 => {
+                (Some(before), Some(after)) if dt > CLOSING_INTERVAL_S.0 && dt < CLOSING_INTERVAL_S.1 => {
                     let closing = (before - after) / dt - speed * libm::cos(mount.theta);
                     // A jump is an echo of another obstacle, not a fast one.
-                    if (CLOSING_LEAST..2.0 * WALKING).contains(&closing) { closing.min(WALKING) } else { 0.0 }
+                    if (CLOSING_SPEED_MIN_MPS..2.0 * WALKING_SPEED_MAX_MPS).contains(&closing) {
+                        closing.min(WALKING_SPEED_MAX_MPS)
+                    } else {
+                        0.0
+                    }
                 }
                 _ => 0.0,
             };
-            let same = |(before, after): (f64, f64)| (before - after).abs() < SAME;
-            let again = dt < FOLLOWS.1 && last.distance.zip(distance).is_some_and(same);
+            let same = |(before, after): (f64, f64)| (before - after).abs() < SAME_ECHO_M;
+            let repeated = dt < CLOSING_INTERVAL_S.1 && last.distance.zip(distance).is_some_and(same);
             // Walls do not move: a wall missed by a single reading is still there, and the robot has come closer to it.
             let nearer = |before: f64| before - speed * libm::cos(mount.theta) * dt;
-            let held = last.distance.filter(|_| last.mapped && dt < FOLLOWS.1).map(nearer);
-            *last = Echo { sonar, at: Some(at), distance, closing, mount, mapped: false, again, held };
+            let missed_wall = last.distance.filter(|_| last.mapped && dt < CLOSING_INTERVAL_S.1).map(nearer);
+            *last = Echo { sonar, at: Some(at), distance, closing, mount, mapped: false, repeated, missed_wall };
             let pose = *robot * Pose::new(mount.at.x, mount.at.y, mount.theta);
             let (sin, cos) = pose.theta.sin_cos();
             let half_beam = mount.beam / 2.0;
-            let clear = half_beam.min(SPECULAR);
+            let clear = half_beam.min(SPECULAR_LIMIT_RAD);
             let clear = (libm::cos(clear) * libm::cos(clear), libm::tan(clear));
-            let free = match heard {
-                ranges::Heard::Echo(distance) => (distance - BLUR).min(REACH),
-                ranges::Heard::Silent => SILENT_REACH,
-                ranges::Heard::NoEcho | ranges::Heard::Unknown => 0.0,
+            let free = match measurement {
+                ranges::Measurement::Echo(distance) => (distance - ECHO_ACCURACY_M).min(LEG_RANGE_M),
+                ranges::Measurement::Silent => SILENCE_RANGE_M,
+                ranges::Measurement::NoEcho | ranges::Measurement::Unknown => 0.0,
             };
             let (from, echo) = (pose.point(), distance);
             let cone = Cone { sonar, at, is_new: true, from, cos, sin, half_beam, clear, echo, free, closing };
@@ -294,15 +298,15 @@ impl Obstacles {
     }
 
     /// Marks the space that a cone found free as observed at its firing instant.
-    fn look(&mut self, cone: &Cone) {
+    fn mark_observed(&mut self, cone: &Cone) {
         for share in [-1.0, -0.5, 0.0, 0.5, 1.0] {
-            let tan = share * SEEN_SHARE * cone.clear.1;
-            let steps = if cone.free > 0.0 { (cone.free / PATCH) as i32 } else { -1 };
+            let tan = share * OBSERVED_SHARE * cone.clear.1;
+            let steps = if cone.free > 0.0 { (cone.free / PATCH_M) as i32 } else { -1 };
             for step in 0..=steps {
-                let along = f64::from(step) * PATCH;
+                let along = f64::from(step) * PATCH_M;
                 let (x, y) = (along * (cone.cos - tan * cone.sin), along * (cone.sin + tan * cone.cos));
-                let patch = place(Point { x: cone.from.x + x, y: cone.from.y + y }, PATCH);
-                let seen = &mut self.seen[slot(patch, PATCHES)];
+                let patch = place(Point { x: cone.from.x + x, y: cone.from.y + y }, PATCH_M);
+                let seen = &mut self.seen[slot(patch, PATCHES_PER_SIDE)];
                 if seen.0 != patch || seen.1 < cone.at {
                     *seen = (patch, cone.at);
                 }
@@ -311,15 +315,15 @@ impl Obstacles {
     }
 
     /// Marks the arc of an echo as suspected; true if the map explains the echo.
-    fn suspect(
+    fn mark_arc(
         &mut self,
         cone: &Cone,
         cones: &[Cone],
         footprint: impl Fn(Point) -> bool,
         mapped: &impl Fn(Point) -> bool,
     ) -> bool {
-        let Some(distance) = cone.echo.filter(|distance| *distance <= REACH) else { return false };
-        let count = libm::ceil(cone.half_beam * distance / CELL).max(1.0) as i32;
+        let Some(distance) = cone.echo.filter(|distance| *distance <= LEG_RANGE_M) else { return false };
+        let count = libm::ceil(cone.half_beam * distance / CELL_M).max(1.0) as i32;
         let point = |step: i32| {
             let (sin, cos) = libm::sincos(f64::from(step) * cone.half_beam / f64::from(count));
             let (along, across) = (distance * cos, distance * sin);
@@ -334,12 +338,12 @@ impl Obstacles {
             }
             return true;
         }
-        let other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < TOGETHER;
+        let other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < CARVE_WITHIN;
         let mut last = None;
         for step in -count..=count {
             let at = point(step);
-            let cell = place(at, CELL);
-            let carved = cones.iter().filter(other).any(|cone| cone.frees(at) == FREE_NEAR);
+            let cell = place(at, CELL_M);
+            let carved = cones.iter().filter(other).any(|cone| cone.frees(at) == FREE_WEIGHT_NEAR);
             if last == Some(cell) || carved || footprint(at) {
                 continue;
             }
@@ -354,18 +358,18 @@ impl Obstacles {
         self.people.around(now)
     }
 
-    fn add(&mut self, heard: Instant, place: (i32, i32), closing: f64) {
-        let slot = slot(place, SIDE);
+    fn add(&mut self, suspected: Instant, place: (i32, i32), closing: f64) {
+        let slot = slot(place, SIDE_CELLS);
         match self.index[slot].checked_sub(1) {
             Some(number) => {
                 let cell = &mut self.cells[usize::from(number)];
                 if cell.place == place {
-                    let evidence = (cell.evidence + SUSPICION).min(EVIDENCE_MAX);
-                    *cell = Cell { evidence, heard: heard.max(cell.heard), closing, ..*cell };
+                    let evidence = (cell.evidence + SUSPICION_WEIGHT).min(EVIDENCE_MAX);
+                    *cell = Cell { evidence, suspected: suspected.max(cell.suspected), closing, ..*cell };
                 }
             }
             None if self.cells.len() < HITS_MAX => {
-                self.cells.push(Cell { place, evidence: SUSPICION, heard, closing });
+                self.cells.push(Cell { place, evidence: SUSPICION_WEIGHT, suspected, closing });
                 self.index[slot] = self.cells.len() as u16;
             }
             None => {}
@@ -380,53 +384,59 @@ impl Obstacles {
                 continue;
             }
             let gone = self.cells.swap_remove(number);
-            self.index[slot(gone.place, SIDE)] = 0;
+            self.index[slot(gone.place, SIDE_CELLS)] = 0;
             if let Some(moved) = self.cells.get(number) {
-                self.index[slot(moved.place, SIDE)] = number as u16 + 1;
+                self.index[slot(moved.place, SIDE_CELLS)] = number as u16 + 1;
             }
         }
     }
 
     /// Occupied cells.
     pub fn hits(&self) -> impl Iterator<Item = Hit> + '_ {
-        let confirmed = self.cells.iter().filter(|cell| cell.evidence >= CONFIRMED);
+        let confirmed = self.cells.iter().filter(|cell| cell.evidence >= OBSTACLE_EVIDENCE);
         confirmed.map(|cell| Hit { at: middle(cell.place), closing: cell.closing })
     }
 
     /// True if the space at `point` was observed free within the last `age`.
     #[must_use]
     pub fn seen_within(&self, now: Instant, point: Point, age: Duration) -> bool {
-        let patch = place(point, PATCH);
-        let (which, at) = self.seen[slot(patch, PATCHES)];
+        let patch = place(point, PATCH_M);
+        let (which, at) = self.seen[slot(patch, PATCHES_PER_SIDE)];
         which == patch && now.since(at) <= age
     }
 
     /// Valid echoes of the sonars that cover the path before the front, or the rear. A single reading is enough here:
     /// the robot brakes at once for anything that close.
-    pub fn echoes(&self, now: Instant, forward: bool, body: &Body) -> impl Iterator<Item = Echoed> + '_ {
+    pub fn echoes(&self, now: Instant, forward: bool, body: &Body) -> impl Iterator<Item = DirectedEcho> + '_ {
         let body = *body;
-        let fresh = move |echo: &&Echo| echo.is_believed(now) && echo.mount.looks(forward, &body);
-        let told = move |echo: &Echo| {
-            let Echo { distance, closing, mapped, again, held, mount, .. } = *echo;
-            let behind = mount.behind(forward, &body);
-            let heard = distance.map(|distance| Echoed { distance: distance - behind, closing, mapped, again });
-            let held = held.map(|held| Echoed { distance: held - behind, closing: 0.0, mapped: true, again: true });
-            [heard, held]
+        let fresh = move |echo: &&Echo| echo.is_valid(now) && echo.mount.covers(forward, &body);
+        let both = move |echo: &Echo| {
+            let Echo { distance, closing, mapped, repeated, missed_wall, mount, .. } = *echo;
+            let behind = mount.setback(forward, &body);
+            let current =
+                distance.map(|distance| DirectedEcho { distance: distance - behind, closing, mapped, repeated });
+            let missed_wall = missed_wall.map(|wall| DirectedEcho {
+                distance: wall - behind,
+                closing: 0.0,
+                mapped: true,
+                repeated: true,
+            });
+            [current, missed_wall]
         };
-        self.echoes.iter().filter(fresh).flat_map(told).flatten()
+        self.echoes.iter().filter(fresh).flat_map(both).flatten()
     }
 
     /// True if sonars cover the path before the front, or the rear, and the state of all of them is unknown.
     #[must_use]
     pub fn is_blind(&self, now: Instant, forward: bool, body: &Body) -> bool {
-        let mut looking = self.echoes.iter().filter(|echo| echo.mount.looks(forward, body)).peekable();
-        looking.peek().is_some() && !looking.any(|echo| echo.is_believed(now))
+        let mut looking = self.echoes.iter().filter(|echo| echo.mount.covers(forward, body)).peekable();
+        looking.peek().is_some() && !looking.any(|echo| echo.is_valid(now))
     }
 }
 
 impl Echo {
-    fn is_believed(&self, now: Instant) -> bool {
-        self.at.is_some_and(|at| now.since(at) < BELIEVED)
+    fn is_valid(&self, now: Instant) -> bool {
+        self.at.is_some_and(|at| now.since(at) < READING_VALID_FOR)
     }
 }
 
@@ -441,7 +451,7 @@ fn place(point: Point, size: f64) -> (i32, i32) {
 }
 
 fn middle(place: (i32, i32)) -> Point {
-    Point { x: (f64::from(place.0) + 0.5) * CELL, y: (f64::from(place.1) + 0.5) * CELL }
+    Point { x: (f64::from(place.0) + 0.5) * CELL_M, y: (f64::from(place.1) + 0.5) * CELL_M }
 }
 
 fn slot((x, y): (i32, i32), side: i32) -> usize {
@@ -461,34 +471,34 @@ mod tests {
 
     const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
 
-    fn echo(distance: f64) -> ranges::Heard {
-        if distance.is_nan() { ranges::Heard::Silent } else { ranges::Heard::Echo(distance) }
+    fn echo(distance: f64) -> ranges::Measurement {
+        if distance.is_nan() { ranges::Measurement::Silent } else { ranges::Measurement::Echo(distance) }
     }
 
     /// Readings of the three front sonars of a robot at the origin.
-    fn fired(at: Instant, heard: [ranges::Heard; 3]) -> Vec<Fired> {
-        let fired = |(id, ((x, y, theta), heard)): (usize, ((f64, f64, f64), ranges::Heard))| {
+    fn fired(at: Instant, measured: [ranges::Measurement; 3]) -> Vec<Fired> {
+        let fired = |(id, ((x, y, theta), measurement)): (usize, ((f64, f64, f64), ranges::Measurement))| {
             let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };
-            Fired { sounding: Sounding { id: id as i32, at, mount, heard }, robot: Pose::default(), speed: 0.0 }
+            Fired { sounding: Sounding { id: id as i32, at, mount, measurement }, robot: Pose::default(), speed: 0.0 }
         };
-        FRONT.into_iter().zip(heard).enumerate().map(fired).collect()
+        FRONT.into_iter().zip(measured).enumerate().map(fired).collect()
     }
 
     struct Bench(Obstacles, Instant);
 
     impl Bench {
-        fn hear(&mut self, distances: [f64; 3]) {
+        fn receive(&mut self, distances: [f64; 3]) {
             self.take(distances.map(echo));
         }
 
-        fn take(&mut self, heard: [ranges::Heard; 3]) {
+        fn take(&mut self, measured: [ranges::Measurement; 3]) {
             self.1 += Duration::from_millis(250);
-            self.again(heard);
+            self.again(measured);
         }
 
         /// Without a new measurement.
-        fn again(&mut self, heard: [ranges::Heard; 3]) {
-            self.0.update(self.1, Pose::default(), &fired(self.1, heard), covers, |point| point.x > 4.0);
+        fn again(&mut self, measured: [ranges::Measurement; 3]) {
+            self.0.update(self.1, Pose::default(), &fired(self.1, measured), covers, |point| point.x > 4.0);
         }
 
         fn count(&self) -> usize {
@@ -503,9 +513,9 @@ mod tests {
     #[test]
     fn one_echo_is_not_an_obstacle_and_two_are() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         assert_eq!(bench.count(), 0);
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         assert!(bench.count() > 0);
         for Hit { at, .. } in bench.0.hits() {
             assert!((at.distance(Point { x: 0.75, y: 0.0 }) - 1.0).abs() < 0.06, "{at:?}");
@@ -516,9 +526,9 @@ mod tests {
     #[test]
     fn echoes_far_apart_in_time_are_not_an_obstacle() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         bench.1 += Duration::from_secs(2);
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         assert_eq!(bench.count(), 0);
     }
 
@@ -527,8 +537,8 @@ mod tests {
         let mut alone = bench();
         let mut carved = bench();
         for _ in 0..2 {
-            alone.hear([0.85, 0.8, 0.85]);
-            carved.hear([2.5, 0.8, 2.5]);
+            alone.receive([0.85, 0.8, 0.85]);
+            carved.receive([2.5, 0.8, 2.5]);
         }
         let near = |hit: &Hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 0.86;
         let width = |bench: &Bench| bench.0.hits().filter(near).map(|hit| hit.at.y.abs()).fold(0.0, f64::max);
@@ -539,35 +549,35 @@ mod tests {
     fn a_person_who_has_left_is_removed_as_the_space_is_observed_free() {
         let mut bench = bench();
         for _ in 0..8 {
-            bench.hear([2.0, 1.0, 2.0]);
+            bench.receive([2.0, 1.0, 2.0]);
         }
         assert!(bench.count() > 0);
         let before = bench.count();
         for _ in 0..6 {
-            bench.hear([2.5, 2.4, 2.5]);
+            bench.receive([2.5, 2.4, 2.5]);
         }
         let old = |bench: &Bench| bench.0.hits().filter(|hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 1.5).count();
         assert!(old(&bench) * 4 < before, "but for the arc's ends: {} of {before}", old(&bench));
         for _ in 0..15 {
-            bench.hear([2.5, 2.4, 2.5]);
+            bench.receive([2.5, 2.4, 2.5]);
         }
-        assert_eq!(old(&bench), 0, "not heard for 5 s");
+        assert_eq!(old(&bench), 0, "without an echo for 5 s");
     }
 
     #[test]
     fn silence_frees_only_the_space_in_which_a_leg_would_echo() {
         let mut bench = bench();
         for _ in 0..3 {
-            bench.hear([2.4, 2.3, 2.4]);
+            bench.receive([2.4, 2.3, 2.4]);
         }
         let before = bench.count();
         assert!(before > 0);
-        bench.hear([f64::NAN; 3]);
+        bench.receive([f64::NAN; 3]);
         assert_eq!(bench.count(), before);
         for _ in 0..21 {
-            bench.hear([f64::NAN; 3]);
+            bench.receive([f64::NAN; 3]);
         }
-        assert_eq!(bench.count(), 0, "not heard for 5 s");
+        assert_eq!(bench.count(), 0, "without an echo for 5 s");
     }
 
     #[test]
@@ -584,11 +594,13 @@ mod tests {
 
     #[test]
     fn an_unknown_reading_frees_and_marks_nothing() {
-        let silent = ranges::Heard::Silent;
-        for (unknown, kept) in [(ranges::Heard::Unknown, true), (ranges::Heard::NoEcho, true), (silent, false)] {
+        let silent = ranges::Measurement::Silent;
+        for (unknown, kept) in
+            [(ranges::Measurement::Unknown, true), (ranges::Measurement::NoEcho, true), (silent, false)]
+        {
             let mut bench = bench();
-            bench.hear([f64::NAN, 1.0, f64::NAN]);
-            bench.hear([f64::NAN, 1.0, f64::NAN]);
+            bench.receive([f64::NAN, 1.0, f64::NAN]);
+            bench.receive([f64::NAN, 1.0, f64::NAN]);
             let before = bench.count();
             for _ in 0..6 {
                 bench.take([unknown; 3]);
@@ -596,7 +608,7 @@ mod tests {
             assert!(before > 0 && (bench.count() == before) == kept, "{unknown:?}: {} of {before}", bench.count());
             let ahead = Point { x: 2.0, y: 0.1 };
             assert_eq!(bench.0.seen_within(bench.1, ahead, Duration::from_secs(1)), !kept, "{unknown:?}");
-            assert_eq!(bench.0.is_blind(bench.1, true, &BODY), unknown == ranges::Heard::Unknown);
+            assert_eq!(bench.0.is_blind(bench.1, true, &BODY), unknown == ranges::Measurement::Unknown);
             assert!(!bench.0.is_blind(bench.1, false, &BODY), "no sonar looks back");
         }
     }
@@ -604,8 +616,8 @@ mod tests {
     #[test]
     fn the_last_echo_limits_the_speed_until_a_newer_reading() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 0.5, f64::NAN]);
-        bench.take([ranges::Heard::Unknown; 3]);
+        bench.receive([f64::NAN, 0.5, f64::NAN]);
+        bench.take([ranges::Measurement::Unknown; 3]);
         assert_eq!(bench.0.echoes(bench.1, true, &BODY).map(|echo| echo.distance).next(), Some(0.5));
         assert!(!bench.0.is_blind(bench.1, true, &BODY));
         bench.1 += Duration::from_secs(1);
@@ -616,14 +628,14 @@ mod tests {
     #[test]
     fn a_repeated_reading_does_not_count_twice() {
         let mut bench = bench();
-        let heard = [f64::NAN, 1.0, f64::NAN].map(echo);
-        bench.take(heard);
+        let measured = [f64::NAN, 1.0, f64::NAN].map(echo);
+        bench.take(measured);
         for _ in 0..5 {
-            bench.again(heard);
+            bench.again(measured);
         }
         assert_eq!(bench.count(), 0, "one echo is no obstacle");
-        assert!(bench.0.echoes(bench.1, true, &BODY).all(|echo| !echo.again));
-        bench.take(heard);
+        assert!(bench.0.echoes(bench.1, true, &BODY).all(|echo| !echo.repeated));
+        bench.take(measured);
         assert!(bench.count() > 0);
     }
 
@@ -634,7 +646,7 @@ mod tests {
             for _ in 0..2 {
                 bench.1 += Duration::from_millis(250);
                 let mount = Mount { at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam };
-                let sounding = Sounding { id: 0, at: bench.1, mount, heard: ranges::Heard::Echo(2.0) };
+                let sounding = Sounding { id: 0, at: bench.1, mount, measurement: ranges::Measurement::Echo(2.0) };
                 let fired = [Fired { sounding, robot: Pose::default(), speed: 0.0 }];
                 bench.0.update(bench.1, Pose::default(), &fired, covers, |_| false);
             }
@@ -650,8 +662,8 @@ mod tests {
     #[test]
     fn a_person_walking_towards_the_robot_has_a_closing_speed() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 2.0, f64::NAN]);
-        bench.hear([f64::NAN, 1.75, f64::NAN]);
+        bench.receive([f64::NAN, 2.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.75, f64::NAN]);
         let echo = bench.0.echoes(bench.1, true, &BODY).next().unwrap();
         assert!((echo.distance - 1.75).abs() < 1e-9 && (echo.closing - 1.0).abs() < 1e-9, "{echo:?}");
         assert_eq!(bench.0.echoes(bench.1, false, &BODY).next(), None);
@@ -660,7 +672,7 @@ mod tests {
     #[test]
     fn observed_space_expires() {
         let mut bench = bench();
-        bench.hear([2.0, 2.0, 2.0]);
+        bench.receive([2.0, 2.0, 2.0]);
         let (second, now) = (Duration::from_secs(1), bench.1);
         assert!(bench.0.seen_within(now, Point { x: 2.0, y: 0.1 }, second));
         assert!(!bench.0.seen_within(now, Point { x: 3.2, y: 0.0 }, second), "behind the echo");

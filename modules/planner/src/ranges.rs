@@ -7,13 +7,13 @@ use messages::lowlevel::{DataRanges, DataSrfs, Reading};
 use navitools::{Point, wrap};
 
 /// Time for which a reading is valid after its sonar fired: people move (docs/facts/robot.md 4.3).
-pub const BELIEVED: Duration = Duration::from_secs(1);
+pub const READING_VALID_FOR: Duration = Duration::from_secs(1);
 /// Maximum number of sonars in a message.
 pub const SONARS_MAX: usize = 32;
 /// Upper bound of the beam's opening angle, rad.
-const BEAM_MAX: f64 = 3.0;
+const BEAM_MAX_RAD: f64 = 3.0;
 /// Distance before an end of the body at which a beam must reach the body's width to cover that direction of travel, m.
-const LANE: f64 = 0.8;
+const LANE_M: f64 = 0.8;
 
 /// Mounting of a sonar in the robot's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -30,13 +30,13 @@ impl Mount {
     /// Mounting; `None` if the position or the beam is invalid.
     fn of(x: f64, y: f64, theta: f64, beam: f64) -> Option<Self> {
         let sits = [x, y, theta].iter().all(|value| value.is_finite() && value.abs() <= 10.0);
-        (sits && beam >= 0.0).then(|| Self { at: Point { x, y }, theta, beam: beam.min(BEAM_MAX) })
+        (sits && beam >= 0.0).then(|| Self { at: Point { x, y }, theta, beam: beam.min(BEAM_MAX_RAD) })
     }
 
     /// True if the beam covers the body's width before the robot's front, or its rear.
     #[must_use]
-    pub fn looks(&self, forward: bool, body: &Body) -> bool {
-        let x = if forward { body.front + LANE } else { -body.rear - LANE };
+    pub fn covers(&self, forward: bool, body: &Body) -> bool {
+        let x = if forward { body.front + LANE_M } else { -body.rear - LANE_M };
         let bearing = |y: f64| libm::atan2(y - self.at.y, x - self.at.x);
         // From the middle of the lane to its corners, and to the beam.
         let middle = bearing(0.0);
@@ -47,14 +47,14 @@ impl Mount {
 
     /// Distance by which the body extends beyond the sonar towards its front, or its rear, m.
     #[must_use]
-    pub fn behind(&self, forward: bool, body: &Body) -> f64 {
+    pub fn setback(&self, forward: bool, body: &Body) -> f64 {
         (if forward { body.front - self.at.x } else { body.rear + self.at.x }).max(0.0)
     }
 }
 
 /// Result of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Heard {
+pub enum Measurement {
     /// Unknown; frees no space.
     Unknown,
     /// No echo in the view of 2011: silence or a failed measurement. Frees no space.
@@ -75,19 +75,19 @@ pub struct Sounding {
     /// Mounting.
     pub mount: Mount,
     /// Result.
-    pub heard: Heard,
+    pub measurement: Measurement,
 }
 
 impl Sounding {
     /// True if the sonar measured, as far as the message can tell.
     #[must_use]
     pub fn is_known(&self) -> bool {
-        self.heard != Heard::Unknown
+        self.measurement != Measurement::Unknown
     }
 
-    fn of(id: i32, at: Instant, mount: Mount, heard: Heard) -> Self {
-        let sane = !matches!(heard, Heard::Echo(distance) if !(distance > 0.0 && distance.is_finite()));
-        Self { id, at, mount, heard: if sane { heard } else { Heard::Unknown } }
+    fn of(id: i32, at: Instant, mount: Mount, measurement: Measurement) -> Self {
+        let sane = !matches!(measurement, Measurement::Echo(distance) if !(distance > 0.0 && distance.is_finite()));
+        Self { id, at, mount, measurement: if sane { measurement } else { Measurement::Unknown } }
     }
 }
 
@@ -100,13 +100,13 @@ pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
         let mount = Mount::of(reading.x, reading.y, reading.theta, reading.beam)?;
         let age = u64::try_from(message.timestamp.saturating_sub(reading.timestamp)).unwrap_or(0);
         let age = Duration::from_micros(age);
-        let heard = match reading.status {
-            _ if age > BELIEVED => Heard::Unknown,
-            Reading::SILENT => Heard::Silent,
-            Reading::MEASURED => Heard::Echo(reading.distance),
-            _ => Heard::Unknown,
+        let measurement = match reading.status {
+            _ if age > READING_VALID_FOR => Measurement::Unknown,
+            Reading::SILENT => Measurement::Silent,
+            Reading::MEASURED => Measurement::Echo(reading.distance),
+            _ => Measurement::Unknown,
         };
-        Some(Sounding::of(reading.id, received - age, mount, heard))
+        Some(Sounding::of(reading.id, received - age, mount, measurement))
     };
     sonars.take(SONARS_MAX).filter_map(sounding).collect()
 }
@@ -117,8 +117,8 @@ pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
 pub fn of_srfs(received: Instant, message: &DataSrfs, beam: f64) -> Vec<Sounding> {
     let sounding = |range: &messages::lowlevel::Range| {
         let mount = Mount::of(range.x, range.y, range.theta, beam)?;
-        let heard = if range.valid { Heard::Echo(range.distance) } else { Heard::NoEcho };
-        Some(Sounding::of(range.id, received, mount, heard))
+        let measurement = if range.valid { Measurement::Echo(range.distance) } else { Measurement::NoEcho };
+        Some(Sounding::of(range.id, received, mount, measurement))
     };
     message.srfs.iter().take(SONARS_MAX).filter_map(sounding).collect()
 }
@@ -135,27 +135,28 @@ mod tests {
 
     #[test]
     fn the_direction_that_a_sonar_covers_follows_from_its_mounting_and_beam() {
-        let looks = |x, y, degrees, beam| [true, false].map(|forward| mount(x, y, degrees, beam).looks(forward, &BODY));
+        let covers =
+            |x, y, degrees, beam| [true, false].map(|forward| mount(x, y, degrees, beam).covers(forward, &BODY));
         // The reference robot's: three of five at the front, three of five at the rear.
         for (y, degrees) in [(0.15, 25.0), (0.0, 0.0), (-0.15, -25.0)] {
-            assert_eq!(looks(0.75, y, degrees, 0.96), [true, false], "{degrees}");
-            assert_eq!(looks(-0.15, y, 180.0 - degrees, 0.96), [false, true], "{degrees}");
+            assert_eq!(covers(0.75, y, degrees, 0.96), [true, false], "{degrees}");
+            assert_eq!(covers(-0.15, y, 180.0 - degrees, 0.96), [false, true], "{degrees}");
         }
         for side in [1.0, -1.0] {
-            assert_eq!(looks(0.73, side * 0.28, side * 60.0, 0.96), [false, false]);
-            assert_eq!(looks(0.60, side * 0.30, side * 90.0, 0.96), [false, false]);
-            assert_eq!(looks(-0.13, side * 0.28, side * 120.0, 0.96), [false, false]);
+            assert_eq!(covers(0.73, side * 0.28, side * 60.0, 0.96), [false, false]);
+            assert_eq!(covers(0.60, side * 0.30, side * 90.0, 0.96), [false, false]);
+            assert_eq!(covers(-0.13, side * 0.28, side * 120.0, 0.96), [false, false]);
         }
         // A narrow beam turned outwards misses the path before the robot. And a beam turned inwards from a corner.
-        assert_eq!(looks(0.75, 0.15, 40.0, 0.3), [false, false]);
-        assert_eq!(looks(0.75, 0.30, -20.0, 0.3), [true, false]);
+        assert_eq!(covers(0.75, 0.15, 40.0, 0.3), [false, false]);
+        assert_eq!(covers(0.75, 0.30, -20.0, 0.3), [true, false]);
     }
 
     #[test]
     fn a_distance_counts_from_the_leading_end() {
-        assert_eq!(mount(0.75, 0.0, 0.0, 1.0).behind(true, &BODY), 0.0);
-        assert!((mount(0.30, 0.0, 0.0, 1.0).behind(true, &BODY) - 0.45).abs() < 1e-12);
-        assert!((mount(0.30, 0.0, 180.0, 1.0).behind(false, &BODY) - 0.45).abs() < 1e-12);
+        assert_eq!(mount(0.75, 0.0, 0.0, 1.0).setback(true, &BODY), 0.0);
+        assert!((mount(0.30, 0.0, 0.0, 1.0).setback(true, &BODY) - 0.45).abs() < 1e-12);
+        assert!((mount(0.30, 0.0, 180.0, 1.0).setback(false, &BODY) - 0.45).abs() < 1e-12);
     }
 
     #[test]
@@ -181,17 +182,17 @@ mod tests {
         ];
         let message = DataRanges { timestamp: 5_000_000, readings };
         let received = Instant::from_millis(9000);
-        let found: Vec<_> = of_ranges(received, &message).iter().map(|s| (s.id, s.at, s.heard)).collect();
+        let found: Vec<_> = of_ranges(received, &message).iter().map(|s| (s.id, s.at, s.measurement)).collect();
         let at = Instant::from_millis;
         assert_eq!(
             found,
             [
-                (0, at(8825), Heard::Echo(1.5)),
-                (1, at(8895), Heard::Silent),
-                (2, at(8895), Heard::Unknown),
-                (3, at(7800), Heard::Unknown),
-                (4, at(9000), Heard::Unknown),
-                (7, at(9000), Heard::Unknown),
+                (0, at(8825), Measurement::Echo(1.5)),
+                (1, at(8895), Measurement::Silent),
+                (2, at(8895), Measurement::Unknown),
+                (3, at(7800), Measurement::Unknown),
+                (4, at(9000), Measurement::Unknown),
+                (7, at(9000), Measurement::Unknown),
             ]
         );
     }
@@ -206,7 +207,7 @@ mod tests {
         };
         let message = DataSrfs { timestamp: 0, srfs: vec![range(0, 1.5), range(1, f64::NAN)] };
         let found = of_srfs(Instant::from_millis(9000), &message, 0.96);
-        assert_eq!([found[0].heard, found[1].heard], [Heard::Echo(1.5), Heard::NoEcho]);
+        assert_eq!([found[0].measurement, found[1].measurement], [Measurement::Echo(1.5), Measurement::NoEcho]);
         assert!(found.iter().all(|sounding| sounding.at == Instant::from_millis(9000) && sounding.is_known()));
         assert_eq!(found[0].mount.beam, 0.96);
     }

@@ -21,12 +21,12 @@ mod shot;
 mod smooth;
 
 pub use footprint::Footprint;
-pub use request::{Budget, Costs, Goal, Limits, NoWay, Status};
+pub use request::{Budget, Costs, Goal, Limits, SearchError, Status};
 
 use crate::map::Field;
 use crate::path::Path;
 use footprint::Body;
-use lattice::{HEADINGS, Lattice, Sample, Toll};
+use lattice::{HEADINGS, Lattice, ProximityCost, Sample};
 use navitools::{Arc, Pose, reeds_shepp_length};
 use open::{NONE, Node, Open};
 use reach::Reach;
@@ -38,13 +38,13 @@ use smooth::Smoothing;
 /// state. The coarse pass finds most paths with an eighth of the states; the next pass finds the rest.
 const PASSES: [(f32, usize); 4] = [(2.0, 2), (1.5, 1), (1.2, 1), (1.0, 1)];
 /// Number of steps of [`Reach`] that take as long as one state.
-const POPS: u32 = 16;
+const REACH_STEPS_PER_STATE: u32 = 16;
 /// Maximum number of steps of [`Reach`] per state.
-const POPS_MAX: u32 = 400;
+const REACH_STEPS_MAX: u32 = 400;
 /// Distance, in turning radii, below which the path of a car is evaluated too.
-const NEAR_RADII: f64 = 4.0;
+const CAR_PATH_RADII: f64 = 4.0;
 /// Longest path inside an obstacle to get out of it, m.
-const ESCAPE_M: f32 = 2.0;
+const ESCAPE_MAX_M: f32 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
@@ -57,7 +57,7 @@ enum Phase {
         last: bool,
     },
     Found,
-    NoWay(NoWay),
+    NoPath(SearchError),
 }
 
 /// Search with its buffers.
@@ -84,7 +84,7 @@ pub struct Search {
     lattice_for: f64,
     reach_for: Option<(Goal, u64)>,
     body: Body,
-    toll: Toll,
+    toll: ProximityCost,
     lattice: Lattice,
     reach: Reach,
     open: Open,
@@ -99,7 +99,7 @@ pub struct Search {
 
 impl Search {
     /// Creates a search for a robot. With limits that are not finite or not positive where required, every search ends
-    /// with [`NoWay::Invalid`].
+    /// with [`SearchError::Invalid`].
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -119,7 +119,7 @@ impl Search {
             lattice_for: 0.0,
             reach_for: None,
             body: Body::default(),
-            toll: Toll::default(),
+            toll: ProximityCost::default(),
             lattice: Lattice::default(),
             reach: Reach::default(),
             open: Open::default(),
@@ -154,13 +154,13 @@ impl Search {
     ///
     /// # Errors
     /// There is no path; the error has the reason.
-    pub fn plan(&mut self, field: &Field, start: Pose, goal: Goal, budget: Budget) -> Result<&Path, NoWay> {
+    pub fn plan(&mut self, field: &Field, start: Pose, goal: Goal, budget: Budget) -> Result<&Path, SearchError> {
         self.begin(field, start, goal, budget);
         while matches!(self.phase, Phase::Reach | Phase::Search | Phase::Smooth { .. }) {
             self.advance(field, u32::MAX);
         }
         match self.phase {
-            Phase::NoWay(why) => Err(why),
+            Phase::SearchError(why) => Err(why),
             _ => Ok(&self.path),
         }
     }
@@ -175,11 +175,11 @@ impl Search {
         self.raw.clear();
         self.phase = match self.prepare(field) {
             Ok(()) => Phase::Reach,
-            Err(why) => Phase::NoWay(why),
+            Err(why) => Phase::SearchError(why),
         };
     }
 
-    fn prepare(&mut self, field: &Field) -> Result<(), NoWay> {
+    fn prepare(&mut self, field: &Field) -> Result<(), SearchError> {
         let Limits { footprint, margin_m, radius_m, costs, .. } = self.limits;
         let Footprint { length_m, width_m, rear_m } = footprint;
         let sizes = [length_m, width_m, radius_m, costs.keep_m];
@@ -191,7 +191,7 @@ impl Search {
             && parts.iter().all(|part| (0.0..=1e3).contains(part))
             && places.iter().all(|place| place.is_finite());
         if !sensible {
-            return Err(NoWay::Invalid);
+            return Err(SearchError::Invalid);
         }
         let body = Body::new(footprint.grown(margin_m), field);
         let resolution = field.frame().resolution;
@@ -201,13 +201,13 @@ impl Search {
             self.reach_for = None;
         }
         self.lattice.turn_to(theta.radians());
-        self.toll = Toll::new(body.inner, &costs);
+        self.toll = ProximityCost::new(body.inner, &costs);
         self.body = body;
         self.find_target(field)
     }
 
     /// Finds the end of the path and the start of the heuristic.
-    fn find_target(&mut self, field: &Field) -> Result<(), NoWay> {
+    fn find_target(&mut self, field: &Field) -> Result<(), SearchError> {
         let key = (self.goal, field.identity());
         let known = self.reach_for == Some(key);
         self.reach_for = Some(key);
@@ -236,7 +236,7 @@ impl Search {
             }
         }
         self.reach_for = None;
-        Err(NoWay::GoalBlocked)
+        Err(SearchError::GoalBlocked)
     }
 
     /// Continues for about `work` units. The field must be the one of [`Search::begin`]; if its obstacles have changed,
@@ -248,7 +248,7 @@ impl Search {
                 Phase::Reach => self.reach_start(field),
                 Phase::Search => self.expand(field),
                 Phase::Smooth { last } => self.smooth(field, last),
-                Phase::Idle | Phase::Found | Phase::NoWay(_) => break,
+                Phase::Idle | Phase::Found | Phase::SearchError(_) => break,
             }
         }
         self.status()
@@ -259,7 +259,7 @@ impl Search {
     pub fn status(&self) -> Status<'_> {
         match self.phase {
             Phase::Found => Status::Found(&self.path),
-            Phase::NoWay(why) => Status::NoWay(why),
+            Phase::SearchError(why) => Status::NoPath(why),
             _ if self.has_path => Status::Improving(&self.path),
             _ => Status::Searching,
         }
@@ -271,19 +271,19 @@ impl Search {
         let (sin, cos) = theta.sin_cos();
         self.depth = body.depth(field, x, y, sin, cos);
         if self.depth > body.half_width() {
-            self.phase = Phase::NoWay(NoWay::StartBlocked);
+            self.phase = Phase::SearchError(SearchError::StartBlocked);
             return;
         }
-        let mut pops = POPS_MAX;
+        let mut pops = REACH_STEPS_MAX;
         let cost = self.reach.cost(field, &self.toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
-        self.work += 1 + (POPS_MAX - pops) / POPS;
+        self.work += 1 + (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let known = pops > 0;
         if known && cost == f32::INFINITY && self.depth == 0.0 {
-            self.phase = Phase::NoWay(NoWay::Unreachable);
+            self.phase = Phase::SearchError(SearchError::Unreachable);
         } else if known {
             self.begin_pass(field);
         } else if self.work > self.budget.first {
-            self.phase = Phase::NoWay(NoWay::Budget);
+            self.phase = Phase::SearchError(SearchError::Budget);
         }
     }
 
@@ -296,7 +296,7 @@ impl Search {
         self.until_shot = 0;
         self.phase = Phase::Search;
         let Some((column, row)) = field.frame().cell(x, y) else {
-            self.phase = Phase::NoWay(NoWay::StartBlocked);
+            self.phase = Phase::SearchError(SearchError::StartBlocked);
             return;
         };
         let key = self.key(field, column, row, 0);
@@ -313,14 +313,14 @@ impl Search {
 
     /// Heuristic: estimated cost from a pose to the goal.
     fn estimate(&mut self, field: &Field, at: Sample, heading: usize) -> f32 {
-        let mut pops = POPS_MAX;
+        let mut pops = REACH_STEPS_MAX;
         let (x, y) = (at.x + self.body.ahead * at.cos, at.y + self.body.ahead * at.sin);
         let around = self.reach.cost(field, &self.toll, x, y, &mut pops);
-        self.work += (POPS_MAX - pops) / POPS;
+        self.work += (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let around = (around - self.goal.tolerance_m as f32).max(0.0);
         let radius = self.limits.radius_m;
         match self.target {
-            Ok(target) if f64::from(around) < NEAR_RADII * radius => {
+            Ok(target) if f64::from(around) < CAR_PATH_RADII * radius => {
                 let pose = Pose::new(at.x, at.y, self.lattice.angle(heading));
                 let car = reeds_shepp_length(pose, target, radius) - self.goal.tolerance_m;
                 around.max(car as f32)
@@ -333,7 +333,7 @@ impl Search {
     fn expand(&mut self, field: &Field) {
         self.work += 1;
         let (weight, _) = PASSES[self.pass];
-        let exhausted = if self.escaped { NoWay::Unreachable } else { NoWay::StartBlocked };
+        let exhausted = if self.escaped { SearchError::Unreachable } else { SearchError::StartBlocked };
         let Some((index, f)) = self.open.pop() else {
             return self.end_pass(field, exhausted);
         };
@@ -342,7 +342,7 @@ impl Search {
             return self.end_pass(field, exhausted);
         }
         if self.work > self.allowed() || self.open.len() >= self.limits.states_max as usize {
-            return self.end_pass(field, NoWay::Budget);
+            return self.end_pass(field, SearchError::Budget);
         }
         self.expansions += 1;
         let node = self.open.node(index);
@@ -357,7 +357,7 @@ impl Search {
         }
         self.until_shot = self.until_shot.saturating_sub(1);
         if self.first == 0 && self.raw_cost.is_finite() {
-            return self.end_pass(field, NoWay::Unreachable);
+            return self.end_pass(field, SearchError::Unreachable);
         }
         for step in 0..self.lattice.steps.len() {
             self.follow(field, index, &node, step, weight);
@@ -403,7 +403,7 @@ impl Search {
                 touching = depth > 0.0;
             }
             g += 2.0 * taken.cost;
-            if touching && g > ESCAPE_M * 3.0 * (1.0 + costs.near as f32) {
+            if touching && g > ESCAPE_MAX_M * 3.0 * (1.0 + costs.near as f32) {
                 return;
             }
         } else {
@@ -457,7 +457,7 @@ impl Search {
         }
     }
 
-    fn end_pass(&mut self, field: &Field, why: NoWay) {
+    fn end_pass(&mut self, field: &Field, why: SearchError) {
         let found = self.raw_cost.is_finite();
         if found && self.first == 0 {
             self.first = self.work;
@@ -465,8 +465,8 @@ impl Search {
         self.pass += 1;
         if !found {
             // A path missed by the coarse pass may still exist.
-            let again = why != NoWay::Budget && PASSES[self.pass - 1].1 > 1;
-            return if again { self.begin_pass(field) } else { self.phase = Phase::NoWay(why) };
+            let again = why != SearchError::Budget && PASSES[self.pass - 1].1 > 1;
+            return if again { self.begin_pass(field) } else { self.phase = Phase::SearchError(why) };
         }
         let last = self.pass >= PASSES.len() || self.work > self.allowed();
         self.smoothing.begin(self.start, &self.raw);

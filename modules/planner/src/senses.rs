@@ -1,7 +1,7 @@
 //! State of the robot as other modules report it: pose, motion, and the causes that hold the robot.
 
 use crate::goal_state::FRONT;
-use crate::ranges::{BELIEVED, Sounding};
+use crate::ranges::{READING_VALID_FOR, Sounding};
 use base::{Duration, Instant};
 use messages::lowlevel::{DataHold, DataMotion, EventStop};
 use messages::middlelevel::DataEstimate;
@@ -11,17 +11,17 @@ use navitools::{Motion as Moved, Pose};
 use std::collections::VecDeque;
 
 /// Maximum age of an estimate; the same limit as in `driver_canbus`.
-const ESTIMATE_OLD: Duration = Duration::from_millis(200);
+const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
 /// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
-const MOTION_OLD: Duration = Duration::from_millis(500);
+const MOTION_AGE_MAX: Duration = Duration::from_millis(500);
 /// Time for which poses are kept: longer than sonar readings stay valid.
-const HISTORY: Duration = Duration::from_millis(1200);
+const POSES_KEPT_FOR: Duration = Duration::from_millis(1200);
 /// Time after the last `LL_DATA_RANGES` (at least 1 Hz) during which `LL_DATA_SRFS` is ignored.
-const RANGES_GONE: Duration = Duration::from_millis(1500);
+const RANGES_TIMEOUT: Duration = Duration::from_millis(1500);
 /// An estimator whose timestamps run backwards for this long has restarted.
-const STARTED_ANEW: Duration = Duration::from_secs(1);
+const RESTART_AFTER: Duration = Duration::from_secs(1);
 /// Change between two estimates that counts as a jump (kidnapped robot, or first fix), m and rad.
-const JUMP: (f64, f64) = (0.5, 0.5);
+const JUMP_MIN: (f64, f64) = (0.5, 0.5);
 
 /// Pose of the robot at one instant.
 #[derive(Clone, Copy, Debug)]
@@ -38,15 +38,15 @@ pub struct Located {
 
 /// Result of the check of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Taken {
+pub enum EstimateCheck {
     /// Continues the previous estimate.
-    Well,
+    Ok,
     /// Accepted, but far from the previous estimate.
     Jumped,
     /// Rejected: not finite or out of range.
-    Nonsense,
+    NotFinite,
     /// Rejected: older than the previous estimate.
-    Backwards,
+    OutOfOrder,
 }
 
 /// Received state that driving depends on.
@@ -71,26 +71,26 @@ pub struct Senses {
 
 impl Senses {
     /// Processes `ML_DATA_ESTIMATE`.
-    pub fn on_estimate(&mut self, at: Instant, estimate: &DataEstimate) -> Taken {
+    pub fn on_estimate(&mut self, at: Instant, estimate: &DataEstimate) -> EstimateCheck {
         let DataEstimate { x, y, theta, speed, rotation, covariance, .. } = *estimate;
         let within = [x, y, theta].iter().all(|value| value.abs() < 1e5);
         let [[sxx, ..], [_, syy, _], _] = covariance;
         let moves = speed.abs() < 10.0 && rotation.abs() < 10.0;
         if !(within && moves && (sxx + syy).is_finite()) {
             self.estimates.clear();
-            return Taken::Nonsense;
+            return EstimateCheck::NotFinite;
         }
-        if let Some((last, heard)) = self.stamp
+        if let Some((last, received)) = self.stamp
             && estimate.timestamp <= last
-            && at.since(heard) < STARTED_ANEW
+            && at.since(received) < RESTART_AFTER
         {
-            return Taken::Backwards;
+            return EstimateCheck::OutOfOrder;
         }
         self.stamp = Some((estimate.timestamp, at));
         self.quality = Some(estimate.quality);
         if estimate.quality < DataEstimate::COARSE {
             self.estimates.clear();
-            return Taken::Well;
+            return EstimateCheck::Ok;
         }
         let sigma = libm::sqrt((sxx + syy).max(0.0) / 2.0);
         let moved = Moved { translation: speed, rotation };
@@ -98,13 +98,13 @@ impl Senses {
         let expected = self.estimates.back().map(|last| last.pose_at(at));
         let jumped = expected.is_none_or(|expected| {
             let turned = (now.pose.theta - expected.theta).radians().abs();
-            expected.point().distance(now.pose.point()) > JUMP.0 || turned > JUMP.1
+            expected.point().distance(now.pose.point()) > JUMP_MIN.0 || turned > JUMP_MIN.1
         });
-        while self.estimates.front().is_some_and(|old| at.since(old.at) > HISTORY) {
+        while self.estimates.front().is_some_and(|old| at.since(old.at) > POSES_KEPT_FOR) {
             self.estimates.pop_front();
         }
         self.estimates.push_back(now);
-        if jumped { Taken::Jumped } else { Taken::Well }
+        if jumped { EstimateCheck::Jumped } else { EstimateCheck::Ok }
     }
 
     /// Processes `LL_DATA_MOTION`.
@@ -139,13 +139,13 @@ impl Senses {
     /// True if `LL_DATA_RANGES` is missing, so that `LL_DATA_SRFS` (the view of 2011) must be used.
     #[must_use]
     pub fn lacks_ranges(&self, at: Instant) -> bool {
-        self.ranges.is_none_or(|last| at.since(last) >= RANGES_GONE)
+        self.ranges.is_none_or(|last| at.since(last) >= RANGES_TIMEOUT)
     }
 
     /// Pose extrapolated to `now`; `None` without a recent estimate.
     #[must_use]
     pub fn located(&self, now: Instant) -> Option<Located> {
-        let last = self.estimates.back().filter(|last| now.since(last.at) < ESTIMATE_OLD)?;
+        let last = self.estimates.back().filter(|last| now.since(last.at) < ESTIMATE_AGE_MAX)?;
         Some(Located { pose: last.pose_at(now), at: now, ..*last })
     }
 
@@ -185,7 +185,7 @@ impl Senses {
             Some(DataEstimate::SEARCHING) => add(Hold::EstimateSearching, ""),
             Some(_) => add(Hold::EstimateBad, ""),
         }
-        if self.sonars.is_none_or(|at| now.since(at) >= BELIEVED) {
+        if self.sonars.is_none_or(|at| now.since(at) >= READING_VALID_FOR) {
             add(Hold::SonarsSilent, "");
         } else if blind {
             add(Hold::SonarsUnknown, FRONT);
@@ -196,7 +196,7 @@ impl Senses {
 
     /// Adds the causes that `driver_canbus` reports.
     fn add_driver(&self, now: Instant, source: &str, waits: &mut Vec<Wait>) {
-        let fresh = |at: &Instant| now.since(*at) < MOTION_OLD;
+        let fresh = |at: &Instant| now.since(*at) < MOTION_AGE_MAX;
         let motion = self.motion.as_ref().filter(|(at, _)| fresh(at));
         let holds = self.holds.as_ref().filter(|(at, _)| fresh(at));
         let (Some((_, motion)), Some((_, list))) = (motion, holds) else {
@@ -206,16 +206,16 @@ impl Senses {
         if !motion.source.is_empty() && motion.source != source && list.first() != Some(Hold::PlannerLatched) {
             waits.push(Wait::new(Hold::OtherSource, &motion.source));
         }
-        for (place, told) in list.holds.iter().enumerate() {
+        for (place, reported) in list.holds.iter().enumerate() {
             // A cause from a later version holds the robot as well.
-            let hold = told.cause().unwrap_or(Hold::ModuleError);
-            if hold.is_idle() || waits.iter().any(|wait| wait.hold == hold && wait.subject == told.subject) {
+            let hold = reported.cause().unwrap_or(Hold::ModuleError);
+            if hold.is_idle() || waits.iter().any(|wait| wait.hold == hold && wait.subject == reported.subject) {
                 continue;
             }
             // The driver's own text contains the figures of its most important cause.
             let text = (place == 0 && motion.timestamp >= list.timestamp).then(|| motion.reason.clone());
-            let words = text.filter(|text| !text.is_empty()).unwrap_or_else(|| told.words());
-            waits.push(Wait { hold, subject: told.subject.clone(), latched: told.latched, words });
+            let words = text.filter(|text| !text.is_empty()).unwrap_or_else(|| reported.words());
+            waits.push(Wait { hold, subject: reported.subject.clone(), latched: reported.latched, words });
         }
         if waits.is_empty() && motion.source != source {
             waits.push(Wait::new(Hold::Starting, ""));
@@ -435,20 +435,20 @@ mod tests {
     #[test]
     fn nan_and_backward_timestamps_are_rejected() {
         let mut senses = ready();
-        assert_eq!(senses.on_estimate(ms(1050), &estimate(0, 0.0)), Taken::Backwards);
-        assert_eq!(senses.on_estimate(ms(1050), &estimate(2, 0.05)), Taken::Well);
-        assert_eq!(senses.on_estimate(ms(1100), &estimate(3, 5.0)), Taken::Jumped);
-        assert_eq!(senses.on_estimate(ms(1150), &estimate(4, f64::NAN)), Taken::Nonsense);
+        assert_eq!(senses.on_estimate(ms(1050), &estimate(0, 0.0)), EstimateCheck::OutOfOrder);
+        assert_eq!(senses.on_estimate(ms(1050), &estimate(2, 0.05)), EstimateCheck::Ok);
+        assert_eq!(senses.on_estimate(ms(1100), &estimate(3, 5.0)), EstimateCheck::Jumped);
+        assert_eq!(senses.on_estimate(ms(1150), &estimate(4, f64::NAN)), EstimateCheck::NotFinite);
         assert!(senses.located(ms(1150)).is_none());
         // A restarted estimator counts from another origin.
-        assert_eq!(senses.on_estimate(ms(2200), &estimate(-9, 5.0)), Taken::Jumped);
+        assert_eq!(senses.on_estimate(ms(2200), &estimate(-9, 5.0)), EstimateCheck::Jumped);
         assert!(senses.located(ms(2200)).is_some());
     }
 
     #[test]
     fn the_first_estimate_is_reported_as_a_jump() {
         let mut senses = Senses::default();
-        assert_eq!(senses.on_estimate(ms(5), &estimate(1, 3.0)), Taken::Jumped);
+        assert_eq!(senses.on_estimate(ms(5), &estimate(1, 3.0)), EstimateCheck::Jumped);
         assert_eq!(senses.located(ms(5)).unwrap().pose.x, 3.0);
     }
 

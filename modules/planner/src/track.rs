@@ -8,24 +8,24 @@ use crate::config::{Body, Limits, Manners};
 use navitools::Pose;
 
 /// Distance below which two poses are at the same place, m.
-const SAME: f64 = 1e-3;
+const SAME_PLACE_M: f64 = 1e-3;
 /// Length over which the curvature is averaged, m: the curvature of paths of arcs and lines has steps, which steering
 /// cannot follow.
-const WINDOW: f64 = 0.15;
+const CURVATURE_WINDOW_M: f64 = 0.15;
 /// Share of the available deceleration that is used for braking to a stop.
-const GENTLE: f64 = 0.6;
+const DECELERATION_SHARE: f64 = 0.6;
 /// Share of the steering rate that the path may require.
-const RATE_SHARE: f64 = 0.9;
+const STEERING_RATE_SHARE: f64 = 0.9;
 /// Distance from a leg's end that counts as reached, m.
-const LEG_END: f64 = 0.03;
+const LEG_END_M: f64 = 0.03;
 /// Lowest commanded speed before an end, m/s: the drive hardly turns below it.
-const CREEP: f64 = 0.06;
+const SPEED_MIN_MPS: f64 = 0.06;
 /// Remaining steering angle at which the robot starts to drive, rad.
-const STEERED: f64 = 0.10;
+const STEERED_RAD: f64 = 0.10;
 /// Speed below which the robot is at standstill, m/s.
-const STANDING: f64 = 0.03;
+const STANDSTILL_MPS: f64 = 0.03;
 /// Preview time along the path, s: the delay of the steering.
-const PREVIEW: f64 = 0.15;
+const PREVIEW_S: f64 = 0.15;
 
 /// Pose of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +35,7 @@ pub struct Sample {
     /// True if driven forwards.
     pub forward: bool,
     /// Distance along the track from its beginning, m.
-    pub way: f64,
+    pub distance: f64,
     /// Curvature, 1/m, positive to the left.
     pub curvature: f64,
     /// Highest speed here, m/s.
@@ -100,9 +100,9 @@ impl Track {
             let last = self.samples.last().copied();
             let step = last.map_or(0.0, |last| last.pose.point().distance(pose.point()));
             let turned = last.is_none_or(|last| last.forward != forward);
-            if step >= SAME || turned {
-                let way = last.map_or(0.0, |last| last.way) + step;
-                self.samples.push(Sample { pose, forward, way, curvature: 0.0, speed: 0.0 });
+            if step >= SAME_PLACE_M || turned {
+                let distance = last.map_or(0.0, |last| last.distance) + step;
+                self.samples.push(Sample { pose, forward, distance, curvature: 0.0, speed: 0.0 });
             }
         }
         self.marks.extend(waypoint.map(|waypoint| (self.samples.len().saturating_sub(1), waypoint)));
@@ -116,14 +116,15 @@ impl Track {
         while begin < count {
             let end = self.leg_end(begin);
             for number in begin..=end {
-                let way = self.samples[number].way;
-                let within = |other: &usize| (self.samples[*other].way - way).abs() <= WINDOW;
+                let distance = self.samples[number].distance;
+                let within = |other: &usize| (self.samples[*other].distance - distance).abs() <= CURVATURE_WINDOW_M;
                 let first = (begin..=number).rev().take_while(within).last().unwrap_or(number);
                 let last = (number..=end).take_while(within).last().unwrap_or(number);
                 let (a, b) = (self.samples[first], self.samples[last]);
                 let sign = if a.forward { 1.0 } else { -1.0 };
                 let turn = (b.pose.theta - a.pose.theta).radians();
-                let curvature = if b.way - a.way > SAME { sign * turn / (b.way - a.way) } else { 0.0 };
+                let curvature =
+                    if b.distance - a.distance > SAME_PLACE_M { sign * turn / (b.distance - a.distance) } else { 0.0 };
                 let most = libm::tan(limits.steering) / body.wheelbase;
                 self.samples[number].curvature = curvature.clamp(-most, most);
             }
@@ -136,8 +137,8 @@ impl Track {
         for number in (0..count).rev() {
             let braked = match self.samples.get(number + 1) {
                 Some(next) if next.forward == self.samples[number].forward => {
-                    let step = next.way - self.samples[number].way;
-                    libm::sqrt(next.speed * next.speed + 2.0 * GENTLE * limits.deceleration * step)
+                    let step = next.distance - self.samples[number].distance;
+                    libm::sqrt(next.speed * next.speed + 2.0 * DECELERATION_SHARE * limits.deceleration * step)
                 }
                 _ => 0.0,
             };
@@ -154,11 +155,11 @@ impl Track {
         let neighbour = |other: Option<&Sample>| other.filter(|other| other.forward == sample.forward).copied();
         let before = number.checked_sub(1).and_then(|other| neighbour(self.samples.get(other))).unwrap_or(*sample);
         let after = neighbour(self.samples.get(number + 1)).unwrap_or(*sample);
-        let step = (after.way - before.way).max(SAME);
+        let step = (after.distance - before.distance).max(SAME_PLACE_M);
         let steer = |sample: &Sample| libm::atan(body.wheelbase * sample.curvature);
         let steering = (steer(&after) - steer(&before)).abs() / step;
-        let steered = RATE_SHARE * limits.steering_rate / steering.max(1e-6);
-        straight.min(curve).min(steered).max(CREEP)
+        let steered = STEERING_RATE_SHARE * limits.steering_rate / steering.max(1e-6);
+        straight.min(curve).min(steered).max(SPEED_MIN_MPS)
     }
 
     /// Last sample of the leg that contains `number`.
@@ -184,7 +185,7 @@ impl Track {
     #[must_use]
     pub fn remaining(&self) -> f64 {
         match (self.samples.get(self.at), self.samples.last()) {
-            (Some(here), Some(end)) => end.way - here.way,
+            (Some(here), Some(end)) => end.distance - here.distance,
             _ => 0.0,
         }
     }
@@ -197,8 +198,8 @@ impl Track {
 
     /// Distance of the last passed sample along the track, m.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        self.samples.get(self.at).map_or(0.0, |sample| sample.way)
+    pub fn distance(&self) -> f64 {
+        self.samples.get(self.at).map_or(0.0, |sample| sample.distance)
     }
 
     /// True if driven forwards here; `None` without a track.
@@ -241,13 +242,13 @@ impl Track {
             let (sin, cos) = next.pose.theta.sin_cos();
             let beyond = (robot.x - next.pose.x) * cos + (robot.y - next.pose.y) * sin;
             let beyond = if next.forward { beyond } else { -beyond };
-            let near = if self.at + 1 == end { LEG_END } else { 0.0 };
+            let near = if self.at + 1 == end { LEG_END_M } else { 0.0 };
             if beyond < -near {
                 break;
             }
             self.at += 1;
         }
-        if self.at == end && end + 1 < self.samples.len() && speed.abs() < STANDING {
+        if self.at == end && end + 1 < self.samples.len() && speed.abs() < STANDSTILL_MPS {
             self.at += 1;
         }
     }
@@ -262,7 +263,7 @@ impl Track {
         let (sin, cos) = here.pose.theta.sin_cos();
         let (dx, dy) = (robot.x - here.pose.x, robot.y - here.pose.y);
         let along = (sign * (dx * cos + dy * sin)).max(0.0);
-        let way = here.way + along;
+        let distance = here.distance + along;
         let heading = here.pose.theta.radians() + here.curvature * sign * along;
         let (sin, cos) = libm::sincos(heading);
         let aside = dy * cos - dx * sin + here.curvature * along * along / 2.0;
@@ -272,19 +273,19 @@ impl Track {
         let length = 0.45 + 0.4 * now.speed.abs();
         let wanted = -sign * libm::atan(aside / length);
         let u = -2.0 * sign * (turned - wanted) / length;
-        let ahead = way + now.speed.abs() * PREVIEW;
+        let ahead = distance + now.speed.abs() * PREVIEW_S;
         let preview =
-            self.samples[self.at..=end].iter().find(|sample| sample.way >= ahead).unwrap_or(&self.samples[end]);
+            self.samples[self.at..=end].iter().find(|sample| sample.distance >= ahead).unwrap_or(&self.samples[end]);
         let curvature = preview.curvature + u;
         let steering = libm::atan(body.wheelbase * curvature).clamp(-limits.steering, limits.steering);
-        let left = self.samples[end].way - way;
-        let stopping = libm::sqrt(2.0 * GENTLE * limits.deceleration * left.max(0.0));
-        let mut speed = preview.speed.max(CREEP).min(stopping.max(CREEP)).min(allowed);
+        let left = self.samples[end].distance - distance;
+        let stopping = libm::sqrt(2.0 * DECELERATION_SHARE * limits.deceleration * left.max(0.0));
+        let mut speed = preview.speed.max(SPEED_MIN_MPS).min(stopping.max(SPEED_MIN_MPS)).min(allowed);
         let unsteered = (steering - now.steering).abs();
-        if now.speed.abs() < STANDING && unsteered > STEERED {
+        if now.speed.abs() < STANDSTILL_MPS && unsteered > STEERED_RAD {
             speed = 0.0;
-        } else if unsteered > STEERED {
-            speed *= (1.0 - 2.0 * (unsteered - STEERED)).max(0.3);
+        } else if unsteered > STEERED_RAD {
+            speed *= (1.0 - 2.0 * (unsteered - STEERED_RAD)).max(0.3);
         }
         if self.at == end {
             speed = 0.0;

@@ -41,7 +41,7 @@ fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
 
 /// Result of `rounds` rounds, four per second, of a person who is at `at` when the last round fires and has walked with
 /// `velocity`; and the instant of that round.
-fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
+fn observe(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
     let (mut obstacles, config) = (Obstacles::new(), config());
     let mut now = Instant::from_millis(10_000);
     for n in (0..rounds).rev() {
@@ -69,10 +69,10 @@ fn way(forward: bool) -> Vec<Sample> {
     (0..60).map(sample).collect()
 }
 
-/// Speed allowed by [`meeting`] on a straight path forwards after a person was detected.
+/// Speed allowed by [`person_speed_limit`] on a straight path forwards after a person was detected.
 fn allowed(x: f64, y: f64, velocity: (f64, f64), rounds: i32) -> f64 {
-    let (now, obstacles) = heard(Point { x, y }, velocity, rounds);
-    meeting(now, &way(true), &obstacles, &config())
+    let (now, obstacles) = observe(Point { x, y }, velocity, rounds);
+    person_speed_limit(now, &way(true), &obstacles, &config())
 }
 
 #[test]
@@ -81,15 +81,15 @@ fn without_people_around_the_full_speed_is_allowed() {
     let mut obstacles = Obstacles::new();
     let now = Instant::from_millis(10_000);
     obstacles.update(now, Pose::default(), &round(now, None), |point| config.body.covers(point, 0.0), |_| false);
-    assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);
-    assert_eq!(meeting(now, &[], &obstacles, &config), config.limits.speed, "no way, no meeting");
+    assert_eq!(person_speed_limit(now, &way(true), &obstacles, &config), config.limits.speed);
+    assert_eq!(person_speed_limit(now, &[], &obstacles, &config), config.limits.speed, "no way, no meeting");
 }
 
 #[test]
 fn the_closer_a_person_the_lower_the_speed_down_to_zero() {
     let speeds = [2.2, 1.8, 1.5, 1.2, 0.98].map(|x| allowed(x, 0.0, (0.0, 0.0), 8));
     assert!(speeds.is_sorted_by(|far, near| far >= near), "{speeds:?}");
-    assert!(speeds[0] > 0.7 && speeds[3] <= SQUEEZES && speeds[4] == 0.0, "{speeds:?}");
+    assert!(speeds[0] > 0.7 && speeds[3] <= PERSON_BESIDE_SPEED_MPS && speeds[4] == 0.0, "{speeds:?}");
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn a_person_about_to_cross_the_path_stops_the_robot_and_one_who_has_crossed_does
 #[test]
 fn a_person_beside_the_path_is_passed_slowly() {
     let beside = allowed(0.4, 0.62, (0.0, 0.0), 8);
-    assert!((LEAST..=SQUEEZES).contains(&beside), "{beside}");
+    assert!((SPEED_MIN_MPS..=PERSON_BESIDE_SPEED_MPS).contains(&beside), "{beside}");
 }
 
 #[test]
@@ -120,8 +120,8 @@ fn a_single_echo_ahead_is_braked_for_like_an_approaching_person() {
 
 #[test]
 fn a_person_behind_does_not_slow_forward_motion() {
-    let (now, obstacles) = heard(Point { x: -0.65, y: 0.0 }, (0.0, 0.0), 8);
+    let (now, obstacles) = observe(Point { x: -0.65, y: 0.0 }, (0.0, 0.0), 8);
     let config = config();
-    assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);
-    assert!(meeting(now, &way(false), &obstacles, &config) < 0.3);
+    assert_eq!(person_speed_limit(now, &way(true), &obstacles, &config), config.limits.speed);
+    assert!(person_speed_limit(now, &way(false), &obstacles, &config) < 0.3);
 }

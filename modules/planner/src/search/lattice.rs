@@ -9,14 +9,14 @@ const STEP: f64 = 2.0 * core::f64::consts::PI / HEADINGS as f64;
 
 /// Cost factor for proximity to obstacles.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Toll {
+pub(crate) struct ProximityCost {
     /// Distance of the middle from obstacles at which the footprint touches one, m.
     pub(crate) inner: f32,
     keep: f32,
     weight: f32,
 }
 
-impl Toll {
+impl ProximityCost {
     pub(crate) fn new(inner: f32, costs: &Costs) -> Self {
         Self { inner, keep: costs.keep_m as f32, weight: costs.near as f32 }
     }
@@ -92,7 +92,7 @@ impl Lattice {
                     lattice.local.push(part.end());
                 }
                 let turn = turn * i32::from(steering.signum()) * if reverse { -1 } else { 1 };
-                let cost = length * costs.way(&arc, radius);
+                let cost = length * costs.arc_cost(&arc, radius);
                 lattice.steps.push(Step { arc, turn, steering, reverse, cost: cost as f32, first, count });
             }
         }

@@ -3,7 +3,7 @@
 //! Dijkstra from the goal over a grid of 10 cm, for the footprint's middle, with the same proximity cost as the search.
 //! Lazy: it expands only as far as requested, and is kept for the next search to the same goal.
 
-use super::lattice::Toll;
+use super::lattice::ProximityCost;
 use crate::map::Field;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -53,7 +53,7 @@ impl Reach {
 
     /// Cost from a point to the goal, m: exact on this grid if it is known already or becomes known within `pops`
     /// steps, else a lower bound. Infinite if there is no path. The steps are subtracted from `pops`.
-    pub(crate) fn cost(&mut self, field: &Field, toll: &Toll, x: f64, y: f64, pops: &mut u32) -> f32 {
+    pub(crate) fn cost(&mut self, field: &Field, toll: &ProximityCost, x: f64, y: f64, pops: &mut u32) -> f32 {
         let Some(cell) = self.cell(field, x, y) else { return f32::INFINITY };
         loop {
             let known = self.cost[cell as usize];
@@ -84,7 +84,7 @@ impl Reach {
     }
 
     /// Settles a cell; false if the queue is empty: all other cells are unreachable.
-    fn step(&mut self, field: &Field, toll: &Toll) -> bool {
+    fn step(&mut self, field: &Field, toll: &ProximityCost) -> bool {
         let Some(Reverse(first)) = self.queue.pop() else {
             self.frontier = f32::INFINITY;
             return false;
@@ -113,7 +113,7 @@ impl Reach {
     }
 
     /// The cost factor of a cell is that of its best part, so that the heuristic does not overestimate.
-    fn toll_of(&mut self, field: &Field, toll: &Toll, column: usize, row: usize) -> f32 {
+    fn toll_of(&mut self, field: &Field, toll: &ProximityCost, column: usize, row: usize) -> f32 {
         let index = row * self.width + column;
         if self.toll[index].is_nan() {
             let frame = field.frame();

@@ -53,7 +53,7 @@ impl Default for Costs {
 
 impl Costs {
     /// Cost of an arc.
-    pub(crate) fn way(&self, arc: &Arc, radius: f64) -> f64 {
+    pub(crate) fn arc_cost(&self, arc: &Arc, radius: f64) -> f64 {
         let reverse = if arc.length < 0.0 { self.reverse } else { 0.0 };
         1.0 + reverse + self.turn * libm::fabs(arc.curvature) * radius
     }
@@ -89,7 +89,7 @@ impl Default for Budget {
 
 /// Reason why there is no path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoWay {
+pub enum SearchError {
     /// The robot does not fit in at the goal.
     GoalBlocked,
     /// The robot is in an obstacle or outside the map, and cannot get out.
@@ -102,7 +102,7 @@ pub enum NoWay {
     Invalid,
 }
 
-impl fmt::Display for NoWay {
+impl fmt::Display for SearchError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::GoalBlocked => "the robot does not fit in at the goal",
@@ -114,7 +114,7 @@ impl fmt::Display for NoWay {
     }
 }
 
-impl std::error::Error for NoWay {}
+impl std::error::Error for SearchError {}
 
 /// Progress of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,5 +126,5 @@ pub enum Status<'a> {
     /// Best path found. Further calls have no effect.
     Found(&'a Path),
     /// No path. Further calls have no effect.
-    NoWay(NoWay),
+    NoPath(SearchError),
 }

@@ -1,7 +1,7 @@
 //! Cost of a curve.
 
 use super::footprint::Body;
-use super::lattice::Toll;
+use super::lattice::ProximityCost;
 use super::request::Limits;
 use crate::map::Field;
 use navitools::{Arc, Pose};
@@ -15,7 +15,7 @@ pub(crate) fn spacing(field: &Field) -> f64 {
 pub(crate) struct Ruler<'a> {
     pub(crate) field: &'a Field,
     pub(crate) body: &'a Body,
-    pub(crate) toll: &'a Toll,
+    pub(crate) toll: &'a ProximityCost,
     pub(crate) limits: &'a Limits,
 }
 
@@ -32,7 +32,7 @@ impl Ruler<'_> {
             }
             let length = libm::fabs(arc.length);
             let count = libm::ceil(length / spacing).max(1.0);
-            let each = (length / count * costs.way(arc, *radius_m)) as f32;
+            let each = (length / count * costs.arc_cost(arc, *radius_m)) as f32;
             let part = Arc { length: arc.length / count, ..*arc }.motion();
             // The pose of each part follows from the last one: rounding stays far below the margin.
             for _ in 0..count as u32 {

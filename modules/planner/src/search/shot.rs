@@ -54,7 +54,7 @@ pub(crate) fn curve(
         let mut cost = 0.0;
         let mut last = before;
         for arc in word.arcs() {
-            cost += (libm::fabs(arc.length) * ruler.limits.costs.way(arc, ruler.limits.radius_m)) as f32;
+            cost += (libm::fabs(arc.length) * ruler.limits.costs.arc_cost(arc, ruler.limits.radius_m)) as f32;
             cost += last.map_or(0.0, |last| ruler.change(&last, arc));
             last = Some(*arc);
         }

@@ -91,9 +91,9 @@ fn a_door_is_passed_if_the_robot_fits_through() {
         let path = search.plan(&field, start, pose_goal(8.0, 5.0, 0.0), Budget::default());
         match path {
             Ok(path) => check(&field, start, path),
-            Err(why) => assert_eq!(why, NoWay::Unreachable),
+            Err(why) => assert_eq!(why, SearchError::Unreachable),
         }
-        assert_eq!(search.status() != Status::NoWay(NoWay::Unreachable), fits, "{door}");
+        assert_eq!(search.status() != Status::NoPath(SearchError::Unreachable), fits, "{door}");
     }
 }
 
@@ -106,23 +106,23 @@ fn an_impossible_request_has_its_reason() {
     };
     let start = Pose::new(2.0, 2.0, 0.0);
     let most = Budget::default().first;
-    assert_eq!(why(start, pose_goal(8.0, 5.0, 0.0), most), NoWay::Unreachable);
-    assert_eq!(why(start, pose_goal(2.5, 5.0, 0.0), most), NoWay::GoalBlocked);
-    assert_eq!(why(start, Goal { heading: None, ..pose_goal(2.5, 5.0, 0.0) }, most), NoWay::GoalBlocked);
-    assert_eq!(why(start, pose_goal(50.0, 5.0, 0.0), most), NoWay::GoalBlocked);
-    assert_eq!(why(start, pose_goal(4.7, 4.0, 0.0), most), NoWay::GoalBlocked);
-    assert_eq!(why(Pose::new(-3.0, 2.0, 0.0), pose_goal(2.0, 3.0, 0.0), most), NoWay::StartBlocked);
-    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 20), NoWay::Budget);
+    assert_eq!(why(start, pose_goal(8.0, 5.0, 0.0), most), SearchError::Unreachable);
+    assert_eq!(why(start, pose_goal(2.5, 5.0, 0.0), most), SearchError::GoalBlocked);
+    assert_eq!(why(start, Goal { heading: None, ..pose_goal(2.5, 5.0, 0.0) }, most), SearchError::GoalBlocked);
+    assert_eq!(why(start, pose_goal(50.0, 5.0, 0.0), most), SearchError::GoalBlocked);
+    assert_eq!(why(start, pose_goal(4.7, 4.0, 0.0), most), SearchError::GoalBlocked);
+    assert_eq!(why(Pose::new(-3.0, 2.0, 0.0), pose_goal(2.0, 3.0, 0.0), most), SearchError::StartBlocked);
+    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 20), SearchError::Budget);
     for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        assert_eq!(why(start, pose_goal(odd, 3.0, 0.0), most), NoWay::Invalid);
-        assert_eq!(why(start, pose_goal(2.0, 3.0, odd), most), NoWay::Invalid);
-        assert_eq!(why(start, Goal { tolerance_m: odd, ..pose_goal(2.0, 3.0, 0.0) }, most), NoWay::Invalid);
-        assert_eq!(why(Pose::new(2.0, odd, 0.0), pose_goal(2.0, 3.0, 0.0), most), NoWay::Invalid);
+        assert_eq!(why(start, pose_goal(odd, 3.0, 0.0), most), SearchError::Invalid);
+        assert_eq!(why(start, pose_goal(2.0, 3.0, odd), most), SearchError::Invalid);
+        assert_eq!(why(start, Goal { tolerance_m: odd, ..pose_goal(2.0, 3.0, 0.0) }, most), SearchError::Invalid);
+        assert_eq!(why(Pose::new(2.0, odd, 0.0), pose_goal(2.0, 3.0, 0.0), most), SearchError::Invalid);
     }
-    assert_ne!(why(start, pose_goal(1e300, 3.0, 0.0), most), NoWay::Budget);
+    assert_ne!(why(start, pose_goal(1e300, 3.0, 0.0), most), SearchError::Budget);
     let broken = Limits { radius_m: 0.0, ..limits() };
     let path = Search::new(broken).plan(&field, start, pose_goal(2.0, 3.0, 0.0), Budget::default()).cloned();
-    assert_eq!(path, Err(NoWay::Invalid));
+    assert_eq!(path, Err(SearchError::Invalid));
 }
 
 #[test]
@@ -141,11 +141,11 @@ fn boxed_in_is_start_blocked_or_unreachable_and_touching_is_left() {
     // A wall before and one behind, both touched.
     let field = room(&[(3.0, 2.0, 3.0, 4.0), (2.25, 2.0, 2.25, 4.0), (2.0, 2.6, 3.2, 2.6), (2.0, 3.4, 3.2, 3.4)]);
     let path = search.plan(&field, start, pose_goal(6.0, 6.0, 0.0), Budget::default());
-    assert_eq!(path.map(|_| ()), Err(NoWay::StartBlocked));
+    assert_eq!(path.map(|_| ()), Err(SearchError::StartBlocked));
     // In a box that is not touched.
     let field = room(&[(1.0, 2.0, 3.5, 2.0), (3.5, 2.0, 3.5, 4.0), (3.5, 4.0, 1.0, 4.0), (1.0, 4.0, 1.0, 2.0)]);
     let path = search.plan(&field, Pose::new(2.0, 3.0, 0.0), pose_goal(6.0, 6.0, 0.0), Budget::default());
-    assert_eq!(path.map(|_| ()), Err(NoWay::Unreachable));
+    assert_eq!(path.map(|_| ()), Err(SearchError::Unreachable));
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn a_goal_too_near_to_a_wall_is_met_within_its_tolerance() {
     let start = Pose::new(2.0, 2.0, 0.0);
     let goal = pose_goal(9.4, 4.0, 0.0);
     let mut search = Search::new(limits());
-    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(NoWay::GoalBlocked));
+    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(SearchError::GoalBlocked));
     for heading in [Some(0.0), None] {
         // Twice: the second search reuses results.
         for _ in 0..2 {
@@ -185,7 +185,7 @@ fn an_incremental_search_has_the_same_result() {
             assert!(calls < 1_000_000);
             match search.advance(&field, piece) {
                 Status::Found(path) => break path.clone(),
-                Status::NoWay(why) => panic!("{why}"),
+                Status::NoPath(why) => panic!("{why}"),
                 Status::Improving(path) => assert!(path.cost() >= whole.cost()),
                 Status::Searching => {}
             }
@@ -214,7 +214,7 @@ fn temporary_obstacles_are_avoided() {
         crate::map::Obstacle { x: 8.5 + 1.3 * cos, y: 4.0 + 1.3 * sin, radius: 0.3 }
     });
     field.overlay(&ring.collect::<Vec<_>>());
-    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(NoWay::Unreachable));
+    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(SearchError::Unreachable));
     field.overlay(&[]);
     assert_eq!(search.plan(&field, start, goal, Budget::default()).unwrap().length(), straight);
 }
