@@ -20,7 +20,7 @@ impl Listener {
         let keep = model.clone();
         robot.machine.observe(move |now, news| {
             if let News::Message { message, .. } = news {
-                keep.borrow_mut().hear(now, &message.channel_name(), 64, Some((*message).clone()));
+                keep.borrow_mut().receive(now, &message.channel_name(), 64, Some((*message).clone()));
             }
         });
         Self(model)

@@ -108,7 +108,7 @@ pub struct Errors {
 
 impl Errors {
     /// Processes a list of active faults.
-    pub fn list(&mut self, at: Instant, list: &DataFaults) {
+    pub fn on_list(&mut self, at: Instant, list: &DataFaults) {
         let down = list.is_down();
         let before = self.lists.get(&list.module);
         if before.is_none() && self.lists.len() == MODULES_MAX {
@@ -119,7 +119,7 @@ impl Errors {
         if down {
             return;
         }
-        self.subjects.list(list);
+        self.subjects.on_list(list);
         let faults = listed(list);
         for group in self.groups.iter_mut().filter(|group| group.standing && group.module == list.module) {
             if !faults.iter().any(|fault| group.is(fault)) {
@@ -175,7 +175,7 @@ impl Errors {
     }
 
     /// Processes a report.
-    pub fn hear(&mut self, at: Instant, error: &common::Error) {
+    pub fn on_report(&mut self, at: Instant, error: &common::Error) {
         let over = error.severity == common::Error::NOTICE;
         let subject = self.subjects.of(error);
         match &subject {

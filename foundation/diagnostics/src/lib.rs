@@ -30,7 +30,7 @@ pub use model::{Config, Model};
 pub use modules::{ModuleRow, Modules, exit_in_words};
 pub use ranges::Readings;
 pub use slot::{Freshness, Shown, Slot};
-pub use status::{Status, Word};
+pub use status::{RobotStatus, Status};
 pub use subjects::Subjects;
 pub use texts::{ShownText, Texts};
 pub use traffic::{ChannelRow, Traffic};

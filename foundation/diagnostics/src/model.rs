@@ -127,13 +127,13 @@ impl Model {
 
     /// Processes a message of `bytes` bytes received at `at`; `message` is its content if the channel is one of the
     /// robot's.
-    pub fn hear(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
-        self.traffic.hear(at, channel, bytes);
+    pub fn receive(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
+        self.traffic.count(at, channel, bytes);
         match message {
-            Some(Message::CmDataState(state)) => self.modules.hear(at, &state),
+            Some(Message::CmDataState(state)) => self.modules.on_state(at, &state),
             Some(Message::CmDataProcesses(processes)) => self.processes.put(at, processes),
-            Some(Message::CmEventError(error)) => self.errors.hear(at, &error),
-            Some(Message::CmDataFaults(list)) => self.errors.list(at, &list),
+            Some(Message::CmEventError(error)) => self.errors.on_report(at, &error),
+            Some(Message::CmDataFaults(list)) => self.errors.on_list(at, &list),
             Some(Message::CmEventText(text)) => self.texts.take(&text),
             Some(Message::CmDataLog(log)) => self.log.put(at, log),
             Some(Message::LlDataMotion(motion)) => self.motion.put(at, motion),

@@ -59,7 +59,7 @@ impl Modules {
     }
 
     /// Processes the announcement of a module's state.
-    pub fn hear(&mut self, at: Instant, announced: &common::DataState) {
+    pub fn on_state(&mut self, at: Instant, announced: &common::DataState) {
         let state = State::from_value(announced.state).unwrap_or(State::Unknown);
         if let Some((_, slot)) = self.announced.iter_mut().find(|(name, _)| *name == announced.module) {
             slot.put(at, state);

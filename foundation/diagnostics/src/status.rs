@@ -14,7 +14,7 @@ const SILENT: Duration = Duration::from_secs(1);
 /// Status of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Word {
+pub enum RobotStatus {
     /// Nothing is received.
     Silent,
     /// The PAUSE line is engaged.
@@ -31,7 +31,7 @@ pub enum Word {
     Ready,
 }
 
-impl Word {
+impl RobotStatus {
     /// Text for people.
     #[must_use]
     pub const fn text(self) -> &'static str {
@@ -51,7 +51,7 @@ impl Word {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Status {
     /// Status.
-    pub word: Word,
+    pub word: RobotStatus,
     /// Sentence with the reason, and what to do about it if known.
     pub reason: String,
 }
@@ -60,23 +60,23 @@ pub struct Status {
 pub(crate) fn of(model: &Model, now: Instant) -> Status {
     let status = |word, reason: String| Status { word, reason };
     match model.traffic.last() {
-        None => return status(Word::Silent, "no message from a robot was received; is it on?".into()),
+        None => return status(RobotStatus::Silent, "no message from a robot was received; is it on?".into()),
         Some(at) if now.since(at) > SILENT => {
             let seconds = now.since(at).as_secs();
-            return status(Word::Silent, format!("no message from the robot for {seconds} s"));
+            return status(RobotStatus::Silent, format!("no message from the robot for {seconds} s"));
         }
         Some(_) => {}
     }
     if let Some(stop) = model.stop.get().filter(|stop| stop.engaged) {
         let reason = format!("the PAUSE line is engaged by {}; release it, then let the robot go on", stop.source);
-        return status(Word::Paused, reason);
+        return status(RobotStatus::Paused, reason);
     }
     let modules = model.modules(now);
     if let Some(row) = modules.iter().find(|row| row.critical && row.phase != "running" && row.wanted != "TERMINATE") {
-        return status(Word::Fault, down(row));
+        return status(RobotStatus::Fault, down(row));
     }
     let Some(motion) = model.motion.fresh(now) else {
-        return status(Word::Fault, "driver_canbus does not report the drives".into());
+        return status(RobotStatus::Fault, "driver_canbus does not report the drives".into());
     };
     let goal = model.goal.fresh(now);
     let drives = motion.speed.abs() > STANDING;
@@ -86,8 +86,8 @@ pub(crate) fn of(model: &Model, now: Instant) -> Status {
     };
     if drives {
         return match motion.reason.is_empty() {
-            true => status(Word::Driving, with_source(&format!("{:.2} m/s", motion.speed))),
-            false => status(Word::Stopped, format!("the robot is stopping: {}", motion.reason)),
+            true => status(RobotStatus::Driving, with_source(&format!("{:.2} m/s", motion.speed))),
+            false => status(RobotStatus::Stopped, format!("the robot is stopping: {}", motion.reason)),
         };
     }
     // No other cause holds the motion; the drives may keep a quick stop meanwhile.
@@ -96,19 +96,19 @@ pub(crate) fn of(model: &Model, now: Instant) -> Status {
         let reason = if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason };
         let fault = modules.iter().find(|row| row.critical && row.state == "ERROR");
         return match fault.and_then(|row| model.errors.of(&row.module, now)) {
-            Some(error) => status(Word::Fault, format!("{reason} ({}: {})", error.module, error.message)),
-            None => status(Word::Stopped, reason.to_owned()),
+            Some(error) => status(RobotStatus::Fault, format!("{reason} ({}: {})", error.module, error.message)),
+            None => status(RobotStatus::Stopped, reason.to_owned()),
         };
     }
     match goal {
         Some(goal) if matches!(goal.status, DataGoal::DRIVING | DataGoal::BLOCKED) && !goal.message.is_empty() => {
-            status(Word::Waiting, goal.message.clone())
+            status(RobotStatus::Waiting, goal.message.clone())
         }
         _ if idle || motion.source.is_empty() => {
-            status(Word::Ready, "the robot is at standstill without a command".into())
+            status(RobotStatus::Ready, "the robot is at standstill without a command".into())
         }
-        _ if !motion.reason.is_empty() => status(Word::Waiting, motion.reason.clone()),
-        _ => status(Word::Ready, with_source("it stands")),
+        _ if !motion.reason.is_empty() => status(RobotStatus::Waiting, motion.reason.clone()),
+        _ => status(RobotStatus::Ready, with_source("the robot is at standstill")),
     }
 }
 

@@ -40,7 +40,7 @@ struct Entry {
 
 impl Subjects {
     /// Processes a list of active faults.
-    pub fn list(&mut self, list: &DataFaults) {
+    pub fn on_list(&mut self, list: &DataFaults) {
         if list.is_down() || (self.modules.len() == MODULES_MAX && !self.modules.contains_key(&list.module)) {
             return;
         }

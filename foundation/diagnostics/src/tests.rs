@@ -13,7 +13,7 @@ fn model() -> Model {
 
 fn say(model: &mut Model, at: Instant, message: impl Into<Message>) {
     let message = message.into();
-    model.hear(at, &message.channel_name(), 40, Some(message));
+    model.receive(at, &message.channel_name(), 40, Some(message));
 }
 
 fn process(phase: i8, state: i8, last_exit: i32) -> DataProcesses {
@@ -78,16 +78,16 @@ fn the_status_shows_the_most_important_cause_first() {
         let Status { word, reason } = model.status(now);
         (word, reason)
     };
-    assert_eq!(word(&model, T0).0, Word::Silent);
+    assert_eq!(word(&model, T0).0, RobotStatus::Silent);
     say(&mut model, T0, process(Process::RUNNING, DataState::RUN, 0));
-    assert_eq!(word(&model, T0), (Word::Fault, "driver_canbus does not report the drives".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Fault, "driver_canbus does not report the drives".into()));
     let idle = motion(0.0, "nobody commands the motion", "");
     say(&mut model, T0, holds("driver_canbus", &[(Hold::NobodyCommands, "")]));
     say(&mut model, T0, DataMotion { enabled: false, quick_stop: true, ..idle });
-    assert_eq!(word(&model, T0), (Word::Ready, "the robot is at standstill without a command".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Ready, "the robot is at standstill without a command".into()));
     say(&mut model, T0, holds("driver_canbus", &[]));
     say(&mut model, T0, motion(0.4, "", "planner"));
-    assert_eq!(word(&model, T0), (Word::Driving, "0.40 m/s; commanded by planner".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Driving, "0.40 m/s; commanded by planner".into()));
     say(&mut model, T0, motion(0.0, "", "planner"));
     let goal = DataGoal {
         timestamp: 1,
@@ -98,18 +98,18 @@ fn the_status_shows_the_most_important_cause_first() {
         message: "waits: somebody is in the way".into(),
     };
     say(&mut model, T0, goal);
-    assert_eq!(word(&model, T0), (Word::Waiting, "waits: somebody is in the way".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Waiting, "waits: somebody is in the way".into()));
     say(&mut model, T0, DataMotion { homed: false, ..motion(0.0, "the steering is not homed", "") });
-    assert_eq!(word(&model, T0), (Word::Stopped, "the steering is not homed".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Stopped, "the steering is not homed".into()));
     say(&mut model, T0, process(Process::TERMINATED, DataState::RUN, 139));
     let down = "driver_canbus is down: SIGSEGV: crashed; the robot does not move without it";
-    assert_eq!(word(&model, T0), (Word::Fault, down.into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Fault, down.into()));
     say(&mut model, T0, EventStop { timestamp: 1, engaged: true, source: "bumper3".into() });
     let paused = "the PAUSE line is engaged by bumper3; release it, then let the robot go on";
-    assert_eq!(word(&model, T0), (Word::Paused, paused.into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Paused, paused.into()));
     assert_eq!(
         word(&model, T0 + Duration::from_millis(2500)),
-        (Word::Silent, "no message from the robot for 2 s".into())
+        (RobotStatus::Silent, "no message from the robot for 2 s".into())
     );
 }
 
@@ -123,8 +123,8 @@ fn another_sentence_for_the_same_cause_changes_no_status() {
         model.status(T0).word
     };
     for reason in ["nobody commands the motion", "no source commands", ""] {
-        assert_eq!(status(Hold::NobodyCommands, reason), Word::Ready, "{reason:?}");
-        assert_eq!(status(Hold::DriveFault, reason), Word::Stopped, "{reason:?}");
+        assert_eq!(status(Hold::NobodyCommands, reason), RobotStatus::Ready, "{reason:?}");
+        assert_eq!(status(Hold::DriveFault, reason), RobotStatus::Stopped, "{reason:?}");
     }
 }
 
@@ -190,7 +190,7 @@ fn a_value_older_than_twice_its_period_is_stale() {
 fn reports_of_a_fault_are_one_group_until_it_is_cleared() {
     let mut errors = Errors::default();
     for (n, severity) in [Error::ERROR, Error::ERROR, Error::NOTICE].into_iter().enumerate() {
-        errors.hear(T0, &error(0x201, severity, "lost", n as i64));
+        errors.on_report(T0, &error(0x201, severity, "lost", n as i64));
         let groups = errors.groups(T0);
         assert_eq!((groups.len(), groups[0].standing), (1, severity != Error::NOTICE));
     }
@@ -198,7 +198,7 @@ fn reports_of_a_fault_are_one_group_until_it_is_cleared() {
     assert_eq!((group.count, group.first, group.last, group.severity), (2, 0, 1, Error::ERROR));
     assert!(errors.of("driver_canbus", T0).is_none());
     for number in 0..1000 {
-        errors.hear(T0 + Duration::from_millis(number as u64), &error(number, Error::WARNING, "x", 0));
+        errors.on_report(T0 + Duration::from_millis(number as u64), &error(number, Error::WARNING, "x", 0));
     }
     assert_eq!((errors.groups(T0).len(), errors.reports().count()), (256, 500));
 }

@@ -73,7 +73,7 @@ pub struct Traffic {
 
 impl Traffic {
     /// Counts a message of `bytes` bytes.
-    pub fn hear(&mut self, at: Instant, channel: &str, bytes: usize) {
+    pub fn count(&mut self, at: Instant, channel: &str, bytes: usize) {
         if !self.channels.contains_key(channel) {
             if self.channels.len() == CHANNELS_MAX {
                 self.others += 1;
