@@ -4,8 +4,8 @@
 //! unchanged. Pieces that arrive faster than the disk accepts them are merged.
 //!
 //! Durability: a piece is synchronized when it, or one before it, contains a message older than [`SYNC_AGE`], and at
-//! the latest [`SYNC_BY`] after the message was received. A power cut therefore costs [`SYNC_BY`], the duration of the
-//! request in progress, and one synchronization.
+//! the latest [`SYNC_DEADLINE`] after the message was received. A power cut therefore costs [`SYNC_DEADLINE`], the
+//! duration of the request in progress, and one synchronization.
 
 use crate::names;
 use base::store::{Answer, Entry, Request, Trouble};
@@ -17,31 +17,31 @@ use std::sync::Arc;
 /// Age of a piece's oldest message from which it is synchronized.
 const SYNC_AGE: Duration = Duration::from_millis(150);
 /// Age of an unsynchronized message after which synchronization takes precedence over other work.
-const SYNC_BY: Duration = Duration::from_millis(200);
+const SYNC_DEADLINE: Duration = Duration::from_millis(200);
 /// Maximum size of merged pieces, bytes.
-const TOGETHER: usize = 1 << 20;
+const MERGED_BYTES_MAX: usize = 1 << 20;
 /// Delay before a failed request is repeated.
-const AGAIN: Duration = Duration::from_secs(1);
+const RETRY_DELAY: Duration = Duration::from_secs(1);
 /// Number of consecutive failures without a known cause after which the file is given up.
 const REFUSALS_MAX: u32 = 3;
 /// Period at which a full disk is checked.
-const LOOK: Duration = Duration::from_secs(5);
+const FULL_CHECK_PERIOD: Duration = Duration::from_secs(5);
 /// Free space that a full disk needs beyond the data waiting for it, bytes.
-const SPARE: u64 = 1 << 20;
+const SPARE_BYTES: u64 = 1 << 20;
 
 /// Result of an answer for the module.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum News {
+pub enum DiskEvent {
     /// The content of the folder is known: a file may be created.
-    Known,
+    Listed,
     /// The last requested file was created.
-    Begun,
+    Created,
     /// The last requested file cannot be created under its name.
-    NotBegun,
+    NotCreated,
     /// Number of bytes appended to the file.
-    Wrote(u64),
+    Written(u64),
     /// The disk accepts nothing more for the current file.
-    Lost,
+    FileLost,
     /// Free space is below the limit and nothing can be removed: the file should be closed.
     Full,
 }
@@ -65,7 +65,7 @@ enum Job {
 
 /// Request in progress.
 #[derive(Clone, Debug)]
-enum Asked {
+enum Pending {
     Job(Job, bool),
     Sync,
     List,
@@ -77,7 +77,7 @@ enum Asked {
 enum Room {
     Enough,
     /// List the folder; `hard` if the disk reported that it is full.
-    Look {
+    List {
         hard: bool,
     },
     /// Remove these runs, the last first.
@@ -98,7 +98,7 @@ pub struct Disk {
     keep_runs: u64,
     up: bool,
     known: bool,
-    asked: Option<Asked>,
+    asked: Option<Pending>,
     jobs: VecDeque<Job>,
     /// Bytes waiting, including those being appended.
     waiting: usize,
@@ -140,7 +140,7 @@ impl Disk {
 
     /// The folder is available.
     pub fn up(&mut self) {
-        *self = Self { up: true, room: Room::Look { hard: false }, ..self.emptied() };
+        *self = Self { up: true, room: Room::List { hard: false }, ..self.emptied() };
     }
 
     /// The folder is unavailable; the data waiting for it is lost. Returns the number of messages lost.
@@ -158,7 +158,7 @@ impl Disk {
     /// Discards the data waiting for the file. Returns the number of messages lost.
     pub fn abandon(&mut self) -> u64 {
         let messages = |job: &Job| if let Job::Append(piece) = job { piece.messages } else { 0 };
-        let on_its_way = if let Some(Asked::Job(job, _)) = &self.asked { messages(job) } else { 0 };
+        let on_its_way = if let Some(Pending::Job(job, _)) = &self.asked { messages(job) } else { 0 };
         let lost = self.jobs.iter().map(messages).sum::<u64>() + on_its_way;
         self.jobs.clear();
         self.waiting = 0;
@@ -219,7 +219,7 @@ impl Disk {
         self.jobs.push_back(Job::Create { name: names::file(run, number), awaited });
         // The listing is only recent enough from time to time.
         if self.room == Room::Enough && !awaited {
-            self.room = Room::Look { hard: false };
+            self.room = Room::List { hard: false };
         }
     }
 
@@ -234,7 +234,7 @@ impl Disk {
     pub fn append(&mut self, bytes: Vec<u8>, oldest: Instant, messages: u64) {
         self.waiting += bytes.len();
         if let Some(Job::Append(piece)) = self.jobs.back_mut()
-            && piece.bytes.len() + bytes.len() <= TOGETHER
+            && piece.bytes.len() + bytes.len() <= MERGED_BYTES_MAX
             // A repeated piece must not change.
             && let Some(together) = Arc::get_mut(&mut piece.bytes)
         {
@@ -252,14 +252,14 @@ impl Disk {
             return None;
         }
         let look = if let Room::Full { until } = self.room { Some(until) } else { None };
-        let sync = self.unsynced.map(|oldest| oldest + SYNC_BY);
+        let sync = self.unsynced.map(|oldest| oldest + SYNC_DEADLINE);
         self.held_until.or_else(|| look.into_iter().chain(sync).min())
     }
 
     /// True if appended data must be synchronized now and no piece waits that could include it: the open chunk, if any,
     /// should be closed.
     pub fn sync_is_due(&self, now: Instant) -> bool {
-        let due = self.unsynced.is_some_and(|oldest| oldest + SYNC_BY <= now);
+        let due = self.unsynced.is_some_and(|oldest| oldest + SYNC_DEADLINE <= now);
         due && self.up && self.asked.is_none() && self.jobs.is_empty() && self.held_until.is_none()
     }
 
@@ -270,27 +270,27 @@ impl Disk {
         }
         let asked = self.next(now)?;
         let request = match &asked {
-            Asked::Job(Job::Create { name, .. }, _) => Request::Create { name: name.clone() },
-            Asked::Job(Job::Append(piece), sync) => Request::Append { bytes: piece.bytes.clone(), sync: *sync },
-            Asked::Sync => Request::Append { bytes: Arc::default(), sync: true },
-            Asked::List => Request::List,
-            Asked::Remove(name) => Request::Remove { name: name.clone() },
+            Pending::Job(Job::Create { name, .. }, _) => Request::Create { name: name.clone() },
+            Pending::Job(Job::Append(piece), sync) => Request::Append { bytes: piece.bytes.clone(), sync: *sync },
+            Pending::Sync => Request::Append { bytes: Arc::default(), sync: true },
+            Pending::List => Request::List,
+            Pending::Remove(name) => Request::Remove { name: name.clone() },
         };
         self.asked = Some(asked);
         Some(request)
     }
 
-    fn next(&mut self, now: Instant) -> Option<Asked> {
+    fn next(&mut self, now: Instant) -> Option<Pending> {
         if self.held_until.is_some_and(|until| now < until) {
             return None;
         }
         self.held_until = None;
         match &mut self.room {
-            Room::Look { .. } => return Some(Asked::List),
-            Room::Full { until } if *until <= now => return Some(Asked::List),
+            Room::List { .. } => return Some(Pending::List),
+            Room::Full { until } if *until <= now => return Some(Pending::List),
             Room::Remove { victims, .. } => {
                 if let Some(victim) = victims.pop() {
-                    return Some(Asked::Remove(victim));
+                    return Some(Pending::Remove(victim));
                 }
             }
             Room::Enough | Room::Full { .. } => {}
@@ -299,15 +299,15 @@ impl Disk {
             Some(Job::Append(piece)) => {
                 let oldest = self.unsynced.map_or(piece.oldest, |unsynced| unsynced.min(piece.oldest));
                 let sync = piece.last || oldest + SYNC_AGE <= now;
-                Some(Asked::Job(Job::Append(piece), sync))
+                Some(Pending::Job(Job::Append(piece), sync))
             }
-            Some(job) => Some(Asked::Job(job, false)),
-            None => self.sync_is_due(now).then_some(Asked::Sync),
+            Some(job) => Some(Pending::Job(job, false)),
+            None => self.sync_is_due(now).then_some(Pending::Sync),
         }
     }
 
     /// Processes the answer to the request in progress.
-    pub fn answered(&mut self, now: Instant, answer: &Answer) -> Option<News> {
+    pub fn answered(&mut self, now: Instant, answer: &Answer) -> Option<DiskEvent> {
         let asked = self.asked.take()?;
         match answer {
             Answer::Done { free } => self.done(now, asked, *free),
@@ -316,73 +316,73 @@ impl Disk {
         }
     }
 
-    fn done(&mut self, now: Instant, asked: Asked, free: u64) -> Option<News> {
+    fn done(&mut self, now: Instant, asked: Pending, free: u64) -> Option<DiskEvent> {
         self.free = free;
-        if !matches!(asked, Asked::Remove(_)) {
+        if !matches!(asked, Pending::Remove(_)) {
             self.trouble = None;
             self.refusals = 0;
         }
         let news = match asked {
-            Asked::Job(Job::Create { awaited, .. }, _) => {
+            Pending::Job(Job::Create { awaited, .. }, _) => {
                 self.unsynced = None;
-                awaited.then_some(News::Begun)
+                awaited.then_some(DiskEvent::Created)
             }
-            Asked::Job(Job::Append(piece), sync) => {
+            Pending::Job(Job::Append(piece), sync) => {
                 self.waiting = self.waiting.saturating_sub(piece.bytes.len());
                 let oldest = self.unsynced.map_or(piece.oldest, |unsynced| unsynced.min(piece.oldest));
                 self.unsynced = (!sync).then_some(oldest);
-                Some(News::Wrote(piece.bytes.len() as u64))
+                Some(DiskEvent::Written(piece.bytes.len() as u64))
             }
-            Asked::Sync => {
+            Pending::Sync => {
                 self.unsynced = None;
                 None
             }
-            Asked::Remove(name) => {
+            Pending::Remove(name) => {
                 self.entries.retain(|entry| entry.name != name);
                 return self.removed(now);
             }
-            Asked::List => None,
+            Pending::List => None,
         };
         if self.free < self.keep_free && self.room == Room::Enough {
-            self.room = Room::Look { hard: false };
+            self.room = Room::List { hard: false };
         }
         news
     }
 
     /// After an entry was removed or could not be.
-    fn removed(&mut self, now: Instant) -> Option<News> {
+    fn removed(&mut self, now: Instant) -> Option<DiskEvent> {
         let Room::Remove { victims, hard } = &self.room else { return None };
         if !victims.is_empty() {
             return None;
         }
         // A disk that reported full is asked again; otherwise the free space decides.
         let full = !hard && self.free < self.keep_free;
-        self.room = if full { Room::Full { until: now + LOOK } } else { Room::Enough };
-        full.then_some(News::Full)
+        self.room = if full { Room::Full { until: now + FULL_CHECK_PERIOD } } else { Room::Enough };
+        full.then_some(DiskEvent::Full)
     }
 
-    fn listed(&mut self, now: Instant, entries: &[Entry], free: u64) -> Option<News> {
+    fn listed(&mut self, now: Instant, entries: &[Entry], free: u64) -> Option<DiskEvent> {
         (self.entries, self.free) = (entries.to_vec(), free);
         let first = !mem::replace(&mut self.known, true);
         if self.jobs.is_empty() {
             self.trouble = None;
         }
-        let hard = self.room == (Room::Look { hard: true });
+        let hard = self.room == (Room::List { hard: true });
         // After a stop for lack of space, recording continues only with a reserve.
-        let margin = if matches!(self.room, Room::Full { .. }) { self.keep_free / 10 + SPARE } else { 0 };
+        let margin = if matches!(self.room, Room::Full { .. }) { self.keep_free / 10 + SPARE_BYTES } else { 0 };
         let wanted = self.keep_free.saturating_add(margin);
         let victims = self.victims(wanted, hard);
         let short = free < wanted || (hard && victims.is_empty());
         self.room = match (victims.is_empty(), short) {
             (false, _) => Room::Remove { victims, hard },
-            (true, true) => Room::Full { until: now + LOOK },
+            (true, true) => Room::Full { until: now + FULL_CHECK_PERIOD },
             (true, false) => Room::Enough,
         };
         match self.room {
             // A write refused as full with nothing to remove will not succeed.
-            Room::Full { .. } if hard => Some(News::Lost),
-            Room::Full { .. } => Some(News::Full),
-            _ => first.then_some(News::Known),
+            Room::Full { .. } if hard => Some(DiskEvent::FileLost),
+            Room::Full { .. } => Some(DiskEvent::Full),
+            _ => first.then_some(DiskEvent::Listed),
         }
     }
 
@@ -392,7 +392,7 @@ impl Disk {
         runs.sort_by_key(|entry| names::place(&entry.name));
         let mut total: u64 = runs.iter().fold(0, |sum, entry| sum.saturating_add(entry.bytes));
         // The waiting data needs space beyond the limit, too.
-        let spare = if hard { self.waiting as u64 + SPARE } else { 0 };
+        let spare = if hard { self.waiting as u64 + SPARE_BYTES } else { 0 };
         let (mut free, wanted) = (self.free, wanted.max(spare));
         let mut victims = Vec::new();
         for run in runs.into_iter().filter(|run| !self.kept.contains(&run.name)) {
@@ -408,31 +408,31 @@ impl Disk {
         victims
     }
 
-    fn failed(&mut self, now: Instant, asked: Asked, trouble: &Trouble) -> Option<News> {
-        if let Asked::Remove(name) = asked {
+    fn failed(&mut self, now: Instant, asked: Pending, trouble: &Trouble) -> Option<DiskEvent> {
+        if let Pending::Remove(name) = asked {
             // Not attempted again.
             self.kept.insert(name);
             return self.removed(now);
         }
         self.trouble = Some(trouble.clone());
-        self.held_until = Some(now + AGAIN);
-        let awaited = matches!(asked, Asked::Job(Job::Create { awaited: true, .. }, _));
+        self.held_until = Some(now + RETRY_DELAY);
+        let awaited = matches!(asked, Pending::Job(Job::Create { awaited: true, .. }, _));
         match asked {
-            Asked::Job(job, _) if !awaited => self.jobs.push_front(job),
-            Asked::List => return None,
+            Pending::Job(job, _) if !awaited => self.jobs.push_front(job),
+            Pending::List => return None,
             _ => {}
         }
         match trouble {
             Trouble::Full => {
                 self.held_until = None;
-                self.room = Room::Look { hard: true };
-                awaited.then_some(News::NotBegun)
+                self.room = Room::List { hard: true };
+                awaited.then_some(DiskEvent::NotCreated)
             }
-            _ if awaited => Some(News::NotBegun),
+            _ if awaited => Some(DiskEvent::NotCreated),
             Trouble::ReadOnly => None,
             Trouble::Other(_) => {
                 self.refusals += 1;
-                (self.refusals >= REFUSALS_MAX).then_some(News::Lost)
+                (self.refusals >= REFUSALS_MAX).then_some(DiskEvent::FileLost)
             }
         }
     }

@@ -18,17 +18,17 @@ pub const CHANNELS_MAX: usize = 4096;
 /// Maximum number of MCAP channels in a file, over all encodings and types.
 const IDS_MAX: usize = TOPICS_MAX + 2 * CHANNELS_MAX;
 /// Maximum number of channel entries in a file's chunk indexes; each takes about 25 bytes of memory.
-const INDEX_MAX: u64 = 250_000;
+const INDEX_ENTRIES_MAX: u64 = 250_000;
 /// Maximum number of notes and marks in a file, as its index holds them all.
 const NOTES_MAX: u32 = 10_000;
 /// Chunk size after which a file ends, bytes: the writer keeps a buffer for its largest chunk.
-const LARGE: u64 = 16 << 20;
+const LARGE_CHUNK_BYTES: u64 = 16 << 20;
 /// Size of a message record beyond the message itself, bytes.
-const RECORD: u64 = 31;
+const RECORD_OVERHEAD_BYTES: u64 = 31;
 
 /// Data at the beginning of a file.
 #[derive(Clone, Copy, Debug)]
-pub struct Beginning<'a> {
+pub struct FileHeader<'a> {
     /// Configuration of the robot, and of the file's content.
     pub config: &'a Config,
     /// Name of the run.
@@ -82,8 +82,8 @@ impl File {
     ///
     /// # Errors
     /// The format's limits are exceeded.
-    pub fn new(beginning: &Beginning<'_>) -> McapResult<Self> {
-        let Beginning { config, run, time, monotonic } = *beginning;
+    pub fn new(header: &FileHeader<'_>) -> McapResult<Self> {
+        let FileHeader { config, run, time, monotonic } = *header;
         let sink = Sink::default();
         let options = options(config).profile("ros2").library(format!("advee {}", config.version));
         let mut writer = options.create(NoSeek::new(sink.clone()))?;
@@ -193,7 +193,7 @@ impl File {
     fn message(&mut self, channel_id: u16, data: &[u8], stamp: Stamp) -> McapResult<()> {
         let Stamp { log_time, publish_time, sequence } = stamp;
         self.writer.write_to_known_channel(&MessageHeader { channel_id, sequence, log_time, publish_time }, data)?;
-        self.chunk += data.len() as u64 + RECORD;
+        self.chunk += data.len() as u64 + RECORD_OVERHEAD_BYTES;
         let place = usize::from(channel_id);
         if self.seen.len() <= place {
             self.seen.resize(place + 1, 0);
@@ -226,7 +226,7 @@ impl File {
 
     /// True if the file has reached its size.
     pub fn is_full(&self, max_bytes: u64) -> bool {
-        self.taken >= max_bytes || self.index >= INDEX_MAX || self.largest >= LARGE
+        self.taken >= max_bytes || self.index >= INDEX_ENTRIES_MAX || self.largest >= LARGE_CHUNK_BYTES
     }
 
     fn end_chunk(&mut self) {

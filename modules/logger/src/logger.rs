@@ -10,8 +10,8 @@
 //!          times the largest message while it is processed
 
 use crate::config::Config;
-use crate::disk::{Disk, News};
-use crate::file::{Beginning, File, Stamp};
+use crate::disk::{Disk, DiskEvent};
+use crate::file::{File, FileHeader, Stamp};
 use crate::names;
 use crate::ring::Ring;
 use crate::ros::Translator;
@@ -27,9 +27,9 @@ pub const NAME: &str = "logger";
 const PORT: PortId = PortId(0);
 const PERIOD: Duration = Duration::from_secs(1);
 /// Time after its first message at which a chunk is closed.
-const CHUNK_FOR: Duration = Duration::from_millis(200);
+const CHUNK_AGE_MAX: Duration = Duration::from_millis(200);
 /// Time without losses after which the fault is cleared.
-const LOSSES_OVER: Duration = Duration::from_secs(5);
+const LOSSES_CLEAR_AFTER: Duration = Duration::from_secs(5);
 /// Maximum number of marks waiting for a recording, and maximum length of a mark's text, bytes.
 const MARKS_MAX: usize = 64;
 const MARK_BYTES: usize = 4096;
@@ -37,7 +37,7 @@ const MARK_BYTES: usize = 4096;
 base::deadlines! {
     /// Deadlines of the logger; those of the disk are in [`Disk`].
     enum Timer {
-        /// The open chunk is closed: [`CHUNK_FOR`] after its oldest message. Set while a chunk is open.
+        /// The open chunk is closed: [`CHUNK_AGE_MAX`] after its oldest message. Set while a chunk is open.
         Chunk,
         /// The loss of messages is over. Set while it is reported.
         Losses,
@@ -65,7 +65,7 @@ pub struct Logger {
     /// Messages missing in the file: number, and log time of the first; to be noted in it.
     gap: Option<(u64, u64)>,
     /// True while messages are dropped, until half of the waiting data is written.
-    choked: bool,
+    dropping: bool,
     log_time: u64,
     told: Option<(bool, String)>,
     refused: bool,
@@ -99,7 +99,7 @@ impl Logger {
             chunk_messages: 0,
             marks: Vec::new(),
             gap: None,
-            choked: false,
+            dropping: false,
             log_time: 0,
             told: None,
             refused: false,
@@ -113,25 +113,26 @@ impl Logger {
         self.log_time
     }
 
-    fn on_heard(&mut self, now: Instant, at: Instant, channel: &str, data: &[u8], out: &mut Actions) {
+    fn on_raw_message(&mut self, now: Instant, at: Instant, channel: &str, data: &[u8], out: &mut Actions) {
         if self.file.is_none() {
             let gone = self.ring.push(at, channel, data);
             if gone > 0 && self.wanted && self.allowed {
-                self.lose(now, unix(out.epoch(), at), gone, out);
+                self.count_lost(now, unix(out.epoch(), at), gone, out);
             }
             return;
         }
         let waiting = self.disk.waiting();
-        self.choked = waiting >= self.config.buffer_bytes || (self.choked && waiting >= self.config.buffer_bytes / 2);
-        if self.choked {
-            self.lose(now, unix(out.epoch(), at), 1, out);
+        self.dropping =
+            waiting >= self.config.buffer_bytes || (self.dropping && waiting >= self.config.buffer_bytes / 2);
+        if self.dropping {
+            self.count_lost(now, unix(out.epoch(), at), 1, out);
         } else {
             self.record(now, at, channel, data, out);
         }
     }
 
     /// Counts lost messages; `time` is the log time of the first.
-    fn lose(&mut self, now: Instant, time: u64, messages: u64, out: &mut Actions) {
+    fn count_lost(&mut self, now: Instant, time: u64, messages: u64, out: &mut Actions) {
         if messages == 0 {
             return;
         }
@@ -140,7 +141,7 @@ impl Logger {
             run.dropped += messages;
         }
         let first = !self.deadlines.is_set(Timer::Losses);
-        self.deadlines.set(Timer::Losses, now + LOSSES_OVER);
+        self.deadlines.set(Timer::Losses, now + LOSSES_CLEAR_AFTER);
         if first {
             let why = "messages are lost: the disk is too slow, or accepts no data";
             out.raise(Severity::Warning, Fault::LogLost, "log", why);
@@ -159,7 +160,7 @@ impl Logger {
             let entries =
                 [("messages", messages.to_string()), ("since", since.to_string()), ("until", log_time.to_string())];
             let noted = file.note("gap", entries);
-            self.broken(noted, out);
+            self.on_format_error(noted, out);
         }
         let (Some(file), Some(run)) = (&mut self.file, &mut self.run) else { return };
         let kind = self.translator.kind(channel, data);
@@ -174,7 +175,7 @@ impl Logger {
                 out.raise(Severity::Warning, Fault::LogCrowded, "log", why);
                 return;
             }
-            Err(error) => return self.broken(Err(error), out),
+            Err(error) => return self.on_format_error(Err(error), out),
         }
         let mut written = Ok(());
         // A message without a ROS 2 form, or without room for it, is still recorded unchanged.
@@ -185,7 +186,7 @@ impl Logger {
         let full = file.chunk_is_full();
         self.open_chunk(at);
         self.chunk_messages += 1;
-        self.broken(written, out);
+        self.on_format_error(written, out);
         if full {
             self.cut(now, out);
         }
@@ -194,7 +195,7 @@ impl Logger {
     /// Opens a chunk whose oldest message was received at `at`, unless one is open.
     fn open_chunk(&mut self, at: Instant) {
         if !self.deadlines.is_set(Timer::Chunk) {
-            self.deadlines.set(Timer::Chunk, at + CHUNK_FOR);
+            self.deadlines.set(Timer::Chunk, at + CHUNK_AGE_MAX);
         }
     }
 
@@ -211,17 +212,17 @@ impl Logger {
     }
 
     fn hand_over(&mut self, now: Instant, taken: McapResult<Vec<u8>>, out: &mut Actions) {
-        let oldest = self.deadlines.get(Timer::Chunk).map_or(now, |due| due - CHUNK_FOR);
+        let oldest = self.deadlines.get(Timer::Chunk).map_or(now, |due| due - CHUNK_AGE_MAX);
         self.deadlines.clear(Timer::Chunk);
         let messages = std::mem::take(&mut self.chunk_messages);
         match taken {
             Ok(bytes) => self.disk.append(bytes, oldest, messages),
-            Err(error) => self.broken(Err(error), out),
+            Err(error) => self.on_format_error(Err(error), out),
         }
     }
 
     /// Gives the file up after an unexpected error of the format.
-    fn broken(&mut self, result: McapResult<()>, out: &mut Actions) {
+    fn on_format_error(&mut self, result: McapResult<()>, out: &mut Actions) {
         if let Err(error) = result {
             out.note(format!("the file is given up: {error}"));
             self.file = None;
@@ -240,7 +241,7 @@ impl Logger {
     fn end(&mut self, now: Instant, out: &mut Actions) {
         self.finish(now, out);
         self.run = None;
-        self.choked = false;
+        self.dropping = false;
     }
 
     /// Begins a file of the run, or of a new one. An awaited file is opened once it exists.
@@ -264,13 +265,13 @@ impl Logger {
     fn open(&mut self, now: Instant, out: &mut Actions) {
         let time = unix(out.epoch(), now);
         let Some(run) = &self.run else { return };
-        let beginning = Beginning { config: &self.config, run: &run.name, time, monotonic: now.as_nanos() };
-        match File::new(&beginning) {
+        let header = FileHeader { config: &self.config, run: &run.name, time, monotonic: now.as_nanos() };
+        match File::new(&header) {
             Ok(file) => self.file = Some(file),
-            Err(error) => self.broken(Err(error), out),
+            Err(error) => self.on_format_error(Err(error), out),
         }
         // The data before the first message is written to the disk at once.
-        self.deadlines.set(Timer::Chunk, now + CHUNK_FOR);
+        self.deadlines.set(Timer::Chunk, now + CHUNK_AGE_MAX);
     }
 
     /// The awaited file exists: it begins with the messages kept in the ring.
@@ -284,7 +285,7 @@ impl Logger {
         let (heard, dropped) = self.ring.take(now);
         let first = heard.front().map_or(now, |heard| heard.at);
         if self.gap.is_some() {
-            self.lose(now, unix(out.epoch(), first), dropped, out);
+            self.count_lost(now, unix(out.epoch(), first), dropped, out);
         }
         for heard in heard {
             self.record(now, heard.at, &heard.channel, &heard.data, out);
@@ -325,29 +326,29 @@ impl Logger {
         if let Some(file) = &mut self.file {
             let marked = file.note("mark", [("time", time.to_string()), ("text", text.to_owned())]);
             self.open_chunk(now);
-            self.broken(marked, out);
+            self.on_format_error(marked, out);
         }
     }
 
     fn on_answer(&mut self, now: Instant, answer: &Answer, out: &mut Actions) {
         match self.disk.answered(now, answer) {
-            Some(News::Begun) => self.on_begun(now, out),
+            Some(DiskEvent::Created) => self.on_begun(now, out),
             // A run with a file keeps its name. A run without one gets another name: a folder made by others may be
             // that of an earlier instance of this module.
-            Some(News::NotBegun) => self.run = self.run.take().filter(|run| run.next > 1),
-            Some(News::Wrote(bytes)) => {
+            Some(DiskEvent::NotCreated) => self.run = self.run.take().filter(|run| run.next > 1),
+            Some(DiskEvent::Written(bytes)) => {
                 if let Some(run) = &mut self.run {
                     run.bytes += bytes;
                 }
             }
-            Some(News::Lost) => self.give_up(now, out),
-            Some(News::Full) => self.finish(now, out),
-            Some(News::Known) | None => {}
+            Some(DiskEvent::FileLost) => self.abandon_file(now, out),
+            Some(DiskEvent::Full) => self.finish(now, out),
+            Some(DiskEvent::Listed) | None => {}
         }
     }
 
     /// Discards the data waiting for the disk.
-    fn give_up(&mut self, now: Instant, out: &mut Actions) {
+    fn abandon_file(&mut self, now: Instant, out: &mut Actions) {
         let lost = self.disk.abandon();
         self.forget(now, lost, out);
     }
@@ -357,11 +358,11 @@ impl Logger {
         self.deadlines.clear(Timer::Chunk);
         let lost = lost + std::mem::take(&mut self.chunk_messages);
         let time = self.log_time;
-        self.lose(now, time, lost, out);
+        self.count_lost(now, time, lost, out);
     }
 
     /// Does the work that is due.
-    fn go_on(&mut self, now: Instant, out: &mut Actions) {
+    fn run_due(&mut self, now: Instant, out: &mut Actions) {
         let sync = self.deadlines.is_set(Timer::Chunk) && self.disk.sync_is_due(now);
         if self.deadlines.is_due(Timer::Chunk, now) || sync {
             self.cut(now, out);
@@ -371,8 +372,8 @@ impl Logger {
             self.begin_file(now, true, out);
             self.ask(now, out);
         }
-        self.judge(now, out);
-        self.tell(now, out);
+        self.update_faults(now, out);
+        self.publish_status(now, out);
     }
 
     fn ask(&mut self, now: Instant, out: &mut Actions) {
@@ -382,9 +383,9 @@ impl Logger {
     }
 
     /// Raises and clears faults.
-    fn judge(&mut self, now: Instant, out: &mut Actions) {
+    fn update_faults(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Losses, now) {
-            let why = format!("no message lost for {} s", LOSSES_OVER.as_secs());
+            let why = format!("no message lost for {} s", LOSSES_CLEAR_AFTER.as_secs());
             out.clear(Fault::LogLost, "log", why);
         }
         match (self.disk.trouble(), self.refused) {
@@ -403,7 +404,7 @@ impl Logger {
         }
     }
 
-    fn tell(&mut self, now: Instant, out: &mut Actions) {
+    fn publish_status(&mut self, now: Instant, out: &mut Actions) {
         let name = self.run.as_ref().map_or("", |run| &*run.name);
         let changed =
             self.told.as_ref().is_none_or(|(recording, run)| *recording != self.file.is_some() || run != name);
@@ -480,13 +481,13 @@ impl Module for Logger {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => self.deadlines.set(Timer::Publish, now),
-            Event::Heard { at, channel, data } => self.on_heard(now, at, channel, data, out),
+            Event::Heard { at, channel, data } => self.on_raw_message(now, at, channel, data, out),
             Event::Message { at, message: Message::CmCmdLog(command) } => self.on_command(now, at, command, out),
             Event::Port { input, .. } => self.on_port(now, &input, out),
             Event::State(state) => self.on_state(now, state, out),
             Event::Message { .. } | Event::Timer | Event::Process(_) => {}
         }
-        self.go_on(now, out);
+        self.run_due(now, out);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {

@@ -14,7 +14,7 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use tail::{Out, Summary, message_indexes};
 
 /// Number of bytes copied at a time.
-const BLOCK: usize = 1 << 20;
+const BLOCK_BYTES: usize = 1 << 20;
 
 /// Callback for the progress: bytes done, bytes in total.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
@@ -116,10 +116,10 @@ pub fn seal<F: Read + Write + Seek>(mut file: F, progress: Progress<'_>) -> io::
             progress(at, size);
         }
     }
-    let Walk { builder, chunks, mut summary, end, well, .. } = walk;
+    let Walk { builder, chunks, mut summary, end, intact, .. } = walk;
     let index = builder.finish();
     let Damage { sealed, lost_channels, lost_types, redefined, .. } = index.damage;
-    if !well || [sealed, lost_channels, lost_types, redefined] != [0; 4] {
+    if !intact || [sealed, lost_channels, lost_types, redefined] != [0; 4] {
         return Ok(Sealed::Damaged(index.damage));
     }
     drop(scanner);
@@ -254,9 +254,9 @@ impl<W: Write> Copy<'_, W> {
 
     fn raw<R: Read + Seek>(&mut self, input: &mut R, offset: u64, length: u64) -> io::Result<()> {
         input.seek(SeekFrom::Start(offset))?;
-        let (mut left, mut block) = (length, vec![0; BLOCK]);
+        let (mut left, mut block) = (length, vec![0; BLOCK_BYTES]);
         while left > 0 {
-            let part = usize::try_from(left).unwrap_or(BLOCK).min(BLOCK);
+            let part = usize::try_from(left).unwrap_or(BLOCK_BYTES).min(BLOCK_BYTES);
             input.read_exact(&mut block[..part])?;
             self.out.put(&block[..part])?;
             left -= part as u64;
@@ -289,7 +289,7 @@ struct Walk {
     /// True once the end of the data was reached; a summary follows.
     ended: bool,
     /// True if the file begins properly and everything so far can stay.
-    well: bool,
+    intact: bool,
     /// True if the last part was damage, which is acceptable only at the end, where a power cut leaves it.
     damaged: bool,
 }
@@ -298,14 +298,14 @@ impl Walk {
     fn take(&mut self, found: &Found<'_>) {
         self.builder.take(found);
         if !matches!(found, Found::Damage { .. } | Found::Cut { .. }) {
-            self.well &= !self.damaged;
+            self.intact &= !self.damaged;
         }
         match found {
-            Found::Magic { offset: 0 } => (self.well, self.end) = (true, 8),
-            Found::Magic { .. } => self.well &= self.ended,
+            Found::Magic { offset: 0 } => (self.intact, self.end) = (true, 8),
+            Found::Magic { .. } => self.intact &= self.ended,
             Found::Record { opcode, offset, content } => self.record(*opcode, *offset, content),
             Found::Chunk { offset, head, content, records } => {
-                self.well &= !self.ended;
+                self.intact &= !self.ended;
                 if let Some(before) = self.chunks.last_mut() {
                     before.indexes = Vec::new();
                 }
@@ -317,7 +317,7 @@ impl Walk {
                 count(records, &mut self.summary);
             }
             Found::Attachment(attachment) => {
-                self.well &= !self.ended;
+                self.intact &= !self.ended;
                 self.summary.attachment(attachment.offset, attachment);
                 self.end = attachment.offset + attachment.length;
             }

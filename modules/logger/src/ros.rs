@@ -69,7 +69,7 @@ impl std::error::Error for Untranslated {}
 pub const STANDARD_MAX: usize = 1 << 20;
 
 /// Memory kept from one message to the next, bytes.
-const BUFFER_KEPT: usize = 1 << 20;
+const BUFFER_BYTES_KEPT: usize = 1 << 20;
 
 /// Translator of messages, with the table of topics.
 #[derive(Clone, Debug)]
@@ -157,7 +157,7 @@ impl Translator {
         if let Some(listed) = listed.filter(|_| own) {
             self.standard(listed, data, sink);
         }
-        if self.buffer.capacity() > BUFFER_KEPT {
+        if self.buffer.capacity() > BUFFER_BYTES_KEPT {
             self.buffer = Vec::new();
         }
         Ok(())

@@ -8,7 +8,7 @@ use std::io::{self, Read, Seek};
 /// Maximum number of damaged regions whose position is kept; all are counted.
 const REGIONS_MAX: usize = 1000;
 /// Maximum size of messages outside chunks that are joined to one piece, bytes.
-const BARE_MAX: u64 = 1 << 20;
+const BARE_BYTES_MAX: u64 = 1 << 20;
 
 /// Content of a file, with offsets.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -237,7 +237,7 @@ impl Builder {
         if let Some(piece) = self.index.pieces.last_mut()
             && piece.bare
             && piece.offset + piece.length == offset
-            && piece.length + length <= BARE_MAX
+            && piece.length + length <= BARE_BYTES_MAX
         {
             (piece.length, piece.expanded) = (piece.length + length, piece.expanded + length);
             (piece.start, piece.end) = (piece.start.min(time), piece.end.max(time));

@@ -8,9 +8,9 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::sync::Arc;
 
 /// Maximum size of overlapping chunks held in memory, bytes; beyond it the order is given up.
-const HELD_MAX: u64 = 512 << 20;
+const HELD_BYTES_MAX: u64 = 512 << 20;
 /// Maximum number of buffers kept for the next chunks.
-const SPARE_MAX: usize = 4;
+const SPARE_BUFFERS_MAX: usize = 4;
 
 /// Selection of messages.
 pub struct Filter<'a> {
@@ -134,7 +134,7 @@ impl<R: Read + Seek> Messages<R> {
     pub fn next_entry(&mut self) -> io::Result<Option<Entry<'_>>> {
         while let Some(&(start, f, p)) = self.pending.last() {
             let due = self.heap.peek().is_none_or(|Reverse((time, ..))| start <= *time);
-            if !due || self.held > HELD_MAX && !self.heap.is_empty() {
+            if !due || self.held > HELD_BYTES_MAX && !self.heap.is_empty() {
                 break;
             }
             self.pending.pop();
@@ -201,7 +201,7 @@ impl<R: Read + Seek> Messages<R> {
         });
         let open = &mut self.open[place];
         let old = std::mem::replace(&mut open.bytes, bytes);
-        if self.spare.len() < SPARE_MAX {
+        if self.spare.len() < SPARE_BUFFERS_MAX {
             self.spare.push(old);
         }
         (open.file, open.age, open.records) = (f, self.opened, records);

@@ -9,9 +9,9 @@ use super::{Attachment, HEAD, MAGIC, RECORD_MAX, op};
 use std::io::{self, Read, Seek, SeekFrom};
 
 /// Minimum number of bytes per read.
-const BLOCK: u64 = 1 << 20;
+const BLOCK_BYTES: u64 = 1 << 20;
 /// Maximum size of an attachment's names, bytes.
-const NAMES_MAX: u64 = 64 << 10;
+const NAMES_BYTES_MAX: u64 = 64 << 10;
 
 /// Part of a file.
 pub enum Found<'a> {
@@ -205,12 +205,12 @@ impl<R: Read + Seek> Scanner<R> {
     }
 
     fn attachment(&mut self, offset: u64, len: u64) -> io::Result<Option<Attachment>> {
-        let head = self.get(offset + HEAD, len.min(NAMES_MAX))?;
+        let head = self.get(offset + HEAD, len.min(NAMES_BYTES_MAX))?;
         let Some(attachment) = head.and_then(|head| fields::attachment(head, offset, len)) else { return Ok(None) };
         let mut hasher = crc32fast::Hasher::new();
         let (mut at, end) = (offset + HEAD, offset + HEAD + len - 4);
         while at < end {
-            let part = (end - at).min(BLOCK);
+            let part = (end - at).min(BLOCK_BYTES);
             hasher.update(self.get(at, part)?.unwrap_or_default());
             at += part;
         }
@@ -223,7 +223,7 @@ impl<R: Read + Seek> Scanner<R> {
         let need = HEAD + HEAD_MAX as u64;
         let mut at = offset + 1;
         loop {
-            let len = (self.end.saturating_sub(at)).min(BLOCK);
+            let len = (self.end.saturating_sub(at)).min(BLOCK_BYTES);
             let end = self.end;
             let Some(bytes) = self.get(at, len)?.filter(|bytes| !bytes.is_empty()) else { break };
             // The last bytes are searched again with those that follow, unless the file ends there.
@@ -265,7 +265,7 @@ impl<R: Read + Seek> Scanner<R> {
         if buffered.contains(&offset) && offset + len <= buffered.end || len == 0 && offset == buffered.end {
             return Ok(());
         }
-        let wanted = len.max(BLOCK.min(self.end.saturating_sub(offset)));
+        let wanted = len.max(BLOCK_BYTES.min(self.end.saturating_sub(offset)));
         self.window.clear();
         self.base = offset;
         self.inner.seek(SeekFrom::Start(offset))?;

@@ -7,7 +7,7 @@ use super::standard::Standard;
 use super::write::{Color, Fields, Pose, To};
 
 /// Period at which static markers are repeated, for viewers that join later: µs.
-const AGAIN: u64 = 1_000_000;
+const REPEAT_PERIOD_US: u64 = 1_000_000;
 
 const CUBE_LIST: i32 = 6;
 const CYLINDER: i32 = 3;
@@ -51,7 +51,7 @@ impl Scene {
 
     /// Ellipse of two standard deviations around the robot; periodically its outline and the beacons too.
     pub fn estimate(&mut self, message: &DataEstimate, to: &mut To<'_, '_>) {
-        let again = self.shown.is_none_or(|shown| shown.abs_diff(message.timestamp) >= AGAIN);
+        let again = self.shown.is_none_or(|shown| shown.abs_diff(message.timestamp) >= REPEAT_PERIOD_US);
         if again {
             self.shown = Some(message.timestamp);
         }

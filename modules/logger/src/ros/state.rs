@@ -15,20 +15,20 @@ use super::standard::Standard;
 use super::write::{Pose, To};
 
 /// Period at which sensor mountings are repeated: µs.
-const AGAIN: u64 = 1_000_000;
+const MOUNTING_PERIOD_US: u64 = 1_000_000;
 /// Time after the last `LL_DATA_RANGES` (1 Hz) from which the ranges of 2011 are used again: µs.
-const RANGES_GONE: u64 = 1_500_000;
+const RANGES_TIMEOUT_US: u64 = 1_500_000;
 /// Gap after which odometry continues from the last pose: µs.
-const ODOMETRY_GAP: i64 = 1_000_000;
+const ODOMETRY_GAP_US: i64 = 1_000_000;
 /// Longest plausible distance in that gap, m; a longer one means that the odometry restarted.
-const ODOMETRY_STEP: f64 = 5.0;
+const ODOMETRY_STEP_MAX_M: f64 = 5.0;
 /// Maximum number of range finders, and of thermometers, with topics.
 const SENSORS_MAX: usize = 64;
 /// Maximum number of modules whose active faults have statuses, and of faults of each.
 const MODULES_MAX: usize = 200;
 const FAULTS_MAX: usize = 256;
 /// Longest name of a thermometer with a topic, bytes.
-const NAME_MAX: usize = 64;
+const NAME_BYTES_MAX: usize = 64;
 
 const OK: u8 = 0;
 const WARN: u8 = 1;
@@ -142,7 +142,7 @@ impl State {
     }
 
     fn lacks_ranges(&self, timestamp: i64) -> bool {
-        self.ranges.is_none_or(|last| last.abs_diff(timestamp) >= RANGES_GONE)
+        self.ranges.is_none_or(|last| last.abs_diff(timestamp) >= RANGES_TIMEOUT_US)
     }
 
     fn ranges(&mut self, robot: &RobotScene, message: &DataRanges, to: &mut To<'_, '_>) {
@@ -157,7 +157,7 @@ impl State {
         for thermometer in &message.temperatures {
             let topic = match self.temperatures.get(&thermometer.name) {
                 Some(topic) => topic.clone(),
-                None if self.temperatures.len() < SENSORS_MAX && thermometer.name.len() <= NAME_MAX => {
+                None if self.temperatures.len() < SENSORS_MAX && thermometer.name.len() <= NAME_BYTES_MAX => {
                     let word = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '_' };
                     let topic = format!("/temperature/{}", thermometer.name.chars().map(word).collect::<String>());
                     self.temperatures.entry(thermometer.name.clone()).or_insert(topic.into()).clone()
@@ -229,7 +229,10 @@ impl Odometry {
         if let Some(last) = &self.last {
             let (way, turn) = (odo.path - last.path, odo.heading - last.heading);
             let gap = odo.timestamp.saturating_sub(last.timestamp);
-            if (0..=ODOMETRY_GAP).contains(&gap) && way.abs() < ODOMETRY_STEP && turn.abs() < ODOMETRY_STEP {
+            if (0..=ODOMETRY_GAP_US).contains(&gap)
+                && way.abs() < ODOMETRY_STEP_MAX_M
+                && turn.abs() < ODOMETRY_STEP_MAX_M
+            {
                 let (sin, cos) = libm::sincos(self.pose.theta + turn / 2.0);
                 self.pose.x += way * cos;
                 self.pose.y += way * sin;
@@ -327,7 +330,7 @@ impl Sensors {
 
     /// Mountings, once a second.
     fn transforms(&mut self, timestamp: i64, finders: impl Iterator<Item = Finder>, to: &mut To<'_, '_>) {
-        if self.shown.is_some_and(|shown| shown.abs_diff(timestamp) < AGAIN) {
+        if self.shown.is_some_and(|shown| shown.abs_diff(timestamp) < MOUNTING_PERIOD_US) {
             return;
         }
         let known: Vec<_> = finders

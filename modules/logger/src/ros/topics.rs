@@ -14,7 +14,7 @@ pub type Sink<'a> = dyn FnMut(&Topic, &[u8]) + 'a;
 pub const TOPICS_MAX: usize = 16_384;
 
 /// Names, and prefixes of names, reserved for standard types.
-const KEPT: &[&str] = &[
+const RESERVED_NAMES: &[&str] = &[
     "/battery",
     "/diagnostics",
     "/marks",
@@ -70,7 +70,7 @@ impl Topics {
 
     /// Creates a topic for messages of this type on a channel; `None` if there are too many.
     pub fn own(&mut self, channel: &str, first: bool, ty: &RosType) -> Option<u16> {
-        let front = if is_kept(&format!("/{channel}")) { "/lcm/" } else { "/" };
+        let front = if is_reserved(&format!("/{channel}")) { "/lcm/" } else { "/" };
         let name = format!("{front}{channel}");
         if first && !self.index.contains_key(name.as_str()) {
             return self.add(name, ty.clone());
@@ -101,6 +101,6 @@ impl Topics {
     }
 }
 
-fn is_kept(name: &str) -> bool {
-    KEPT.iter().any(|kept| if kept.ends_with('/') { name.starts_with(kept) } else { name == *kept })
+fn is_reserved(name: &str) -> bool {
+    RESERVED_NAMES.iter().any(|kept| if kept.ends_with('/') { name.starts_with(kept) } else { name == *kept })
 }

@@ -29,7 +29,7 @@ fn five_hundred_power_cuts_cost_a_quarter_of_a_second_and_one_synchronization() 
             for _ in 0..burst {
                 data.chunks_exact_mut(8).for_each(|bytes| bytes.copy_from_slice(&below(1 << 40).to_le_bytes()));
                 heard.push(rig.bench.now());
-                rig.hear("SOMETHING", &data);
+                rig.receive("SOMETHING", &data);
             }
             rig.pass(Duration::from_micros(100 + below(30_000)));
         }
@@ -65,10 +65,10 @@ fn of_two_thousand_files_cut_anywhere_every_whole_chunk_is_read() {
         let mut rig = Rig::new(Config { compression, ..config() });
         for ticks in 0..200 {
             rig.odo(ticks);
-            rig.hear("SOMETHING", &[ticks as u8; 40]);
+            rig.receive("SOMETHING", &[ticks as u8; 40]);
             rig.ms(10);
         }
-        rig.order(CmdLog::STOP, "");
+        rig.command(CmdLog::STOP, "");
         rig.ms(50);
         let file = rig.file(FIRST);
         let summary = mcap::Summary::read(file).unwrap().unwrap();
@@ -98,7 +98,7 @@ fn a_fast_bus_is_not_synchronized_for_each_chunk() {
     let data = vec![1; 50_000];
     let before = rig.store.syncs;
     for _ in 0..1000 {
-        rig.hear("FAST", &data);
+        rig.receive("FAST", &data);
         rig.ms(1);
     }
     let syncs = rig.store.syncs - before;

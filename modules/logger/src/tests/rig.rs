@@ -196,24 +196,24 @@ impl Rig {
         self.pass(Duration::from_millis(millis));
     }
 
-    pub fn hear(&mut self, channel: &str, data: &[u8]) {
+    pub fn receive(&mut self, channel: &str, data: &[u8]) {
         self.bench.event(Event::Heard { at: self.bench.now(), channel, data });
         self.collect();
     }
 
-    pub fn heard(&mut self, message: impl Into<Message>) {
+    pub fn receive_message(&mut self, message: impl Into<Message>) {
         self.bench.heard(message);
         self.collect();
     }
 
     pub fn odo(&mut self, ticks: i32) {
         let timestamp = (self.bench.now().as_nanos() / 1000) as i64;
-        self.heard(lowlevel::DataOdo { timestamp, ticks_left: ticks, ..Default::default() });
+        self.receive_message(lowlevel::DataOdo { timestamp, ticks_left: ticks, ..Default::default() });
     }
 
-    pub fn order(&mut self, action: i8, text: &str) {
+    pub fn command(&mut self, action: i8, text: &str) {
         let timestamp = (self.bench.now().as_nanos() / 1000) as i64;
-        self.heard(CmdLog { timestamp, action, text: text.into() });
+        self.receive_message(CmdLog { timestamp, action, text: text.into() });
     }
 
     pub fn port(&mut self, input: Input<'_>) {

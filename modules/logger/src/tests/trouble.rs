@@ -17,7 +17,7 @@ fn a_slow_disk_costs_messages_which_are_counted_and_reported_once() {
     let mut heard = 0;
     // 2 MB/s, of which the disk accepts 0.1 MB/s for ten seconds.
     for _ in 0..1000 {
-        rig.hear("SOMETHING", &[0; 20_000]);
+        rig.receive("SOMETHING", &[0; 20_000]);
         heard += 1;
         rig.ms(10);
     }
@@ -26,11 +26,11 @@ fn a_slow_disk_costs_messages_which_are_counted_and_reported_once() {
     assert_eq!(rig.bench.shell.state(), State::Run);
     rig.store.bytes_per_ms = 100_000;
     rig.ms(10_000);
-    rig.hear("SOMETHING", &[1]);
+    rig.receive("SOMETHING", &[1]);
     rig.ms(6000);
     assert_eq!(rig.faults(Fault::LogLost), (1, 1));
     let dropped = rig.told.last().unwrap().dropped as usize;
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(1000);
     let file = rig.file(FIRST);
     let messages = raw(file);
@@ -58,7 +58,7 @@ fn the_oldest_runs_are_removed_and_other_files_stay() {
     let mut feed = |rig: &mut Rig, count: usize| {
         for _ in 0..count {
             let data: Vec<u8> = std::iter::repeat_with(|| random() as u8).take(10_000).collect();
-            rig.hear("NOISE", &data);
+            rig.receive("NOISE", &data);
             rig.ms(5);
         }
         rig.ms(300);
@@ -104,7 +104,7 @@ fn a_disk_filled_by_others_is_retried() {
     let next = rig.file("1970_01_01_00_00_00/log_001.mcap");
     // The messages received meanwhile were kept.
     assert_eq!(odo_ticks(&raw(next)[0].data), 2);
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(100);
     assert_eq!(notes(rig.file("1970_01_01_00_00_00/log_001.mcap"), "gap")[0]["messages"], "1");
 }
@@ -191,9 +191,9 @@ fn in_stop_the_file_is_closed_and_in_pause_recording_continues() {
         manual: true,
         source: "test".into(),
     };
-    rig.heard(state(State::Pause));
+    rig.receive_message(state(State::Pause));
     rig.odo(1);
-    rig.heard(state(State::Stop));
+    rig.receive_message(state(State::Stop));
     rig.ms(100);
     assert!(mcap::Summary::read(rig.file(FIRST)).unwrap().is_some());
     assert_eq!(raw(rig.file(FIRST)).len(), 3);
@@ -201,7 +201,7 @@ fn in_stop_the_file_is_closed_and_in_pause_recording_continues() {
     rig.odo(2);
     rig.ms(2000);
     assert_eq!(rig.names().len(), 1);
-    rig.heard(state(State::Run));
+    rig.receive_message(state(State::Run));
     rig.ms(500);
     // The messages received meanwhile were kept, as without recording.
     let name = rig.names()[1].to_owned();
