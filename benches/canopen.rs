@@ -1,8 +1,8 @@
 //! CANopen: `cargo bench -p advee --bench canopen`.
 //!
 //! 1. SDO in virtual wire time at 1 Mbit/s, our master and our server without device time, compared with the bound: the
-//!    wire time of the frames that the protocol needs for the transfer, computed here from CiA 301, one after another (a
-//!    peer without latency). Goal: 95 %.
+//!    wire time of the frames that the protocol needs for the transfer, computed here from CiA 301, one after another
+//!    (a peer without latency). Goal: 95 %.
 //! 2. CPU time per frame in the engines, and allocations. Goals: 1 us, no allocation.
 //! 3. A full bus in real time: 8700 PDOs/s over UDP into a master in a live host; CPU time of that host's thread:
 //!    poller, socket, msgpack, module, engine. Goal: 10 % of a core.

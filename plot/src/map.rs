@@ -11,17 +11,17 @@ use super::style::{
 use navitools::{Point, Pose};
 
 /// Margin around everything, m.
-const MARGIN: f64 = 0.5;
+const MARGIN_M: f64 = 0.5;
 /// Distance from the world beyond which points do not enlarge the map, m.
-const BEYOND: f64 = 5.0;
+const BEYOND_MAX_M: f64 = 5.0;
 /// Maximum and minimum height of the map, units.
-const HIGH: f64 = 560.0;
-const LOW: f64 = 110.0;
+const HEIGHT_MAX: f64 = 560.0;
+const HEIGHT_MIN: f64 = 110.0;
 /// Size of the ellipses, standard deviations.
 pub const DEVIATIONS: f64 = 2.0;
 /// Maximum number of drawn obstacles and walls, and of named beacons.
-const DRAWN: usize = 20_000;
-const NAMED: usize = 40;
+const DRAWN_MAX: usize = 20_000;
+const NAMED_MAX: usize = 40;
 
 /// Mapping from metres to the page.
 struct View {
@@ -47,8 +47,8 @@ impl Picture {
     pub(super) fn draw_map(&self, canvas: &mut dyn Canvas, sheet: &Sheet, top: f64) -> f64 {
         let Some((least, most)) = self.bounds() else { return top };
         let (width, height) = (most.x - least.x, most.y - least.y);
-        let scale = (sheet.width / width).min(HIGH / height);
-        let high = (height * scale).max(LOW);
+        let scale = (sheet.width / width).min(HEIGHT_MAX / height);
+        let high = (height * scale).max(HEIGHT_MIN);
         // If it is narrower than the page, it shows more on both sides.
         let more = Point { x: (sheet.width / scale - width) / 2.0, y: (high / scale - height) / 2.0 };
         let least = Point { x: least.x - more.x, y: least.y - more.y };
@@ -57,7 +57,7 @@ impl Picture {
         canvas.begin("map");
         draw_grid(canvas, &view);
         self.draw_world(canvas, &view);
-        self.draw_believed(canvas, &view);
+        self.draw_plan_and_obstacles(canvas, &view);
         draw_track(canvas, &view, "truth", &self.truth, &Stroke::new(TRUTH, 1.6));
         draw_track(canvas, &view, "estimate", &self.estimate, &Stroke::new(ESTIMATE, 1.2).dashed(5.0, 3.0));
         self.draw_ellipses(canvas, &view);
@@ -85,36 +85,36 @@ impl Picture {
         let all = match known {
             Some((least, most)) => {
                 let near = |p: &Point| {
-                    (least.x - BEYOND..=most.x + BEYOND).contains(&p.x)
-                        && (least.y - BEYOND..=most.y + BEYOND).contains(&p.y)
+                    (least.x - BEYOND_MAX_M..=most.x + BEYOND_MAX_M).contains(&p.x)
+                        && (least.y - BEYOND_MAX_M..=most.y + BEYOND_MAX_M).contains(&p.y)
                 };
                 around(spots().filter(near).chain([least, most]))?
             }
-            None => usual(spots().collect())?,
+            None => bounds_without_outliers(spots().collect())?,
         };
         let (least, most) = all;
-        let least = Point { x: least.x - MARGIN, y: least.y - MARGIN };
-        Some((least, Point { x: most.x + MARGIN, y: most.y + MARGIN }))
+        let least = Point { x: least.x - MARGIN_M, y: least.y - MARGIN_M };
+        Some((least, Point { x: most.x + MARGIN_M, y: most.y + MARGIN_M }))
     }
 
     fn draw_world(&self, canvas: &mut dyn Canvas, view: &View) {
         canvas.begin("world");
-        for drop in self.world.drops.iter().take(DRAWN) {
+        for drop in self.world.drops.iter().take(DRAWN_MAX) {
             canvas.area(&view.all(drop), DROP, Some(&Stroke::new(FRAME, 0.8).dashed(3.0, 2.0)));
         }
-        for wall in self.world.walls.iter().take(DRAWN) {
+        for wall in self.world.walls.iter().take(DRAWN_MAX) {
             canvas.line(&view.all(&[wall.a, wall.b]), &Stroke::new(INK, 2.2));
         }
-        for column in self.world.columns.iter().take(DRAWN) {
+        for column in self.world.columns.iter().take(DRAWN_MAX) {
             let radius = (column.radius * view.scale).max(1.0);
             canvas.disc(view.at(column.centre), radius, COLUMN, Some(&Stroke::new(INK, 0.8)));
         }
         canvas.end();
         canvas.begin("beacons");
-        for beacon in self.world.beacons.iter().take(DRAWN) {
+        for beacon in self.world.beacons.iter().take(DRAWN_MAX) {
             let at = view.at(beacon.at);
             canvas.disc(at, 5.0, BEACON, Some(&Stroke::new(INK, 0.8)));
-            if self.world.beacons.len() <= NAMED {
+            if self.world.beacons.len() <= NAMED_MAX {
                 // Towards the middle: beacons hang on walls, and walls are at the frame.
                 let (right, low) = (at.x > view.rect.x + view.rect.w / 2.0, at.y > view.rect.y + view.rect.h / 2.0);
                 let anchor = if right { Anchor::End } else { Anchor::Start };
@@ -126,11 +126,11 @@ impl Picture {
     }
 
     /// Draws the planner's last path and obstacles.
-    fn draw_believed(&self, canvas: &mut dyn Canvas, view: &View) {
+    fn draw_plan_and_obstacles(&self, canvas: &mut dyn Canvas, view: &View) {
         canvas.begin("obstacles");
         let half = (self.cell / 2.0 * view.scale).clamp(0.6, 50.0);
         let cells = self.cells.iter().map(|cell| view.at(*cell)).filter(|at| view.rect.has(*at));
-        for at in cells.take(DRAWN) {
+        for at in cells.take(DRAWN_MAX) {
             let cell = Rect { x: at.x - half, y: at.y - half, w: 2.0 * half, h: 2.0 * half };
             canvas.area(&cell.corners(), OBSTACLE, None);
         }
@@ -315,7 +315,7 @@ fn around(points: impl Iterator<Item = Point>) -> Option<(Point, Point)> {
 }
 
 /// Bounds of these points, without a few outliers.
-fn usual(points: Vec<Point>) -> Option<(Point, Point)> {
+fn bounds_without_outliers(points: Vec<Point>) -> Option<(Point, Point)> {
     let (least, most) = around(points.iter().copied())?;
     let trim = |mut values: Vec<f64>, least: f64, most: f64| {
         values.sort_by(f64::total_cmp);

@@ -2,7 +2,7 @@
 
 use super::axis;
 use super::canvas::{Canvas, Colour, Font, Stroke};
-use super::data::{Picture, Told};
+use super::data::{Picture, ReportGroup};
 use super::letters::Letters;
 use super::raster::Raster;
 use super::style::{GREY, HEAD, INK, TEXT, TITLE};
@@ -20,9 +20,9 @@ const TOP: f64 = 34.0;
 /// Distance of the lines of a list.
 const LINE: f64 = 14.0;
 /// Maximum number of entries of the lists; the others are counted.
-const REPORTS: usize = 10;
-const REASONS: usize = 8;
-const MARKS: usize = 8;
+const REPORTS_MAX: usize = 10;
+const REASONS_MAX: usize = 8;
+const MARKS_MAX: usize = 8;
 
 /// Properties common to all parts of a page.
 pub struct Sheet {
@@ -55,7 +55,7 @@ impl Picture {
     #[must_use]
     pub fn svg(&self) -> String {
         let sheet = self.sheet();
-        let mut svg = Svg::new(WIDTH, self.draw(&mut Nowhere, &sheet));
+        let mut svg = Svg::new(WIDTH, self.draw(&mut NullCanvas, &sheet));
         self.draw(&mut svg, &sheet);
         svg.finish()
     }
@@ -66,7 +66,7 @@ impl Picture {
     /// One line with the reason: the picture would be too large, or the encoder failed.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let sheet = self.sheet();
-        let height = self.draw(&mut Nowhere, &sheet);
+        let height = self.draw(&mut NullCanvas, &sheet);
         let mut raster =
             Raster::new(WIDTH, height).ok_or_else(|| format!("a page of {height:.0} lines is too large"))?;
         self.draw(&mut raster, &sheet);
@@ -109,7 +109,7 @@ impl Picture {
             None => "no time".into(),
         });
         let way = if self.truth.spots().is_empty() { &self.estimate } else { &self.truth };
-        facts.push(format!("{:.1} m", way.way()));
+        facts.push(format!("{:.1} m", way.distance()));
         facts.push(counted(self.contacts(), "contact"));
         facts.push(counted(self.errors[2].count, "error"));
         facts.push(counted(self.errors[1].count, "warning"));
@@ -122,10 +122,10 @@ impl Picture {
     }
 
     /// Reports with a line in the list, in order of time: the most severe, and of these the first.
-    pub(super) fn listed(&self) -> Vec<&Told> {
-        let mut told: Vec<&Told> = self.texts.iter().collect();
+    pub(super) fn listed(&self) -> Vec<&ReportGroup> {
+        let mut told: Vec<&ReportGroup> = self.texts.iter().collect();
         told.sort_by(|a, b| b.severity.cmp(&a.severity).then(a.first.total_cmp(&b.first)));
-        told.truncate(REPORTS);
+        told.truncate(REPORTS_MAX);
         told.sort_by(|a, b| a.first.total_cmp(&b.first));
         told
     }
@@ -134,10 +134,10 @@ impl Picture {
         let mut y = top;
         let since = |at: f64| axis::moment(at - sheet.from);
         let mut reasons: Vec<_> = self.reasons().into_iter().enumerate().collect();
-        let more = reasons.len().saturating_sub(REASONS);
+        let more = reasons.len().saturating_sub(REASONS_MAX);
         // The longest, in order of their letters.
         reasons.sort_by(|(_, (_, a, _)), (_, (_, b, _))| b.total_cmp(a));
-        reasons.truncate(REASONS);
+        reasons.truncate(REASONS_MAX);
         reasons.sort_by_key(|(n, _)| *n);
         let rows = reasons.into_iter().map(|(n, (what, seconds, times))| {
             let often = if times > 1 { format!(", {times} times") } else { String::new() };
@@ -145,15 +145,15 @@ impl Picture {
         });
         y = list(canvas, sheet, y, ("Stops", "total duration and cause"), rows.collect(), more as u64);
         let listed = self.listed();
-        let more = self.texts.len() as u64 - listed.len() as u64 + self.untold;
+        let more = self.texts.len() as u64 - listed.len() as u64 + self.texts_left_out;
         let rows = listed
             .iter()
             .enumerate()
             .map(|(n, told)| ((n + 1).to_string(), since(told.first), line_of(told, told.last - sheet.from)));
         y = list(canvas, sheet, y, ("Reports", "first time and text"), rows.collect(), more);
-        let rows = self.marks.iter().take(MARKS).enumerate();
+        let rows = self.marks.iter().take(MARKS_MAX).enumerate();
         let rows = rows.map(|(n, (at, text))| (format!("M{}", n + 1), since(*at), text.clone()));
-        let more = self.marks.len().saturating_sub(MARKS) as u64 + self.unmarked;
+        let more = self.marks.len().saturating_sub(MARKS_MAX) as u64 + self.unmarked;
         y = list(canvas, sheet, y, ("Marks", ""), rows.collect(), more);
         self.draw_remarks(canvas, sheet, y)
     }
@@ -168,11 +168,11 @@ impl Picture {
             }
         };
         add(self.hidden_modules() as u64, "modules with fewer changes have no row");
-        add(self.unheard, "announcements of modules beyond the maximum are left out");
+        add(self.announcements_left_out, "announcements of modules beyond the maximum are left out");
         add(lost, "changes of states or reasons are left out");
-        add(self.strays, "messages with implausible timestamps are left out");
+        add(self.implausible, "messages with implausible timestamps are left out");
         canvas.begin("remarks");
-        for remark in remarks.iter().take(REPORTS) {
+        for remark in remarks.iter().take(REPORTS_MAX) {
             let text = sheet.letters.fit(remark, TEXT, false, WIDTH - LEFT - 20.0);
             canvas.text(Point { x: LEFT, y: y + 10.0 }, &text, &Font::new(TEXT, GREY));
             y += LINE;
@@ -215,7 +215,7 @@ fn list(
     y + 8.0
 }
 
-fn line_of(told: &Told, last: f64) -> String {
+fn line_of(told: &ReportGroup, last: f64) -> String {
     let severity = ["notice", "warning", "ERROR"][told.severity];
     let known = Fault::ALL.iter().find(|fault| i32::from(**fault as u16) == told.number);
     let name = known.map_or(format!("0x{:04X}", told.number), |fault| fault.name().to_string());
@@ -236,9 +236,9 @@ fn date(at: f64) -> String {
 }
 
 /// Canvas that draws nothing, to measure the height of a page.
-struct Nowhere;
+struct NullCanvas;
 
-impl Canvas for Nowhere {
+impl Canvas for NullCanvas {
     fn begin(&mut self, _: &str) {}
     fn end(&mut self) {}
     fn line(&mut self, _: &[Point], _: &Stroke) {}

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 /// Maximum number of colours of a palette.
-const MOST: usize = 256;
+const COLOURS_MAX: usize = 256;
 
 /// Palette of opaque pixels (four bytes each) as bytes red, green, blue, and the index of each pixel: the most frequent
 /// colours; others are replaced by the nearest of them.
@@ -16,7 +16,7 @@ pub fn palette(pixels: &[u8]) -> (Vec<u8>, Vec<u8>) {
     }
     let mut colours: Vec<([u8; 3], u32)> = counts.iter().map(|(colour, count)| (*colour, *count)).collect();
     colours.sort_by_key(|(colour, count)| (std::cmp::Reverse(*count), *colour));
-    let kept: Vec<[u8; 3]> = colours.iter().take(MOST).map(|(colour, _)| *colour).collect();
+    let kept: Vec<[u8; 3]> = colours.iter().take(COLOURS_MAX).map(|(colour, _)| *colour).collect();
     let place: HashMap<[u8; 3], u8> = colours.iter().map(|(colour, _)| (*colour, nearest(&kept, *colour))).collect();
     let mut places = Vec::with_capacity(pixels.len() / 4);
     for (colour, count) in runs(pixels) {

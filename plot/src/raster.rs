@@ -9,7 +9,7 @@ use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, S
 /// Pixels per unit of the page: sharp in print for a page of 1000 units.
 const SCALE: f32 = 2.0;
 /// Distance from the page's corner beyond which nothing is drawn, units; the rasterizer fails beyond it.
-const REACH: f64 = 10_000.0;
+const REACH_UNITS: f64 = 10_000.0;
 
 /// Page of pixels.
 #[derive(Debug)]
@@ -92,7 +92,7 @@ impl Canvas for Raster {
     }
 
     fn disc(&mut self, middle: Point, radius: f64, fill: Colour, edge: Option<&Stroke>) {
-        let path = (near(middle) && radius < REACH)
+        let path = (near(middle) && radius < REACH_UNITS)
             .then(|| PathBuilder::from_circle(middle.x as f32, middle.y as f32, radius as f32))
             .flatten();
         self.fill(path.clone(), fill, scaled());
@@ -121,7 +121,7 @@ impl Canvas for Raster {
 
 /// True if a point can be drawn; false for NaN.
 fn near(point: Point) -> bool {
-    point.x.abs() < REACH && point.y.abs() < REACH
+    point.x.abs() < REACH_UNITS && point.y.abs() < REACH_UNITS
 }
 
 fn scaled() -> Transform {

@@ -3,8 +3,8 @@
 use navitools::Point;
 
 /// Minimum distance of the points of a track, m; distance beyond which a new line begins, m.
-const STEP: f64 = 0.02;
-const JUMP: f64 = 1.0;
+const STEP_M: f64 = 0.02;
+const JUMP_M: f64 = 1.0;
 
 /// Value over time.
 #[derive(Debug, Default)]
@@ -47,7 +47,7 @@ impl Bucket {
 
 impl Series {
     /// Maximum number of buckets: about as many as a picture has pixels.
-    pub const ROOM: usize = 2048;
+    pub const CAPACITY: usize = 2048;
 
     /// Adds a value; a value older than the last one is ignored.
     pub fn push(&mut self, at: f64, value: f64) {
@@ -56,9 +56,9 @@ impl Series {
         }
         let value = if value.is_finite() { value } else { f64::NAN };
         self.add(Bucket { from: at, to: at, first: value, last: value, least: value, most: value });
-        if self.buckets.len() > Self::ROOM {
+        if self.buckets.len() > Self::CAPACITY {
             let span = at - self.buckets[0].from;
-            self.width = (2.0 * self.width).max(2.0 * span / Self::ROOM as f64);
+            self.width = (2.0 * self.width).max(2.0 * span / Self::CAPACITY as f64);
             for bucket in std::mem::take(&mut self.buckets) {
                 self.add(bucket);
             }
@@ -120,7 +120,7 @@ pub struct Track {
     step: f64,
     before: Option<Point>,
     /// Distance travelled, m, without jumps.
-    way: f64,
+    distance: f64,
 }
 
 /// Point of a track.
@@ -136,13 +136,13 @@ pub struct Spot {
 
 impl Default for Track {
     fn default() -> Self {
-        Self { points: Vec::new(), step: STEP, before: None, way: 0.0 }
+        Self { points: Vec::new(), step: STEP_M, before: None, distance: 0.0 }
     }
 }
 
 impl Track {
     /// Maximum number of points.
-    pub const ROOM: usize = 20_000;
+    pub const CAPACITY: usize = 20_000;
 
     /// Adds a point; implausible positions are ignored.
     pub fn push(&mut self, at: f64, point: Point) {
@@ -150,17 +150,17 @@ impl Track {
             return;
         }
         let moved = self.before.map(|before| before.distance(point));
-        let begins = moved.is_none_or(|moved| moved > JUMP);
+        let begins = moved.is_none_or(|moved| moved > JUMP_M);
         self.before = Some(point);
         let near = self.points.last().is_some_and(|last| last.point.distance(point) < self.step);
         if !begins && near {
             return;
         }
         if let Some(last) = self.points.last().filter(|_| !begins) {
-            self.way += last.point.distance(point);
+            self.distance += last.point.distance(point);
         }
         self.points.push(Spot { at, point, begins });
-        if self.points.len() > Self::ROOM {
+        if self.points.len() > Self::CAPACITY {
             self.thin();
         }
     }
@@ -183,8 +183,8 @@ impl Track {
 
     /// Distance travelled, m.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        self.way
+    pub fn distance(&self) -> f64 {
+        self.distance
     }
 
     /// Lines of at least two points each.
@@ -221,7 +221,7 @@ impl<T> Default for Lane<T> {
 
 impl<T: PartialEq> Lane<T> {
     /// Maximum number of changes.
-    pub const ROOM: usize = 5000;
+    pub const CAPACITY: usize = 5000;
 
     /// Adds the value at a time; it lasts until the next one, if that follows within `hold` seconds.
     pub fn push(&mut self, at: f64, what: T, hold: f64) {
@@ -240,7 +240,7 @@ impl<T: PartialEq> Lane<T> {
                 }
             }
         }
-        match self.spans.len() < Self::ROOM {
+        match self.spans.len() < Self::CAPACITY {
             true => self.spans.push(Span { from: at, to: at, what }),
             false => self.lost += 1,
         }
@@ -265,16 +265,16 @@ pub struct Ticks {
 
 impl Ticks {
     /// Maximum number of times.
-    pub const ROOM: usize = 2000;
+    pub const CAPACITY: usize = 2000;
 
     /// Adds an event.
     pub fn push(&mut self, at: f64) {
         self.count += 1;
         self.moments.push(at);
-        if self.moments.len() > 2 * Self::ROOM {
+        if self.moments.len() > 2 * Self::CAPACITY {
             self.moments.sort_by(f64::total_cmp);
             let span = at.max(self.moments[self.moments.len() - 1]) - self.moments[0];
-            self.width = (2.0 * self.width).max(span / Self::ROOM as f64);
+            self.width = (2.0 * self.width).max(span / Self::CAPACITY as f64);
             let width = self.width;
             let mut last = f64::NEG_INFINITY;
             self.moments.retain(|moment| {
@@ -307,7 +307,7 @@ mod tests {
             };
             series.push(f64::from(n) * 1e-3, value);
         }
-        assert!(series.buckets.len() <= Series::ROOM && series.buckets.len() > Series::ROOM / 4);
+        assert!(series.buckets.len() <= Series::CAPACITY && series.buckets.len() > Series::CAPACITY / 4);
         assert_eq!((series.range(), series.ends()), (Some((0.0, 7.0)), Some((0.0, 1.0))));
         let lines = series.lines(1.0);
         assert_eq!((lines.len(), lines[0].last().unwrap().x.round()), (1, 1000.0));
@@ -333,9 +333,9 @@ mod tests {
             let x = f64::from(n) * 0.03 + if n >= 400_000 { 100.0 } else { 0.0 };
             track.push(f64::from(n), Point { x, y: if n == 7 { f64::NAN } else { 0.0 } });
         }
-        assert!(track.spots().len() <= Track::ROOM);
+        assert!(track.spots().len() <= Track::CAPACITY);
         assert_eq!(track.lines().count(), 2);
-        assert!((track.way() - 30_000.0).abs() < 5.0, "{}", track.way());
+        assert!((track.distance() - 30_000.0).abs() < 5.0, "{}", track.distance());
     }
 
     #[test]
@@ -344,7 +344,7 @@ mod tests {
         for n in 0..100_000 {
             track.push(f64::from(n), Point { x: f64::from(n % 2) * 50.0, y: 0.0 });
         }
-        assert!(track.spots().len() <= Track::ROOM && track.lines().next().is_none());
+        assert!(track.spots().len() <= Track::CAPACITY && track.lines().next().is_none());
     }
 
     #[test]
@@ -356,7 +356,7 @@ mod tests {
         let spans: Vec<_> = lane.spans().iter().map(|span| (span.from, span.to, span.what)).collect();
         assert_eq!(spans, [(0.0, 1.5, 1), (1.5, 2.5, 3), (9.0, 9.0, 3)]);
         (0..100_000).for_each(|n| lane.push(10.0 + f64::from(n), n % 2, 2.0));
-        assert!(lane.spans().len() == Lane::<i32>::ROOM && lane.lost > 90_000);
+        assert!(lane.spans().len() == Lane::<i32>::CAPACITY && lane.lost > 90_000);
     }
 
     #[test]
@@ -364,7 +364,7 @@ mod tests {
         let mut ticks = Ticks::default();
         (0..1_000_000).for_each(|n| ticks.push(f64::from(n)));
         assert_eq!(ticks.count, 1_000_000);
-        assert!((1000..=2 * Ticks::ROOM).contains(&ticks.moments().len()), "{}", ticks.moments().len());
+        assert!((1000..=2 * Ticks::CAPACITY).contains(&ticks.moments().len()), "{}", ticks.moments().len());
         let last = ticks.moments().iter().copied().fold(0.0, f64::max);
         assert_eq!(last, 999_999.0);
     }

@@ -27,7 +27,7 @@ pub const TEXT: f64 = 10.0;
 pub const SMALL: f64 = 9.0;
 
 /// Width below which a bar is filled without hatching, units.
-const NARROW: f64 = 3.0;
+const NARROW_UNITS: f64 = 3.0;
 
 /// Filling of an area: colour, and lines over it.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,7 @@ impl Filling {
 
     /// Fills a rectangle, with a text if it fits.
     pub fn draw(&self, canvas: &mut dyn Canvas, rect: &Rect, words: Option<(&str, f64)>) {
-        let narrow = rect.w < NARROW;
+        let narrow = rect.w < NARROW_UNITS;
         let edge = Stroke::new(self.ink.cover(0.6), 0.5);
         canvas.area(&rect.corners(), self.fill, (!narrow).then_some(&edge));
         if narrow {

@@ -2,7 +2,7 @@
 
 use super::axis;
 use super::canvas::{Anchor, Canvas, Font, Rect, Stroke};
-use super::data::{Picture, Stand};
+use super::data::{Picture, StandstillCause};
 use super::map::frame;
 use super::page::Sheet;
 use super::series::{Lane, Series, Span};
@@ -16,10 +16,10 @@ const ROW: f64 = 15.0;
 /// Space after a panel, units.
 const GAP: f64 = 14.0;
 /// Gap that interrupts a line, s: motion is sent at 20 Hz, the battery voltage at 1 Hz.
-const MOTION_HOLD: f64 = 1.0;
-const POWER_HOLD: f64 = 10.0;
+const MOTION_GAP_S: f64 = 1.0;
+const POWER_GAP_S: f64 = 10.0;
 /// Maximum number of modules drawn.
-const MODULES: usize = 40;
+const MODULES_MAX: usize = 40;
 
 /// Curve of a panel.
 struct Curve<'a> {
@@ -36,17 +36,17 @@ impl Picture {
         let curve = |name, series, stroke, hold| Curve { name, series, stroke, hold };
         let target = Stroke::new(INK, 1.0).dashed(4.0, 2.5);
         let speeds = [
-            curve("measured", &self.speed, Stroke::new(TRUTH, 1.5), MOTION_HOLD),
-            curve("commanded", &self.speed_target, target, MOTION_HOLD),
+            curve("measured", &self.speed, Stroke::new(TRUTH, 1.5), MOTION_GAP_S),
+            curve("commanded", &self.speed_target, target, MOTION_GAP_S),
         ];
         let mut y = panel(canvas, sheet, top, ("speed", "Speed", "m/s"), &speeds, None);
         let angles = [
-            curve("measured", &self.steering, Stroke::new(PLAN, 1.5), MOTION_HOLD),
-            curve("commanded", &self.steering_target, target, MOTION_HOLD),
+            curve("measured", &self.steering, Stroke::new(PLAN, 1.5), MOTION_GAP_S),
+            curve("commanded", &self.steering_target, target, MOTION_GAP_S),
         ];
         y = panel(canvas, sheet, y, ("steering", "Steering", "rad"), &angles, None);
-        let voltage = [curve("voltage (left)", &self.voltage, Stroke::new(ESTIMATE, 1.5), POWER_HOLD)];
-        let charge = curve("charge (right)", &self.charge, Stroke::new(INK, 1.2).dashed(1.5, 2.0), POWER_HOLD);
+        let voltage = [curve("voltage (left)", &self.voltage, Stroke::new(ESTIMATE, 1.5), POWER_GAP_S)];
+        let charge = curve("charge (right)", &self.charge, Stroke::new(INK, 1.2).dashed(1.5, 2.0), POWER_GAP_S);
         y = panel(canvas, sheet, y, ("battery", "Battery", "V"), &voltage, Some((&charge, "%")));
         y = self.draw_stops(canvas, sheet, y);
         y = self.draw_errors(canvas, sheet, y);
@@ -76,14 +76,14 @@ impl Picture {
         canvas.begin("stops");
         head(canvas, sheet, top, "Stops", "causes of standstill; letters are explained below");
         let reasons = self.reasons();
-        let rows: [(&str, &Lane<Stand>); 2] = [("PAUSE line", &self.pause), ("stands", self.stands())];
+        let rows: [(&str, &Lane<StandstillCause>); 2] = [("PAUSE line", &self.pause), ("stands", self.stands())];
         let rect = rows_rect(sheet, top, rows.len());
         grid(canvas, sheet, &rect);
         for (n, (name, lane)) in rows.into_iter().enumerate() {
             let y = rect.y + ROW * n as f64;
             name_row(canvas, sheet, y, name);
             for (span, bar) in bars(sheet, lane, y).filter(|(span, _)| !span.what.words.is_empty()) {
-                let Stand { words: what, idle } = &span.what;
+                let StandstillCause { words: what, idle } = &span.what;
                 let place = reasons.iter().position(|(reason, ..)| reason == what);
                 let idle = *idle;
                 let filling = style::reason(place.unwrap_or(0), idle);
@@ -177,9 +177,9 @@ impl Picture {
     /// Modules with a row, by name, up to the maximum number; those with the most changes take precedence.
     fn shown_modules(&self) -> Vec<(&str, &Lane<i8>)> {
         let mut all: Vec<_> = self.states.iter().map(|(name, lane)| (name.as_str(), lane)).collect();
-        if all.len() > MODULES {
+        if all.len() > MODULES_MAX {
             all.sort_by_key(|(_, lane)| std::cmp::Reverse(lane.spans().len()));
-            all.truncate(MODULES);
+            all.truncate(MODULES_MAX);
             all.sort_by_key(|(name, _)| *name);
         }
         all
@@ -187,7 +187,7 @@ impl Picture {
 
     /// Number of modules without a row.
     pub(super) fn hidden_modules(&self) -> usize {
-        self.states.len().saturating_sub(MODULES)
+        self.states.len().saturating_sub(MODULES_MAX)
     }
 
     fn draw_marks(&self, canvas: &mut dyn Canvas, sheet: &Sheet, top: f64, bottom: f64) {

@@ -14,8 +14,8 @@
 //! | enum | a message with the only field `int32 value` |
 //! | struct without members | a message with ROS 2's placeholder `uint8 structure_needs_at_least_one_member` |
 //!
-//! ROS 2 requires names of fields in lower case and of constants in upper case, without consecutive, leading or trailing
-//! underscores: names are converted, and a number is appended to duplicates. ROS 2 has no recursive types.
+//! ROS 2 requires names of fields in lower case and of constants in upper case, without consecutive, leading or
+//! trailing underscores: names are converted, and a number is appended to duplicates. ROS 2 has no recursive types.
 //!
 //! ```
 //! let files = [("scan.lcm", "package demo; struct scan_t { int32_t n; point_t at[n]; } struct point_t { double x; }")];

@@ -1,4 +1,4 @@
-//! Speed and yaw rate from the two steered, undriven front wheels, without the steering angle (docs/facts/robot.md 1.2).
+//! Speed and yaw rate from two steered, undriven front wheels, without the steering angle (docs/facts/robot.md 1.2).
 
 use crate::{Ackermann, Motion};
 

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// | rule | for |
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
-/// | `()`, the default | `bool`, non-empty [`String`] and [`PathBuf`], lists of texts, declared tables and their lists |
+/// | `()`, the default | `bool`, [`String`] and [`PathBuf`] (not empty), lists of texts, declared tables, their lists |
 /// | [`ZeroOr`], [`Off`], [`Bytes`], [`Choice`], [`Parsed`] | see there |
 pub trait Rule<T> {
     /// Converts a value; `None` if it is not allowed.
