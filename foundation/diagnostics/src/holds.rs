@@ -25,7 +25,7 @@ pub struct HoldRow {
     pub who: String,
     /// Sentence for people.
     pub words: String,
-    /// What an operator can do about it; empty if unknown.
+    /// Action of an operator; empty if unknown.
     pub remedy: String,
     /// True if it remains until a person acts.
     pub latched: bool,

@@ -42,7 +42,7 @@ pub struct Model {
     pub processes: Slot<common::DataProcesses>,
     /// Logger.
     pub log: Slot<common::DataLog>,
-    /// Motion, and why there is none.
+    /// Motion, and the reason for a standstill.
     pub motion: Slot<lowlevel::DataMotion>,
     /// PAUSE line.
     pub stop: Slot<lowlevel::EventStop>,

@@ -87,7 +87,7 @@ impl Types {
     }
 
     /// Finds the message's type by its fingerprint and validates the bytes. `None` if no type has the fingerprint, or
-    /// there is none.
+    /// the bytes are too short for one.
     ///
     /// # Errors
     /// `bytes` is not exactly one message of the type.
