@@ -11,7 +11,7 @@ mod operator;
 mod support;
 
 use messages::{Channel, Message};
-use operator::{Heard, Page, post};
+use operator::{Page, Received, post};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
@@ -174,7 +174,7 @@ impl Hand {
         loop {
             let told = page.until("authority");
             let t = page.clock();
-            page.say(&json!({ "type": "ping", "t": t }));
+            page.send(&json!({ "type": "ping", "t": t }));
             let taken = page.ask(json!({ "type": "take", "from": told["holder"]["id"] }));
             if taken.is_ok() {
                 return page;
@@ -191,10 +191,12 @@ impl Hand {
             self.page.drive(self.hold, speed, 0.0);
             let until = Instant::now() + Duration::from_millis(50);
             while let Some(left) = until.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) {
-                match self.page.hear(left) {
+                match self.page.receive(left) {
                     // Like the page: a hold that has ended is released, and pressed anew.
-                    Heard::Said(said) if said["type"] == "ended" && said["hold"] == self.hold => self.hold += 1,
-                    Heard::Closed(..) => {
+                    Received::Message(message) if message["type"] == "ended" && message["hold"] == self.hold => {
+                        self.hold += 1
+                    }
+                    Received::Closed(..) => {
                         std::thread::sleep(left);
                         break;
                     }

@@ -22,7 +22,7 @@ use std::rc::Rc;
 const FLOOD: u32 = 100;
 
 /// Reports of one fault by the live robot so far: module and text.
-fn told(robot: &Robot, fault: Fault) -> Vec<(String, String)> {
+fn reported(robot: &Robot, fault: Fault) -> Vec<(String, String)> {
     let of_it = robot.view.errors.iter().filter(|error| error.number == fault as i32);
     of_it.map(|error| (error.module.clone(), error.message.clone())).collect()
 }
@@ -62,8 +62,8 @@ fn a_wrong_fingerprint_is_reported_once_and_the_robot_drives_on() {
          expected",
         other_type.len()
     );
-    let told = told(&robot, Fault::MessageMalformed);
-    assert_eq!(told, [("driver_canbus".into(), why)]);
+    let reports = reported(&robot, Fault::MessageMalformed);
+    assert_eq!(reports, [("driver_canbus".into(), why)]);
 }
 
 #[test]
@@ -78,17 +78,17 @@ fn truncated_datagrams_and_messages_are_reported_once_each_and_the_robot_drives_
         throw(LCM_GROUP, port, b"LC02\0\0\0\x07LL_CMD_MOTI");
         throw(LCM_GROUP, port, b"nothing of ours at all");
     });
-    let mut told = told(&robot, Fault::MessageMalformed);
+    let mut reports = reported(&robot, Fault::MessageMalformed);
     // The text names the sender, whose port varies.
-    for (_, why) in &mut told {
+    for (_, why) in &mut reports {
         if let (Some(from), Some(to)) = (why.find(" from "), why.find(" dropped: ")) {
             why.replace_range(from..to, "");
         }
     }
-    told.sort();
+    reports.sort();
     let said = |module: &str, why: &str| (module.to_string(), why.to_string());
     assert_eq!(
-        told,
+        reports,
         [
             said("driver_canbus", "LL_CMD_MOTION: a message of 20 bytes is dropped: truncated: 8 bytes needed, 4 left"),
             said("watchdog", "LCM datagram dropped: 6 bytes do not hold an LCM header"),
@@ -106,10 +106,10 @@ fn a_datagram_that_is_not_a_can_frame_is_reported_once_and_the_robot_drives_on()
     let mut robot = Robot::ready(&[]);
     let port = can_port_beside(robot.port);
     drive_through(&mut robot, |_| throw(CAN_GROUP, port, b"nonsense"));
-    let told = told(&robot, Fault::MessageMalformed);
-    let modules: Vec<&str> = told.iter().map(|(module, _)| module.as_str()).collect();
-    assert!(modules == ["driver_canbus", "simulator"] || modules == ["simulator", "driver_canbus"], "{told:?}");
-    for (_, why) in told {
+    let reports = reported(&robot, Fault::MessageMalformed);
+    let modules: Vec<&str> = reports.iter().map(|(module, _)| module.as_str()).collect();
+    assert!(modules == ["driver_canbus", "simulator"] || modules == ["simulator", "driver_canbus"], "{reports:?}");
+    for (_, why) in reports {
         let [bus, sender] = ["dropped a datagram from ", " that is no frame: "].map(|part| why.find(part).unwrap());
         assert!(why.starts_with("can.main: ") && bus < sender && !why.contains('\n'), "{why}");
     }

@@ -165,14 +165,14 @@ fn malformed_messages_are_reported_once_and_survived() {
     robot.drive(0.0, 0.0, 0.5);
     robot.drive(0.4, 0.0, 1.2);
     assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
-    let told = |module: &str, what: &str| {
+    let reported = |module: &str, what: &str| {
         let malformed = robot.view.errors.iter().filter(|error| error.number == Fault::MessageMalformed as i32);
         malformed.filter(|error| error.module == module && error.message.contains(what)).count()
     };
     for what in ["fingerprint", "truncated"] {
-        assert_eq!(told("driver_canbus", what), 1, "{what}: once by cause: {:?}", robot.view.errors);
+        assert_eq!(reported("driver_canbus", what), 1, "{what}: once by cause: {:?}", robot.view.errors);
     }
-    assert_eq!(told("watchdog", "is not LCM's"), 1, "{:?}", robot.view.errors);
+    assert_eq!(reported("watchdog", "is not LCM's"), 1, "{:?}", robot.view.errors);
 
     for (speed, steering) in [(f64::NAN, 0.0), (9.0, 0.0), (0.4, 2.0)] {
         robot.drive(0.0, 0.0, 0.6);

@@ -64,7 +64,7 @@ fn gone_within(robot: &Robot, seconds: f64) {
     println!("all gone after {:.2} s", begin.elapsed().as_secs_f64());
 }
 
-fn told(robot: &Robot, fault: Fault) -> Vec<String> {
+fn reported(robot: &Robot, fault: Fault) -> Vec<String> {
     let of_it = robot.view.errors.iter().filter(|error| error.number == fault as i32);
     of_it.map(|error| error.message.clone()).collect()
 }
@@ -113,8 +113,12 @@ fn each_stopped_module_is_killed_and_restarted() {
         let (within, sign) = if module == "logger" { (4.0, "") } else { (2.0, "its thread main") };
         let seen = robot.until("it is ended", within, |view| view.processes[module].phase != common::Process::RUNNING);
         let back = robot.until("it is back", 5.0, |view| view.runs(module) && view.pid(module) != old);
-        println!("{module}: a hang was told after {} ms, it was back {} ms later", seen.as_millis(), back.as_millis());
-        let hung = told(&robot, Fault::ModuleHung);
+        println!(
+            "{module}: a hang was reported after {} ms, it was back {} ms later",
+            seen.as_millis(),
+            back.as_millis()
+        );
+        let hung = reported(&robot, Fault::ModuleHung);
         assert!(hung.iter().any(|why| why.starts_with(&format!("{module} hangs, {sign}"))), "{hung:?}");
         robot.until("all run", 5.0, support::View::all_run);
     }
@@ -227,7 +231,9 @@ fn a_foreign_program_is_supervised_like_a_module() {
     let second = robot.view.pid("driver_rs485b");
     robot.until("it has not announced itself", 4.0, |view| view.pid("driver_rs485b") != second && is_running(view));
     assert!(
-        told(&robot, Fault::ModuleHung).iter().any(|why| why.starts_with("driver_rs485b hangs, it has not announced"))
+        reported(&robot, Fault::ModuleHung)
+            .iter()
+            .any(|why| why.starts_with("driver_rs485b hangs, it has not announced"))
     );
     assert_eq!(robot.stop(), 0);
 }
@@ -351,10 +357,10 @@ fn restarts_are_reported_once_and_a_missing_executable_by_name_and_reason() {
     let mut robot = Robot::start(&extra);
     robot.until("it storms", 10.0, |view| view.errors.iter().any(|error| error.number == Fault::RestartStorm as i32));
     robot.pass(3.0);
-    let died = told(&robot, Fault::ModuleDied);
+    let died = reported(&robot, Fault::ModuleDied);
     assert_eq!(died.len(), 1, "{died:?}");
-    assert_eq!(told(&robot, Fault::RestartStorm).len(), 1);
-    let why = told(&robot, Fault::ModuleUnstartable);
+    assert_eq!(reported(&robot, Fault::RestartStorm).len(), 1);
+    let why = reported(&robot, Fault::ModuleUnstartable);
     assert!(why.len() == 1 && why[0].contains("/no/such: No such file or directory"), "{why:?}");
     assert!(robot.view.processes["driver_rs485b"].restarts >= 5);
     assert!(robot.view.runs("driver_rs485a"), "nothing else is harmed");
@@ -370,7 +376,7 @@ fn an_announcement_under_another_s_name_is_reported_and_harms_no_module() {
         robot.publish(common::DataState { timestamp: 0, module, state });
         robot.pass(0.1);
     }
-    assert_eq!(told(&robot, Fault::NameClaimed), ["somebody announces driver_rs485b RUN, which does not run"]);
+    assert_eq!(reported(&robot, Fault::NameClaimed), ["somebody announces driver_rs485b RUN, which does not run"]);
     assert_eq!(robot.view.processes["driver_rs485b"].phase, common::Process::TERMINATED);
 }
 

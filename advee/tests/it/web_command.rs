@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use crate::operator::{Heard, Page, get, post, request};
+use crate::operator::{Page, Received, get, post, request};
 use crate::support::Robot;
 use messages::{Channel, Hold, Message};
 use serde_json::{Value, json};
@@ -341,7 +341,7 @@ fn one_device_drives_at_a_time_and_invalid_input_never_moves_the_robot() {
     // An exact repetition, a command out of order, one of a hold that has ended, one of the other page.
     let (seq, t) = (ann.seq, ann.clock());
     for seq in [seq, seq - 1, 1] {
-        ann.say(&json!({ "type": "drive", "hold": 9, "seq": seq, "t": t, "speed": 0.2, "steering": 0 }));
+        ann.send(&json!({ "type": "drive", "hold": 9, "seq": seq, "t": t, "speed": 0.2, "steering": 0 }));
     }
     ann.drive(3, 0.2, 0.0);
     bob.drive(1, 0.2, 0.0);
@@ -352,7 +352,7 @@ fn one_device_drives_at_a_time_and_invalid_input_never_moves_the_robot() {
         ann.drive(hold, 0.2, 0.0);
         ann.seq += 1;
         let (seq, t) = (ann.seq, ann.clock());
-        ann.say_text(&format!(
+        ann.send_text(&format!(
             "{{\"type\":\"drive\",\"hold\":{hold},\"seq\":{seq},\"t\":{t},\"speed\":{wrong},\"steering\":0}}"
         ));
         assert_eq!(ann.until("ended")["hold"], hold, "{wrong}");
@@ -391,19 +391,19 @@ fn one_device_drives_at_a_time_and_invalid_input_never_moves_the_robot() {
         }
     }
     // Malformed input, a flood, an overlong message: each affects only its sender.
-    second.say_text("hello");
+    second.send_text("hello");
     assert_eq!(second.until("refused")["id"], Value::Null);
     second.frame(2, b"\x00\x01");
     second.until("refused");
     for number in 0..150 {
-        second.say(&json!({ "type": "ping", "t": number }));
+        second.send(&json!({ "type": "ping", "t": number }));
     }
     assert_eq!(second.closed(), (1008, "more than 100 messages a second".into()));
     let mut third = Page::command(at, &cookies[1]);
-    third.say_text(&" ".repeat(5000));
+    third.send_text(&" ".repeat(5000));
     assert_eq!(third.closed().0, 1009);
     assert_eq!(Page::open(at, at, "/ws/command?demo=1", &format!("Cookie: {}\r\n", cookies[1])).err(), Some(403));
-    ann.say(&json!({ "type": "ping", "t": 5 }));
+    ann.send(&json!({ "type": "ping", "t": 5 }));
     assert_eq!(ann.until("pong")["t"], 5.0);
     // A silent client is disconnected after ten seconds.
     let begun = Instant::now();
@@ -411,5 +411,5 @@ fn one_device_drives_at_a_time_and_invalid_input_never_moves_the_robot() {
     assert!((9.0..12.0).contains(&begun.elapsed().as_secs_f64()), "{:?}", begun.elapsed());
     bench.robot.pass(0.5);
     assert!(bench.robot.view.processes.values().all(|process| process.restarts == 0));
-    assert!(matches!(Page::command(at, "").hear(Duration::from_secs(2)), Heard::Said(_)));
+    assert!(matches!(Page::command(at, "").receive(Duration::from_secs(2)), Received::Message(_)));
 }

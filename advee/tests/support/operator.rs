@@ -56,8 +56,8 @@ pub fn get(at: SocketAddr, path: &str, cookie: &str) -> Answer {
 
 /// Data received on a WebSocket.
 #[derive(Debug, PartialEq)]
-pub enum Heard {
-    Said(Value),
+pub enum Received {
+    Message(Value),
     Closed(u16, String),
     Nothing,
 }
@@ -105,11 +105,11 @@ impl Page {
         1000.0 + self.begun.elapsed().as_secs_f64() * 1e3
     }
 
-    pub fn say(&mut self, what: &Value) {
-        self.say_text(&what.to_string());
+    pub fn send(&mut self, what: &Value) {
+        self.send_text(&what.to_string());
     }
 
-    pub fn say_text(&mut self, text: &str) {
+    pub fn send_text(&mut self, text: &str) {
         self.frame(1, text.as_bytes());
     }
 
@@ -137,27 +137,30 @@ impl Page {
     pub fn drive(&mut self, hold: u64, speed: f64, steering: f64) {
         self.seq += 1;
         let (seq, t) = (self.seq, self.clock());
-        self.say(&serde_json::json!({ "type": "drive", "hold": hold, "seq": seq, "t": t, "speed": speed, "steering": steering }));
+        let command = serde_json::json!({
+            "type": "drive", "hold": hold, "seq": seq, "t": t, "speed": speed, "steering": steering
+        });
+        self.send(&command);
     }
 
     pub fn zero(&mut self, hold: u64) {
         self.seq += 1;
         let seq = self.seq;
-        self.say(&serde_json::json!({ "type": "zero", "hold": hold, "seq": seq }));
+        self.send(&serde_json::json!({ "type": "zero", "hold": hold, "seq": seq }));
     }
 
     /// Next frame within the time.
-    pub fn hear(&mut self, patience: Duration) -> Heard {
+    pub fn receive(&mut self, patience: Duration) -> Received {
         let until = Instant::now() + patience;
         loop {
             if let Some((opcode, payload)) = self.take() {
                 match opcode {
-                    1 => return Heard::Said(serde_json::from_slice(&payload).unwrap()),
+                    1 => return Received::Message(serde_json::from_slice(&payload).unwrap()),
                     8 if payload.len() >= 2 => {
                         let code = u16::from_be_bytes([payload[0], payload[1]]);
-                        return Heard::Closed(code, String::from_utf8_lossy(&payload[2..]).into_owned());
+                        return Received::Closed(code, String::from_utf8_lossy(&payload[2..]).into_owned());
                     }
-                    8 => return Heard::Closed(1005, String::new()),
+                    8 => return Received::Closed(1005, String::new()),
                     9 => self.frame(10, &payload),
                     _ => {}
                 }
@@ -165,16 +168,16 @@ impl Page {
             }
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                return Heard::Nothing;
+                return Received::Nothing;
             }
             self.stream.set_read_timeout(Some(left.max(Duration::from_millis(1)))).unwrap();
             let mut buffer = [0; 4096];
             match self.stream.read(&mut buffer) {
-                Ok(0) => return Heard::Closed(0, String::new()),
+                Ok(0) => return Received::Closed(0, String::new()),
                 Ok(count) => self.bytes.extend_from_slice(&buffer[..count]),
                 Err(error)
                     if [std::io::ErrorKind::WouldBlock, std::io::ErrorKind::TimedOut].contains(&error.kind()) => {}
-                Err(_) => return Heard::Closed(0, String::new()),
+                Err(_) => return Received::Closed(0, String::new()),
             }
         }
     }
@@ -197,9 +200,9 @@ impl Page {
         let begun = Instant::now();
         let mut before = Vec::new();
         while begun.elapsed() < Duration::from_secs(8) {
-            match self.hear(Duration::from_secs(8)) {
-                Heard::Said(said) if said["type"] == kind => return said,
-                Heard::Said(other) => before.push(other),
+            match self.receive(Duration::from_secs(8)) {
+                Received::Message(message) if message["type"] == kind => return message,
+                Received::Message(other) => before.push(other),
                 other => panic!("no {kind}: {other:?} after {before:?}"),
             }
         }
@@ -210,10 +213,10 @@ impl Page {
     #[track_caller]
     pub fn closed(&mut self) -> (u16, String) {
         loop {
-            match self.hear(Duration::from_secs(15)) {
-                Heard::Said(_) => {}
-                Heard::Closed(code, reason) => return (code, reason),
-                Heard::Nothing => panic!("it is not closed"),
+            match self.receive(Duration::from_secs(15)) {
+                Received::Message(_) => {}
+                Received::Closed(code, reason) => return (code, reason),
+                Received::Nothing => panic!("it is not closed"),
             }
         }
     }
@@ -224,18 +227,18 @@ impl Page {
         self.seq += 1;
         let id = self.seq;
         command["id"] = id.into();
-        self.say(&command);
+        self.send(&command);
         let begun = Instant::now();
         while begun.elapsed() < Duration::from_secs(8) {
-            match self.hear(Duration::from_secs(8)) {
-                Heard::Said(said) if said["id"] == id => {
-                    return if said["type"] == "refused" {
-                        Err(said["why"].as_str().unwrap().into())
+            match self.receive(Duration::from_secs(8)) {
+                Received::Message(message) if message["id"] == id => {
+                    return if message["type"] == "refused" {
+                        Err(message["why"].as_str().unwrap().into())
                     } else {
-                        Ok(said)
+                        Ok(message)
                     };
                 }
-                Heard::Said(_) => {}
+                Received::Message(_) => {}
                 other => panic!("no answer to {command}: {other:?}"),
             }
         }
