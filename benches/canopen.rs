@@ -1,14 +1,14 @@
 //! CANopen: `cargo bench -p advee --bench canopen`.
 //!
-//! 1. SDO in virtual wire time at 1 Mbit/s, our master and our server without device time, beside the bound: the wire
-//!    time of the frames that the protocol needs for this transfer, put together here from CiA 301, one after another
-//!    (a peer without latency). Figure to reach: 95 %.
-//! 2. CPU time of a frame in the engines, and allocations. Figures to reach: 1 us, none.
-//! 3. A full bus in real time: 8700 PDOs a second over UDP into a master in a live host; the CPU time of that host's
-//!    thread: poller, socket, msgpack, module, engine. Figure to reach: 10 % of a core.
-//! 4. SDO over UDP to a server of ours, by our client and by python-canopen's in turn. The ratio is stated.
+//! 1. SDO in virtual wire time at 1 Mbit/s, our master and our server without device time, compared with the bound: the
+//!    wire time of the frames that the protocol needs for the transfer, computed here from CiA 301, one after another
+//!    (a peer without latency). Goal: 95 %.
+//! 2. CPU time per frame in the engines, and allocations. Goals: 1 us, no allocation.
+//! 3. A full bus in real time: 8700 PDOs/s over UDP into a master in a live host; CPU time of that host's thread:
+//!    poller, socket, msgpack, module, engine. Goal: 10 % of a core.
+//! 4. SDO over UDP to a server of ours, by our client and by python-canopen's in turn. The ratio is reported.
 //!
-//! `-- wire engine load peer` chooses parts.
+//! `-- wire engine load peer` selects parts.
 
 #[path = "canopen/engine.rs"]
 mod engine;
@@ -35,7 +35,7 @@ const PARTS: [(&str, fn()); 4] =
     [("wire", wire::report), ("engine", engine::report), ("load", load::report), ("peer", peer::report)];
 
 fn main() {
-    // Cargo adds an argument of its own: `--bench`.
+    // Cargo adds an argument: `--bench`.
     let chosen: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
     for (name, report) in PARTS {
         if chosen.is_empty() || chosen.iter().any(|part| part == name) {
@@ -44,12 +44,12 @@ fn main() {
     }
 }
 
-/// A line of the tables: what, its figure, what is to be reached.
+/// Prints a line of the tables: name, figure, goal.
 fn line(what: &str, figure: &str, goal: &str) {
     println!("{what:58} {figure:>22}  {goal}");
 }
 
-/// The middle of some figures.
+/// Median.
 fn median(mut figures: Vec<f64>) -> f64 {
     figures.sort_by(f64::total_cmp);
     figures[figures.len() / 2]

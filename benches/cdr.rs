@@ -1,7 +1,7 @@
-//! Messages into CDR, as logs do with each: `cargo bench -p lcm-gen --bench cdr`.
+//! Conversion of messages to CDR, as in logs: `cargo bench -p lcm-gen --bench cdr`.
 //!
-//! Beside it what the decoder that knows its types at run time takes: to hold the bytes against the type, and to make
-//! values of them. Figure to reach: 500 MB/s of sonar readings, so that 50 MB/s of logging takes a tenth of a core.
+//! For comparison, the time of the decoder for types known at run time: to validate the bytes, and to convert them to
+//! values. Goal: 500 MB/s of sonar readings, so that logging 50 MB/s takes a tenth of a core.
 #![allow(clippy::disallowed_methods, reason = "a bench asks the time")]
 
 use std::error::Error;
@@ -60,18 +60,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A message with a timestamp and arrays of so many elements, all else as it comes without: zero, or empty.
+/// Message with a timestamp and arrays of these lengths; everything else is zero or empty.
 fn json(members: &[&str], counts: &[usize]) -> Value<'static> {
     let mut value = vec![("timestamp".into(), Value::Int(1_321_867_200_123_456))];
     for (member, count) in members[1..].iter().zip(counts) {
-        // Elements that say nothing themselves: numbers, or structs of which all is missing.
+        // Elements without values: numbers, or structs without members.
         let element = if ["x", "y", "data"].contains(member) { Value::Int(1) } else { Value::Struct(Vec::new()) };
         value.push(((*member).to_owned().into(), Value::Array(vec![element; *count])));
     }
     Value::Struct(value)
 }
 
-/// Nanoseconds a call.
+/// Nanoseconds per call.
 fn round(calls: usize, mut call: impl FnMut()) -> f64 {
     let begin = Instant::now();
     (0..calls).for_each(|_| call());

@@ -1,9 +1,9 @@
-//! Encoding and decoding, beside the code of the official lcm-gen: `cargo bench -p lcm-gen --bench codec`.
+//! Encoding and decoding, compared with the code of the official lcm-gen: `cargo bench -p lcm-gen --bench codec`.
 //!
-//! The message is `advee.range_scan_t`: a number, a string of 12, 16 × (double, double, int8_t), 305 bytes. lcm-gen's C
-//! comes from the Python package that `tools/venv` installs, is built with `cc -O2`, and runs in a process of its own;
-//! the rounds of all cases alternate. Figures to reach: 15 ns to encode into a buffer that is there, 25 ns to decode
-//! with the string borrowed, where C takes 25 and 70.
+//! The message is `advee.range_scan_t`: a number, a string of 12, 16 × (double, double, int8_t), 305 bytes. The C code
+//! of lcm-gen comes from the Python package installed by `tools/venv`, is built with `cc -O2`, and runs in a separate
+//! process; the rounds of all cases alternate. Goals: 15 ns to encode into an existing buffer, 25 ns to decode with a
+//! borrowed string, where C takes 25 and 70.
 #![allow(clippy::disallowed_methods, reason = "a bench asks the time and starts its peer")]
 
 #[path = "../foundation/lcm-gen/tests/vectors/generated.rs"]
@@ -94,7 +94,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Nanoseconds a call.
+/// Nanoseconds per call.
 fn round(mut call: impl FnMut(i64)) -> f64 {
     let begin = Instant::now();
     (0..ROUND).for_each(&mut call);
@@ -120,7 +120,7 @@ fn report(cases: &mut [(&str, Option<char>, Vec<f64>)]) {
     }
 }
 
-/// The process that runs lcm-gen's code.
+/// Process that runs lcm-gen's code.
 struct Peer {
     child: Child,
     to: Option<ChildStdin>,
@@ -128,7 +128,7 @@ struct Peer {
 }
 
 impl Peer {
-    /// Generates, builds and starts it; its message must be `ours`.
+    /// Generates, builds and starts it; its message must equal `ours`.
     fn start(ours: &[u8]) -> Result<Self, String> {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let python = env::var_os("ADVEE_PYTHON").map_or_else(|| root.join(".venv/bin/python"), PathBuf::from);
@@ -178,12 +178,12 @@ impl Peer {
 
 impl Drop for Peer {
     fn drop(&mut self) {
-        self.to = None; // it ends with its input
+        self.to = None; // the process ends with its input
         let _ = self.child.wait();
     }
 }
 
-/// What the command prints; its own words if it fails.
+/// Output of the command; its error output if it fails.
 fn run(command: &mut Command) -> Result<String, String> {
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.output().map_err(|error| format!("{program}: {error}"))?;

@@ -1,7 +1,7 @@
-//! The estimator beside what is possible: `cargo bench -p estimator --bench estimator`.
+//! Estimator compared with the theoretical bound: `cargo bench -p estimator --bench estimator`.
 //!
-//! The rows of docs/facts/robot.md 3.3 and the goals of docs/navigation.md, which holds what this prints. Each row is run
-//! from many seeds; `--seeds N` (default 100) says how many.
+//! Rows of docs/facts/robot.md 3.3 and goals of docs/navigation.md, which contains this output. Each row is run with
+//! many seeds; `--seeds N` (default 100) sets their number.
 #![allow(clippy::disallowed_methods, reason = "a bench asks the time")]
 #![allow(clippy::needless_range_loop, reason = "rows and columns of matrices are read best by their places")]
 
@@ -77,7 +77,7 @@ fn searches() -> [Row; 3] {
     ]
 }
 
-/// `f` of each seed, on all processors.
+/// Results of `f` for each seed, on all processors.
 fn each<T: Send>(seeds: u64, f: impl Fn(u64) -> T + Sync) -> Vec<T> {
     let workers = std::thread::available_parallelism().map_or(1, |count| count.get() as u64).min(seeds.max(1));
     let part = |worker: u64| (0..seeds).filter(|seed| seed % workers == worker).map(&f).collect::<Vec<T>>();
@@ -108,7 +108,7 @@ fn print_row(row: &Row, goal: f64, seeds: u64) {
     );
 }
 
-/// Median and greatest; never is for ever.
+/// Median and maximum; "never" is infinite.
 fn spread(mut times: Vec<f64>) -> (f64, f64) {
     times.sort_by(f64::total_cmp);
     (times[times.len() / 2], times[times.len() - 1])
@@ -143,7 +143,7 @@ fn print_kidnapping(row: &Row, how: &str, seeds: u64) {
     let (found, possible) = (times(&all, |sought| sought.found), times(&all, |sought| sought.enough));
     let wrong = all.iter().filter(|sought| sought.wrong > 0.0).count();
     let four = all.iter().filter(|sought| sought.told >= 4).count();
-    // The last sighting of a sweep is told with the odometry after it.
+    // The last sighting of a sweep is processed with the odometry after it.
     let limit = SWEEPS + truth::STEP;
     let (uneasy, relied) = (within(&uneasy, limit), within(&noticed, limit));
     let ((notice, latest), (median, longest)) = (spread(noticed), spread(found.clone()));
@@ -156,7 +156,7 @@ fn print_kidnapping(row: &Row, how: &str, seeds: u64) {
     );
 }
 
-/// Time on one core: a robot with odometry at 20 Hz and six beacons, told once a second.
+/// Time on one core: a robot with odometry at 20 Hz and six beacons, sighted once a second.
 fn print_cost() {
     let row = Row { beacons: 6, length: 600.0, ..Row::EASY };
     let run = truth::run(&row, 1);

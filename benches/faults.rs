@@ -1,12 +1,12 @@
 //! Fault campaign on real processes: `cargo bench --bench faults`.
 //!
-//! Simulated robots drive. Again and again a module of one is harmed, and two times are taken: until a stop has begun
-//! (on the CAN bus: quick stop, zero velocity, or the drive's own emergency that its master is lost), and until the
-//! module is in RUN again. Bounds: 300 ms for every fault of a critical module; 1 s for 99 of 100 faults. Beside it the
-//! thesis's settings: hangs are found by announcements alone (2 s, looked at every 200 ms).
+//! Simulated robots drive. Repeatedly a module of one is harmed, and two times are measured: until a stop has begun (on
+//! the CAN bus: quick stop, zero velocity, or the drive's own emergency for a lost master), and until the module is in
+//! RUN again. Bounds: 300 ms for every fault of a critical module; 1 s for 99 of 100 faults. For comparison, the
+//! settings of the thesis: hangs are detected by announcements only (2 s, checked every 200 ms).
 //!
-//! In the environment: FAULTS (1000, or as many as 15 minutes take; a number given is not cut short), ROBOTS at a time,
-//! SEED. ONLY=text: kinds of fault or modules whose name contains it.
+//! Environment: FAULTS (1000, or as many as 15 minutes take; a given number is not cut short), ROBOTS at a time, SEED.
+//! ONLY=text: kinds of fault or modules whose name contains it.
 
 #[path = "faults/can.rs"]
 mod can;
@@ -40,19 +40,19 @@ use trial::{Ending, Outcome};
 
 const FAULTS: usize = 1000;
 const ROBOTS: usize = 6;
-/// Without FAULTS given.
+/// Time limit without FAULTS.
 const LIMIT: Duration = Duration::from_secs(15 * 60);
-/// Of the control group: one for so many of the others.
+/// Ratio of the other faults to those of the control group.
 const CONTROL: usize = 20;
-/// The bounds, ms: until a stop has begun, of all; until the module is in RUN, of 99 %.
+/// Bounds, ms: until a stop has begun, for all; until the module is in RUN, for 99 %.
 const STOP_MS: f64 = 300.0;
 const RUN_MS: f64 = 1000.0;
-/// A restart after this much life is not delayed, and leaves no debt.
+/// Lifetime after which a restart is not delayed and leaves no delay for the next one.
 const REST: Duration = Duration::from_millis(10_500);
-/// What a module may use here: a memory hog ends there.
+/// Memory limit of a module, at which a memory hog ends, bytes.
 const MEMORY_MAX: u32 = 256 << 20;
 
-/// The module harmed, and how.
+/// Harmed module, and kind of fault.
 type Fault = (String, Kind);
 
 fn main() {
@@ -82,12 +82,12 @@ fn main() {
     ours.judge();
 }
 
-/// Of this campaign alone, removed with all in it.
+/// Folder of this campaign, removed with its content.
 struct Folder(PathBuf);
 
 impl Folder {
     fn new() -> Self {
-        // As in `/run`, where robots have theirs: in memory. What else the machine writes must not hold up this.
+        // In memory like `/run`, where robots have theirs: other writes of the machine must not delay it.
         let memory = Path::new("/dev/shm");
         let parent = if memory.is_dir() { memory.into() } else { std::env::temp_dir() };
         let folder = parent.join(format!("advee-faults-{}", std::process::id()));
@@ -110,7 +110,7 @@ fn build(folder: &Path) -> PathBuf {
     library
 }
 
-/// The shipped configuration, with further settings of every module.
+/// Shipped configuration with further settings of every module.
 fn configure(folder: &Path, settings: &str) -> PathBuf {
     fs::create_dir_all(folder).expect("a folder");
     let shipped = support::workspace().join("conf/advee");
@@ -123,14 +123,14 @@ fn configure(folder: &Path, settings: &str) -> PathBuf {
     folder.into()
 }
 
-/// The modules that are harmed, and whether they are critical. The simulator plays the hardware.
+/// Modules to be harmed, with true if critical. The simulator plays the hardware.
 fn modules(config: &Path) -> BTreeMap<String, bool> {
     let config = robot::config::Config::load(config, true, &[]).expect("a good configuration");
     let modules = config.modules.into_iter().map(|module| (module.name, module.critical));
     modules.filter(|(name, _)| name != SIMULATOR).chain([(watchdog::NAME.into(), true)]).collect()
 }
 
-/// Every fault as often as every other, shuffled.
+/// All faults with equal frequency, shuffled.
 fn deck(modules: &BTreeMap<String, bool>, count: usize, random: &mut Random) -> Vec<Fault> {
     // The watchdog has one thread.
     let can = |fault: &Fault| fault.0 != watchdog::NAME || fault.1 != Kind::Worker;
@@ -174,7 +174,7 @@ impl Campaign<'_> {
         results.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// One robot after the other, until there is no fault left; a new one where one does not recover.
+    /// Runs robots one after the other until no fault is left; a robot that does not recover is replaced.
     fn robot(&self, begin: Instant, results: &Mutex<Results>, random: &mut Random) {
         static NUMBER: AtomicU16 = AtomicU16::new(0);
         let add = |outcome: Outcome| results.lock().unwrap_or_else(PoisonError::into_inner).add(outcome);
@@ -219,7 +219,7 @@ impl Campaign<'_> {
         begin.elapsed() >= self.limit || self.deck.lock().unwrap_or_else(PoisonError::into_inner).is_empty()
     }
 
-    /// The next fault of a module that has rested.
+    /// Next fault of a module whose restart delay has expired.
     fn draw(&self, rests: impl Fn(&str) -> bool) -> Option<Fault> {
         let mut deck = self.deck.lock().unwrap_or_else(PoisonError::into_inner);
         let index = deck.iter().position(|(module, _)| rests(module))?;
@@ -231,15 +231,15 @@ impl Campaign<'_> {
     }
 }
 
-/// What a campaign found.
+/// Results of a campaign.
 #[derive(Default)]
 struct Results {
     kinds: BTreeMap<Kind, Row>,
-    /// Repeated, as the machine stood still meanwhile, and how long at most.
+    /// Number of faults repeated because the machine stalled, and the longest stall.
     stalled: (usize, Duration),
-    /// Repeated, as the simulator did.
+    /// Number of faults repeated because the simulator stalled.
     no_hardware: usize,
-    /// Robots that did not drive again.
+    /// Number of robots that did not drive again.
     lost: usize,
 }
 

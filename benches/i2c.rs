@@ -1,9 +1,9 @@
-//! The bit-banged I2C master: `cargo bench -p i2c --bench i2c`.
+//! Bit-banged I2C master: `cargo bench -p i2c --bench i2c`.
 //!
-//! SMBus reads per second in virtual time, beside the bound that UM10204 table 10 leaves (`docs/i2c.md`): 36 clocks at
-//! the mode's frequency and the least times of START, repeated START, STOP and the free bus. Figure to reach: 95 %. Pin
-//! operations beside the least that the protocol needs: the same. Then the CPU time of a step, the time of a round with
-//! the fan controller, and allocations. Figure to reach: none.
+//! SMBus reads per second in virtual time, compared with the bound of UM10204 table 10 (`docs/i2c.md`): 36 clocks at
+//! the mode's frequency and the minimum times of START, repeated START, STOP and the free bus. Goal: 95 %. Pin
+//! operations compared with the minimum of the protocol: the same goal. Then the CPU time of a step, the time of a
+//! round with the fan controller, and allocations. Goal: no allocation.
 
 #[path = "sys.rs"]
 mod sys;
@@ -22,7 +22,7 @@ static MEMORY: sys::Counting = sys::Counting::new();
 const READS: u32 = 10_000;
 const ROUNDS: usize = 9;
 
-/// A mode of UM10204 table 10: clock, then t_HD;STA, t_LOW, t_SU;STA, t_SU;STO, t_BUF in ns.
+/// Mode of UM10204 table 10: clock, then t_HD;STA, t_LOW, t_SU;STA, t_SU;STO, t_BUF in ns.
 struct Mode {
     hz: u32,
     hold_start: u64,
@@ -90,8 +90,8 @@ fn reads(mode: &Mode) {
     );
 }
 
-/// Edges and looks of a read of a register beside the least: START 1 + 1, nine clocks of two edges and a look each for a
-/// byte and its ACK, SDA's changes, repeated START 3 + 1, STOP 4 + 1.
+/// Pin writes and reads of a register read compared with the minimum: START 1 + 1, nine clocks of two edges and a read
+/// each for a byte and its ACK, SDA's changes, repeated START 3 + 1, STOP 4 + 1.
 fn operations() {
     let (mut master, mut wire) = (Master::new(Config::default()), wire());
     let mut now = Instant::ZERO;
@@ -130,7 +130,7 @@ fn round() {
     }
 }
 
-/// CPU time of a step of the master alone: what it saw on a wire, once more.
+/// CPU time of a step of the master alone: the recorded inputs of a wire, replayed.
 fn steps() {
     let (mut master, mut wire, mut now) = (Master::new(Config::default()), wire(), Instant::ZERO);
     let mut seen = vec![];

@@ -1,11 +1,12 @@
-//! How fast the LCM is, beside plain multicast sockets and the official library: `cargo bench -p lcm --bench lcm`.
+//! Performance of the LCM, compared with plain multicast sockets and the official library: `cargo bench -p lcm --bench
+//! lcm`.
 //!
 //! Options: `--rounds N` (5), `--only TEST,…`, `--transports NAME,…`, `--quick` (short measurements, to try it),
 //! `--loaded` (does not wait for a quiet machine), `--json` instead of the table. Names: `lcm/report.rs`.
 //!
-//! Each measurement has processes of its own, on a loopback interface of its own: in a network namespace where the
-//! machine permits. In a round all transports take their turn at each test, in random order; figures are medians over
-//! the rounds. The peers of others need `.venv`, made by `tools/venv`, and a C compiler.
+//! Each measurement has separate processes, on a separate loopback interface: in a network namespace if the machine
+//! permits. In a round all transports take their turn at each test, in random order; figures are medians over the
+//! rounds. The independent peers need `.venv`, created by `tools/venv`, and a C compiler.
 #![allow(clippy::disallowed_methods, reason = "a bench has processes, files and a clock")]
 
 #[path = "lcm/peer.rs"]
@@ -22,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// First argument of the process within the namespace; the second says which.
+/// First argument of the process within the namespace; the second names the network.
 const WITHIN: &str = "within";
 
 struct Options {
@@ -65,11 +66,11 @@ fn options(arguments: &[String]) -> Options {
     options
 }
 
-/// Goes on within a network namespace with a loopback interface that routes multicast, or else right here.
+/// Continues within a network namespace with a loopback interface that routes multicast, or else in place.
 fn enter(arguments: &[String]) {
     let me = env::current_exe().expect("my own path");
     let script = "ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && exec \"$0\" \"$@\"";
-    // As root the receive buffers can be as large as wanted; as root of a user namespace they cannot.
+    // As root the receive buffers can have any size; as root of a user namespace they cannot.
     for flags in [&["--net"][..], &["--net", "--map-root-user"]] {
         let unshare = |words: &[&str]| {
             let mut command = Command::new("unshare");
@@ -120,8 +121,8 @@ fn measure(options: &Options, network: &str) {
     println!("{}", if options.json { report::json(&rows, &machine) } else { report::markdown(&rows, &machine) });
 }
 
-/// Plain sockets know no channels, so nobody is uninterested; what takes long or does not vary is measured in fewer
-/// rounds.
+/// True if the test applies. Plain sockets have no channels, so no subscriber is uninterested; tests that take long or
+/// vary little are measured in fewer rounds.
 fn applies(test: Test, transport: &str, round: usize) -> bool {
     let has_one = match test {
         Test::Crowd => transport != "raw",
@@ -163,7 +164,7 @@ fn build_c_peer() -> PathBuf {
     peer
 }
 
-/// On what it was measured, in a line.
+/// Description of the machine in one line.
 fn machine(network: &str, granted: Option<usize>) -> String {
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
     let cpu = read("/proc/cpuinfo");

@@ -1,8 +1,8 @@
-//! The logger's process under load: `cargo bench -p advee --bench log`.
+//! Process of the logger under load: `cargo bench -p advee --bench log`.
 //!
-//! Another process says 50 MB/s of mixed messages over the bus for 20 s: how many of them are in the files, what the
-//! logger costs meanwhile, in processor time and memory. Then the traffic of a robot, 60 kB/s. Figures to reach: no loss;
-//! 5 % of a core at the robot's own.
+//! Another process publishes 50 MB/s of mixed messages for 20 s: how many of them are in the files, and the processor
+//! time and memory of the logger meanwhile. Then the traffic of a robot, 60 kB/s. Goals: no loss; 5 % of a core at the
+//! robot's traffic.
 
 #[path = "../advee/tests/support/log.rs"]
 mod log;
@@ -17,7 +17,7 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Messages of one turn: name, bytes beside the number that each begins with.
+/// Messages of one turn: channel, and bytes in addition to the number with which each begins.
 const LARGE: [(&str, usize); 4] = [("SCAN", 1_000), ("CLOUD", 16_000), ("PICTURE", 60_000), ("MAP", 1_000_000)];
 
 fn main() {
@@ -32,13 +32,13 @@ fn main() {
     measure("60 kB/s, as a robot", 60e3, 20.0);
 }
 
-/// Says `rate` bytes a second, and how many messages it were.
+/// Publishes `rate` bytes per second, and prints the number of messages.
 fn traffic(url: &str, rate: f64, seconds: f64) {
     let mut bus = support::listen(url);
     let odo = encoded(lowlevel::DataOdo::default());
     let ranges = encoded(lowlevel::DataSrfs { srfs: vec![lowlevel::Range::default(); 16], ..Default::default() });
     let estimate = encoded(middlelevel::DataEstimate::default());
-    // Half of each byte is random: pictures and scans are not compressed to nothing.
+    // Half of each byte is random: pictures and scans do not compress to nothing.
     let mut random = 0x9E37_79B9u32;
     let mut next = || {
         random ^= random << 13;
@@ -62,7 +62,7 @@ fn traffic(url: &str, rate: f64, seconds: f64) {
         }
         say("LL_DATA_SRFS", &ranges);
         for (n, (channel, size)) in large.iter().enumerate() {
-            // Each twice as rare as the one before, the last a tenth of that.
+            // Each half as frequent as the previous one, the last a tenth of that.
             if turn % if n == 3 { 32 } else { 1 << n } == 0 {
                 say(channel, &[&turn.to_le_bytes()[..], &noise[turn as usize % 1000..][..*size]].concat());
             }
@@ -70,7 +70,7 @@ fn traffic(url: &str, rate: f64, seconds: f64) {
         turn += 1;
         let due = Duration::from_secs_f64(bytes as f64 / rate);
         thread::sleep(due.saturating_sub(begin.elapsed()));
-        // What others say is not for us.
+        // Messages of others are discarded.
         while let Ok(Some(_)) = bus.recv() {}
     }
     println!("{count} {bytes} {}", begin.elapsed().as_secs_f64());
@@ -92,7 +92,7 @@ fn measure(what: &str, rate: f64, seconds: f64) {
     while said.try_wait().expect("it is our child").is_none() {
         thread::sleep(Duration::from_millis(100));
         pss = pss.max(logger.pss());
-        // Nothing of ours shall wait in memory.
+        // Keeps the receive buffer of this process empty.
         rig.listen();
     }
     let used = logger.cpu() - before;

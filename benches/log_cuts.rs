@@ -1,8 +1,8 @@
-//! What killing the logger costs: `cargo bench -p advee --bench log_cuts [-- KILLS]`.
+//! Loss when the logger is killed: `cargo bench -p advee --bench log_cuts [-- KILLS]`.
 //!
-//! A logger records somebody who counts at 500 Hz, and is killed at a random instant, 2 000 times. Each file is read as
-//! it was left; then the next start gives all of them their index. Figure to reach: 250 ms and one synchronization lost
-//! at most, no file refused.
+//! A logger records a publisher at 500 Hz, and is killed at a random instant, 2 000 times. Each file is read as it was
+//! left; then the next start restores the index of all of them. Goal: at most 250 ms and one synchronization lost,
+//! every file readable.
 
 #[path = "../advee/tests/support/log.rs"]
 mod log;
@@ -16,7 +16,7 @@ use std::thread;
 use std::time::Duration;
 
 const KILLS: usize = 2000;
-/// So many at a time.
+/// Number of loggers at a time.
 const SIDES: usize = 4;
 
 fn main() {
@@ -41,7 +41,7 @@ fn main() {
     println!("files without an index after the next start: {bad}");
 }
 
-/// The losses of so many kills, and how many files had no index in the end.
+/// Losses of `kills` kills, and number of files without an index in the end.
 fn campaign(side: u64, kills: usize) -> (Vec<u64>, usize) {
     let mut rig = Rig::new();
     let mut random = 0x9E37_79B9_7F4A_7C15 ^ (side + 1).wrapping_mul(0xD1B5_4A32_D192_ED03);
@@ -53,7 +53,7 @@ fn campaign(side: u64, kills: usize) -> (Vec<u64>, usize) {
         random ^= random >> 7;
         random ^= random << 17;
         lost.push(log::cut(&mut rig, Duration::from_micros(100_000 + random % 700_000)));
-        // Now and then those that have been mended meanwhile are judged and removed.
+        // From time to time the repaired files are checked and removed.
         if kill % 50 == 49 || kill + 1 == kills {
             let logger = rig.start(&[]);
             thread::sleep(Duration::from_secs(2));

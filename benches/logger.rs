@@ -1,7 +1,7 @@
-//! What recording costs: `cargo bench -p logger --bench logger`.
+//! Cost of recording: `cargo bench -p logger --bench logger`.
 //!
-//! Through the module, with a disk that takes 120 MB/s and 5 ms for each synchronization, in its own time: 50 MB/s of
-//! mixed messages, and the simulated robot's own traffic of 60 kB/s. Computing time is measured, what is lost is counted.
+//! Through the module, with a simulated disk that accepts 120 MB/s and takes 5 ms for each synchronization: 50 MB/s of
+//! mixed messages, and the simulated robot's own traffic of 60 kB/s. Processor time is measured, losses are counted.
 #![allow(clippy::disallowed_methods, reason = "a bench reads what the kernel has counted")]
 #![allow(clippy::unwrap_used, reason = "a bench fails by panicking")]
 
@@ -15,7 +15,7 @@ use module::{Action, Actions, Event, Input, Module, Output, PortId};
 const RATE: f64 = 120e6;
 const SYNC: Duration = Duration::from_millis(5);
 
-/// A logger on a disk that only counts.
+/// Logger on a disk that only counts.
 struct Rig {
     logger: Logger,
     out: Actions,
@@ -82,8 +82,8 @@ impl Rig {
         }
     }
 
-    /// Says these messages over and over until there were so many bytes, at so many a second. Returns the bytes, and the
-    /// computing time in seconds.
+    /// Publishes these messages repeatedly up to a total size, at a rate in bytes per second. Returns the bytes, and
+    /// the processor time in seconds.
     fn say(&mut self, messages: &[(String, Vec<u8>)], total: f64, rate: f64) -> (f64, f64) {
         let (mut bytes, begin) = (0.0, computed());
         let first = 0.1;
@@ -109,13 +109,13 @@ fn encoded(message: impl Into<Message>) -> (String, Vec<u8>) {
     (message.channel_name().into_owned(), data)
 }
 
-/// Readings that change a little, as those of a robot do.
+/// Readings that vary a little, like those of a robot.
 fn wobble(number: usize) -> f64 {
     let noise = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
     1.0 + number as f64 * 1e-4 + noise as f64 * 1e-9
 }
 
-/// A second of what the robot says: some 60 kB.
+/// One second of the robot's traffic: about 60 kB.
 fn robot() -> Vec<(String, Vec<u8>)> {
     let mut messages = Vec::new();
     for tick in 0..20 {
@@ -154,7 +154,7 @@ fn robot() -> Vec<(String, Vec<u8>)> {
     messages
 }
 
-/// The same, and pictures and scans that nobody has a type for: 64 kB and 8 kB that do not shrink much.
+/// The robot's traffic, and pictures and scans of unknown type: 64 kB and 8 kB that hardly compress.
 fn mixed() -> Vec<(String, Vec<u8>)> {
     let mut messages = robot();
     let mut state = 1_u64;
@@ -168,7 +168,7 @@ fn mixed() -> Vec<(String, Vec<u8>)> {
     messages
 }
 
-/// Seconds that this process has had a core.
+/// Processor time of this process, s.
 fn computed() -> f64 {
     let text = std::fs::read_to_string("/proc/self/schedstat").unwrap();
     text.split_whitespace().next().and_then(|ns| ns.parse::<f64>().ok()).unwrap() / 1e9

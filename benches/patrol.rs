@@ -1,13 +1,13 @@
-//! Patrolling a hall among visitors: `cargo bench -p advee --bench patrol`.
+//! Patrol of a hall among visitors: `cargo bench -p advee --bench patrol`.
 //!
-//! The whole robot as it is shipped, in virtual time, drives the world's route `patrol` by itself: first an hour with
-//! nobody there, then `HOURS` robot-hours (default 1, to report: 10) among the world's visitors, half an hour a seed.
-//! Printed: every contact with who moved, way, speed beside the empty hall's, goals given up, how often an operator had
-//! to let the planner go again after somebody had bumped into the robot. Then what the planner was told in the first
-//! half hour is told to a new one, and every turn of its control loop is timed.
+//! The whole shipped robot, in virtual time, drives the world's route `patrol` autonomously: first an hour without
+//! visitors, then `HOURS` robot-hours (default 1, for a report: 10) among the world's visitors, half an hour per seed.
+//! Printed: every contact with the moving party, distance, speed relative to the empty hall, goals given up, and how
+//! often an operator had to resume the planner after a visitor had walked into the robot. Then the planner's inputs of
+//! the first half hour are replayed to a new one, and every step of its control loop is timed.
 //!
-//! Figures: no contact that the robot moved into, 60 % of the empty hall's speed, no goal given up; control step 20 µs
-//! in the mean, 0.5 ms at the 99th percentile. The bench fails when one is not reached.
+//! Goals: no contact caused by the robot, 60 % of the empty hall's speed, no goal given up; control step 20 µs in the
+//! mean, 0.5 ms at the 99th percentile. The bench fails if one is missed.
 
 #[path = "patrol/rig.rs"]
 mod rig;
@@ -23,7 +23,7 @@ use std::process::ExitCode;
 use std::rc::Rc;
 use std::time::Instant;
 
-/// A run, s.
+/// Duration of a run, s.
 const RUN: f64 = 1800.0;
 
 fn main() -> ExitCode {
@@ -72,7 +72,7 @@ struct Total {
     let_go: u32,
     told: (u32, u32),
     contacts: Vec<(f64, bool, String)>,
-    /// What the planner said last, and where the robot is.
+    /// Last texts of the planner, and the pose of the robot.
     words: Vec<(f64, String)>,
     at: (f64, f64, f64),
     took: f64,
@@ -135,7 +135,7 @@ impl std::fmt::Display for Total {
     }
 }
 
-/// How long the turns of the control loop took.
+/// Durations of the control loop's steps.
 struct Steps {
     count: usize,
     mean_us: f64,
@@ -144,7 +144,7 @@ struct Steps {
 }
 
 impl Steps {
-    /// Of a planner that is told what another one was told.
+    /// Replays recorded inputs to a planner.
     fn of(told: &[u8]) -> Self {
         let mut reader = Reader::open(told).expect("a recording");
         let mut shell = recording::rebuild(reader.header(), &[]).expect("the recorded configuration");

@@ -1,11 +1,11 @@
-//! The planner on mazes that can be driven: `cargo bench -p planner --bench plan [-- MAZES --each]`.
+//! Planner on solvable mazes: `cargo bench -p planner --bench plan [-- MAZES --each]`.
 //!
 //! 20 m by 20 m at 5 cm, the reference robot, full knowledge; half labyrinths of corridors, half halls full of blocks,
-//! made by `plan/maze.rs`, which knows a way through each. Figures to reach: all of 100 solved, 99 % within 100 ms on one
-//! core, in CPU time. A plan is all from the request to the smoothed path, with the distance field at
-//! hand as it is on the robot. `first` is the first way that could be driven. Lengths are beside that of the way the maze
-//! was built around, which wanders in the halls, and beside the shortest way of something round, 0.6 m wide, that turns
-//! on the spot: no way of the robot is shorter.
+//! made by `plan/maze.rs`, which knows a path through each. Goals: all of 100 solved, 99 % within 100 ms of CPU time on
+//! one core. A plan is everything from the request to the smoothed path, with the distance field given, as on the
+//! robot. `first` is the first drivable path. Lengths are relative to that of the path around which the maze was built,
+//! which meanders in the halls, and to the shortest path of a disc, 0.6 m wide, that turns on the spot: a lower bound
+//! for the robot.
 
 #[path = "plan/maze.rs"]
 mod maze;
@@ -37,7 +37,7 @@ fn main() {
         let maze = maze(number);
         let Pose { x, y, theta } = maze.goal;
         let goal = Goal { x, y, heading: Some(theta.radians()), tolerance_m: 0.0 };
-        // The least of some rounds: other programs only ever add to it, through caches. Each begins with nothing known.
+        // Minimum of some rounds: other programs only add to it, through caches. Each begins without prior results.
         let (mut field_ms, mut first_ms, mut plan_ms, mut again_ms) = (f64::MAX, f64::MAX, f64::MAX, f64::MAX);
         let (mut first_length, mut expansions, mut allocations) = (0.0, 0, 0);
         let mut path = None;
@@ -56,7 +56,7 @@ fn main() {
                         first.get_or_insert((milliseconds(begun), path.length()));
                     }
                     Status::Found(path) => break Ok(path.clone()),
-                    Status::NoWay(why) => break Err(why),
+                    Status::NoPath(why) => break Err(why),
                 }
             };
             plan_ms = plan_ms.min(milliseconds(begun));
@@ -64,7 +64,7 @@ fn main() {
             first_ms = first_ms.min(first.0);
             (first_length, expansions) = (first.1, search.expansions());
             path = Some(found);
-            // The same once more: what a robot does that finds something in its way.
+            // The same request again, as after an obstacle on the path.
             let (begun, before) = (cpu_ns(), MEMORY.allocations());
             let _ = black_box(search.plan(&field, maze.start, goal, Budget::default()));
             allocations = MEMORY.allocations() - before;
@@ -136,7 +136,7 @@ fn main() {
     println!("solved {} of {mazes}, p99 of all {:.1} ms", rows.len(), plans(&rows));
 }
 
-/// A column of the table.
+/// Column of the table.
 type Figure = fn(&Row) -> f64;
 
 struct Row {
@@ -155,7 +155,7 @@ struct Row {
     clearance: f64,
 }
 
-/// What this thread has run, ns. The kernel counts when it looks: a thread that yields is looked at.
+/// CPU time of this thread, ns. The kernel updates the count on a yield.
 fn cpu_ns() -> u64 {
     std::thread::yield_now();
     sys::cpu_ns()
@@ -165,7 +165,7 @@ fn milliseconds(begun: u64) -> f64 {
     (cpu_ns() - begun) as f64 / 1e6
 }
 
-/// The shortest way from start to goal for the robot's middle with a disc of the robot's width around it: Dijkstra with
+/// Shortest path from start to goal for the robot's middle with a disc of the robot's width around it: Dijkstra with
 /// sixteen directions, at most 2.8 % too long.
 fn round_way(maze: &Maze) -> f64 {
     let (width, cells) = (maze.map.frame().width as i64, maze.map.cells());
@@ -192,7 +192,7 @@ fn round_way(maze: &Maze) -> f64 {
             break;
         }
         for (dx, dy) in (-2i64..=2).flat_map(|dx| (-2i64..=2).map(move |dy| (dx, dy))) {
-            // Neighbours, and a knight's leaps.
+            // Neighbours, and knight's moves.
             let straight = dx.abs().max(dy.abs()) == 1;
             if !(straight || dx.abs() + dy.abs() == 3) {
                 continue;
@@ -209,7 +209,7 @@ fn round_way(maze: &Maze) -> f64 {
     least[goal as usize]
 }
 
-/// One length of a shortest way between poses at random.
+/// Time of one length of a shortest path between random poses.
 fn curves() {
     let poses: Vec<Pose> = (0..1000)
         .map(|i| {

@@ -1,7 +1,7 @@
-//! What the logger does to each message for the tools of ROS 2: `cargo bench -p logger --bench ros`.
+//! Conversion of messages to ROS 2 in the logger: `cargo bench -p logger --bench ros`.
 //!
-//! Messages of the robot's, the size that they have on it: the type alone is told by `--bench cdr` of `lcm-gen`; here
-//! with topics looked up and the standard types beside, of which a message of sonars makes sixteen.
+//! Messages of the robot in their usual size: `--bench cdr` of `lcm-gen` measures the type alone; this one includes the
+//! lookup of topics and the standard types, of which a message of sonars produces sixteen.
 #![allow(clippy::disallowed_methods, reason = "a bench asks the time")]
 
 use std::error::Error;

@@ -1,9 +1,9 @@
-//! The EIA-485 engine: `cargo bench -p rs485 --bench rs485`.
+//! EIA-485 engine: `cargo bench -p rs485 --bench rs485`.
 //!
-//! Poll cycle of bus A (two SD1, one SO1, asked as fast as it goes) in virtual wire time, beside the wire's limit: the
-//! words of requests and answers, two words of turnaround before each request, and the boards' answer delay of 200 us.
-//! Figure to reach: 95 %. Then the CPU time of one transaction in the master and its schedule, with all that a driver
-//! calls for it, and its allocations. Figures to reach: 2 us, none.
+//! Poll cycle of bus A (two SD1, one SO1, polled as fast as possible) in virtual wire time, compared with the wire's
+//! limit: the words of requests and answers, two words of turnaround before each request, and the boards' answer delay
+//! of 200 us. Goal: 95 %. Then the CPU time of one transaction in the master and its schedule, with all calls of a
+//! driver, and its allocations. Goals: 2 us, no allocation.
 
 #[path = "sys.rs"]
 mod sys;
@@ -96,7 +96,7 @@ fn poll_cycle(baud: u32) {
     );
 }
 
-/// CPU time of a transaction: what a driver calls, the answer in one read.
+/// CPU time of a transaction: the calls of a driver, with the answer in one read.
 fn engine(name: &str, board: u8) {
     let (mut master, mut schedule) = master(115_200);
     let mut slave = Slave::new(slave::Config::new(board));

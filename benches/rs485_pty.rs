@@ -1,8 +1,8 @@
 //! Poll cycle of EIA-485 on a pseudo-terminal: `cargo bench -p advee --bench rs485_pty`.
 //!
-//! Two live hosts as on the robot: a master that asks a SD1 for all its distances as fast as it may, and the simulator
-//! with that board, which plays the wire's time (a pseudo-terminal has none) and answers after 200 us. The bound is what
-//! the wire allows: the words of request and answer, two words of silence, the board's delay. Figure to reach: 90 %.
+//! Two live hosts as on the robot: a master that polls an SD1 for all its distances as fast as it may, and the
+//! simulator with that board, which simulates the wire's time (a pseudo-terminal has none) and answers after 200 us.
+//! The bound is that of the wire: the words of request and answer, two words of silence, the board's delay. Goal: 90 %.
 
 use base::{Duration, Instant};
 use host::ports::{PortConfig, TerminalConfig};
@@ -26,14 +26,14 @@ const TURNAROUND_WORDS: u32 = 2;
 const ROUND: Duration = Duration::from_secs(3);
 const ROUNDS: usize = 5;
 
-/// The time of each good answer, and how many polls failed.
+/// Time of each good answer, and number of failed polls.
 #[derive(Default)]
 struct Log {
     at: Vec<Instant>,
     failed: u64,
 }
 
-/// Asks again as soon as it has an answer, until its time is over.
+/// Polls again as soon as it has an answer, until its time is over.
 struct Poller {
     ports: [PortSpec; 1],
     master: Master,
@@ -60,7 +60,7 @@ impl Module for Poller {
                 self.master.handle_timeout(now);
                 if self.end.is_some_and(|end| end <= now) {
                     (self.up, self.end) = (false, None);
-                    // To this thread, which the host runs in.
+                    // To this thread, in which the host runs.
                     raise(Signal::SIGTERM).expect("a signal");
                 }
             }
@@ -110,7 +110,7 @@ fn main() {
     }
 }
 
-/// A module in its own host, on an LCM bus that nobody else is on.
+/// Module in a separate host, on an LCM bus without other participants.
 fn host(name: &str, module: Box<dyn Module>, port: PortConfig, lcm: u16) {
     let mut config = ShellConfig::new(name);
     config.wanted = State::Run;
@@ -119,7 +119,7 @@ fn host(name: &str, module: Box<dyn Module>, port: PortConfig, lcm: u16) {
     run(Shell::new(config, module), place).expect("a host");
 }
 
-/// A robot with one SD1, of eight sonars and two floor rangers.
+/// Robot with one SD1, of eight sonars and two floor sensors.
 fn simulator(baud: u32) -> Simulator {
     let sd1 = Sd1Config {
         srfs: (0..sd1::SRFS).map(|n| Pose::new(0.7, 0.0, n as f64)).collect(),

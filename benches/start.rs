@@ -1,7 +1,7 @@
-//! What the whole simulated robot costs: `cargo bench --bench start`.
+//! Cost of the whole simulated robot: `cargo bench --bench start`.
 //!
-//! Cold start of `advee up --sim` to all modules RUN (homing of the steering apart); proportional memory of all
-//! processes together; their CPU while the robot stands. Figures to reach: 1 s, 40 MB, 5 % of a core.
+//! Cold start of `advee up --sim` until all modules are in RUN (without homing of the steering); proportional memory of
+//! all processes together; their CPU time while the robot stands. Goals: 1 s, 40 MB, 5 % of a core.
 
 #[path = "../advee/tests/support.rs"]
 mod support;

@@ -1,7 +1,8 @@
-//! What it costs to guard ten modules that do nothing else: `cargo bench --bench supervision`.
+//! Cost of supervising ten idle modules: `cargo bench --bench supervision`.
 //!
-//! `advee up`, the watchdog, and ten processes of the live host whose module does nothing: they beat, announce themselves
-//! and hear the watchdog. All processor time of all of them is supervision. Figure to reach: 0.5 % of a core.
+//! `advee up`, the watchdog, and ten processes of the live host whose module does nothing: they send heartbeats,
+//! announce themselves and receive the watchdog's messages. All their processor time is supervision. Goal: 0.5 % of a
+//! core.
 
 #[path = "../advee/tests/support.rs"]
 mod support;
@@ -16,7 +17,7 @@ use std::process::{ExitCode, Stdio};
 const MODULES: usize = 10;
 const SECONDS: f64 = 30.0;
 
-/// Does nothing, well.
+/// Module that does nothing.
 struct Idle;
 
 impl Module for Idle {
@@ -75,7 +76,7 @@ fn sleep(seconds: f64) {
     std::thread::sleep(std::time::Duration::from_secs_f64(seconds));
 }
 
-/// The robot of the checkout with ten modules that are this executable.
+/// Robot of the checkout with ten modules that are this executable.
 fn configure(folder: &Path) {
     fs::create_dir_all(folder).expect("a folder");
     let shipped = support::workspace().join("conf/advee/robot.toml");
@@ -85,7 +86,7 @@ fn configure(folder: &Path) {
     fs::write(folder.join("modules.toml"), (0..MODULES).map(module).collect::<String>()).expect("a file");
 }
 
-/// The process, the watchdog below it, and the modules, which are children of either.
+/// Process, the watchdog below it, and the modules, which are children of either.
 fn family(up: u32) -> Vec<u32> {
     let children = |parent| host::processes::children(parent);
     let (watchdog, adopted): (Vec<u32>, Vec<u32>) = children(up).into_iter().partition(|pid| {
@@ -95,7 +96,7 @@ fn family(up: u32) -> Vec<u32> {
     [vec![up], watchdog, adopted, own].concat()
 }
 
-/// Time on a processor, s (proc(5), schedstat).
+/// Processor time, s (proc(5), schedstat).
 fn cpu_s(pid: u32) -> f64 {
     let text = fs::read_to_string(format!("/proc/{pid}/schedstat")).unwrap_or_default();
     text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) / 1e9

@@ -1,11 +1,11 @@
-//! What benches ask of their machine: an allocator that counts, CPU time.
+//! System functions of benches: a counting allocator, CPU time.
 #![allow(unsafe_code, reason = "an allocator cannot be written without")]
 #![allow(clippy::disallowed_methods, reason = "a bench asks for its CPU time")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// The system's, counting what it is asked for.
+/// System allocator with a count of its calls.
 pub struct Counting {
     allocations: AtomicU64,
 }
@@ -15,13 +15,13 @@ impl Counting {
         Self { allocations: AtomicU64::new(0) }
     }
 
-    /// Allocations since the start, grown ones included.
+    /// Number of allocations since the start, including reallocations.
     pub fn allocations(&self) -> u64 {
         self.allocations.load(Relaxed)
     }
 }
 
-// SAFETY: every call goes to the system's allocator as it came.
+// SAFETY: every call is passed to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         self.allocations.fetch_add(1, Relaxed);
@@ -41,7 +41,7 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// What this thread has run, ns (kernel: Documentation/scheduler/sched-stats.rst).
+/// CPU time of this thread, ns (kernel: Documentation/scheduler/sched-stats.rst).
 pub fn cpu_ns() -> u64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("a kernel with schedstat");
     text.split_whitespace().next().and_then(|ns| ns.parse().ok()).expect("nanoseconds")

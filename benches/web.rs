@@ -1,8 +1,8 @@
-//! What the web server costs: `cargo bench --bench web`.
+//! Cost of the web server: `cargo bench --bench web`.
 //!
-//! A simulated robot that patrols, its web server with nobody looking, with 20 pages of the diagnostic center, each of which
-//! watches a channel too, and with 20 viewers of Foxglove that want everything at full rate: CPU and memory of the server's
-//! process, what reached the viewers. Figures to reach: 10 % of a core, 15 MB.
+//! A patrolling simulated robot, its web server without viewers, with 20 pages of the diagnostic center, each of which
+//! also watches a channel, and with 20 viewers of Foxglove that subscribe to everything at full rate: CPU time and
+//! memory of the server's process, and the data received by the viewers. Goals: 10 % of a core, 15 MB.
 
 #[path = "../advee/tests/support/page.rs"]
 mod page;
@@ -31,13 +31,13 @@ fn main() {
     let alone = measure(&mut robot, pid);
     println!("nobody looks:  {:5.2} % of a core, {:.1} MB PSS", alone.0, alone.1);
     crowd(&mut robot, pid, at, "pages", page_of);
-    // Their seats are free again.
+    // Their places are free again.
     robot.pass(1.0);
     crowd(&mut robot, pid, at, "viewers of Foxglove", look);
     println!("{}", health(at));
 }
 
-/// Twenty of a kind.
+/// Measures with twenty viewers of a kind.
 fn crowd(robot: &mut Robot, pid: u32, at: SocketAddr, kind: &str, look: fn(SocketAddr, &AtomicBool, &[AtomicU64; 2])) {
     let (end, counts) = (Arc::new(AtomicBool::new(false)), Arc::new([AtomicU64::new(0), AtomicU64::new(0)]));
     let viewers: Vec<_> = (0..VIEWERS)
@@ -72,7 +72,7 @@ fn measure(robot: &mut Robot, pid: u32) -> (f64, f64) {
     (100.0 * used, pss_kib(pid) as f64 / 1024.0)
 }
 
-/// A page of the diagnostic center that watches a channel; counts parts and bytes.
+/// Page of the diagnostic center that watches a channel; counts parts and bytes.
 fn page_of(at: SocketAddr, end: &AtomicBool, counts: &[AtomicU64; 2]) {
     let mut socket = page::Socket::open(at, "/ws/view", "").expect("a seat");
     socket.say(r#"{"watch":["ML_DATA_ESTIMATE"]}"#);
@@ -84,7 +84,7 @@ fn page_of(at: SocketAddr, end: &AtomicBool, counts: &[AtomicU64; 2]) {
     }
 }
 
-/// A viewer that subscribes to everything and counts what it gets: messages and bytes.
+/// Viewer that subscribes to everything and counts messages and bytes.
 fn look(at: SocketAddr, end: &AtomicBool, counts: &[AtomicU64; 2]) {
     let mut line = TcpStream::connect(at).expect("the server is there");
     line.write_all(
@@ -133,7 +133,7 @@ fn frame(read: &mut impl Read) -> (u8, Vec<u8>) {
     (head[0] & 15, payload)
 }
 
-/// To every channel of an advertisement.
+/// Subscribes to every channel of an advertisement.
 fn subscribe(line: &mut TcpStream, text: &[u8], asked: &mut BTreeSet<u64>) {
     let message: serde_json::Value = serde_json::from_slice(text).expect("JSON");
     let channels = message["channels"].as_array().into_iter().flatten().filter_map(|channel| channel["id"].as_u64());
@@ -145,7 +145,7 @@ fn subscribe(line: &mut TcpStream, text: &[u8], asked: &mut BTreeSet<u64>) {
     let text = serde_json::json!({ "op": "subscribe", "subscriptions": wanted }).to_string();
     let mut bytes = vec![0x81, 0x80 | 126];
     bytes.extend(u16::try_from(text.len()).expect("some hundred channels").to_be_bytes());
-    // Masked by zeros.
+    // Masked with zeros.
     bytes.extend([0; 4]);
     bytes.extend(text.as_bytes());
     line.write_all(&bytes).expect("it hears");

@@ -1,8 +1,7 @@
-//! How long it takes from a hand that lets go of the pad until the zero leaves the web server: `cargo bench --bench
-//! web_command`.
+//! Time from the release of the pad until the zero leaves the web server: `cargo bench --bench web_command`.
 //!
-//! A simulated robot is driven over `/ws/command` and let go a thousand times. Times: from before the page writes to its socket
-//! until the server has made the message (its timestamp), and until it is heard on the bus. Goal: 20 ms.
+//! A simulated robot is driven over `/ws/command` and released a thousand times. Times: from before the page writes to
+//! its socket until the server has made the message (its timestamp), and until it is received on the bus. Goal: 20 ms.
 
 #[path = "../advee/tests/support/operator.rs"]
 mod operator;
@@ -36,7 +35,7 @@ fn main() {
         let timestamp = until(&mut robot, |speed| speed == 0.0);
         heard.push(begun.elapsed().as_secs_f64() * 1e3);
         said.push((timestamp - wall) as f64 / 1e3);
-        // Its two other zeros.
+        // Two further zeros follow.
         until(&mut robot, |speed| speed == 0.0);
         until(&mut robot, |speed| speed == 0.0);
     }
@@ -52,7 +51,7 @@ fn wall() -> i64 {
     SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).expect("after 1970").as_micros() as i64
 }
 
-/// The timestamp of the next motion command that is so.
+/// Timestamp of the next motion command that satisfies `is`.
 fn until(robot: &mut Robot, is: impl Fn(f64) -> bool) -> i64 {
     let begun = Instant::now();
     loop {

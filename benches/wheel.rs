@@ -1,7 +1,7 @@
-//! Command to wheel: `cargo bench --bench wheel`.
+//! Latency from command to wheel: `cargo bench --bench wheel`.
 //!
-//! From publishing `LL_CMD_MOTION` to RPDO4 with the new speed on the CAN bus, beside one LCM hop (publish to receive,
-//! in this process) in the same run, alternating. Figure to reach: p99 at most 2 ms above the hop's.
+//! From publishing `LL_CMD_MOTION` to RPDO4 with the new speed on the CAN bus, compared with one LCM hop (publish to
+//! receive, in this process) in the same run, alternating. Goal: p99 at most 2 ms above the hop's.
 
 #[path = "../advee/tests/support.rs"]
 mod support;
@@ -76,7 +76,7 @@ fn drain(can: &UdpSocket) {
     can.set_nonblocking(false).expect("blocking");
 }
 
-/// When RPDO4 with this speed arrives; it is also repeated with the speed before.
+/// Arrival of RPDO4 with this speed; it is also repeated with the previous speed.
 fn wait_for_rpdo4(can: &UdpSocket, begin: Instant, speed: f64) -> Option<Duration> {
     // Motor speed at 1 m/s: gear 26, wheels of 0.1 m.
     let rpm = (speed * 26.0 * 60.0 / (0.2 * std::f64::consts::PI)).round() as i32;

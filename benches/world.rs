@@ -1,12 +1,12 @@
-//! The virtual world beside real time: `cargo bench -p advee --bench world`.
+//! Virtual world compared with real time: `cargo bench -p advee --bench world`.
 //!
-//! The whole robot as it is shipped, all its modules and the watchdog, on virtual buses, in the worlds `empty` (nobody
-//! there) and `hall` (20 visitors walk about): standing, driven by commands at 20 Hz, and `checked`: driven, with the
-//! rules of `advee soak` held against every step. For each: virtual seconds in a second of CPU time, what an observer was
-//! told of, allocations, way, digest. Each runs twice; two digests that differ end the bench. Figures to reach: 1000 ×
-//! real time on one core, `empty`, driving; the rules cost 5 % at most.
+//! The whole shipped robot, all its modules and the watchdog, on virtual buses, in the worlds `empty` (without
+//! visitors) and `hall` (20 visitors): standing, driven by commands at 20 Hz, and `checked`: driven, with the rules of
+//! `advee soak` applied to every step. For each: virtual seconds per second of CPU time, events seen by an observer,
+//! allocations, distance, digest. Each runs twice; different digests end the bench. Goals: 1000 × real time on one
+//! core, `empty`, driving; the rules cost 5 % at most.
 //!
-//! `-- --minutes 10 empty driving`: how long, of which world, how; `--picture FILE` draws the last run.
+//! `-- --minutes 10 empty driving`: duration, world, manner; `--picture FILE` draws the last run.
 
 #[path = "sys.rs"]
 mod sys;
@@ -25,7 +25,7 @@ use std::rc::Rc;
 #[global_allocator]
 static MEMORY: sys::Counting = sys::Counting::new();
 
-/// From the start until the steering is homed and everything is warm.
+/// Time from the start until the steering is homed and everything is warm.
 const READY: Duration = Duration::from_secs(15);
 const MINUTES: u64 = 5;
 
@@ -35,7 +35,7 @@ fn main() {
     let minutes = at.map_or(MINUTES, |at| arguments[at + 1].parse().expect("a number of minutes"));
     let at = arguments.iter().position(|argument| argument == "--picture");
     let picture = at.map(|at| arguments.get(at + 1).expect("a file"));
-    // A kind of which nothing is named is not chosen from.
+    // All values of a category are selected unless one is named.
     let chosen = |all: &[&'static str]| {
         let named: Vec<_> =
             all.iter().copied().filter(|one| arguments.iter().any(|argument| argument == one)).collect();
@@ -58,14 +58,14 @@ fn main() {
     }
 }
 
-/// What an observer has seen.
+/// Values seen by an observer.
 #[derive(Default)]
 struct Seen {
     news: Cell<u64>,
     way: Cell<f64>,
     at: Cell<Option<(f64, f64)>>,
     homed: Cell<bool>,
-    /// Those of the body that the robot moved into.
+    /// Contacts of the body that the robot moved into.
     contacts: Cell<i32>,
     picture: RefCell<Option<Picture>>,
 }
@@ -108,7 +108,7 @@ impl Run {
         }
     }
 
-    /// The one that was disturbed less.
+    /// Less disturbed run.
     fn min(self, other: Self) -> Self {
         if other.cpu_s < self.cpu_s { other } else { self }
     }
@@ -127,7 +127,7 @@ impl Run {
     }
 }
 
-/// Forth for five seconds and the same way back, each time on another arc: it stays where it began.
+/// Forwards for five seconds and the same path back, each time on another arc: it stays where it began.
 fn command(second: u64) -> lowlevel::CmdMotion {
     let speed = if second % 10 < 5 { 0.4 } else { -0.4 };
     let steering = [0.0, 0.55, -0.3, 0.2, -0.5][(second / 10 % 5) as usize];

@@ -1,4 +1,4 @@
-//! The picture in ARCHITECTURE.md and the code cannot part: crates use what their row allows, pure crates say so.
+//! Keeps ARCHITECTURE.md and the code consistent: crates use only what their row allows, pure crates declare it.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -79,7 +79,7 @@ fn every_crate_uses_only_what_its_row_allows() {
 fn the_oldest_compiler_is_the_same_everywhere() {
     let workspace: toml::Table = fs::read_to_string(root().join("Cargo.toml")).unwrap().parse().unwrap();
     let version = workspace["workspace"]["package"]["rust-version"].as_str().unwrap();
-    // The lint `incompatible_msrv` holds the code to it.
+    // The lint `incompatible_msrv` enforces it in the code.
     assert_eq!(workspace["workspace"]["lints"]["clippy"]["incompatible_msrv"].as_str(), Some("deny"));
     for folder in members() {
         let inherits = manifest(&folder)["package"]["rust-version"].get("workspace").and_then(toml::Value::as_bool);
@@ -90,9 +90,9 @@ fn the_oldest_compiler_is_the_same_everywhere() {
 }
 
 #[test]
-fn the_table_itself_has_no_arrow_upwards() {
+fn the_table_itself_has_no_circle() {
     let table = table();
-    // Repeatedly take away what depends on nothing that is left; a circle would remain.
+    // Repeatedly removes crates without remaining dependencies; a circle would be left.
     let mut left: BTreeMap<_, _> = table.iter().filter_map(|(name, (_, may))| Some((name, may.clone()?))).collect();
     while let Some(name) = left.iter().find(|(_, may)| may.iter().all(|m| !left.contains_key(m))).map(|(n, _)| *n) {
         left.remove(name);
@@ -106,7 +106,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     files_below(folder, &["rs"])
 }
 
-/// All files below a folder that end so.
+/// All files below a folder with one of these extensions.
 fn files_below(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let files = entries.flat_map(|path| if path.is_dir() { files_below(&path, extensions) } else { vec![path] });
@@ -115,7 +115,7 @@ fn files_below(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
 
 #[test]
 fn engines_are_no_std_and_libraries_forbid_unsafe_code() {
-    // Files that reach the system's own calls and memory.
+    // Files that call the operating system or access raw memory.
     let with_unsafe = [
         "foundation/lcm/src/live/sys.rs",
         "foundation/lcm/src/shm/memory.rs",
@@ -144,7 +144,7 @@ fn engines_are_no_std_and_libraries_forbid_unsafe_code() {
 
 #[test]
 fn nothing_that_runs_on_the_robot_needs_atomics_of_64_bits() {
-    // ARMv5TE has none, and this test needs no compiler for it. What such a machine does otherwise stands in a `cfg`.
+    // ARMv5TE has none, and this test needs no compiler for it. Alternatives for such machines are behind a `cfg`.
     for folder in members() {
         let mut files = sources(&root().join(&folder).join("src"));
         // Tests of the crates below the host run on such machines too (`make arm`).
@@ -154,7 +154,7 @@ fn nothing_that_runs_on_the_robot_needs_atomics_of_64_bits() {
         }
         for file in files {
             let text = fs::read_to_string(&file).unwrap();
-            // A file for machines that have them, or the line after a `cfg` for those.
+            // A file for machines that have them, or the line after such a `cfg`.
             if text.contains("#![cfg(target_has_atomic = \"64\")]") {
                 continue;
             }
@@ -196,12 +196,12 @@ fn docs_holds_is_the_list_in_the_code() {
     assert_eq!(documented, coded);
 }
 
-/// Where text of such a name is data, not words for people: the file, and what stands there.
+/// Exceptions, where text of such a name is data, not a sentence for people: file and expression.
 const NO_PROSE: [(&str, &str); 1] = [
-    // Which of the page's own hands holds: a closed type of its own.
+    // Name of the page's control that holds the robot: a closed type of its own.
     ("modules/web/page/src/drive/pad.tsx", "const held = now ?. source === pad ; const place"),
 ];
-/// Where sentences of causes are made, or parts of them with the figures of a cause.
+/// Files that make the sentences of causes, or parts of them with the figures of a cause.
 const MAKERS: [&str; 5] = [
     "messages/src/hold.rs",
     "modules/drivers/src/canbus/drive.rs",

@@ -1,5 +1,5 @@
-//! The terminal diagnostic center on a terminal of its own: another's emulator (vt100) reads the screen, keys drive the
-//! simulated robot.
+//! Terminal diagnostic center on a pseudo-terminal: an independent emulator (vt100) interprets the screen, keys drive
+//! the simulated robot.
 
 mod support;
 
@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use support::Robot;
 
-/// `advee diag` and what is on its screen.
+/// `advee diag` with its screen.
 struct Screen {
     child: Child,
     keys: File,
@@ -23,7 +23,7 @@ struct Screen {
     begun: Instant,
 }
 
-/// What came out of it: as the emulator shows it, and as it was.
+/// Output: as interpreted by the emulator, and raw.
 struct Seen {
     parser: vt100::Parser,
     bytes: Vec<u8>,
@@ -57,7 +57,7 @@ impl Screen {
                 if seen.first.is_none() && seen.parser.screen().contents().contains("? help") {
                     seen.first = Some(Instant::now());
                 }
-                // What kind of terminal it is: every one says something.
+                // Query for the terminal type, which every terminal answers.
                 if bytes.windows(3).any(|part| part == b"\x1b[c") {
                     let _ = writer.write_all(b"\x1b[?62c");
                 }
@@ -70,7 +70,7 @@ impl Screen {
         self.seen.lock().expect("the screen").parser.screen().contents()
     }
 
-    /// Makes the terminal another size.
+    /// Changes the size of the terminal.
     fn resize(&self, rows: u16, columns: u16) {
         let terminal = Stdio::from(self.keys.try_clone().expect("its end"));
         let (rows_text, columns_text) = (rows.to_string(), columns.to_string());
@@ -114,13 +114,13 @@ const COLUMNS: NonZero<u16> = NonZero::new(80).expect("not zero");
 const UP: &str = "\x1b[A";
 
 #[test]
-fn arrows_that_are_held_drive_and_let_go_stop_and_the_screen_says_so() {
+fn held_arrow_keys_drive_and_released_ones_stop_and_the_screen_shows_it() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY ") && text.contains("1Overview"));
     screen.press("d");
     screen.until("the drive is taken", |text| text.contains("you drive  zero"));
-    // As a keyboard does: a press, a pause, repeats.
+    // Like a keyboard: a press, a pause, repeats.
     for repeat in 0..20 {
         screen.press(UP);
         robot.pass(if repeat == 0 { 0.5 } else { 0.033 });
@@ -152,7 +152,7 @@ fn arrows_that_are_held_drive_and_let_go_stop_and_the_screen_says_so() {
 }
 
 #[test]
-fn who_is_killed_at_the_wheel_leaves_a_robot_that_stops() {
+fn a_terminal_killed_while_driving_leaves_a_robot_that_stops() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY "));
@@ -174,7 +174,7 @@ fn an_expert_finds_out_what_ended_and_reads_a_drive() {
     screen.press("2/rs485a\r\r");
     screen.until("all about a module", |text| text.contains("it never ended") && text.contains("critical    yes"));
     robot.kill("driver_rs485a");
-    screen.until("how it ended", |text| text.contains("SIGKILL: it was killed") && text.contains("restarts    1"));
+    screen.until("how it ended", |text| text.contains("SIGKILL: killed") && text.contains("restarts    1"));
     screen.press("\x1b");
     std::thread::sleep(Duration::from_millis(300));
     screen.press("3:sdo propulsion 0x6041\r");
@@ -196,11 +196,11 @@ fn an_expert_finds_out_what_ended_and_reads_a_drive() {
 }
 
 #[test]
-fn whatever_is_on_the_bus_nothing_of_it_reaches_the_terminal() {
+fn control_characters_on_the_bus_never_reach_the_terminal() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &["--read-only"]);
     screen.until("it is ready", |text| text.contains(" READY "));
-    // A title, a bell, C1, a turn of the text's direction; and no end.
+    // A title, a bell, C1 controls, a change of the text direction; and a very long name.
     let evil = format!("\x1b]0;evil\x07\u{9b}2J\u{202e}\x1b[31m{}", "x".repeat(30_000));
     for turn in 0..60 {
         let number = turn % 7;
@@ -220,7 +220,7 @@ fn whatever_is_on_the_bus_nothing_of_it_reaches_the_terminal() {
     let text = String::from_utf8_lossy(&seen.bytes);
     assert!(!text.contains("\x1b]") && !text.contains('\x07') && !text.contains(['\u{9b}', '\u{202e}']));
     drop(seen);
-    // Neither does it on paper.
+    // Nor does it reach the printed output.
     for args in [&["diag", "--once"][..], &["diag", "--once", "--json"]] {
         let told = robot.advee(args);
         let told = String::from_utf8(told.stdout).expect("text");
@@ -229,7 +229,7 @@ fn whatever_is_on_the_bus_nothing_of_it_reaches_the_terminal() {
 }
 
 #[test]
-fn floods_of_keys_of_messages_and_of_sizes_leave_it_at_work() {
+fn floods_of_keys_messages_and_resizes_are_survived() {
     let mut robot = Robot::ready(&[]);
     let mut screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY "));
@@ -253,7 +253,7 @@ fn floods_of_keys_of_messages_and_of_sizes_leave_it_at_work() {
 }
 
 #[test]
-fn it_is_there_at_once_and_takes_little() {
+fn it_starts_at_once_and_uses_little_processor_time() {
     let mut robot = Robot::ready(&[]);
     let screen = Screen::open(&robot, &[]);
     screen.until("it is ready", |text| text.contains(" READY "));
@@ -263,7 +263,7 @@ fn it_is_there_at_once_and_takes_little() {
     robot.pass(5.0);
     let part = (screen.cpu() - before) / 5.0;
     let _ = writeln!(std::io::stderr(), "start {start:?}, {:.1} % of a core", 100.0 * part);
-    // The figures are 0.1 s and 3 %; a machine that does more at the same time takes longer.
+    // The figures are 0.1 s and 3 %; a loaded machine takes longer.
     assert!(start < Duration::from_secs(1), "{start:?}");
     assert!(part < 0.1, "{part}");
 }

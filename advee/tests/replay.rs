@@ -1,4 +1,4 @@
-//! What modules were told, recorded and played again: live and in virtual time, unharmed and harmed.
+//! Inputs of modules, recorded and replayed: live and in virtual time, intact and damaged.
 
 mod support;
 
@@ -31,7 +31,7 @@ const MODULES: [&str; 10] = [
     "watchdog",
 ];
 
-/// The folder of a run, removed in the end.
+/// Folder of a run, removed at the end.
 struct Run(PathBuf);
 
 impl Drop for Run {
@@ -45,7 +45,7 @@ impl Run {
         self.0.join("inputs").join(name)
     }
 
-    /// Plays it, or a file: the exit code, and what is said of each file.
+    /// Replays the run, or a file: exit code, and the report on each file.
     fn replay(path: &Path, extra: &[&str]) -> (i32, Vec<Value>) {
         let output = Command::new(env!("CARGO_BIN_EXE_advee"))
             .args(["replay", "--json"])
@@ -64,10 +64,10 @@ impl Run {
     }
 }
 
-/// What a process has written so far.
+/// Output of a process so far.
 type File = Rc<RefCell<Vec<u8>>>;
 
-/// A recorded run in virtual time: homed, driven, a module killed.
+/// Recorded run in virtual time: homed, driven, with a killed module.
 fn recorded(name: &str) -> Run {
     let run = Run(std::env::temp_dir().join(format!("advee-replay-{name}-{}", std::process::id())));
     fs::create_dir_all(run.0.join("inputs")).expect("a folder");
@@ -111,7 +111,7 @@ fn recorded(name: &str) -> Run {
 }
 
 #[test]
-fn a_run_in_virtual_time_is_played_again_to_the_last_bit() {
+fn a_run_in_virtual_time_is_replayed_bit_for_bit() {
     let run = recorded("virtual");
     let (code, lines) = Run::replay(&run.0, &[]);
     let results: Vec<(&str, &str)> =
@@ -126,14 +126,14 @@ fn a_run_in_virtual_time_is_played_again_to_the_last_bit() {
     assert_eq!((code, lines.len()), (0, 2), "both its lives");
 }
 
-/// How often `what` stands in the group of this name.
+/// Number of occurrences of `what` in the group of this name.
 fn within(svg: &str, group: &str, what: &str) -> usize {
     let (_, from) = svg.split_once(&format!("<g class=\"{group}\">")).unwrap_or_else(|| panic!("no {group}"));
     from.split("</g>").next().map_or(0, |group| group.matches(what).count())
 }
 
 #[test]
-fn a_run_is_drawn_from_what_its_modules_said() {
+fn a_run_is_drawn_from_its_recorded_messages() {
     let run = recorded("plot");
     let plot = |extra: &[&str]| {
         let advee = Command::new(env!("CARGO_BIN_EXE_advee")).arg("plot").arg(&run.0).args(extra).output().unwrap();
@@ -146,7 +146,7 @@ fn a_run_is_drawn_from_what_its_modules_said() {
     assert_eq!((within(&drawn, "world", "<polyline"), within(&drawn, "world", "<circle")), (13, 6));
     assert_eq!((within(&drawn, "beacons", "<circle"), within(&drawn, "truth", "<polyline")), (6, 1));
     assert_eq!((within(&drawn, "robot", "<polygon"), within(&drawn, "speed", "polyline") > 4), (1, true));
-    // Ten modules, each with a name; one died, which the watchdog reported.
+    // Ten modules, each with its name; one died, which the watchdog reported.
     assert_eq!(MODULES.map(|module| within(&drawn, "states", &format!(">{module}<"))), [1; 10]);
     assert!(drawn.contains("ERROR  watchdog ModuleDied: driver_rs485a ended by signal 9"));
     assert!(drawn.contains("the steering is being homed"));
@@ -166,7 +166,7 @@ fn a_run_is_drawn_from_what_its_modules_said() {
     let (code, said) = plot(&["--out", "picture.pdf"]);
     assert!(code == Some(2) && said.contains("expected a file .png or .svg") && said.lines().count() == 1, "{said}");
 
-    // What is damaged is drawn up to there; of what is none of ours one line says so.
+    // A damaged file is drawn up to the damage; a foreign file is reported in one line.
     let file = run.file("simulator");
     let mut bytes = fs::read(&file).unwrap();
     let half = bytes.len() / 2;
@@ -183,9 +183,9 @@ fn a_run_is_drawn_from_what_its_modules_said() {
 }
 
 #[test]
-fn another_constant_is_shown_with_its_moment_its_channel_and_its_fields() {
+fn a_changed_constant_is_shown_with_its_instant_channel_and_fields() {
     let run = recorded("constant");
-    // The robot coasts as far as it did: the set-points are others.
+    // The robot coasts as far as before: the set-points differ.
     let sets = ["--set", "limits.speed_manual_mps=0.3"];
     let (code, lines) = Run::replay(&run.0, &[&["--module", "driver_canbus"], &sets[..]].concat());
     assert_eq!(code, 1);
@@ -196,7 +196,7 @@ fn another_constant_is_shown_with_its_moment_its_channel_and_its_fields() {
     assert_eq!(difference["channel"], "can.main", "{difference}");
     assert_eq!(difference["fields"][0]["field"], "data", "{difference}");
 
-    // A shorter life of commands shows when its end is what the module waits for next.
+    // A shorter validity of commands shows when its end is the module's next deadline.
     let (code, lines) = Run::replay(&run.file("driver_canbus"), &["--set", "limits.command_ttl_s=0.2"]);
     assert_eq!(code, 1);
     let difference = &lines[0]["different"];
@@ -204,7 +204,7 @@ fn another_constant_is_shown_with_its_moment_its_channel_and_its_fields() {
     let field = &difference["fields"][0];
     assert!(field["field"] == "due in s" && field["was"].as_f64() > field["is"].as_f64(), "{difference}");
 
-    // A field of a message.
+    // Field of a message.
     let (code, lines) = Run::replay(&run.file("driver_rs485a"), &["--set", "geometry.wheel_radius_m=0.101"]);
     assert_eq!(code, 1);
     let difference = &lines[0]["different"];
@@ -214,13 +214,13 @@ fn another_constant_is_shown_with_its_moment_its_channel_and_its_fields() {
     assert!(fields.contains(&"translation"), "{difference}");
     let text = run.text(&["--module", "driver_rs485a", "--set", "geometry.wheel_radius_m=0.101"]);
     assert!(text.contains("DIFFERENT") && text.contains("translation: 0."), "{text}");
-    // Who has nothing to do with it is the same.
+    // An unaffected module has the same result.
     let (code, _) = Run::replay(&run.file("driver_power"), &["--set", "geometry.wheel_radius_m=0.101"]);
     assert_eq!(code, 0);
 }
 
 #[test]
-fn what_is_cut_damaged_or_has_a_gap_is_refused_with_its_place() {
+fn a_truncated_damaged_or_incomplete_recording_is_refused_with_its_position() {
     let run = recorded("harmed");
     let whole = fs::read(run.file("driver_power")).unwrap();
     let harmed = run.file("harmed");
@@ -241,7 +241,7 @@ fn what_is_cut_damaged_or_has_a_gap_is_refused_with_its_place() {
     let (why, ..) = refused(&damaged);
     assert!(why.starts_with("damaged") || why == "cut off", "{why}");
 
-    // A whole record taken out.
+    // One whole record removed.
     let mut reader = record::Reader::open(&whole).unwrap();
     let mut places = Vec::new();
     while let Some(record::Item::Record(record)) = reader.read().unwrap() {
@@ -266,7 +266,7 @@ fn what_is_cut_damaged_or_has_a_gap_is_refused_with_its_place() {
 }
 
 #[test]
-fn a_live_run_is_played_again_to_the_last_bit() {
+fn a_live_run_is_replayed_bit_for_bit() {
     let mut robot = Robot::ready(&[]);
     robot.drive(0.4, 0.1, 2.0);
     assert!(robot.view.speed() > 0.3, "{}", robot.view.reason());
@@ -289,7 +289,7 @@ fn a_live_run_is_played_again_to_the_last_bit() {
     assert_eq!(results, expected, "{lines:?}");
     assert_eq!(code, 0);
     for line in &lines {
-        // What was killed has no end; all others ended in good order.
+        // The killed process has no end record; all others exited normally.
         let end = if line["file"] == "driver_rs485a" { "open" } else { "exited" };
         assert_eq!(line["same"]["end"], end, "{line}");
         assert!(line["events"].as_u64().unwrap() > 30, "{line}");

@@ -1,8 +1,8 @@
-//! Rules that find nothing prove nothing: each deliberate bug is found by the soak within one robot-hour, by a rule that
-//! it breaks; and without one nothing is found.
+//! Proof that the rules detect bugs: each deliberate bug is found by the soak within one robot-hour, by a rule that it
+//! breaks; and without a bug nothing is found.
 //!
-//! `cargo test -p advee --features sabotage --test sabotage -- --nocapture` prints when, and by which rule.
-//! `BUG=PauseIgnored` for one of them.
+//! `cargo test -p advee --features sabotage --test sabotage -- --nocapture` prints the time and the rule.
+//! `BUG=PauseIgnored` selects one of them.
 
 use cli::soak::Robot;
 use module::sabotage::{self, Bug};
@@ -31,7 +31,7 @@ fn robot(scenario: Scenario) -> Robot {
         config: folder("conf/advee"),
         run_dir: "/run/advee".into(),
         lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
-        // What visitors do has tests of its own.
+        // Visitors have tests of their own.
         sets: vec!["world.people=0".into()],
         sim: true,
         world: None,
@@ -39,7 +39,7 @@ fn robot(scenario: Scenario) -> Robot {
     Robot::new(place, scenario, SEED).expect("the shipped configuration")
 }
 
-/// The rules that a bug breaks; which of them is seen first is chance.
+/// Rules broken by a bug; which of them is detected first is random.
 fn rules(bug: Bug) -> &'static [&'static str] {
     match bug {
         Bug::TimeToLiveIgnored => &["fresh", "authority"],
@@ -47,7 +47,7 @@ fn rules(bug: Bug) -> &'static [&'static str] {
         Bug::PauseIgnored => &["pause"],
         Bug::ResumesByItself | Bug::PlannerNotLatched | Bug::EstimateIgnored => &["resumes"],
         Bug::TwoAuthorities => &["authority"],
-        // What needs no reference is not homed.
+        // An axis that needs no reference is not homed.
         Bug::HomingNotRequired => &["homed", "moves"],
         Bug::StateIgnored => &["idle"],
         Bug::LostDriveIgnored => &["drives"],
@@ -61,7 +61,7 @@ fn rules(bug: Bug) -> &'static [&'static str] {
     }
 }
 
-/// What must meet for a bug to show, by the beginnings of kinds of faults: it comes thirty times as often as usual.
+/// Faults that must occur for a bug to show, by the prefixes of their kinds: their rate is thirty times the usual one.
 fn often(bug: Option<Bug>) -> &'static [&'static str] {
     match bug {
         Some(Bug::StopLeft) => &["state_stop", "state_run"],
@@ -73,7 +73,7 @@ fn often(bug: Option<Bug>) -> &'static [&'static str] {
     }
 }
 
-/// What a robot-hour with this bug finds, and after how many seconds of it.
+/// Result of a robot-hour with this bug: the violation, and the seconds until then.
 fn soak(bug: Option<Bug>) -> Option<(f64, Violation)> {
     let mut scenario = scenario();
     for kind in &mut scenario.kinds {

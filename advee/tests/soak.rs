@@ -1,7 +1,7 @@
-//! The soak: the same seed is the same soak, on one job or two; what breaks a rule is found and made small; the shipped
-//! scenario holds; what once failed does not fail again.
+//! Soak: the same seed gives the same soak, with one job or two; violations are found and reduced; the shipped scenario
+//! passes; earlier failures do not recur.
 //!
-//! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` for more.
+//! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` runs it longer.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use base::Duration;
@@ -38,7 +38,7 @@ fn shipped() -> Scenario {
     config::scenario(&root().join("scenarios/default.toml")).expect("the shipped scenario")
 }
 
-/// Of the shipped scenario one short turn.
+/// One short turn of the shipped scenario.
 fn short() -> Scenario {
     Scenario { chaos: Duration::from_secs(20), calm: Duration::from_secs(30), turns: 1, ..shipped() }
 }
@@ -93,9 +93,9 @@ fn the_shipped_scenario_holds() {
 }
 
 #[test]
-fn what_once_failed_does_not_fail_again() {
+fn earlier_failures_do_not_recur() {
     for regression in config::regressions(&root().join("scenarios/regressions.toml")).expect("a good file") {
-        // As it was when it failed: before there were visitors.
+        // As at the time of the failure: before there were visitors.
         let place = Place { sets: vec!["world.people=0".into()], ..place(&regression.world) };
         let robot = Robot::new(place, shipped(), regression.seed).expect("the shipped configuration");
         let outcome = robot.episode(regression.episode, &regression.faults).unwrap();
@@ -103,7 +103,7 @@ fn what_once_failed_does_not_fail_again() {
     }
 }
 
-/// A scenario in which only these kinds of faults come.
+/// Scenario with only these kinds of faults.
 fn only(kinds: Vec<Kind>) -> Scenario {
     Scenario { kinds, ..short() }
 }
@@ -114,8 +114,8 @@ fn kind(name: &str, target: &str, fault: &str, per_hour: f64) -> Kind {
 }
 
 #[test]
-fn a_fault_that_outlives_the_chaos_is_found_and_is_all_that_is_left_of_the_list() {
-    // For good, as 0 means it; and a lot that is harmless beside it.
+fn a_fault_that_outlives_the_chaos_is_found_and_the_list_reduced_to_it() {
+    // Unlimited, as 0 means; with many harmless faults besides.
     let scenario = only(vec![kind("harmless", "clock", "step", 2000.0), kind("mute", "psc1", "silent", 400.0)]);
     let robot = robot(scenario.clone(), "empty", 1);
     let number = (0..20).find(|number| draw(&scenario, 1, *number).iter().any(|fault| fault.kind == "mute")).unwrap();
@@ -128,7 +128,7 @@ fn a_fault_that_outlives_the_chaos_is_found_and_is_all_that_is_left_of_the_list(
 }
 
 #[test]
-fn a_fault_that_nobody_knows_is_told_and_no_soak_goes_on_without_it() {
+fn an_unknown_fault_is_reported_and_ends_the_soak() {
     let report = robot(only(vec![kind("odd", "sd1_frnt", "silent", 3000.0)]), "empty", 1);
     let report = report.many(3, 2, &Progress::none()).unwrap();
     let [(0, violation)] = &report.violations[..] else { panic!("{:?}", report.violations) };
@@ -136,8 +136,8 @@ fn a_fault_that_nobody_knows_is_told_and_no_soak_goes_on_without_it() {
     assert!(violation.what.contains("fault silent of sd1_frnt"), "{violation}");
 }
 
-/// What happens in an episode with these faults: the digest of all but the orders that let them loose, and how often it
-/// was told that inputs are lost.
+/// Effect of these faults in an episode: digest of all messages except the commands that inject them, and the number of
+/// reports of lost inputs.
 fn effect(world: &str, scenario: &Scenario, faults: &[Fault]) -> (u64, u32) {
     let place = place(world);
     let (limits, world) = (
@@ -179,10 +179,10 @@ fn effect(world: &str, scenario: &Scenario, faults: &[Fault]) -> (u64, u32) {
 }
 
 #[test]
-fn every_kind_of_fault_of_the_shipped_scenario_does_something() {
+fn every_kind_of_fault_of_the_shipped_scenario_has_an_effect() {
     let scenario = Scenario { settle: Duration::from_secs(13), ..short() };
     let at = scenario.settle + Duration::from_secs(2);
-    // A step of the clock shows in who is started after it.
+    // A step of the clock shows in processes started after it.
     let kill = Fault {
         at: at + Duration::from_secs(1),
         kind: "kill".into(),
@@ -201,7 +201,7 @@ fn every_kind_of_fault_of_the_shipped_scenario_does_something() {
 }
 
 #[test]
-fn a_disk_that_is_full_is_told_once_by_each_process_and_stops_nobody() {
+fn a_full_disk_is_reported_once_by_each_process_and_stops_none() {
     let scenario = short();
     let full = |at_s, lasts| Fault {
         at: Duration::from_secs(at_s),
@@ -212,11 +212,11 @@ fn a_disk_that_is_full_is_told_once_by_each_process_and_stops_nobody() {
         lasts,
     };
     let config = config::Config::load(&root().join("conf/advee"), true, &[]).unwrap();
-    // In virtual time nothing is logged or looked at; the watchdog is not among its modules.
+    // In virtual time nothing is logged or viewed; the watchdog is not in its list of modules.
     let virtually = config.modules.iter().filter(|module| !["logger", "web"].contains(&module.name.as_str()));
     let modules = virtually.count() as u32 + 1;
     assert_eq!(effect("empty", &scenario, &[]).1, 0);
-    // That the robot moves in calm is a rule.
+    // A rule requires the robot to move in calm.
     assert_eq!(effect("empty", &scenario, &[full(22, 5.0), full(30, 5.0)]).1, modules);
 }
 

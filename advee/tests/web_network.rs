@@ -1,8 +1,8 @@
-//! Driving over a network that delays, stalls and breaks: whatever it does, the zero leaves the server within 250 ms after
-//! the last good command was said, and the robot is told to stand within 300 ms.
+//! Driving over a network that delays, stalls and breaks: in every case the zero leaves the server within 250 ms after
+//! the last good command was sent, and the robot is commanded to stop within 300 ms.
 //!
-//! Between the page and the server stands a TCP proxy that keeps what a bad radio link keeps. Each command has a speed of
-//! its own, by which it is known again on the bus; times are those that the senders put into the messages.
+//! A TCP proxy between the page and the server behaves like a bad radio link. Each command has a distinct speed by
+//! which it is identified on the bus; times are those in the senders' messages.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -11,7 +11,7 @@ mod operator;
 mod support;
 
 use messages::{Channel, Message};
-use operator::{Heard, Page, post};
+use operator::{Page, Received, post};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
@@ -22,15 +22,15 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant, SystemTime};
 use support::{Robot, View};
 
-/// What the link does to what is on its way to the server; TCP keeps the order.
+/// Treatment of data on its way to the server; TCP keeps the order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Link {
     Good,
-    /// Each piece is kept up to 200 ms.
+    /// Each piece is delayed by up to 200 ms.
     Jitter,
-    /// Of 100 pieces 5 are lost, and come again after 200 to 400 ms; all behind them wait.
+    /// Of 100 pieces 5 are lost, and are retransmitted after 200 to 400 ms; all following ones wait.
     Loss,
-    /// Nothing arrives any more, and nobody is told.
+    /// No data arrives any more, without a notification.
     Cut,
     /// The connection is broken.
     Reset,
@@ -118,14 +118,14 @@ fn wall() -> i64 {
     SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_micros() as i64
 }
 
-/// What was heard on the bus: when it was said, and what.
+/// Messages received on the bus, with their timestamps.
 #[derive(Default)]
 struct Bus {
     commands: Vec<(i64, f64)>,
     targets: Vec<(i64, f64)>,
 }
 
-/// Listens on a thread of its own until it is told to end.
+/// Receives in a separate thread until `ends` is set.
 fn listen(url: &str, ends: Arc<AtomicBool>) -> std::thread::JoinHandle<Bus> {
     let mut lcm = support::listen(url);
     std::thread::spawn(move || {
@@ -149,18 +149,18 @@ fn listen(url: &str, ends: Arc<AtomicBool>) -> std::thread::JoinHandle<Bus> {
     })
 }
 
-/// A page at the end of a link: it presses, drives, lets go, or the link breaks; comes back where it must.
+/// Page at the end of a link: it presses, drives, releases, or the link breaks; reconnects if necessary.
 struct Hand {
     page: Page,
     at: SocketAddr,
     server: SocketAddr,
     cookie: String,
     hold: u64,
-    /// When each speed was said, µs since the UNIX epoch.
+    /// Timestamp of each speed sent, µs since the UNIX epoch.
     said: BTreeMap<u64, i64>,
 }
 
-/// Speeds are known again by their micrometres a second.
+/// Identifies speeds by their micrometres per second.
 fn key(speed: f64) -> u64 {
     (speed * 1e6).round() as u64
 }
@@ -170,11 +170,11 @@ impl Hand {
         let headers = format!("Origin: http://{server}\r\nCookie: {cookie}\r\n");
         let mut page = Page::open(at, server, "/ws/command", &headers).expect("the socket opens");
         let begun = Instant::now();
-        // Who was cut off may hold it a little still.
+        // The disconnected page may hold control a little longer.
         loop {
             let told = page.until("authority");
             let t = page.clock();
-            page.say(&json!({ "type": "ping", "t": t }));
+            page.send(&json!({ "type": "ping", "t": t }));
             let taken = page.ask(json!({ "type": "take", "from": told["holder"]["id"] }));
             if taken.is_ok() {
                 return page;
@@ -191,10 +191,12 @@ impl Hand {
             self.page.drive(self.hold, speed, 0.0);
             let until = Instant::now() + Duration::from_millis(50);
             while let Some(left) = until.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) {
-                match self.page.hear(left) {
-                    // As the page does: a hold that has ended is let go, and pressed anew.
-                    Heard::Said(said) if said["type"] == "ended" && said["hold"] == self.hold => self.hold += 1,
-                    Heard::Closed(..) => {
+                match self.page.receive(left) {
+                    // Like the page: a hold that has ended is released, and pressed anew.
+                    Received::Message(message) if message["type"] == "ended" && message["hold"] == self.hold => {
+                        self.hold += 1
+                    }
+                    Received::Closed(..) => {
                         std::thread::sleep(left);
                         break;
                     }
@@ -257,12 +259,12 @@ fn judge(bus: &Bus, said: &BTreeMap<u64, i64>) {
         passed += 1;
         latest = latest.max(at - of);
         assert!(at - of < 250_000, "passed on {} µs after it was said", at - of);
-        // The next one, moving or not, is in time.
+        // The next command, moving or not, is in time.
         let next = bus.commands.get(place + 1).expect("a zero at the end");
         assert!(next.0 - of <= 250_000, "the next is {} µs after it was said", next.0 - of);
         if next.1 == 0.0 {
             zeros.push(next.0 - of);
-            // Where it was driven before, it is told to stand in time.
+            // If the robot was driven before, it is commanded to stop in time.
             let driven =
                 bus.targets.iter().any(|(when, target)| *when > at - 200_000 && *when <= next.0 && *target > 0.05);
             let stands = bus.targets.iter().find(|(when, target)| *when >= *at && *target == 0.0);
@@ -280,7 +282,7 @@ fn judge(bus: &Bus, said: &BTreeMap<u64, i64>) {
         worst(&zeros),
         worst(&stops)
     );
-    // 300 ms, and what LL_DATA_MOTION, which comes each 50 ms, has not told yet by then.
+    // 300 ms, plus the 50 ms period of LL_DATA_MOTION.
     assert!(stops.iter().all(|after| *after <= 310_000), "{stops:?}");
     assert!(zeros.len() >= 8 && stops.len() >= 5 && passed > 200, "there was something to judge");
 }

@@ -1,4 +1,4 @@
-"""python-canopen's SDO client: `client.py PORT`. For each line that it is told it measures once and prints six figures:
+"""python-canopen's SDO client: `client.py PORT`. Measures once for each input line and prints six figures:
 expedited downloads and uploads per second, then kB/s of segmented and of block transfers, down and up."""
 import sys
 import time

@@ -1,4 +1,4 @@
-//! CPU time and allocations of a frame in the engines.
+//! CPU time and allocations per frame in the engines.
 
 use crate::sys::cpu_ns;
 use crate::{MEMORY, line, median};
@@ -10,14 +10,14 @@ use canopen::wire::{self, Service};
 use canopen::{Node, NodeEvent};
 use std::hint::black_box;
 
-/// Nodes on the bus.
+/// Number of nodes on the bus.
 pub const NODES: u8 = 8;
-/// A full bus: 6 bytes at 1 Mbit/s with the most stuffed bits.
+/// Frames per second on a full bus: 6 bytes at 1 Mbit/s with maximum bit stuffing.
 pub const FULL: u32 = 8700;
 const CALLS: u32 = 200_000;
 const ROUNDS: usize = 9;
 
-/// A drive of few objects: RPDO4 is controlword and target velocity, TPDO4 statusword and actual velocity.
+/// Drive with few objects: RPDO4 is controlword and target velocity, TPDO4 statusword and actual velocity.
 pub fn drive(id: u8) -> Node {
     use Access::{ReadOnly, ReadWrite};
     use DataType::{I32, U16, U32};
@@ -35,7 +35,7 @@ pub fn drive(id: u8) -> Node {
     Node::new(dictionary, Duration::from_millis(1))
 }
 
-/// A master for all of them; none is lost while a figure is taken.
+/// Master for all of them; none is lost during a measurement.
 pub fn master() -> Master {
     let long = Duration::from_secs(60);
     let node = |id| NodeConfig { heartbeat_limit: long, ..NodeConfig::new(id, "drive") };
@@ -43,7 +43,7 @@ pub fn master() -> Master {
     Master::new(MasterConfig::default(), &nodes).expect("a good configuration")
 }
 
-/// A booted bus in virtual time.
+/// Booted bus in virtual time.
 struct Bus {
     now: Instant,
     master: Master,
@@ -79,8 +79,8 @@ impl Bus {
         while self.master.poll_event().is_some() {}
     }
 
-    /// The next frame of a full bus: when, and from or to which node. Heartbeats come now and then, so that nobody is
-    /// lost.
+    /// Next frame of a full bus: advances the time and returns the node. Heartbeats are interspersed, so that no node
+    /// is lost.
     fn next(&mut self) -> u8 {
         self.now += Duration::from_secs(1) / FULL;
         self.count = self.count.wrapping_add(1);
@@ -92,7 +92,7 @@ impl Bus {
         (self.count % u32::from(NODES)) as u8 + 1
     }
 
-    /// Whatever a driver does after each input.
+    /// Calls of a driver after each input.
     fn drain(&mut self) -> Option<Event> {
         let event = self.master.poll_event();
         while black_box(self.master.poll_tx()).is_some() {}
@@ -130,7 +130,7 @@ pub fn report() {
             bus.next();
         }
         bus.master.sdo_read(bus.now, 1, 0x606C, 0).expect("the node is there");
-        // The master's heartbeat goes first when it is due.
+        // The master's heartbeat precedes if it is due.
         while bus.master.poll_tx().expect("a request").data().len() < 8 {}
         bus.master.handle_rx(bus.now, black_box(&answer));
         assert!(matches!(bus.drain(), Some(Event::SdoRead { .. })));

@@ -1,4 +1,4 @@
-//! A full bus in real time, into a live host.
+//! Full bus in real time, into a live host.
 
 use crate::bus::Bus;
 use crate::engine::{FULL, NODES, drive, master};
@@ -19,7 +19,7 @@ use std::thread;
 const LASTS: Duration = Duration::from_secs(4);
 const BIT_RATE: u32 = 1_000_000;
 
-/// From when all nodes run: CPU time, PDOs, moment.
+/// Values since all nodes run: CPU time, PDOs, instant.
 #[derive(Clone, Copy, Default)]
 struct Seen {
     cpu: u64,
@@ -27,7 +27,7 @@ struct Seen {
     at: Instant,
 }
 
-/// A master, and nothing that it is for.
+/// Module with a master and no application.
 struct Ear {
     ports: [PortSpec; 1],
     master: Master,
@@ -81,7 +81,7 @@ impl Module for Ear {
             && self.end().is_some_and(|end| end <= now)
         {
             *self.last.lock().expect("no panic") = (first, self.seen(now));
-            // To this thread, which the host runs in.
+            // To this thread, in which the host runs.
             raise(Signal::SIGTERM).expect("a signal");
         }
     }
@@ -133,7 +133,7 @@ pub fn report() {
     line("of that, a frame", &format!("{:.2} us", cpu / pdos as f64 / 1e3), "");
 }
 
-/// The nodes: as many PDOs as a full bus carries, a millisecond's worth at a time.
+/// Nodes that send PDOs at the rate of a full bus, one millisecond's worth at a time.
 fn talk(port: u16, over: &AtomicBool) {
     let mut bus = Bus::on(port);
     let mut nodes: Vec<_> = (1..=NODES).map(drive).collect();

@@ -13,7 +13,7 @@ use std::thread;
 
 const NODE: u8 = 1;
 const ROUNDS: usize = 5;
-/// The same in `client.py`.
+/// Same values as in `client.py`.
 const EXPEDITED: u32 = 1000;
 const SEGMENTED: usize = 3500;
 const BLOCK: usize = 70_000;
@@ -26,7 +26,7 @@ const TESTS: [&str; 6] = [
     "block upload, 70 000 bytes, kB/s",
 ];
 
-/// Each client has a bus and a server of its own: python-canopen would still look through what passed on ours.
+/// Each client has a separate bus and server: otherwise python-canopen would still process the traffic of ours.
 pub fn report() {
     println!("\nSDO over UDP with one kind of server, ours, median of {ROUNDS} rounds in turn");
     let mut buses = [Bus::new(), Bus::new()];
@@ -76,7 +76,7 @@ fn serve(port: u16, open: &Barrier, over: &AtomicBool) {
     }
 }
 
-/// What `client.py` found, six figures in a line.
+/// Results of `client.py`, six figures in a line.
 fn theirs(bus: &mut Bus, script: &mut Script) -> Vec<f64> {
     let begin = bus.now();
     loop {

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 const BIT: Duration = Duration::from_micros(1);
 const NODE: u8 = 1;
 const INDEX: u16 = 0x2000;
-/// As CANopenNode's published figures have it (docs/facts/canopen.md 7).
+/// Values of CANopenNode's published figures (docs/facts/canopen.md 7).
 const LENGTH: usize = 100_000;
 const REPEATED: u32 = 1000;
 
@@ -75,12 +75,12 @@ impl Bench {
         }
     }
 
-    /// Carries the frame that wins the wire, or lets time pass to the next deadline.
+    /// Transmits the frame that wins arbitration, or advances the time to the next deadline.
     fn step(&mut self) {
         if self.master.poll_timeout().is_some_and(|due| due <= self.now) {
             self.master.handle_timeout(self.now);
         }
-        // The server's identifiers are the lower ones: with something to say it wins.
+        // The server's identifiers are lower: its frames win.
         if let Some(frame) = self.answers.pop_front() {
             self.now += time(&frame);
             self.master.handle_rx(self.now, &frame);
@@ -100,13 +100,13 @@ fn time(frame: &Frame) -> Duration {
     BIT * (frame_bits(frame) + INTERMISSION)
 }
 
-/// The wire time of frames with these data, to the node or from it.
+/// Wire time of frames with these data, to the node or from it.
 fn sum(frames: impl IntoIterator<Item = (bool, [u8; 8])>) -> Duration {
     let id = |to_node| Id::Standard(if to_node { 0x600 } else { 0x580 } + u16::from(NODE));
     frames.into_iter().map(|(to_node, data)| time(&Frame::new(id(to_node), &data).expect("8 bytes"))).sum()
 }
 
-/// A frame that names the object. CiA 301, 9.2.4.3.
+/// Frame that names the object. CiA 301, 9.2.4.3.
 fn named(command: u8, sub: u8, rest: [u8; 4]) -> [u8; 8] {
     let [low, high] = INDEX.to_le_bytes();
     let [a, b, c, d] = rest;
@@ -164,7 +164,7 @@ fn block_upload(data: &[u8]) -> Duration {
     sum(begin) + blocks(data, false) + sum(end)
 }
 
-/// 127 segments and an acknowledge, again and again.
+/// 127 segments and an acknowledgement, repeated.
 fn blocks(data: &[u8], write: bool) -> Duration {
     let count = data.chunks(7).len();
     let mut frames = Vec::new();

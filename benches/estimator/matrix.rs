@@ -1,10 +1,10 @@
-//! Small matrices for the bound and the peer.
+//! Small matrices for the bound and the reference EKF.
 
-/// Numbers of the bound's state.
+/// Dimension of the bound's state.
 pub const N: usize = 6;
 pub type Matrix = [[f64; N]; N];
 
-/// F P F'.
+/// F P Fᵀ.
 pub fn predict<const M: usize>(p: &[[f64; M]; M], f: &[[f64; M]; M]) -> [[f64; M]; M] {
     let fp: [[f64; M]; M] =
         std::array::from_fn(|row| std::array::from_fn(|column| (0..M).map(|k| f[row][k] * p[k][column]).sum()));
@@ -15,7 +15,8 @@ pub fn add<const M: usize>(a: &[[f64; M]; M], b: &[[f64; M]; M]) -> [[f64; M]; M
     std::array::from_fn(|row| std::array::from_fn(|column| a[row][column] + b[row][column]))
 }
 
-/// What a measurement of variance `r` with derivatives `by` leaves of a covariance; and its gain and expected variance.
+/// Updates a covariance with a measurement of variance `r` and derivatives `by`; returns its gain and expected
+/// variance.
 pub fn update<const M: usize>(p: &mut [[f64; M]; M], by: &[f64; M], r: f64) -> ([f64; M], f64) {
     let ph: [f64; M] = std::array::from_fn(|row| (0..M).map(|k| p[row][k] * by[k]).sum());
     let s = r + (0..M).map(|k| by[k] * ph[k]).sum::<f64>();
@@ -27,7 +28,7 @@ pub fn update<const M: usize>(p: &mut [[f64; M]; M], by: &[f64; M], r: f64) -> (
     (ph.map(|value| value / s), s)
 }
 
-/// e' P⁻¹ e for three numbers.
+/// eᵀ P⁻¹ e in three dimensions.
 pub fn normalized(p: &[[f64; 3]; 3], e: [f64; 3]) -> f64 {
     let minor = |r: usize, c: usize| {
         let (r1, r2, c1, c2) = ((r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3);

@@ -1,4 +1,4 @@
-//! Runs the filter, and a textbook EKF beside it, over runs of the truth.
+//! Runs of the filter, and of a textbook EKF for comparison, on the simulated truth.
 
 use super::matrix::{add, normalized, predict, update};
 use super::truth::{Measured, ODOMETRY, Row, Run, STEP, beacons, run};
@@ -9,15 +9,15 @@ use navitools::{Point, Pose, wrap};
 
 /// Three sweeps, s.
 pub const SWEEPS: f64 = 3.0;
-/// s that are not judged at the start.
+/// Initial time that is not evaluated, s.
 const SETTLES: f64 = 60.0;
 
 pub fn at(seconds: f64) -> Instant {
-    // The truth begins at 1 s of the filter's time: a bearing may be of before the first way.
+    // The truth begins at 1 s of the filter's time: a bearing may precede the first motion step.
     Instant::from_nanos(((seconds + 1.0) * 1e9 + 0.5) as u64)
 }
 
-/// A filter for a row. One that `knows` what the truth has, as the bound does, has priors for that alone; else for all.
+/// Filter for a row. With `knows` it has priors only for the effects in the truth, like the bound; otherwise for all.
 pub fn filter(row: &Row, knows: bool) -> Filter {
     let beacons = (1..).zip(beacons(row.beacons)).map(|(id, at)| Beacon { id, at }).collect();
     let half = libm::sqrt(STEP);
@@ -38,7 +38,7 @@ pub fn filter(row: &Row, knows: bool) -> Filter {
     Filter::new(config).expect("a configuration that can be")
 }
 
-/// Feeds what was measured.
+/// Feeds a measurement.
 pub fn feed(filter: &mut Filter, stamp: f64, measured: &Measured) {
     let _ = match *measured {
         Measured::Odometry(rates) => filter.odometry(at(stamp), rates),
@@ -46,22 +46,22 @@ pub fn feed(filter: &mut Filter, stamp: f64, measured: &Measured) {
     };
 }
 
-/// How a run went.
+/// Result of a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Outcome {
-    /// Mean squares of the position's error, m²: of the filter that knows as much as the bound, of one that knows nothing
-    /// of its robot, of the peer, and the bound.
+    /// Mean squared position errors, m²: of the filter with the bound's knowledge, of one without knowledge of the
+    /// robot, of the reference EKF, and of the bound.
     pub ours: f64,
     pub knowing_nothing: f64,
     pub peer: f64,
     pub bound: f64,
-    /// Mean of the normalized squared error of the pose, by 3.
+    /// Mean of the normalized squared error of the pose, divided by 3.
     pub nees: f64,
-    /// The greatest error, m.
+    /// Maximum error, m.
     pub worst: f64,
 }
 
-/// From a known start.
+/// Run from a known start.
 pub fn known(row: &Row, seed: u64) -> Outcome {
     let run = run(row, seed);
     let (mut filter, mut other) = (filter(row, true), filter(row, false));
@@ -106,30 +106,31 @@ pub fn known(row: &Row, seed: u64) -> Outcome {
     outcome
 }
 
-/// How a search for the pose went.
+/// Result of a search for the pose.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sought {
-    /// s from the first instant at which a sighting of the new place could be stamped until the pose was no longer FINE.
+    /// Time from the first possible sighting at the new place until the pose was no longer FINE, s.
     pub uneasy: Option<f64>,
-    /// The same until the kidnapping was noticed: the pose was not to be relied on, or was another one; none: not
-    /// kidnapped, or never.
+    /// Time until the kidnapping was noticed, s: the pose was unreliable, or replaced; `None` if not kidnapped, or
+    /// never noticed.
     pub noticed: Option<f64>,
-    /// Bearings, right and wild, that were stamped in the three sweeps after, and could be told by then.
+    /// Number of bearings, right ones and outliers, stamped in the three sweeps after it and available by then.
     pub told: usize,
-    /// s from the third beacon's sighting until right bearings were enough for anybody who is told which are right: two
-    /// of each of three beacons, or five of four, within six seconds.
+    /// Time from the third beacon's sighting until the right bearings were sufficient for an estimator that knows which
+    /// are right, s: two of each of three beacons, or five of four, within six seconds.
     pub enough: Option<f64>,
-    /// The first pose ever called COARSE or FINE was wrong.
+    /// True if the first pose ever reported as COARSE or FINE was wrong.
     pub first_wrong: bool,
-    /// s from the third beacon's sighting (since the start, or the kidnapping) until there was a right pose.
+    /// Time from the third beacon's sighting (since the start, or the kidnapping) until there was a right pose, s.
     pub found: Option<f64>,
-    /// s with a pose more than a metre or 20 degrees off, called COARSE or FINE, other than before it was noticed.
+    /// Time with a pose more than a metre or 20 degrees off, reported as COARSE or FINE, except before it was noticed,
+    /// s.
     pub wrong: f64,
-    /// s that the error was more than ten of its deviations, in a row at most.
+    /// Longest time with an error of more than ten standard deviations, s.
     pub dishonest: f64,
 }
 
-/// From no start; and once more where the robot is put elsewhere.
+/// Cold start; and a kidnapping where the row has one.
 pub fn unknown(row: &Row, seed: u64) -> Sought {
     let run = run(row, seed);
     let mut filter = filter(row, false);
@@ -180,7 +181,8 @@ pub fn unknown(row: &Row, seed: u64) -> Sought {
     sought
 }
 
-/// When right bearings since `from`, those of the last six seconds, were first enough, s; as of [`Sought::enough`].
+/// Time at which the right bearings since `from`, within the last six seconds, were first sufficient, s; as in
+/// [`Sought::enough`].
 fn enough(run: &Run, from: f64, beacons: usize) -> Option<f64> {
     let sighted: Vec<(f64, usize)> =
         run.sighted.iter().copied().filter(|(stamp, _)| *stamp > from + run.late).collect();
@@ -195,7 +197,7 @@ fn enough(run: &Run, from: f64, beacons: usize) -> Option<f64> {
     (0..sighted.len()).find(|place| is_enough(*place)).map(|place| sighted[place].0)
 }
 
-/// When the third beacon since `from` was sighted, s.
+/// Time of the sighting of the third beacon since `from`, s.
 fn third(run: &Run, from: f64) -> f64 {
     let mut seen = Vec::new();
     for (stamp, beacon) in run.sighted.iter().filter(|(stamp, _)| *stamp > from + run.late) {
@@ -209,7 +211,7 @@ fn third(run: &Run, from: f64) -> f64 {
     f64::INFINITY
 }
 
-/// The EKF of a textbook: x, y, heading; a bearing counts when it comes; a gate of 9 where there are wild ones.
+/// Textbook EKF: x, y, heading; a bearing is processed on arrival; a gate of 9 for rows with outliers.
 struct Peer {
     pose: Pose,
     cov: [[f64; 3]; 3],
@@ -225,7 +227,7 @@ impl Peer {
         Self { pose, cov, places: beacons(row.beacons), row: *row, at: 0.0, rates: Default::default() }
     }
 
-    /// A way, and the bearings that are stamped in it, each in its place.
+    /// Processes a motion step, and the bearings stamped within it, each at its time.
     fn step(&mut self, news: &mut [(f64, Measured)]) {
         let rates =
             news.iter().find_map(|(_, news)| if let Measured::Odometry(rates) = news { Some(*rates) } else { None });

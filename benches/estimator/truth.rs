@@ -1,18 +1,18 @@
-//! A robot that drives about a hall, what it measures of that, and how well anybody could know where it is.
+//! Simulation of a robot that drives about a hall, its measurements, and the theoretical bound of the accuracy.
 //!
-//! As in docs/facts/robot.md 3.3: 20 × 12 m, 0.6 m/s, odometry at 4 Hz with 0.03 m/s and 0.05 rad/s, each beacon sighted
-//! once a second at its own instant. Shares no code with the filter but [`navitools`].
+//! As in docs/facts/robot.md 3.3: 20 × 12 m, 0.6 m/s, odometry at 4 Hz with 0.03 m/s and 0.05 rad/s, each beacon
+//! sighted once a second at its own instant. Shares only [`navitools`] with the filter.
 
 use super::matrix::{Matrix, N, add, predict, update};
 use navitools::{Angle, Motion, Point, Pose, wrap};
 
-/// s between two odometry readings.
+/// Period of the odometry, s.
 pub const STEP: f64 = 0.25;
-/// m/s and rad/s, of one reading.
+/// Standard deviations of one odometry reading, m/s and rad/s.
 pub const ODOMETRY: (f64, f64) = (0.03, 0.05);
 const SPEED: f64 = 0.6;
 
-/// Numbers from a seed.
+/// Random number generator.
 pub struct Random(u64);
 
 impl Random {
@@ -20,7 +20,7 @@ impl Random {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5DEE_CE66_D1CE_4E5B)
     }
 
-    /// In [0, 1); splitmix64.
+    /// Uniform in [0, 1); splitmix64.
     pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
@@ -35,30 +35,30 @@ impl Random {
     }
 }
 
-/// What a row of the table has.
+/// Parameters of a row of the table.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
     pub name: &'static str,
     pub beacons: usize,
-    /// Of a bearing, rad.
+    /// Standard deviation of a bearing, rad.
     pub sigma: f64,
-    /// The part of its variance that lasts for 2 s.
+    /// Share of its variance that is correlated over 2 s.
     pub lasting: f64,
-    /// A sighting fails so often.
+    /// Probability that a sighting fails.
     pub hidden: f64,
-    /// Is of something else so often.
+    /// Probability of an outlier.
     pub wild: f64,
-    /// Stamped so late, s.
+    /// Delay of the timestamps, s.
     pub late: f64,
-    /// Ways are longer by this part than the odometry says.
+    /// Scale error of the odometry: distances are longer by this share than measured.
     pub scale: f64,
-    /// Deviation of the sensor's turn, rad.
+    /// Standard deviation of the sensor's mounting angle, rad.
     pub turn: f64,
-    /// The robot is put elsewhere then, s.
+    /// Time of the kidnapping, s.
     pub kidnapped: Option<f64>,
-    /// It stands from then on, s.
+    /// Time from which the robot stands, s.
     pub stands: f64,
-    /// s.
+    /// Duration, s.
     pub length: f64,
 }
 
@@ -79,35 +79,35 @@ impl Row {
     };
 }
 
-/// The beacons of a hall that has so many.
+/// Beacons of a hall with this number of them.
 pub fn beacons(count: usize) -> Vec<Point> {
     let corners = [(0.1, 0.1), (19.9, 11.9), (19.9, 0.1), (0.1, 11.9), (10.0, 0.1), (8.0, 11.9)];
     corners[..count].iter().map(|(x, y)| Point { x: *x, y: *y }).collect()
 }
 
-/// Something measured.
+/// Measurement.
 #[derive(Clone, Copy, Debug)]
 pub enum Measured {
     /// Rates since the last one.
     Odometry(Motion),
-    /// A bearing of this beacon.
+    /// Bearing of this beacon.
     Bearing { beacon: usize, bearing: f64 },
 }
 
-/// What happened, in the order of when it was known.
+/// Events in order of their availability.
 pub struct Run {
-    /// With the stamps, s.
+    /// Measurements with timestamps, s.
     pub measured: Vec<(f64, Measured)>,
-    /// At each odometry reading: when, the pose, and the variance of the position that the bound allows, m².
+    /// At each odometry reading: time, pose, and variance of the position according to the bound, m².
     pub truth: Vec<(f64, Pose, f64)>,
-    /// When each right bearing was stamped, and its beacon.
+    /// Timestamp of each right bearing, and its beacon.
     pub sighted: Vec<(f64, usize)>,
     pub start: Pose,
-    /// As of the row, s.
+    /// Delay of the timestamps as in the row, s.
     pub late: f64,
 }
 
-/// A sighting that is due.
+/// Sighting that is due.
 struct Due {
     at: f64,
     beacon: usize,
@@ -140,14 +140,14 @@ pub fn run(row: &Row, seed: u64) -> Run {
             true => Motion::default(),
             false => Motion { translation: SPEED, rotation: (off.radians() * 0.8).clamp(-0.5, 0.5) },
         };
-        // What the odometry says is off by its scale, and the robot does not do quite that.
+        // The odometry is off by its scale, and by the noise of the motion.
         let said = Motion { translation: rates.translation / (1.0 + row.scale), rotation: rates.rotation };
         let mut at = begin;
         loop {
             let next = due.iter_mut().filter(|due| due.at < end).min_by(|a, b| a.at.total_cmp(&b.at));
             let to = next.as_ref().map_or(end, |due| due.at);
             let dt = to - at;
-            // Wheels that do not turn do not scatter either.
+            // Wheels at standstill have no noise.
             let noise = if begin >= row.stands { 0.0 } else { libm::sqrt(dt * STEP) };
             let way = Motion {
                 translation: rates.translation * dt + ODOMETRY.0 * noise * random.normal(),
@@ -180,7 +180,7 @@ pub fn run(row: &Row, seed: u64) -> Run {
         measured.push((end, Measured::Odometry(said)));
         truth.push((end, pose, bound.position()));
     }
-    // A bearing of a moment is told after the odometry that reaches beyond it.
+    // A bearing is available after the odometry that reaches beyond its instant.
     let told = |(at, measured): &(f64, Measured)| match measured {
         Measured::Odometry(_) => *at,
         Measured::Bearing { .. } => libm::ceil(*at / STEP - 1e-9) * STEP + 1e-9,
@@ -193,13 +193,13 @@ fn somewhere(random: &mut Random) -> Point {
     Point { x: 2.0 + 16.0 * random.uniform(), y: 2.0 + 8.0 * random.uniform() }
 }
 
-/// The posterior Cramér-Rao bound (Tichavsky's recursion, additive noise, Jacobians at the truth) of pose, sensor turn,
-/// scale and delay, of which a row's truth has those with a prior. Whoever it is the bound of is told which bearings are
-/// right, and gets each when it is stamped: the last `late` seconds are odometry alone.
+/// Posterior Cramér-Rao bound (Tichavsky's recursion, additive noise, Jacobians at the truth) of pose, sensor angle,
+/// scale and delay, of which a row's truth has those with a prior. The bounded estimator knows which bearings are
+/// right, and gets each at its timestamp: the last `late` seconds are odometry alone.
 struct Bound {
     row: Row,
     cov: Matrix,
-    /// Of the last `late` seconds: derivatives, noise and sightings still to come.
+    /// Derivatives, noise and pending sightings of the last `late` seconds.
     waiting: std::collections::VecDeque<(f64, Matrix, Matrix)>,
     seen: std::collections::VecDeque<(f64, [f64; N])>,
     now: f64,
@@ -265,7 +265,7 @@ impl Bound {
         }
     }
 
-    /// m².
+    /// Variance of the position, m².
     fn position(&self) -> f64 {
         let mut cov = self.cov;
         for (_, f, q) in &self.waiting {

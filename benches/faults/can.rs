@@ -1,4 +1,4 @@
-//! What the drives are told, and what they do by themselves: the CAN bus, listened to.
+//! Listener on the CAN bus: commands to the drives, and their own reactions.
 
 use base::can::Id;
 use host::ports::can_udp_codec;
@@ -11,22 +11,22 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Of the propulsion, node 1: its target velocity, and its emergencies.
+/// Target velocity and emergencies of the propulsion, node 1.
 const RPDO4: Id = Id::Standard(0x501);
 const EMERGENCY: Id = Id::Standard(0x081);
 /// CiA 301: life guard or heartbeat error.
 const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 
-/// What a frame says of the motion.
+/// Effect of a frame on the motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sign {
-    /// The drive is to turn.
+    /// The drive is commanded to turn.
     Drives,
-    /// The drive is to stop, or stops by itself.
+    /// The drive is commanded to stop, or stops by itself.
     Stops,
 }
 
-/// A listener, and its thread.
+/// Listener with its thread.
 pub struct Can {
     pub signs: Receiver<(Instant, Sign)>,
     end: Arc<AtomicBool>,

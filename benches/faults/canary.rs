@@ -1,4 +1,4 @@
-//! Whether the machine itself stood still: a thread on each processor that wants to run each 5 ms and says when it could
+//! Detector for stalls of the machine: one thread per processor that should run every 5 ms and records when it could
 //! not.
 
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -7,15 +7,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 const PERIOD: Duration = Duration::from_millis(5);
-/// Held up for this long, a figure in milliseconds says nothing any more. The bounds have 40 ms of slack.
+/// Stall from which figures in milliseconds are meaningless. The bounds have 40 ms of slack.
 pub const STALL: Duration = Duration::from_millis(40);
 
-/// Stalls so far: from when to when.
+/// Stalls so far: beginning and end.
 #[derive(Clone, Default)]
 pub struct Canary(Arc<Mutex<Vec<(Instant, Instant)>>>);
 
 impl Canary {
-    /// On every processor that this process may use; they live as long as it.
+    /// Starts a thread on every processor available to this process; they run as long as it.
     pub fn start() -> Self {
         let canary = Self::default();
         let may = sched_getaffinity(Pid::from_raw(0)).expect("the processors");
@@ -41,7 +41,7 @@ impl Canary {
         }
     }
 
-    /// Whether it stood between these moments, and how long at most.
+    /// Longest stall between these instants, if any.
     pub fn stalled(&self, from: Instant, to: Instant) -> Option<Duration> {
         let stalls = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let within = stalls.iter().rev().take(1000).filter(|(begin, end)| *begin < to && *end > from);

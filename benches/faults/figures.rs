@@ -1,4 +1,4 @@
-//! The table and the histograms.
+//! Table and histograms.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ impl Times {
         self.0.extend(&other.0);
     }
 
-    /// The time that this share of all does not exceed, ms (nearest rank).
+    /// Quantile, ms (nearest rank).
     fn at(&self, share: f64) -> Option<f64> {
         let mut sorted = self.0.clone();
         sorted.sort();
@@ -37,7 +37,7 @@ impl Times {
         format!("{} {} {}", column(0.5), column(0.99), column(1.0))
     }
 
-    /// A line for each bin of `width` that is not empty.
+    /// One line for each non-empty bin of `width`.
     pub fn histogram(&self, width: Duration) -> String {
         let mut bins = std::collections::BTreeMap::<u128, usize>::new();
         for took in &self.0 {

@@ -1,28 +1,28 @@
-//! What is done to a module.
+//! Kinds of faults.
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// A fault.
+/// Fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// SIGSTOP: every thread stands still.
+    /// SIGSTOP: every thread is stopped.
     Stopped,
     /// SIGKILL.
     Killed,
-    /// The main loop computes for ever.
+    /// The main loop computes without end.
     Busy,
-    /// A thread deadlocks behind a main loop that works.
+    /// A thread deadlocks beside a working main loop.
     Worker,
     /// The main loop waits for a bus that does not answer.
     Bus,
     /// The main loop waits for a file that does not open.
     Disk,
-    /// Memory is taken until none is given.
+    /// Memory is allocated until the limit.
     Memory,
     /// All file descriptors are in use for two seconds.
     Descriptors,
-    /// Lines are written as fast as they go, for two seconds.
+    /// The log is flooded with lines for two seconds.
     Log,
 }
 
@@ -39,7 +39,7 @@ impl Kind {
         Self::Log,
     ];
 
-    /// What it is called in the table.
+    /// Name in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Stopped => "SIGSTOP",
@@ -54,7 +54,7 @@ impl Kind {
         }
     }
 
-    /// What makes it: of the process itself, or of `saboteur.c` in it.
+    /// Signal that causes it: for the process itself, or for `saboteur.c` in it.
     fn signal(self) -> Signal {
         match self {
             Self::Stopped => Signal::SIGSTOP,
@@ -69,7 +69,7 @@ impl Kind {
         }
     }
 
-    /// Whether the module works on, and is judged by whether the robot obeys.
+    /// True if the module continues to work; the robot must then obey its operator.
     pub fn is_burden(self) -> bool {
         matches!(self, Self::Descriptors | Self::Log)
     }

@@ -1,4 +1,4 @@
-//! A simulated robot that is driven, listened to and harmed.
+//! Simulated robot that is driven, observed and harmed.
 
 use super::can::{Can, Sign};
 use crate::support;
@@ -14,16 +14,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// The operator's commands come at 20 Hz.
+/// Period of the operator's commands.
 const COMMANDS: Duration = Duration::from_millis(50);
-/// A turn of the bench's loop is this long at most.
+/// Longest iteration of the bench's loop.
 const STEP: Duration = Duration::from_millis(5);
 const SPEED: f64 = 0.3;
 const STEERING: f64 = 0.4;
-/// The last lines of the robot's log that are kept for people.
+/// Number of last log lines that are kept.
 const LINES: usize = 40;
 
-/// The robot, and what was last heard of it.
+/// Robot with the last messages received from it.
 pub struct Rig {
     pub run_dir: PathBuf,
     up: Child,
@@ -34,12 +34,13 @@ pub struct Rig {
     pub processes: BTreeMap<String, common::Process>,
     homed: bool,
     speed: f64,
-    /// What the operator asks for, and when he says so next.
+    /// Speed commanded by the operator, and the time of the next command.
     wanted: f64,
     next: Instant,
-    /// The last sign on the CAN bus.
+    /// Last sign on the CAN bus.
     sign: Option<(Instant, Sign)>,
-    /// Since [`Rig::mark`]: the first sign of a stop, the longest turn of this loop, announcements of the watchdog.
+    /// Since [`Rig::mark`]: first sign of a stop, longest iteration of this loop, number of the watchdog's
+    /// announcements.
     pub stop: Option<Instant>,
     pub slowest: Duration,
     pub announced: Option<Instant>,
@@ -47,18 +48,18 @@ pub struct Rig {
     marked: Instant,
 }
 
-/// Where robots are made.
+/// Environment in which robots are started.
 pub struct Yard<'a> {
-    /// Its configuration.
+    /// Configuration.
     pub config: &'a Path,
-    /// What is loaded into every process.
+    /// Library loaded into every process.
     pub saboteur: &'a Path,
-    /// For what belongs to each robot.
+    /// Parent of the robots' folders.
     pub folder: &'a Path,
 }
 
 impl Rig {
-    /// Starts one; no other robot has `number`.
+    /// Starts a robot; no other one has `number`.
     pub fn start(yard: &Yard<'_>, number: u16) -> Self {
         let port = 50_000 + (std::process::id() as u16).wrapping_mul(31) % 450 * 32 + number % 32;
         let url = format!("udpm://239.255.76.67:{port}?ttl=0&shm=auto");
@@ -67,7 +68,7 @@ impl Rig {
         let bus = support::listen(&url);
         let can = Can::listen(robot::topology::can_port_beside(port));
         let world = support::workspace().join("conf/worlds/empty.toml");
-        // The watchdog has no limit of its own: it is one of whoever starts the robot (systemd: LimitDATA=).
+        // The watchdog has no limit of its own: it is set by the process that starts the robot (systemd: LimitDATA=).
         let advee = support::advee(&url, &run_dir);
         let limits = format!("ulimit -c 0; ulimit -d {}; exec \"$0\" \"$@\"", super::MEMORY_MAX >> 10);
         let mut up = Command::new("/bin/sh")
@@ -112,7 +113,7 @@ impl Rig {
         }
     }
 
-    /// From now on is counted.
+    /// Resets the measurement.
     pub fn mark(&mut self) -> Instant {
         self.turn();
         self.marked = Instant::now();
@@ -120,7 +121,7 @@ impl Rig {
         self.marked
     }
 
-    /// What the operator asks for from now on; at once, if it is a stop.
+    /// Sets the operator's command; effective at once if it is a stop.
     pub fn drive(&mut self, on: bool) {
         let before = std::mem::replace(&mut self.wanted, if on { SPEED } else { 0.0 });
         if self.wanted < before {
@@ -128,7 +129,7 @@ impl Rig {
         }
     }
 
-    /// Until the robot drives again: whoever had it stopped must let go first. False when it does not within 40 s.
+    /// Waits until the robot drives again: a stopped source must release first. False if it does not within 40 s.
     pub fn until_driving(&mut self) -> bool {
         let begin = Instant::now();
         let mut calm = Instant::now();
@@ -141,7 +142,7 @@ impl Rig {
             } else if self.wanted == 0.0 && calm.elapsed() >= Duration::from_millis(150) {
                 self.drive(true);
             } else if self.wanted != 0.0 && calm.elapsed() >= Duration::from_millis(1500) && !self.drives() {
-                // It was stopped once more.
+                // Stopped once more.
                 self.drive(false);
                 calm = Instant::now();
             } else if self.drives() && self.speed > SPEED / 2.0 {
@@ -151,7 +152,7 @@ impl Rig {
         false
     }
 
-    /// Whether the drive turns, by its last command.
+    /// True if the drive turns, by its last command.
     pub fn drives(&self) -> bool {
         matches!(self.sign, Some((_, Sign::Drives)))
     }
@@ -160,13 +161,13 @@ impl Rig {
         !self.processes.is_empty() && self.processes.values().all(|process| process.state == State::Run as i8)
     }
 
-    /// The process of a module that was not asked to end, whatever its state: a new watchdog does not know that at once.
+    /// Process of a module that was not commanded to end, in any state: a new watchdog does not know the state at once.
     pub fn process(&self, module: &str) -> Option<i32> {
         let process = self.processes.get(module).filter(|process| process.phase == common::Process::RUNNING);
         process.map(|process| process.pid)
     }
 
-    /// Of a module; of the watchdog, which is in no list, by its command line. None: there is none now.
+    /// Process of a module, or of the watchdog, which is in no list, by its command line; `None` without one.
     pub fn pid(&self, module: &str) -> Option<i32> {
         if module != watchdog::NAME {
             return self.processes.get(module).map(|process| process.pid).filter(|pid| *pid > 0);
@@ -181,7 +182,7 @@ impl Rig {
         })
     }
 
-    /// Whether another process than `old` has this module in RUN.
+    /// True if the module is in RUN in a process other than `old`.
     pub fn is_back(&self, module: &str, old: i32) -> bool {
         if module == watchdog::NAME {
             return self.announced.is_some() && self.pid(module).is_some_and(|pid| pid != old);
@@ -191,7 +192,7 @@ impl Rig {
         })
     }
 
-    /// For a moment, whatever comes.
+    /// Runs the loop for a while.
     pub fn pass(&mut self, time: Duration) {
         let end = Instant::now() + time;
         while Instant::now() < end {
@@ -199,7 +200,7 @@ impl Rig {
         }
     }
 
-    /// Says what the operator says, and hears what comes.
+    /// Sends the operator's command if due, and receives messages.
     pub fn turn(&mut self) {
         let now = Instant::now();
         self.slowest = self.slowest.max(now - self.turn);
@@ -239,7 +240,7 @@ impl Rig {
         }
     }
 
-    /// The last lines of its log.
+    /// Last lines of the log.
     pub fn lines(&self) -> Vec<String> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }

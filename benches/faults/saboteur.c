@@ -1,5 +1,6 @@
-// Makes a module's process fail, without a hook in the program: loaded into it by LD_PRELOAD, it waits for a signal and
-// then does to the main loop, or beside it, what a bug would do. Used by benches/faults.rs, which has the same table.
+// Makes the process of a module fail, without a hook in the program: loaded by LD_PRELOAD, it waits for a signal and
+// then disturbs the main loop, or a thread beside it, as a bug would. Used by benches/faults.rs, which has the same
+// table.
 #define _GNU_SOURCE
 #include <arpa/inet.h>
 #include <fcntl.h>
@@ -19,9 +20,9 @@
 enum { BUSY = SIGUSR1, WORKER = SIGUSR2, BUS = SIGURG, DISK = SIGVTALRM, MEMORY = SIGPROF, DESCRIPTORS = SIGWINCH,
        LOG = SIGIO };
 
-// What runs beside the main loop takes a megabyte at a time, up to this: more means that nobody limits it.
+// Size of an allocation of the memory hog, and their maximum number, in case there is no limit.
 enum { STEP = 1 << 20, STEPS = 2048 };
-// How long descriptors are missing, and the log is flooded.
+// Duration of the shortage of descriptors and of the flood of the log; maximum number of descriptors.
 enum { LASTS_MS = 2000, DESCRIPTORS_MAX = 512 };
 
 static sem_t wanted;
@@ -43,14 +44,14 @@ static int64_t now_ms(void) {
 // In the main loop: none of these returns.
 static void hang(int how) {
     if (how == BUS) {
-        // An answer that never comes.
+        // An answer that never arrives.
         struct sockaddr_in nobody = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
         int line = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
         bind(line, (struct sockaddr *)&nobody, sizeof nobody);
         for (char byte;;) recv(line, &byte, 1, 0);
     }
     if (how == DISK) {
-        // A file that cannot be opened, and cannot not be: there is nobody at the other end.
+        // A file that cannot be opened: there is no process at the other end.
         const char *path = getenv("ADVEE_SABOTAGE");
         mkfifo(path, 0600);
         for (;;) open(path, O_WRONLY | O_CLOEXEC);
@@ -70,7 +71,7 @@ static void on_signal(int signal) {
 static void take_memory(void) {
     for (int step = 0; step < STEPS; step++) {
         void *part = mmap(NULL, STEP, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-        // What a Rust program does when it is refused memory.
+        // A Rust program aborts when memory is refused.
         if (part == MAP_FAILED) abort();
         memset(part, 0xA5, STEP);
         if (step % 4 == 3) sleep_ms(1);
@@ -111,7 +112,7 @@ static void *beside(void *unused) {
     return NULL;
 }
 
-// A worker that beats beside the main loop (docs/beats.md), and can be deadlocked while that lives on.
+// A worker with a heartbeat beside the main loop (docs/beats.md), which can deadlock while the main loop works.
 static void *worker(void *path) {
     int page = open(path, O_RDWR | O_CLOEXEC);
     uint32_t head[4] = {0};
@@ -135,11 +136,11 @@ static void *worker(void *path) {
 __attribute__((constructor)) static void begin(int argc, char **argv) {
     static const int signals[] = {BUSY, WORKER, BUS, DISK, MEMORY, DESCRIPTORS, LOG};
     if (argc < 2 || strstr(argv[0], "advee") == NULL) return;
-    // Modules only: not whoever holds them all.
+    // Modules only, not their parent.
     int is_module = 0;
     for (int i = 1; i < argc; i++) is_module |= strcmp(argv[i], "run") == 0;
     if (!is_module) return;
-    // Its threads hear no signal: those are for the main loop.
+    // Its threads block all signals, which are for the main loop.
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_BLOCK, &all, &before);

@@ -11,47 +11,48 @@ use std::fs;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// What has not happened by then does not.
+/// Timeout.
 const PATIENCE: Duration = Duration::from_secs(6);
-/// A burden lasts for 2 s; meanwhile the operator stops the robot.
+/// Duration of a burden, and delay after which the operator stops the robot meanwhile.
 const BURDEN: Duration = Duration::from_millis(2300);
 const OBEY: Duration = Duration::from_millis(500);
-/// Whoever moves the robot misses the watchdog after this time, and stops.
+/// Time after which the motion driver misses the watchdog, and stops.
 const WATCHDOG_MISSED: Duration = Duration::from_millis(250);
-/// Between two beats of the simulator, which come every 50 ms: hardware does not stand still.
+/// Longest time between two heartbeats of the simulator (period 50 ms): hardware does not stall.
 const HARDWARE_PAUSE: Duration = Duration::from_millis(150);
-/// The operator, who is this bench, must not pause as long himself: a command lives for 250 ms.
+/// Longest pause of the operator, which is this bench: a command is valid for 250 ms.
 const OWN_PAUSE: Duration = Duration::from_millis(100);
 
-/// What came of a fault.
+/// Outcome of a fault.
 #[derive(Debug)]
 pub struct Outcome {
     pub module: String,
     pub kind: Kind,
     pub critical: bool,
-    /// From the fault, or where it has no instant of hanging from the first missed beat, or the operator's word, on.
+    /// Time from the fault, or from the first missed heartbeat if a hang has no exact instant, or from the operator's
+    /// command.
     pub stop: Option<Duration>,
     pub run: Option<Duration>,
     pub ending: Ending,
 }
 
-/// How it ended.
+/// Ending of a fault.
 #[derive(Debug, PartialEq)]
 pub enum Ending {
     /// The module is in RUN: again, or all the time under a burden.
     Back,
-    /// It is not.
+    /// The module is not in RUN.
     Never,
-    /// The machine stood still for this long meanwhile: no figure.
+    /// The machine stalled for this long meanwhile: no figure.
     Stalled(Duration),
-    /// The simulator, which plays the hardware, was not there all the time, or stood still: no figure.
+    /// The simulator, which plays the hardware, was absent or stalled: no figure.
     NoHardware,
 }
 
 impl Outcome {
-    /// A hang unseen, or a robot out of control.
+    /// True for an undetected hang, or a robot out of control.
     pub fn is_missed(&self) -> bool {
-        // A watchdog that is back before it is missed need stop nobody.
+        // A watchdog that is back before it is missed need not cause a stop.
         let unmissed = self.module == watchdog::NAME && self.run.is_some_and(|took| took < WATCHDOG_MISSED);
         let stop_owed = (self.critical && !unmissed) || self.kind.is_burden();
         self.ending == Ending::Never || (self.ending == Ending::Back && stop_owed && self.stop.is_none())
@@ -59,7 +60,7 @@ impl Outcome {
 }
 
 impl Outcome {
-    /// What to tell people of at once: a miss, or a time beyond its bound.
+    /// Immediate report for people: a miss, or a time beyond its bound.
     pub fn objection(&self) -> Option<&'static str> {
         let beyond = |took: Option<Duration>, bound: f64| took.is_some_and(|took| took.as_secs_f64() * 1e3 > bound);
         match self {
@@ -72,13 +73,13 @@ impl Outcome {
     }
 }
 
-/// The last sign of life of a process: its beats, or where it has none that it is there.
+/// Last sign of life of a process: its heartbeat, or its existence if it has none.
 struct Vital {
     page: Option<PathBuf>,
     pid: i32,
     count: Option<[u8; 4]>,
     last: Instant,
-    /// The longest time between two.
+    /// Longest time between two.
     pause: Duration,
 }
 
@@ -98,7 +99,7 @@ impl Vital {
             return;
         };
         let bytes = fs::read(page).unwrap_or_default();
-        // docs/beats.md: whose it is, and the count of its first thread.
+        // docs/beats.md: process id, and heartbeat count of its first thread.
         let (Some(pid), Some(count)) = (bytes.get(8..12), bytes.get(112..116)) else { return };
         if pid == self.pid.to_le_bytes() && self.count.is_none_or(|last| last != count) {
             self.count = count.try_into().ok();
@@ -109,7 +110,7 @@ impl Vital {
 }
 
 impl Vital {
-    /// When the first beat was missed.
+    /// Instant of the first missed heartbeat.
     fn missed(&self) -> Instant {
         let period = if self.page.is_some() { beats::PERIOD } else { Duration::ZERO };
         self.last + period
@@ -117,13 +118,13 @@ impl Vital {
 }
 
 impl Ending {
-    /// Whether it says nothing, and is to be tried again.
+    /// True if the result is void and the fault must be repeated.
     pub fn is_void(&self) -> bool {
         matches!(self, Self::Stalled(_) | Self::NoHardware)
     }
 }
 
-/// Harms a module of a robot that drives; none when it stopped by itself before, or has no such process.
+/// Harms a module of a driving robot; `None` if it stopped by itself before, or has no such process.
 pub fn run(
     rig: &mut Rig,
     module: &str,
@@ -145,7 +146,7 @@ pub fn run(
         hang(rig, fault, pid, &mut simulator, &mut outcome);
     }
     if outcome.ending == Ending::Never && rig.pid(module) == Some(pid) {
-        // Nobody else does.
+        // No other process does.
         support::signal(pid, "KILL");
     }
     if let Some(stall) = canary.stalled(fault, Instant::now()).or(Some(rig.slowest).filter(|pause| *pause >= OWN_PAUSE))
@@ -196,7 +197,7 @@ fn burden(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcom
         simulator.look();
         vital.look();
         if told.is_none() && fault.elapsed() >= OBEY {
-            // Where it has stopped already the operator has nothing to add.
+            // If it has already stopped, the operator need not command it.
             told = Some(rig.stop.is_none().then(Instant::now));
             rig.drive(false);
         }

@@ -1,18 +1,19 @@
-//! One end of a measurement, in a process of its own: our side; `benches/peers/peer.c` does the same for the others.
+//! One end of a measurement, in a separate process: our side; `benches/peers/peer.c` is that of the others.
 //!
-//! `TRANSPORT PORT RECV_BUF ROLE ARGUMENTS`; a transport is `udpm` or `shm`, `-epoll` behind it: waits as modules do.
+//! `TRANSPORT PORT RECV_BUF ROLE ARGUMENTS`; a transport is `udpm` or `shm`, followed by `-epoll` to wait as modules
+//! do.
 //!
 //! | role | arguments | subscribes to | does |
 //! |---|---|---|---|
-//! | `echo` | | `PING` | answers with a message of its own on `PONG`, as long |
+//! | `echo` | | `PING` | answers with its own message of equal size on `PONG` |
 //! | `ping` | size, trips | `PONG` | sends `PING`, waits for the answer; an eighth of the trips before, to warm up |
-//! | `send` | rate, ms, size | nothing | sends `rate` messages/s, all that are due each millisecond; 0: as fast as it can |
+//! | `send` | rate, ms, size | nothing | sends `rate` messages/s, those due each millisecond; 0: as fast as it can |
 //! | `count` | size | `PING`; mix: everything | counts until the end |
 //! | `idle` | | `OTHER` | waits |
 //!
-//! Size 0 is the mix of [`kind`]. A peer says `ready` and the receive buffer it has, 0 for not known; `ping` and `send`
-//! then wait for a line; at its end each says one line of names and numbers. `send` waits for a line again before it
-//! says on the bus that this was the last. CPU is read from outside.
+//! Size 0 is the mix of [`kind`]. A peer prints `ready` and its receive buffer, 0 if unknown; `ping` and `send` then
+//! wait for a line; at its end each prints one line of names and numbers. `send` waits for a line again before it
+//! announces the end on the bus. CPU time is read from outside.
 
 use lcm::Url;
 use lcm::live::{Lcm, PublishError, Received};
@@ -24,14 +25,14 @@ use std::time::{Duration, Instant};
 
 /// Number of the message after the last.
 const END: u64 = u64::MAX;
-/// Every message begins with its number and its size.
+/// Size of number and size at the beginning of every message.
 const HEAD: usize = 16;
 /// Longer than any measurement.
 const FOREVER: Duration = Duration::from_secs(3600);
 
-/// Channel and size of a message of the mix, on average 2450 bytes: 67 750 of them are ten times what the robot Talos of
-/// MIT had on its bus in a second, 166 MB. Of 80 messages 31 are poses and states, 32 packets of a turning laser,
-/// 16 scans of a line laser, one an image.
+/// Channel and size of a message of the mix, on average 2450 bytes: 67 750 of them are ten times the traffic of MIT's
+/// robot Talos in a second, 166 MB. Of 80 messages 31 are poses and states, 32 packets of a rotating laser, 16 scans of
+/// a line laser, one an image.
 pub fn kind(number: u64) -> (&'static str, usize) {
     match (number % 80, number % 5) {
         (0, _) => ("IMAGE", 104_288),
@@ -45,7 +46,7 @@ fn kind_of(size: usize, number: u64) -> (&'static str, usize) {
     if size == 0 { kind(number) } else { ("PING", size) }
 }
 
-/// A context, and how its process waits.
+/// Context, and the way in which its process waits.
 struct Bus {
     lcm: Lcm,
     epoll: Option<Epoll>,
@@ -73,12 +74,12 @@ impl Bus {
         self.out[..8].copy_from_slice(&number.to_le_bytes());
         self.out[8..HEAD].copy_from_slice(&(size as u64).to_le_bytes());
         match self.lcm.publish(channel, &self.out[..size]) {
-            Ok(()) | Err(PublishError::Busy) => {} // not sent is lost, and shows where it is counted
+            Ok(()) | Err(PublishError::Busy) => {} // a message not sent is lost, and shows where it is counted
             Err(error) => panic!("{error}"),
         }
     }
 
-    /// Waits for a message, in epoll takes all that are there; `on` gets number and size that the message says, and its
+    /// Waits for a message; with epoll takes all available ones. `on` gets number and size from the message, and its
     /// real size.
     fn receive(&mut self, mut on: impl FnMut(u64, u64, usize)) {
         let mut take = |payload: &[u8]| {
@@ -100,7 +101,7 @@ impl Bus {
     }
 }
 
-/// Plays the role that the arguments say; see the head of the file.
+/// Runs the role in the arguments; see the head of the file.
 pub fn main(arguments: &[String]) {
     let [transport, port, recv_buf, role, rest @ ..] = arguments else { panic!("{arguments:?}") };
     let number = |at: usize| rest.get(at).map_or(0, |text: &String| text.parse::<u64>().expect("a number"));
@@ -119,7 +120,7 @@ pub fn main(arguments: &[String]) {
         }
         _ => panic!("no role {role}"),
     }
-    line(); // stay, so that what we cost can be read
+    line(); // stay, so that its CPU time can be read
 }
 
 fn ready(bus: &Bus) {
@@ -190,7 +191,7 @@ fn send(mut bus: Bus, rate: u64, span: Duration, size: usize) {
         }
     }
     say(&format!("sent {sent} span {}", begin.elapsed().as_nanos()));
-    line(); // all have had time to receive
+    line(); // all peers have had time to receive
     loop {
         bus.publish(kind_of(size, 1).0, END, HEAD);
         sleep(Duration::from_millis(10));
@@ -204,7 +205,7 @@ fn count(mut bus: Bus, size: usize) {
     while !ended {
         bus.receive(|number, says, len| match number {
             END => ended = true,
-            // Whole, of the right size, and in order.
+            // Complete, of the right size, and in order.
             _ if says != len as u64 || len != kind_of(size, number).1 || last.is_some_and(|last| number <= last) => {
                 wrong += 1;
             }

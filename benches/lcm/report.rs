@@ -1,9 +1,9 @@
-//! Medians over rounds, ratios, goals: as a markdown table or as JSON.
+//! Medians over rounds, ratios, goals: as a Markdown table or as JSON.
 
 use crate::run::{DISTURBED, Figures, Test};
 use std::fmt::Write;
 
-/// Transports by their names, with what the table calls them.
+/// Transports by their names, with their labels in the table.
 pub const TRANSPORTS: [(&str, &str); 6] = [
     ("raw", "multicast sockets"),
     ("official", "official LCM"),
@@ -19,21 +19,21 @@ pub struct Row {
     pub test: Test,
     pub transport: &'static str,
     pub figures: Figures,
-    /// Share of one CPU that others took meanwhile.
+    /// Share of one CPU taken by other programs meanwhile.
     pub foreign: f64,
 }
 
-/// What a figure must reach.
+/// Goal of a figure.
 #[derive(Clone, Copy)]
 enum Goal {
     AtMost(f64),
     AtLeast(f64),
-    /// At most so many times this transport's figure in the same run.
+    /// Maximum ratio to this transport's figure in the same run.
     Ratio(f64, &'static str),
 }
 use Goal::{AtLeast, AtMost, Ratio};
 
-/// A line of the table.
+/// Line of the table.
 struct Line {
     test: Test,
     figure: &'static str,
@@ -86,7 +86,7 @@ const TABLE: [Line; 26] = [
     line(Test::Idle, "wakes", "wake-ups per second"),
 ];
 
-/// The tests of the table, in its order.
+/// Tests of the table, in its order.
 pub fn tests() -> Vec<Test> {
     let mut tests: Vec<Test> = TABLE.iter().map(|line| line.test).collect();
     tests.dedup();
@@ -105,7 +105,7 @@ fn median(rows: &[Row], line: &Line, transport: &str) -> Option<f64> {
     }
 }
 
-/// The table; ratios against multicast sockets, or the official library where there are none.
+/// Table; ratios to multicast sockets, or to the official library without them.
 pub fn markdown(rows: &[Row], machine: &str) -> String {
     let present = |name: &str| rows.iter().any(|row| row.transport == name);
     let transports: Vec<_> = TRANSPORTS.into_iter().filter(|(name, _)| present(name)).collect();
@@ -135,7 +135,7 @@ pub fn markdown(rows: &[Row], machine: &str) -> String {
     out
 }
 
-/// A goal in words, and whether it is reached; nothing where it was not measured.
+/// Goal in words, and its result; `None` if it was not measured.
 fn verdict(rows: &[Row], line: &Line, (transport, goal): (&str, Goal)) -> Option<(String, String)> {
     let value = median(rows, line, transport)?;
     let label = |name: &str| TRANSPORTS.iter().find(|(known, _)| *known == name).map_or("", |(_, label)| *label);
@@ -168,7 +168,7 @@ fn number(value: f64) -> String {
     }
 }
 
-/// Every measurement, for programs.
+/// All measurements as JSON.
 pub fn json(rows: &[Row], machine: &str) -> String {
     let quote = |text: &str| format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""));
     let row = |row: &Row| {

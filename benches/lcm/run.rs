@@ -1,4 +1,4 @@
-//! One measurement: its processes, their CPU time from outside, and whether others disturbed it.
+//! One measurement: its processes, their CPU time from outside, and the detection of disturbances.
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::time::{clock_getcpuclockid, clock_gettime};
@@ -16,17 +16,17 @@ use std::time::{Duration, Instant};
 /// Figures by their names.
 pub type Figures = BTreeMap<&'static str, f64>;
 
-/// How long a process may take to say its next line.
+/// Longest time for the next line of a process.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// How long messages may be under way after the last was sent.
+/// Longest time for messages in transit after the last was sent.
 const DRAIN: Duration = Duration::from_millis(300);
-/// Share of one CPU that others may take before a measurement counts as disturbed.
+/// Share of one CPU taken by others above which a measurement counts as disturbed.
 pub const DISTURBED: f64 = 0.04;
 const TRIES: usize = 5;
-/// How long to wait for others to leave the machine alone, per measurement.
+/// Longest wait for a quiet machine, per measurement.
 const QUIET_WITHIN: Duration = Duration::from_secs(120);
 
-/// The receive buffer of all sockets; with Talos's traffic, what `advee doctor` recommends.
+/// Receive buffer of all sockets; with Talos's traffic, the recommendation of `advee doctor`.
 const RECV_BUF: usize = 2 << 20;
 const RECV_BUF_LOADED: usize = 8 << 20;
 
@@ -36,25 +36,25 @@ const CROWD: usize = 20;
 const CROWD_SIZE: usize = 1024;
 const CROWD_PER_SECOND: u64 = 1000;
 
-/// What is measured.
+/// Measured quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Test {
-    /// Round trips of a message of so many bytes.
+    /// Round trips of a message of this size, bytes.
     Trip(usize),
-    /// Messages of so many bytes to one subscriber, as fast as possible.
+    /// Messages of this size to one subscriber, as fast as possible, bytes.
     Flood(usize),
-    /// A paced publisher and twenty subscribers of whom one is interested.
+    /// A paced publisher and twenty subscribers of which one is interested.
     Crowd,
     /// Ten times Talos's traffic to three subscribers.
     Talos,
-    /// The highest rate of the same mix at which nothing is lost.
+    /// Highest rate of the same mix without losses.
     Top,
-    /// A subscriber to whom nobody speaks.
+    /// A subscriber without messages.
     Idle,
 }
 
 impl Test {
-    /// Its name on the command line and in JSON.
+    /// Name on the command line and in JSON.
     pub fn name(self) -> String {
         match self {
             Self::Trip(size) => format!("trip-{size}"),
@@ -67,15 +67,15 @@ impl Test {
     }
 }
 
-/// How measurements are made.
+/// Configuration of the measurements.
 pub struct Bench {
-    /// The program that plays the roles of `raw` and `official`.
+    /// Program that plays the roles of `raw` and `official`.
     pub c_peer: PathBuf,
-    /// Short measurements, to try the bench.
+    /// True for short measurements, to try the bench.
     pub quick: bool,
-    /// Measure whatever else runs.
+    /// True to measure on a loaded machine.
     pub loaded: bool,
-    /// The smallest receive buffer that the kernel granted where more was asked for.
+    /// Smallest receive buffer granted by the kernel where more was requested.
     pub granted: Cell<Option<usize>>,
     port: u16,
 }
@@ -85,8 +85,8 @@ impl Bench {
         Self { c_peer, quick, loaded, granted: Cell::default(), port: 20_000 }
     }
 
-    /// Measures until others left the machine alone meanwhile; after some tries the least disturbed counts. The second
-    /// is the share of one CPU that they took.
+    /// Measures until a run is undisturbed; after some attempts the least disturbed one counts. The second value is the
+    /// share of one CPU taken by others.
     pub fn measure(&mut self, transport: &'static str, test: Test) -> Result<(Figures, f64)> {
         let mut best: Option<(Figures, f64)> = None;
         for _ in 0..if self.loaded { 1 } else { TRIES } {
@@ -118,7 +118,7 @@ impl Bench {
         }
     }
 
-    /// A port pair of its own, so that what an earlier measurement left under way disturbs nobody.
+    /// Unused pair of ports, so that packets of an earlier measurement do not interfere.
     fn next_port(&mut self) -> u16 {
         self.port += 2;
         self.port
@@ -140,7 +140,7 @@ impl Bench {
         ]))
     }
 
-    /// One publisher (`rate` 0: as fast as it can), so many that count, so many that wait for something else.
+    /// One publisher (`rate` 0: as fast as it can), and the numbers of counting and of idle subscribers.
     #[allow(clippy::too_many_arguments, reason = "each is one number of the measurement")]
     fn publish(
         &mut self,
@@ -186,7 +186,7 @@ impl Bench {
         self.publish(transport, RECV_BUF_LOADED, rate, ms, 0, SUBSCRIBERS, 0)
     }
 
-    /// Bisection on the logarithm of the rate, to 4 %; what lost once at a rate is tried once more.
+    /// Bisection on the logarithm of the rate, to 4 %; a rate with losses is tried once more.
     fn top(&mut self, transport: &'static str, ms: u64) -> Result<Figures> {
         let (mut good, mut bad) = (2000.0_f64, 1_000_000.0_f64);
         while bad / good > 1.04 {
@@ -224,8 +224,8 @@ impl Bench {
     fn start(&self, transport: &str, port: u16, buffer: usize, role: &[&str]) -> Result<Peer> {
         let ours = !matches!(transport, "raw" | "official");
         let program = if ours { std::env::current_exe()? } else { self.c_peer.clone() };
-        // Where the scheduler puts the two ends of a round trip decides more than what runs there: a wake-up across
-        // processors costs several times that on one. So both have the same one.
+        // The placement of the two ends of a round trip by the scheduler has more effect than the code: a wake-up
+        // across processors costs several times that on one. So both run on the same one.
         let mut command = if matches!(role[0], "echo" | "ping") {
             let mut command = Command::new("taskset");
             command.args(["-c", "0"]).arg(program);
@@ -250,12 +250,12 @@ impl Bench {
     }
 }
 
-/// Until programs of one kind know each other: the local bus looks for others once a second.
+/// Time until programs of one kind know each other: the local bus searches for others once a second.
 fn settling(transport: &str) -> Duration {
     Duration::from_millis(if transport.starts_with("shm") { 1500 } else { 100 })
 }
 
-/// A process at one end, ended with this.
+/// Process at one end, ended with this value.
 struct Peer {
     child: Child,
     input: ChildStdin,
@@ -264,7 +264,7 @@ struct Peer {
 }
 
 impl Peer {
-    /// User and system time so far, all threads, in seconds.
+    /// User and system time so far, all threads, s.
     fn cpu(&self) -> Result<f64> {
         let clock = clock_getcpuclockid(Pid::from_raw(self.child.id() as i32))?;
         Ok(Duration::from(clock_gettime(clock)?).as_secs_f64())
@@ -276,7 +276,7 @@ impl Peer {
         tasks.into_iter().flatten().flatten().map(|entry| entry.path())
     }
 
-    /// How often its threads have gone to sleep so far.
+    /// Number of times that its threads have slept so far.
     fn sleeps(&self) -> f64 {
         self.threads().map(|thread| status(&thread, "voluntary_ctxt_switches")).sum()
     }
@@ -318,14 +318,14 @@ impl Drop for Peer {
     }
 }
 
-/// The number behind a name in a peer's line.
+/// Number after a name in a peer's line.
 fn value(said: &str, name: &str) -> Result<f64> {
     let mut words = said.split(' ').skip_while(|word| *word != name);
     let number = words.nth(1).and_then(|word| word.parse().ok());
     number.ok_or_else(|| Error::other(format!("a peer says {said:?}, no {name}")))
 }
 
-/// A number in `status` of a process or thread, proc(5).
+/// Number in `status` of a process or thread, proc(5).
 fn status(folder: &Path, name: &str) -> f64 {
     let text = fs::read_to_string(folder.join("status")).unwrap_or_default();
     let mut fields = text.lines().filter_map(|line| line.split_once(':')).filter(|(key, _)| *key == name);
@@ -333,15 +333,15 @@ fn status(folder: &Path, name: &str) -> f64 {
     number.unwrap_or(f64::NAN)
 }
 
-/// CPU time in seconds that all programs but ours have taken so far, and that the host has kept from this machine. Kernel
-/// threads work for whoever and are left out.
+/// CPU time taken by all other programs so far, and withheld by the hypervisor, s. Kernel threads work for any process
+/// and are left out.
 fn foreign() -> f64 {
     let (me, mut ticks) = (id(), 0.0);
     for entry in fs::read_dir("/proc").into_iter().flatten().flatten() {
         let pid = entry.file_name().to_str().and_then(|name| name.parse::<u32>().ok());
         let Some(pid) = pid.filter(|&pid| pid != me && pid != 2) else { continue };
         let stat = fs::read_to_string(entry.path().join("stat")).unwrap_or_default();
-        // proc(5), behind the name in parentheses: state, parent, and from the twelfth on four times.
+        // proc(5), after the name in parentheses: state, parent, and from the twelfth on four times.
         let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
         let parent = fields.get(1).and_then(|text| text.parse::<u32>().ok());
         if pid != me && parent != Some(me) && parent != Some(2) {
@@ -354,7 +354,7 @@ fn foreign() -> f64 {
     (ticks + stolen.unwrap_or(0.0)) / per_second as f64
 }
 
-/// Until others take less than a tenth of a CPU; not for ever.
+/// Waits until others take less than a tenth of a CPU, with a timeout.
 fn wait_for_quiet() {
     let (begin, window) = (Instant::now(), Duration::from_millis(200));
     while begin.elapsed() < QUIET_WITHIN {

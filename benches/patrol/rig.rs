@@ -1,6 +1,6 @@
-//! A robot in virtual time that patrols a world by itself, and what is seen of it from outside: its way, whom it touched
-//! and who moved, how its goal fares. An attendant lets the planner go again when a stop was for somebody's bumping into
-//! the robot, as an operator does; how often is counted.
+//! Robot in virtual time that patrols a world autonomously, and its observation from outside: path, contacts and who
+//! moved, state of the goal. An attendant resumes the planner after a visitor has walked into the robot, as an operator
+//! does; the resumptions are counted.
 #![allow(dead_code, reason = "bench and test use it, each its part")]
 
 use base::{Duration, Instant};
@@ -16,54 +16,54 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
 
-/// The attendant looks after the robot this often, and acts when it has waited so long for an operator.
+/// Period at which the attendant checks the robot, and time for which the planner must have waited for an operator.
 const LOOK: Duration = Duration::from_millis(500);
 const WAITS: Duration = Duration::from_secs(2);
 
-/// What an observer sees.
+/// Values seen by an observer.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
-    /// Where the robot really is.
+    /// True pose of the robot.
     pub truth: simulation::DataTruth,
-    /// Way driven, m.
+    /// Distance driven, m.
     pub way: f64,
-    /// Contacts, a line each, with the time; and whether the robot moved into the other.
+    /// Contacts: time, true if the robot moved into the other party, and description.
     pub contacts: Vec<(f64, bool, String)>,
-    /// How the goal fares.
+    /// State of the goal.
     pub goal: DataGoal,
-    /// Waypoints reached.
+    /// Number of waypoints reached.
     pub waypoints: u32,
-    /// How often the status was FAILED.
+    /// Number of changes to FAILED.
     pub failed: u32,
-    /// How often it was told, and how often of these something was in the way.
+    /// Number of reports of the goal's state, and number of these that were BLOCKED.
     pub told: (u32, u32),
-    /// Since when the planner waits for an operator.
+    /// Time since which the planner waits for an operator.
     pub waits: Option<Instant>,
-    /// What the planner commanded last.
+    /// Last command of the planner.
     pub command: lowlevel::CmdMotion,
-    /// The drives.
+    /// Drives.
     pub motion: lowlevel::DataMotion,
-    /// What stands against motion.
+    /// Causes that hold the motion.
     pub holds: lowlevel::DataHold,
-    /// What keeps the goal from being driven to.
+    /// Causes that hold the goal.
     pub goal_holds: lowlevel::DataHold,
-    /// Words of ML_DATA_GOAL, each when it changed, s; the last hundred.
+    /// Texts of ML_DATA_GOAL with the times of their changes, s; the last hundred.
     pub words: Vec<(f64, String)>,
     estimates: u32,
 }
 
-/// The robot.
+/// Patrolling robot.
 pub struct Patrol {
-    /// Its machine.
+    /// Machine of the robot.
     pub machine: Virtual,
-    /// What was seen.
+    /// Observed values.
     pub seen: Rc<RefCell<Seen>>,
     route: CmdGoal,
-    /// How often the attendant let the planner go again.
+    /// Number of times that the attendant resumed the planner.
     pub let_go: u32,
 }
 
-/// The shipped robot in the world of this name.
+/// Shipped robot in the world of this name.
 pub fn place(world: &str, sets: &[String]) -> Place {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     Place {
@@ -77,8 +77,8 @@ pub fn place(world: &str, sets: &[String]) -> Place {
 }
 
 impl Patrol {
-    /// A robot in a world of this name, whose route `patrol` it is to drive; `people`: so many, not as the world has
-    /// it. `sink` for what the planner is told.
+    /// Robot in the world of this name, with its route `patrol` as the goal; `people` replaces the number of visitors.
+    /// `sink` records the planner's inputs.
     pub fn new(world: &str, people: Option<u32>, seed: u64, sink: Option<Sink>) -> Self {
         let sets: Vec<String> = people.map(|count| format!("world.people={count}")).into_iter().collect();
         let place = place(world, &sets);
@@ -98,7 +98,7 @@ impl Patrol {
         Self { machine, seen, route, let_go: 0 }
     }
 
-    /// Homed, found, and sent on its way.
+    /// Waits until the steering is homed and the pose known, then sends the goal.
     pub fn go(&mut self) {
         for _ in 0..60 {
             self.pass(0.5);
@@ -110,13 +110,13 @@ impl Patrol {
         self.send();
     }
 
-    /// Says the goal again.
+    /// Sends the goal again.
     pub fn send(&mut self) {
         let now = self.machine.now();
         self.machine.inject(now, self.route.clone());
     }
 
-    /// Sends it elsewhere, or nowhere.
+    /// Sends another goal, or cancels it.
     pub fn send_to(&mut self, id: i32, places: &[(f64, f64)]) {
         let waypoint = |&(x, y): &(f64, f64)| Waypoint { x, y, ..Waypoint::default() };
         let now = self.machine.now();
@@ -124,13 +124,13 @@ impl Patrol {
         self.machine.inject(now, CmdGoal { timestamp: 0, id, waypoints, r#loop: false });
     }
 
-    /// Lets time pass, s, without an attendant.
+    /// Advances the time without an attendant, s.
     pub fn pass(&mut self, seconds: f64) {
         let end = self.machine.now() + Duration::from_secs_f64(seconds);
         self.machine.run_until(end);
     }
 
-    /// Lets time pass, s; the attendant is there.
+    /// Advances the time with an attendant, s.
     pub fn patrol(&mut self, seconds: f64) {
         let end = self.machine.now() + Duration::from_secs_f64(seconds);
         while self.machine.now() < end {
@@ -145,17 +145,17 @@ impl Patrol {
         }
     }
 
-    /// A copy of what was seen.
+    /// Copy of the observed values.
     pub fn seen(&self) -> Seen {
         self.seen.borrow().clone()
     }
 
-    /// Mean speed since an earlier look, m/s.
+    /// Mean speed since earlier values, m/s.
     pub fn speed_since(&self, before: &Seen, seconds: f64) -> f64 {
         (self.seen.borrow().way - before.way) / seconds
     }
 
-    /// Subscriptions of the planner, so that a rename is noticed.
+    /// True if the planner is configured, so that a rename is noticed.
     pub fn planner_runs(&self) -> bool {
         let pid = self.machine.pid(planner::NAME);
         pid.and_then(|pid| self.machine.shell(pid)).is_some_and(|shell| !shell.module().subscriptions().is_empty())
@@ -163,7 +163,7 @@ impl Patrol {
 }
 
 impl Seen {
-    /// Contacts that the robot moved into.
+    /// Number of contacts caused by the robot.
     pub fn own_contacts(&self) -> usize {
         self.contacts.iter().filter(|(_, own, _)| *own).count()
     }

@@ -21,7 +21,7 @@
 #define PIECE_MAX 65000  // raw: a longer message goes in pieces of this size
 #define END UINT64_MAX   // number of the message after the last
 
-struct head { uint64_t number, size; };  // every message begins with it
+struct head { uint64_t number, size; };  // at the beginning of every message
 struct kind { const char *channel; size_t size; };
 
 static void die(const char *what) { perror(what); exit(1); }
@@ -80,11 +80,11 @@ static void raw_open(int port_in, int port_out) {
 
 static void raw_receive(void) {
     static uint8_t in[1 << 17];
-    static size_t have;  // of a message in pieces
+    static size_t have;  // bytes of a message in pieces
     struct head head;
     ssize_t n = recv(rx, in + have, sizeof in - have, 0);
     if (n < 0) die("recv");
-    if (have && n == PIECE_MAX) memmove(in, in + have, n), have = 0;  // the rest of the one before is lost
+    if (have && n == PIECE_MAX) memmove(in, in + have, n), have = 0;  // the rest of the previous message is lost
     have += n;
     memcpy(&head, in, sizeof head);
     if (have >= sizeof head && have < head.size && n == PIECE_MAX) return;
@@ -105,7 +105,7 @@ static void official_open(int port, const char *pattern) {
     lcm_subscription_t *subscription = lcm_subscribe(lcm, pattern, official_on, NULL);
     if (!subscription) die("lcm_subscribe");
     lcm_subscription_set_queue_capacity(subscription, 0);  // no limit: only the socket may lose
-    // The library asks for no more than net.core.rmem_max; where we may, give it what ours gets.
+    // The library requests no more than net.core.rmem_max; if permitted, set the same size as for ours.
     for (int fd = 3; fd < 64; fd++) {
         int type = 0;
         struct sockaddr_in at = {0};
@@ -116,7 +116,7 @@ static void official_open(int port, const char *pattern) {
     }
 }
 
-// `in`, `port_in`: the channel, for raw sockets the port, to hear; NULL, 0: only publishes.
+// `in`, `port_in`: channel to receive, for raw sockets the port; NULL, 0: publishes only.
 static void open_bus(int port, const char *in, int port_in, int port_out) {
     if (raw) raw_open(port_in, port_out);
     else official_open(port, in);
@@ -160,7 +160,7 @@ static void count(const uint8_t *message, size_t size) {
     struct head head;
     memcpy(&head, message, sizeof head);
     if (head.number == END) { counted.ended = 1; return; }
-    // Whole, of the right size, and in order.
+    // Complete, of the right size, and in order.
     if (head.size != size || size != kind(head.number).size || (counted.received && head.number <= heard)) { counted.wrong++; return; }
     heard = head.number;
     counted.last = now_ns();
@@ -209,7 +209,7 @@ static void send_all(long rate, long ms) {
     ready(), line();
     begin = now_ns(), end = begin + ms * 1000000LL;
     while ((now = now_ns()) < end) {
-        if (rate) {  // what is due by the next full millisecond, in one go
+        if (rate) {  // messages due by the next full millisecond, at once
             int64_t tick = (now - begin) / 1000000 + 1;
             struct timespec t = {(begin + tick * 1000000) / 1000000000, (begin + tick * 1000000) % 1000000000};
             clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
@@ -220,7 +220,7 @@ static void send_all(long rate, long ms) {
     }
     printf("sent %llu span %lld\n", (unsigned long long) sent, (long long) (now_ns() - begin));
     fflush(stdout);
-    line();  // all have had time to receive; now the end, until somebody ends us
+    line();  // all have had time to receive; now the end, until the process is killed
     for (;;) publish(kind(1).channel, END, sizeof(struct head)), usleep(10000);
 }
 
@@ -258,6 +258,6 @@ int main(int argc, char **argv) {
     } else
         return 1;
     fflush(stdout);
-    line();  // stay, so that what we cost can be read
+    line();  // stay, so that its CPU time can be read
     return 0;
 }

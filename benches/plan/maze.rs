@@ -1,13 +1,13 @@
-//! Mazes that can be driven, and know it: each is built around a way that the robot's rectangle was driven along.
+//! Mazes that are solvable by construction: each is built around a path along which the robot's rectangle was driven.
 //!
-//! The generator shares nothing with the search: its way is arcs laid cell by cell or at random, its rectangle is tested
-//! against cells one centimetre after the other, and no wall is ever drawn where the rectangle has been. So each maze has
-//! a way by construction, and the length of that way is what the planner's is held against.
+//! The generator shares nothing with the search: its path consists of arcs laid cell by cell or at random, its
+//! rectangle is tested against cells at each centimetre, and no wall is drawn where the rectangle has been. So each
+//! maze has a path by construction, whose length is the reference for the planner's.
 
 use navitools::{Motion, Pose};
 use planner::map::{Cell, Map};
 
-/// A side of the square, m, and its cells'.
+/// Side of the square, m, and of a cell, m.
 pub const SIDE_M: f64 = 20.0;
 pub const CELL_M: f64 = 0.05;
 /// The reference robot (docs/facts/robot.md 1.2), m.
@@ -15,20 +15,20 @@ pub const LENGTH_M: f64 = 0.90;
 pub const WIDTH_M: f64 = 0.60;
 pub const REAR_M: f64 = 0.15;
 pub const RADIUS_M: f64 = 0.857;
-/// Kept free on all sides of the way, beyond the cells that the robot touches, m.
+/// Margin on all sides of the path, beyond the cells that the robot touches, m.
 const AROUND_M: f64 = 0.06;
 
-/// A map with a way through it.
+/// Map with a path through it.
 pub struct Maze {
     pub map: Map,
     pub start: Pose,
     pub goal: Pose,
-    /// The length of the way it was built around, m.
+    /// Length of the path it was built around, m.
     pub way_m: f64,
     pub kind: &'static str,
 }
 
-/// The maze of a number: a labyrinth of corridors, or a hall full of blocks.
+/// Maze of a number: a labyrinth of corridors, or a hall full of blocks.
 pub fn maze(number: u64) -> Maze {
     let mut random = Random(number.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5851_f42d_4c95_7f2d);
     if number.is_multiple_of(2) { labyrinth(&mut random) } else { blocks(&mut random) }
@@ -55,7 +55,7 @@ impl Random {
     }
 }
 
-/// Where the robot has been: cells that stay free.
+/// Cells touched by the robot, which stay free.
 struct Swept {
     cells: Vec<bool>,
     count: usize,
@@ -67,11 +67,11 @@ impl Swept {
         Self { cells: vec![false; count * count], count }
     }
 
-    /// Marks what the rectangle touches at a pose; false if it would leave the square.
+    /// Marks the cells of the rectangle at a pose; false if it would leave the square.
     fn stand(&mut self, pose: Pose) -> bool {
         let around = AROUND_M + CELL_M;
         let (sin, cos) = pose.theta.sin_cos();
-        // The corners tell whether all of it is inside, off the outer wall.
+        // The corners show whether all of it is inside, off the outer wall.
         let ends = [-REAR_M - around, LENGTH_M - REAR_M + around];
         let sides = [-WIDTH_M / 2.0 - around, WIDTH_M / 2.0 + around];
         for (along, across) in ends.into_iter().flat_map(|along| sides.map(|across| (along, across))) {
@@ -109,7 +109,7 @@ impl Swept {
         Some(pose)
     }
 
-    /// Takes walls off the map where the robot has been.
+    /// Removes walls where the robot has been.
     fn clear(&self, map: &mut Map) {
         for (index, _) in self.cells.iter().enumerate().filter(|(_, swept)| **swept) {
             map.set(index % self.count, index / self.count, Cell::Free);
@@ -129,8 +129,8 @@ fn square() -> Map {
     map
 }
 
-/// Corridors of 1.82 to 2.5 m in a tree, some with a second way; from one room to the one farthest away. The way turns by
-/// quarter circles within a room, so that the corridors' walls are not in its way.
+/// Corridors of 1.82 to 2.5 m in a tree, some with a second path; from one room to the farthest one. The path turns by
+/// quarter circles within a room, so that the corridors' walls are not in the way.
 fn labyrinth(random: &mut Random) -> Maze {
     let rooms = [8, 9, 10, 11][random.below(4)];
     let side = SIDE_M / rooms as f64;
@@ -202,7 +202,7 @@ fn labyrinth(random: &mut Random) -> Maze {
     let (x, y) = centre(from);
     let first = heading(way[0], way[1]);
     let (sin, cos) = libm::sincos(first);
-    // The robot's middle in the middle of the room.
+    // The robot's middle is in the middle of the room.
     let back = LENGTH_M / 2.0 - REAR_M;
     let start = Pose::new(x - back * cos, y - back * sin, first);
     let (mut pose, mut way_m) = (start, side / 2.0 + back);
@@ -216,7 +216,7 @@ fn labyrinth(random: &mut Random) -> Maze {
     }
     pose = swept.drive(pose, side / 2.0 - back, 0.0).expect("a room is inside");
     way_m += side / 2.0 - back;
-    // Where the way has been there is no wall to take away; posts and boxes stand where it has not.
+    // The path crosses no wall that must be removed; posts and boxes are placed elsewhere.
     let walls = map.clone();
     for _ in 0..rooms * 3 {
         map.column((random.between(0.3, SIDE_M - 0.3), random.between(0.3, SIDE_M - 0.3)), random.between(0.02, 0.15));
@@ -237,7 +237,7 @@ fn neighbours(room: usize, rooms: usize) -> [Option<usize>; 4] {
     ]
 }
 
-/// A random drive of 25 to 60 m, some of it in reverse, and boxes and walls wherever it has not been.
+/// Random drive of 25 to 60 m, partly in reverse, and boxes and walls where it has not been.
 fn blocks(random: &mut Random) -> Maze {
     let (swept, start, goal, way_m) = loop {
         if let Some(drive) = random_drive(random) {
@@ -280,6 +280,6 @@ fn random_drive(random: &mut Random) -> Option<(Swept, Pose, Pose, f64)> {
             None => stuck += 1,
         }
     }
-    // Some way off, or there would be little to plan.
+    // A minimum distance, so that planning is not trivial.
     (start.point().distance(pose.point()) > 7.0).then_some((swept, start, pose, way))
 }

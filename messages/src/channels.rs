@@ -1,4 +1,4 @@
-//! Which type travels on which channel.
+//! Table of channels and their types.
 
 use std::borrow::Cow;
 use std::ops::Deref;
@@ -10,30 +10,30 @@ use crate::{common, lowlevel, middlelevel, simulation};
 
 macro_rules! channels {
     ($($variant:ident = $name:literal: $type:ty;)*) => {
-        /// A channel of the robot's.
+        /// Channel of the robot.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Channel {
             $(#[doc = concat!("`", $name, "`")] $variant,)*
         }
 
         impl Channel {
-            /// All of them.
+            /// All channels.
             pub const ALL: &'static [Self] = &[$(Self::$variant),*];
 
-            /// The name on the bus; of the family `LL_DATA_RAW_<BUS>` the part that all have in common. What a message
-            /// is published under is [`Message::channel_name`].
+            /// Name on the bus; for the family `LL_DATA_RAW_<BUS>` the common prefix. [`Message::channel_name`] is the
+            /// name under which a message is published.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name),* }
             }
 
-            /// The name of the type, with its package: `common.data_state_t`.
+            /// Name of the type with its package: `common.data_state_t`.
             #[must_use]
             pub const fn type_name(self) -> &'static str {
                 match self { $(Self::$variant => <$type>::NAME),* }
             }
 
-            /// The fingerprint of the type.
+            /// Fingerprint of the type.
             #[must_use]
             pub const fn fingerprint(self) -> u64 {
                 match self { $(Self::$variant => <$type>::FINGERPRINT),* }
@@ -47,7 +47,7 @@ macro_rules! channels {
             }
         }
 
-        /// A message of the robot's: the variant is the channel. Serialized it is the message alone.
+        /// Message of the robot: the variant is the channel. Serialized it is the message alone.
         #[derive(Clone, Debug, PartialEq, Serialize)]
         #[serde(untagged)]
         pub enum Message {
@@ -55,13 +55,13 @@ macro_rules! channels {
         }
 
         impl Message {
-            /// The channel that it travels on.
+            /// Channel of the message.
             #[must_use]
             pub const fn channel(&self) -> Channel {
                 match self { $(Self::$variant(_) => Channel::$variant),* }
             }
 
-            /// When it was made, microseconds since the UNIX epoch.
+            /// Timestamp, microseconds since the UNIX epoch.
             #[must_use]
             pub fn timestamp(&self) -> i64 {
                 match self { $(Self::$variant(message) => message.timestamp),* }
@@ -70,17 +70,17 @@ macro_rules! channels {
             /// Appends the encoded message to `out`.
             ///
             /// # Errors
-            /// When LCM cannot express it: a string holds a NUL, arrays that share a length differ in theirs. `out` is as
-            /// before then.
+            /// The message cannot be represented in LCM: a string contains NUL, or arrays that share a length differ in
+            /// theirs. `out` is then unchanged.
             pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), EncodeError> {
                 match self { $(Self::$variant(message) => message.encode(out)),* }
             }
 
-            /// Reads a message that came on `channel`. Which bus a raw frame is from stands in the channel's full name
-            /// only: [`Message::receive`] knows it, here [`Raw::bus`] stays empty.
+            /// Decodes a message received on `channel`. The bus of a raw frame is only in the channel's full name:
+            /// [`Message::receive`] sets it, here [`Raw::bus`] stays empty.
             ///
             /// # Errors
-            /// When `bytes` are anything but one message of the channel's type.
+            /// `bytes` is not exactly one message of the channel's type.
             pub fn decode(channel: Channel, bytes: &[u8]) -> Result<Self, DecodeError> {
                 match channel { $(Channel::$variant => <$type>::decode(bytes).map(Self::$variant)),* }
             }
@@ -135,7 +135,7 @@ channels! {
 }
 
 impl Channel {
-    /// The channel of that name on the bus; `LL_DATA_RAW_` with any bus behind it is [`Channel::LlDataRaw`].
+    /// Channel of this name on the bus; `LL_DATA_RAW_` followed by any bus is [`Channel::LlDataRaw`].
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         match name.strip_prefix(Self::LlDataRaw.name()) {
@@ -147,7 +147,7 @@ impl Channel {
 }
 
 impl Message {
-    /// The name of the channel that it is published under.
+    /// Name of the channel under which the message is published.
     #[must_use]
     pub fn channel_name(&self) -> Cow<'static, str> {
         match self {
@@ -156,10 +156,10 @@ impl Message {
         }
     }
 
-    /// Reads a message that came on the channel of that name; `None` when the channel is none of the robot's.
+    /// Decodes a message received on the channel of this name; `None` if the channel is not one of the robot's.
     ///
     /// # Errors
-    /// When `bytes` are anything but one message of the channel's type.
+    /// `bytes` is not exactly one message of the channel's type.
     #[must_use]
     pub fn receive(channel_name: &str, bytes: &[u8]) -> Option<Result<Self, DecodeError>> {
         let channel = Channel::from_name(channel_name)?;
@@ -171,14 +171,14 @@ impl Message {
     }
 }
 
-/// A raw frame and its bus. The bus is no part of the message: it stands in the channel's name, `LL_DATA_RAW_<BUS>`.
+/// Raw frame with its bus, which is not part of the message but of the channel's name, `LL_DATA_RAW_<BUS>`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Raw {
-    /// The bus as in the channel's name: upper case.
+    /// Bus as in the channel's name: upper case.
     #[serde(skip)]
     pub bus: String,
-    /// The message.
+    /// Message.
     pub frame: lowlevel::DataRaw,
 }
 

@@ -1,12 +1,12 @@
-//! Active faults and reports: what their numbers mean.
+//! Names of active faults and reports.
 
 use crate::common::{DataFaults, Fault};
 use base::Fault as Code;
 use std::borrow::Cow;
 
 impl DataFaults {
-    /// True for the list that the watchdog publishes in the name of a module without a process: which of the module's
-    /// faults are active is not known.
+    /// True for the list that the watchdog publishes in the name of a module without a process: the active faults of
+    /// the module are then unknown.
     #[must_use]
     pub fn is_down(&self) -> bool {
         self.faults.iter().any(|fault| fault.number == Code::ModuleDown as i32 && fault.subject == self.module)
@@ -14,7 +14,7 @@ impl DataFaults {
 }
 
 impl Fault {
-    /// Its name and subject for people: `BoardLost sd1_front`.
+    /// Name and subject for people: `BoardLost sd1_front`.
     #[must_use]
     pub fn about(&self) -> String {
         let name = fault_name(self.number);

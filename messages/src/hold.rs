@@ -1,14 +1,14 @@
-//! Why the robot does not act: one list of causes for all modules, by number, with the words that people read.
+//! Causes for which the robot does not act: one list for all modules, by number, with their text for people.
 //!
-//! Modules publish numbers on `LL_DATA_HOLD` and programs compare numbers. Words are made at the reader, here alone:
-//! [`lowlevel::Hold::words`]. `docs/holds.md` is the same list for people; a test holds the two together.
+//! Modules publish numbers on `LL_DATA_HOLD` and programs compare numbers. Texts are made only here, at the reader:
+//! [`lowlevel::Hold::words`]. `docs/holds.md` is the same list for people; a test compares the two.
 //!
 //! | numbers | about |
 //! |---|---|
 //! | 100 to 199 | the PAUSE line |
 //! | 200 to 299 | the CAN bus and its drives |
 //! | 300 to 399 | modules |
-//! | 400 to 499 | who commands the motion |
+//! | 400 to 499 | sources of motion commands |
 //! | 500 to 599 | position and sensors that the planner needs |
 //! | 600 to 699 | the goal |
 
@@ -16,34 +16,34 @@ use crate::{StopSource, lowlevel};
 
 macro_rules! holds {
     ($(#[doc = $means:literal] $name:ident = $code:literal, $words:literal, $remedy:literal;)*) => {
-        /// A cause. Numbers are never used for another one; a new cause gets a new number.
+        /// Cause. A number is never used for another one; a new cause gets a new number.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[repr(i32)]
         pub enum Hold { $(#[doc = $means] $name = $code),* }
 
         impl Hold {
-            /// All of them, in order of their numbers.
+            /// All causes, in order of their numbers.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
-            /// The name in `docs/holds.md`.
+            /// Name in `docs/holds.md`.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$name => stringify!($name)),* }
             }
 
-            /// What it means, and what its subject is.
+            /// Meaning, and the kind of its subject.
             #[must_use]
             pub const fn means(self) -> &'static str {
                 match self { $(Self::$name => $means.trim_ascii_start()),* }
             }
 
-            /// The sentence, with `{}` in the place of the subject's name.
+            /// Sentence with `{}` in the place of the subject's name.
             #[must_use]
             pub const fn sentence(self) -> &'static str {
                 match self { $(Self::$name => $words),* }
             }
 
-            /// What an operator does about it, with `{}` in the place of the subject as people call it.
+            /// Action of an operator, with `{}` in the place of the subject as people call it.
             #[must_use]
             pub const fn what_to_do(self) -> &'static str {
                 match self { $(Self::$name => $remedy),* }
@@ -66,155 +66,156 @@ holds! {
     PauseOther = 119, "PAUSE is engaged by {}", "Release the PAUSE line at {}.";
 
     /// The CAN bus is not open. Subject: the bus.
-    BusDown = 201, "{} is down", "Check the CAN adapter of {}; it is opened again by itself.";
+    BusDown = 201, "{} is down", "Check the CAN adapter of {}; it is reopened automatically.";
     /// No node acknowledges frames. Subject: the bus.
     BusUnacknowledged = 202, "nobody on {} acknowledges what is sent",
         "Check cable, termination and bit rate of {}, and that the drives have power.";
     /// Another CANopen master is on the bus. Subject: the bus.
     SecondMaster = 203, "another master commands the drives", "End the other program that commands the drives on {}.";
-    /// A drive is being booted. Subject: `propulsion` or `steering`.
+    /// A drive is booting. Subject: `propulsion` or `steering`.
     DriveBooting = 211, "the {} drive is being booted", "Wait some seconds.";
-    /// A step of a drive's boot-up failed; it is tried again each second. Subject: the drive.
-    DriveBootFailed = 212, "the {} drive cannot be booted", "Look at the errors; check type and power of the {}.";
+    /// A step of a drive's boot-up failed; it is retried each second. Subject: the drive.
+    DriveBootFailed = 212, "the {} drive cannot be booted", "Check the errors, and type and power of the {}.";
     /// A drive's heartbeat is missing, or it left operation. Subject: the drive.
-    DriveLost = 213, "the {} drive is lost", "Check power and cable of the {}; it is booted again by itself.";
-    /// A drive's heartbeat goes on but requests are not answered. Subject: the drive.
-    DriveDeaf = 214, "the {} drive does not answer", "Wait some seconds: the {} is booted again by itself.";
+    DriveLost = 213, "the {} drive is lost", "Check power and cable of the {}; it is booted again automatically.";
+    /// A drive sends heartbeats but does not answer requests. Subject: the drive.
+    DriveDeaf = 214, "the {} drive does not answer", "Wait some seconds: the {} is booted again automatically.";
     /// A drive left operation without a command. Subject: the drive.
-    DriveDropped = 215, "the {} drive changed its state by itself", "Look at the errors of the {}.";
-    /// A drive does not reach the state that is commanded. Subject: the drive.
-    DriveStuck = 216, "the {} drive does not reach the state that is commanded", "Look at the errors of the {}.";
+    DriveDropped = 215, "the {} drive changed its state by itself", "Check the errors of the {}.";
+    /// A drive does not reach the commanded state. Subject: the drive.
+    DriveStuck = 216, "the {} drive does not reach the state that is commanded", "Check the errors of the {}.";
     /// A drive does not acknowledge its set-point. Subject: the drive.
-    DriveNoTarget = 217, "the {} drive does not take its target", "Look at the errors of the {}.";
+    DriveNoTarget = 217, "the {} drive does not take its target", "Check the errors of the {}.";
     /// A drive is in its fault state; the fault is reset each second. Subject: the drive.
-    DriveFault = 218, "the {} drive is in fault", "Look at the errors of the {}; the fault is reset by itself.";
-    /// A drive is booted and its state was not received yet. Subject: the drive.
+    DriveFault = 218, "the {} drive is in fault", "Check the errors of the {}; the fault is reset automatically.";
+    /// A drive is booted, but its state was not received yet. Subject: the drive.
     DriveUnseen = 219, "the {} drive has not told its state", "Wait some seconds.";
     /// The steering has no reference. Subject: the axis.
     NotHomed = 221, "the {} is not homed yet", "Home it, with room at the front wheels.";
     /// The steering is being homed. Subject: the axis.
-    Homing = 222, "the {} is being homed", "Wait some seconds: it looks for its switch, then turns straight.";
-    /// The steering is homed and on its way to straight ahead. Subject: the axis.
+    Homing = 222, "the {} is being homed", "Wait some seconds: it moves to its switch, then to straight ahead.";
+    /// The steering is homed and moves to straight ahead. Subject: the axis.
     Centering = 223, "the {} is homed and turns straight", "Wait some seconds.";
-    /// Homing failed; it is not tried again by itself. Subject: the axis.
+    /// Homing failed; it is not retried automatically. Subject: the axis.
     HomingFailed = 224, "homing the {} failed", "Home it again, with room at the front wheels.";
 
     /// A module without which the robot must not move does not run. Subject: the module.
     CriticalModule = 301, "critical module {} is not running",
-        "Wait some seconds: {} is started again by itself. If not, look at the modules.";
-    /// The list of processes does not come from the watchdog. No subject.
-    WatchdogSilent = 302, "the watchdog is not heard", "Wait some seconds: the watchdog is started again by itself.";
-    /// The module has not begun to work. Subject: the module.
-    ModuleInit = 311, "{} is in INIT", "Wait some seconds; what it waits for is among the errors.";
+        "Wait some seconds: {} is restarted automatically. If not, check the modules.";
+    /// The watchdog's list of processes is missing. No subject.
+    WatchdogSilent = 302, "the watchdog is not heard", "Wait some seconds: the watchdog is restarted automatically.";
+    /// The module has not started working. Subject: the module.
+    ModuleInit = 311, "{} is in INIT", "Wait some seconds; the errors show the reason.";
     /// The module was commanded into PAUSE. Subject: the module.
     ModulePaused = 312, "{} is in PAUSE", "Command {} to RUN.";
     /// The module was commanded into STOP. Subject: the module.
     ModuleStopped = 313, "{} is in STOP", "Command {} to RUN by hand.";
     /// The module lost its device. Subject: the module.
-    ModuleError = 314, "{} is in ERROR", "Look at the errors of {}.";
+    ModuleError = 314, "{} is in ERROR", "Check the errors of {}.";
     /// The module ends. Subject: the module.
     ModuleEnding = 315, "{} is in TERMINATE", "Command {} to RUN.";
-    /// Messages of a module that are needed do not come. Subject: the module.
-    ModuleSilent = 321, "{} is not heard", "Look at the modules: {} must run.";
+    /// Required messages of a module are missing. Subject: the module.
+    ModuleSilent = 321, "{} is not heard", "Check the modules: {} must run.";
 
     /// No source commands the motion: nothing is wrong. No subject.
     NobodyCommands = 401, "nobody commands the motion", "Drive by hand, or send the robot to a goal.";
-    /// A command was out of limits or not a number; ends when it has been absent for its time to live. No subject.
-    CommandRefused = 402, "a command was out of limits", "Look at the errors: they name the source and the value.";
-    /// A source commands while another one of higher priority moves the robot. Subject: the source.
-    Overruled = 403, "{} is overruled by a higher priority", "Wait until the other source lets go.";
-    /// A source commands while another one of its priority moves the robot. Subject: the source.
+    /// A command was out of limits or not a number; ends when no such command arrives for its time to live. No subject.
+    CommandRefused = 402, "a command was out of limits", "Check the errors: they name the source and the value.";
+    /// A source sends commands while another one of higher priority moves the robot. Subject: the source.
+    Overruled = 403, "{} is overruled by a higher priority", "Wait until the other source releases the robot.";
+    /// A source sends commands while another one of equal priority moves the robot. Subject: the source.
     Contested = 404, "{} must wait: another source of its priority moves the robot",
-        "Wait until the other source lets go.";
-    /// The robot was stopped and the source has not let go since. Subject: the source.
-    NotReleased = 405, "{} must send zero first: the robot was stopped", "Let go of the controls, then press anew.";
-    /// The robot was stopped, or driven by hand, and no operator has let the planner go since. Subject: the source.
+        "Wait until the other source releases the robot.";
+    /// The robot was stopped and the source has not released it since. Subject: the source.
+    NotReleased = 405, "{} must send zero first: the robot was stopped", "Release the controls, then press again.";
+    /// The robot was stopped, or driven by hand, and no operator has resumed the planner since. Subject: the source.
     PlannerLatched = 406, "{} must be let go by an operator first",
-        "Give the goal anew, or let the robot go on.";
+        "Send the goal again, or let the robot go on.";
     /// Another source moves the robot. Subject: that source.
-    OtherSource = 407, "{} drives the robot", "Wait until {} lets go, then let the robot go on.";
+    OtherSource = 407, "{} drives the robot", "Wait until {} releases the robot, then let it go on.";
 
     /// No estimate was received since the start. No subject.
     NoEstimate = 501, "no estimate of the position has come yet", "Wait some seconds; the estimator must run.";
     /// The estimator does not know the position. No subject.
-    EstimateLost = 502, "the estimator is lost", "Set the position by hand, or move the robot where beacons are seen.";
-    /// The estimator looks for the position. No subject.
+    EstimateLost = 502, "the estimator is lost",
+        "Set the position by hand, or move the robot to where beacons are visible.";
+    /// The estimator searches for the position. No subject.
     EstimateSearching = 503, "the estimator searches where the robot is", "Wait some seconds; keep the beacons in sight.";
     /// The estimate is too old, or not a number. No subject.
-    EstimateBad = 504, "the estimate is old or no number", "Look at the modules: the estimator must run.";
-    /// Readings of the sonars do not come. No subject.
-    SonarsSilent = 505, "the sonars are not heard", "Look at the modules and buses: the ranging boards must answer.";
-    /// Nothing is known of the sonars that look where the robot drives. Subject: `front` or `rear`.
+    EstimateBad = 504, "the estimate is old or no number", "Check the modules: the estimator must run.";
+    /// Readings of the sonars are missing. No subject.
+    SonarsSilent = 505, "the sonars are not heard", "Check the modules and buses: the ranging boards must answer.";
+    /// The state of the sonars in the direction of travel is unknown. Subject: `front` or `rear`.
     SonarsUnknown = 506, "nothing is known of the sonars at the {}",
-        "Look at the errors: the ranging board at the {} must answer.";
+        "Check the errors: the ranging board at the {} must answer.";
     /// A module without which the planner must not drive does not run. Subject: the module.
     PlannerModule = 511, "the planner may not drive: {} is not running",
-        "Wait some seconds: {} is started again by itself. Then let the robot go on.";
-    /// The estimate is missing, lost or too old to be driven by. No subject.
+        "Wait some seconds: {} is restarted automatically. Then let the robot go on.";
+    /// The estimate is missing, lost or too old for driving. No subject.
     PlannerNoEstimate = 512, "the planner has no estimate to drive by",
         "Wait until the estimator knows the position, then let the robot go on.";
 
     /// The planner has no goal: nothing is wrong. No subject.
     NoGoal = 601, "there is no goal", "Send the robot to a goal.";
-    /// The planner begins: its first command is on its way. No subject.
+    /// The planner starts: its first command is under way. No subject.
     Starting = 602, "the planner begins to drive", "Wait a moment.";
     /// A path is being searched. No subject.
     Planning = 603, "the planner looks for a way", "Wait some seconds.";
-    /// Something stands on the path. Subject: where, `X, Y` in m in the map frame.
-    InTheWay = 604, "somebody stands in the way at {}", "Clear the place; after a while a way around is tried.";
-    /// Something stands too near to drive. No subject.
-    SomebodyNear = 605, "somebody stands near", "Step back; after a while a way around is tried.";
-    /// The robot drives back a little before it looks for another way. No subject.
+    /// An obstacle is on the path. Subject: its position, `X, Y` in m in the map frame.
+    InTheWay = 604, "somebody stands in the way at {}", "Clear the path; after a while the robot tries another one.";
+    /// An obstacle is too close to drive. No subject.
+    SomebodyNear = 605, "somebody stands near", "Step back; after a while the robot tries another path.";
+    /// The robot backs out before another path is searched. No subject.
     BackingOut = 606, "the planner backs out", "Wait some seconds.";
     /// A loop of one waypoint: the robot is there. No subject.
     AtLoop = 607, "the robot stands at the only waypoint of its loop", "Send the robot to another goal.";
     /// No path: the robot does not fit in at the waypoint. Subject: the waypoint, counted from 1.
     GoalBlocked = 611, "no way to waypoint {}: the robot does not fit in at the goal",
         "Clear the place, or send the robot to another one.";
-    /// No path: the robot stands in an obstacle or outside the map. Subject: the waypoint, counted from 1.
+    /// No path: the robot is in an obstacle or outside the map. Subject: the waypoint, counted from 1.
     StartBlocked = 612, "no way to waypoint {}: the robot stands in an obstacle or outside of the map",
         "Check the position; drive the robot free by hand.";
     /// No path: everything within reach was tried. Subject: the waypoint, counted from 1.
     Unreachable = 613, "no way to waypoint {}: no way leads to the goal",
         "Clear the passage, or send the robot to another place.";
-    /// No path was found with the work allowed. Subject: the waypoint, counted from 1.
+    /// No path was found within the computing budget. Subject: the waypoint, counted from 1.
     SearchExhausted = 614, "no way to waypoint {}: no way was found with the work allowed",
         "Clear the passage, or send the robot there in shorter legs.";
     /// No path: a coordinate is not a number. Subject: the waypoint, counted from 1.
-    GoalInvalid = 615, "no way to waypoint {}: a coordinate is no number", "Give the goal anew.";
+    GoalInvalid = 615, "no way to waypoint {}: a coordinate is no number", "Send a valid goal.";
     /// No path: start and goal are farther apart than a floor without a map can hold. Subject: the waypoint, from 1.
     FloorTooLarge = 616, "no way to waypoint {}: the floor between is too large",
         "Send the robot there in shorter legs, or give it a map.";
-    /// The robot was commanded to drive and stood. Subject: the waypoint, counted from 1.
+    /// The robot did not move although motion was commanded. Subject: the waypoint, counted from 1.
     NotMoving = 617, "no way to waypoint {}: the robot was told to drive and does not move",
         "Check that nothing blocks the wheels.";
     /// The robot came to a stop beside the waypoint. Subject: the waypoint, counted from 1.
     StoppedBeside = 618, "no way to waypoint {}: the robot came to stand beside it",
-        "Wait some seconds: it is tried again.";
-    /// No path: what stands in the way does not leave. Subject: the waypoint, counted from 1.
+        "Wait some seconds: the robot tries again.";
+    /// No path: the obstacle in the way remains. Subject: the waypoint, counted from 1.
     WayBlocked = 619, "no way to waypoint {}: something stands in the way", "Clear the passage.";
 }
 
 impl Hold {
-    /// The number on the wire.
+    /// Number on the wire.
     #[must_use]
     pub const fn code(self) -> i32 {
         self as i32
     }
 
-    /// The cause of a number; `None` for one that a later version knows.
+    /// Cause of a number; `None` for one from a later version.
     #[must_use]
     pub fn from_code(code: i32) -> Option<Self> {
         Self::ALL.iter().copied().find(|hold| hold.code() == code)
     }
 
-    /// Nothing is wrong: the module acts as soon as it is asked to.
+    /// True if nothing is wrong: the module acts as soon as it is commanded to.
     #[must_use]
     pub const fn is_idle(self) -> bool {
         matches!(self, Self::NobodyCommands | Self::NoGoal)
     }
 
-    /// Stays until a person acts, as far as the cause alone tells: a command, or a new press.
+    /// True if the cause alone shows that it remains until a person acts: a command, or a new press.
     #[must_use]
     pub const fn is_latched(self) -> bool {
         matches!(
@@ -223,14 +224,14 @@ impl Hold {
         )
     }
 
-    /// The sentence about a subject.
+    /// Sentence about a subject.
     #[must_use]
     pub fn words(self, subject: &str) -> String {
         let nameless = self == Self::PauseOther && subject.is_empty();
         self.sentence().replace("{}", if nameless { StopSource::Unknown.words() } else { subject })
     }
 
-    /// The subject as people call it: `bumper 3`, `propulsion drive`.
+    /// Subject as people call it: `bumper 3`, `propulsion drive`.
     #[must_use]
     pub fn who(self, subject: &str) -> String {
         match self {
@@ -253,7 +254,7 @@ impl Hold {
         }
     }
 
-    /// What an operator does about it.
+    /// Action of an operator.
     #[must_use]
     pub fn remedy(self, subject: &str) -> String {
         self.what_to_do().replace("{}", &self.who(subject))
@@ -261,13 +262,13 @@ impl Hold {
 }
 
 impl lowlevel::Hold {
-    /// The cause; `None` where the number is of a later version.
+    /// Cause; `None` if the number is from a later version.
     #[must_use]
     pub fn cause(&self) -> Option<Hold> {
         Hold::from_code(self.code)
     }
 
-    /// The sentence that people read.
+    /// Sentence for people.
     #[must_use]
     pub fn words(&self) -> String {
         match self.cause() {
@@ -278,43 +279,43 @@ impl lowlevel::Hold {
     }
 }
 
-/// The module that lists what stands against motion.
+/// Module that lists the causes that hold the motion.
 pub const MOTION_MODULE: &str = "driver_canbus";
-/// The module that lists what keeps a goal from being driven to.
+/// Module that lists the causes that hold the goal.
 pub const GOAL_MODULE: &str = "planner";
 
 impl lowlevel::DataHold {
-    /// Whether it is about the motion.
+    /// True if the list concerns the motion.
     #[must_use]
     pub fn is_of_motion(&self) -> bool {
         self.module == MOTION_MODULE
     }
 
-    /// Whether it is about the goal.
+    /// True if the list concerns the goal.
     #[must_use]
     pub fn is_of_goal(&self) -> bool {
         self.module == GOAL_MODULE
     }
 
-    /// Whether a cause is listed, about any subject.
+    /// True if the cause is listed, with any subject.
     #[must_use]
     pub fn has(&self, cause: Hold) -> bool {
         self.holds.iter().any(|hold| hold.cause() == Some(cause))
     }
 
-    /// The weightiest cause; `None` where the module acts, or the number is of a later version.
+    /// Most important cause; `None` if the module acts, or the number is from a later version.
     #[must_use]
     pub fn first(&self) -> Option<Hold> {
         self.holds.first()?.cause()
     }
 
-    /// Whether the module acts, or would as soon as it is asked to.
+    /// True if the module acts, or would act as soon as it is commanded to.
     #[must_use]
     pub fn is_free(&self) -> bool {
         self.holds.iter().all(|hold| hold.cause().is_some_and(Hold::is_idle))
     }
 
-    /// Whether it would act as soon as it is asked to, and is not.
+    /// True if the module would act as soon as it is commanded to, and has no command.
     #[must_use]
     pub fn is_idle(&self) -> bool {
         !self.holds.is_empty() && self.is_free()
@@ -338,7 +339,7 @@ mod tests {
         assert_eq!((Hold::from_code(0), Hold::from_code(-1), Hold::from_code(999)), (None, None, None));
     }
 
-    /// The sentences of `LL_DATA_MOTION.reason` are a contract: programs outside print them.
+    /// The sentences of `LL_DATA_MOTION.reason` are a contract: other programs print them.
     #[test]
     fn sentences_are_those_of_the_contract() {
         for (code, subject, words) in [
@@ -385,7 +386,7 @@ mod tests {
         assert_eq!(Hold::PauseBumper.remedy("bumper3"), "Clear what touches bumper 3.");
         assert_eq!(Hold::PauseOther.remedy(""), "Release the PAUSE line at an unknown source.");
         assert_eq!(Hold::PauseOther.remedy("rope"), "Release the PAUSE line at rope.");
-        assert_eq!(Hold::DriveDropped.remedy("steering"), "Look at the errors of the steering drive.");
+        assert_eq!(Hold::DriveDropped.remedy("steering"), "Check the errors of the steering drive.");
     }
 
     #[test]
@@ -398,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_without_a_cause_is_free_and_one_that_is_not_known_stands_against_acting() {
+    fn a_list_without_a_cause_is_free_and_an_unknown_cause_holds() {
         let list = |holds| lowlevel::DataHold { holds, ..Default::default() };
         let idle = list(vec![hold(401, "")]);
         assert!(idle.is_free() && idle.is_idle() && idle.first() == Some(Hold::NobodyCommands));

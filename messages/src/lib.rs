@@ -1,10 +1,10 @@
-//! Rust types of `/messages/**/*.lcm`, the table of channels, and the list of causes for which the robot stands.
+//! Rust types of `/messages/**/*.lcm`, the table of channels, and the list of causes that hold the robot.
 //!
-//! The types are generated (see `lcm_gen::rust` for the rules): `common::DataState` is `common.data_state_t`. The length
-//! members of arrays are no fields: they are the lengths of the `Vec`s. All times are microseconds since the UNIX epoch,
-//! all units SI, all angles radians.
+//! The types are generated (see `lcm_gen::rust` for the rules): `common::DataState` is `common.data_state_t`. The
+//! length members of arrays are not fields: they are the lengths of the `Vec`s. All times are microseconds since the
+//! UNIX epoch, all units SI, all angles radians.
 //!
-//! Knows no transport and no module.
+//! Independent of transports and modules.
 #![forbid(unsafe_code)]
 
 mod channels;
@@ -20,7 +20,7 @@ pub use stop::StopSource;
 
 include!(concat!(env!("OUT_DIR"), "/types.rs"));
 
-/// The definitions: paths below `/messages`, and texts. For logs, which carry them, and for tools.
+/// Definitions: paths below `/messages`, and texts. For logs, which contain them, and for tools.
 pub const LCM_FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/files.rs"));
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
-//! Who engaged the PAUSE line, from the names in `LL_EVENT_STOP`.
+//! Sources of the PAUSE line, from the names in `LL_EVENT_STOP`.
 
 use crate::Hold;
 
-/// A source of PAUSE. The numbers are those that the power controller sends; 0 is a source that has none of the names.
+/// Source of PAUSE. The numbers are those of the power controller; 0 is a source without a known name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum StopSource {
-    /// A name that is not in the contract, or an empty one.
+    /// Name outside the contract, or an empty one.
     Unknown = 0,
     /// Bumper switch 1, in front.
     Bumper1 = 1,
@@ -24,16 +24,16 @@ pub enum StopSource {
     Bumper7 = 7,
     /// Bumper switch 8, at the rear.
     Bumper8 = 8,
-    /// The floor sensors of the front ranging board.
+    /// Floor sensors of the front ranging board.
     Sd1Front = 0x10,
-    /// The floor sensors of the rear ranging board.
+    /// Floor sensors of the rear ranging board.
     Sd1Rear = 0x11,
-    /// The stop button.
+    /// Stop button.
     Button = 0x20,
 }
 
 impl StopSource {
-    /// All of them, [`StopSource::Unknown`] first.
+    /// All sources, [`StopSource::Unknown`] first.
     pub const ALL: [Self; 12] = [
         Self::Unknown,
         Self::Bumper1,
@@ -49,13 +49,13 @@ impl StopSource {
         Self::Button,
     ];
 
-    /// The source of a name, as `source` of `LL_EVENT_STOP` has it. The only reader of these names.
+    /// Source of a name, as in `source` of `LL_EVENT_STOP`. The only parser of these names.
     #[must_use]
     pub fn from_name(name: &str) -> Self {
         Self::ALL.into_iter().find(|source| !name.is_empty() && source.name() == name).unwrap_or(Self::Unknown)
     }
 
-    /// The name in `LL_EVENT_STOP`; empty of [`StopSource::Unknown`].
+    /// Name in `LL_EVENT_STOP`; empty for [`StopSource::Unknown`].
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -74,7 +74,7 @@ impl StopSource {
         }
     }
 
-    /// The name as an operator reads it.
+    /// Name for operators.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -93,7 +93,7 @@ impl StopSource {
         }
     }
 
-    /// True for a bumper in front, false for one at the rear, `None` for what is no bumper.
+    /// True for a front bumper, false for a rear bumper, `None` for any other source.
     #[must_use]
     pub const fn is_front_bumper(self) -> Option<bool> {
         match self {
@@ -103,7 +103,7 @@ impl StopSource {
         }
     }
 
-    /// The cause while it engages the line.
+    /// Cause while the source engages the line.
     #[must_use]
     pub const fn hold(self) -> Hold {
         match self {

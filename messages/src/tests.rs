@@ -1,16 +1,16 @@
-//! The table of channels: every type once, no two alike.
+//! Table of channels: every type once, all distinct.
 
 use std::collections::BTreeMap;
 
 use super::*;
 
-/// A message of each channel with nothing in it.
+/// Empty message of a channel.
 fn empty(channel: Channel) -> Message {
     let mut bytes = channel.fingerprint().to_be_bytes().to_vec();
     loop {
         match Message::decode(channel, &bytes) {
             Ok(message) => return message,
-            // An empty string is a length of 1 and its NUL; all else may be zeros.
+            // An empty string is a length of 1 and its NUL; everything else may be zeros.
             Err(DecodeError::StringLength { len: 0, .. }) => {
                 let end = bytes.len();
                 bytes[end - 1] = 1;
@@ -103,7 +103,7 @@ fn serialized_it_is_the_message_alone_and_nan_is_null() {
 }
 
 #[test]
-fn a_message_on_the_wrong_channel_is_told_by_its_fingerprint() {
+fn a_message_on_the_wrong_channel_is_detected_by_its_fingerprint() {
     let mut bytes = Vec::new();
     empty(Channel::LlDataSrfs).encode(&mut bytes).unwrap();
     let (expected, found) = (Channel::LlDataIrs.fingerprint(), Channel::LlDataSrfs.fingerprint());

@@ -1,4 +1,4 @@
-//! Cuts the letters that `advee plot` draws out of DejaVu Sans: outlines and widths of Latin letters and some signs, as
+//! Extracts the letters of `advee plot` from DejaVu Sans: outlines and widths of Latin letters and some signs, as
 //! tables in the program instead of two fonts of 0.7 MB.
 
 use std::fmt::Write;
@@ -6,7 +6,7 @@ use std::path::Path;
 use std::{env, fs};
 use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
-/// What pictures are labelled with: Latin languages, some Greek, dashes, quotes, per mille, minutes and seconds.
+/// Characters of labels: Latin languages, some Greek, dashes, quotes, per mille, minutes and seconds.
 const LETTERS: &[std::ops::RangeInclusive<u32>] = &[
     0x20..=0x7E,
     0xA0..=0x17F,
@@ -22,7 +22,7 @@ const LETTERS: &[std::ops::RangeInclusive<u32>] = &[
     0x2030..=0x2033,
 ];
 
-/// Outlines as numbers: what to do, then its points.
+/// Outlines as numbers: operation, then its points.
 struct Pen(Vec<i16>);
 
 impl Pen {
@@ -60,7 +60,7 @@ fn cut(out: &mut String, name: &str, font: &[u8]) {
     let mut glyphs = Vec::new();
     let letters = LETTERS.iter().cloned().flatten().filter_map(char::from_u32);
     let found = letters.filter_map(|letter| Some((letter, face.glyph_index(letter)?)));
-    // First what is drawn for a letter that is missing.
+    // First the glyph for a missing letter.
     for (letter, glyph) in std::iter::once(('\0', GlyphId(0))).chain(found) {
         let begin = pen.0.len();
         face.outline_glyph(glyph, &mut pen);
@@ -75,7 +75,7 @@ fn cut(out: &mut String, name: &str, font: &[u8]) {
     writeln!(out, "], outlines: &{:?} }};", pen.0).expect("a text takes text");
 }
 
-/// Both faces.
+/// Tables of both faces.
 fn tables() -> String {
     let mut out = String::new();
     cut(&mut out, "REGULAR", dejavu::sans::regular());

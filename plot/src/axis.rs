@@ -1,6 +1,6 @@
-//! Axes: which values have a line and a number.
+//! Axes: values with a grid line and a number.
 
-/// Numbers of an axis from `from` to `to`, with so many lines at most: multiples of 1, 2 or 5 with zeros.
+/// Numbers of an axis from `from` to `to`, at most `most`: multiples of 1, 2 or 5 times a power of ten.
 #[must_use]
 pub fn numbers(from: f64, to: f64, most: usize) -> Vec<(f64, String)> {
     let span = to - from;
@@ -16,15 +16,15 @@ pub fn numbers(from: f64, to: f64, most: usize) -> Vec<(f64, String)> {
     multiples(from, to, step).map(|value| (value, number(value, decimals))).collect()
 }
 
-/// A number as it stands at an axis.
+/// Number as shown at an axis.
 fn number(value: f64, decimals: usize) -> String {
     let value = value + 0.0;
     let text = if value.abs() >= 1e6 { format!("{value:.0e}") } else { format!("{value:.decimals$}") };
-    // The sign of a number is as long as its digits are wide.
+    // An en dash as the sign, which is as wide as a digit.
     text.replacen('-', "–", 1)
 }
 
-/// Moments of a time axis from 0 to `seconds`, with so many lines at most, and the unit of their numbers.
+/// Ticks of a time axis from 0 to `seconds`, at most `most`, and the unit of their numbers.
 #[must_use]
 pub fn moments(seconds: f64, most: usize) -> (Vec<(f64, String)>, &'static str) {
     const STEPS: [f64; 21] = [
@@ -45,7 +45,7 @@ pub fn moments(seconds: f64, most: usize) -> (Vec<(f64, String)>, &'static str) 
     (multiples(0.0, seconds, step).map(|value| (value, text(value))).collect(), unit)
 }
 
-/// A moment after the start as it stands in lists: `12.3 s`, `3:07 min`, `1:02:03 h`.
+/// Time after the start as shown in lists: `12.3 s`, `3:07 min`, `1:02:03 h`.
 #[must_use]
 pub fn moment(seconds: f64) -> String {
     let (whole, negative) = (seconds.abs() as u64, if seconds < -0.05 { "–" } else { "" });
@@ -86,12 +86,12 @@ mod tests {
         for (from, to) in [(1.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (0.0, f64::INFINITY)] {
             assert!(numbers(from, to, 5).is_empty());
         }
-        // Numbers that cannot be told apart by adding a step end nothing.
+        // Terminates for numbers so large that adding a step does not change them.
         assert!(numbers(1e15, 1e15 + 1.0, 5).len() < 10);
     }
 
     #[test]
-    fn times_read_as_people_say_them() {
+    fn times_have_readable_units() {
         assert_eq!(moments(64.0, 8).0.last().unwrap(), &(60.0, "60".to_string()));
         let (list, unit) = moments(600.0, 6);
         assert_eq!((texts(&list), unit), (vec!["0:00", "2:00", "4:00", "6:00", "8:00", "10:00"], "min:s"));

@@ -1,126 +1,126 @@
-//! What a picture is drawn on: lines, areas, discs and words, in units of the page, y down. Two canvasses: [`super::svg`]
-//! and [`super::raster`].
+//! Drawing surface: lines, areas, discs and text, in units of the page, y down. Implementations: [`super::svg`] and
+//! [`super::raster`].
 
 use navitools::Point;
 
-/// A colour, of which so much covers what is below.
+/// Colour with opacity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Colour {
     /// Red, green, blue.
     pub rgb: [u8; 3],
-    /// 0..=1.
+    /// Opacity, 0..=1.
     pub cover: f32,
 }
 
 impl Colour {
-    /// One that covers all, as `0xRRGGBB`.
+    /// Opaque colour from `0xRRGGBB`.
     #[must_use]
     pub const fn new(rgb: u32) -> Self {
         let [_, r, g, b] = rgb.to_be_bytes();
         Self { rgb: [r, g, b], cover: 1.0 }
     }
 
-    /// The same, covering so much.
+    /// Same colour with this opacity.
     #[must_use]
     pub const fn cover(self, cover: f32) -> Self {
         Self { cover, ..self }
     }
 }
 
-/// How a line is drawn.
+/// Style of a line.
 #[derive(Clone, Copy, Debug)]
 pub struct Stroke {
-    /// Its colour.
+    /// Colour.
     pub colour: Colour,
-    /// How wide, units.
+    /// Width, units.
     pub width: f64,
-    /// Length of dashes and of the gaps between, units; (0, 0): none.
+    /// Length of dashes and of the gaps between, units; (0, 0) for a solid line.
     pub dash: (f64, f64),
 }
 
 impl Stroke {
-    /// A whole line.
+    /// Solid line.
     #[must_use]
     pub const fn new(colour: Colour, width: f64) -> Self {
         Self { colour, width, dash: (0.0, 0.0) }
     }
 
-    /// The same, dashed.
+    /// Same line, dashed.
     #[must_use]
     pub const fn dashed(self, on: f64, off: f64) -> Self {
         Self { dash: (on, off), ..self }
     }
 }
 
-/// Which end of the words is at the place that is named.
+/// Position of the anchor point in a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
-    /// The first letter.
+    /// Beginning.
     Start,
-    /// The middle.
+    /// Middle.
     Middle,
-    /// The last letter.
+    /// End.
     End,
 }
 
-/// How words are drawn.
+/// Style of a text.
 #[derive(Clone, Copy, Debug)]
 pub struct Font {
     /// Height of the letters, units.
     pub size: f64,
-    /// Whether they are bold.
+    /// True for bold letters.
     pub bold: bool,
-    /// Their colour.
+    /// Colour.
     pub colour: Colour,
-    /// Where they begin.
+    /// Position of the anchor point.
     pub anchor: Anchor,
-    /// Whether they run upwards.
+    /// True for text that runs upwards.
     pub upwards: bool,
 }
 
 impl Font {
-    /// Plain words of this size, from left to right.
+    /// Plain text of this size, from left to right.
     #[must_use]
     pub const fn new(size: f64, colour: Colour) -> Self {
         Self { size, bold: false, colour, anchor: Anchor::Start, upwards: false }
     }
 
-    /// The same, bold.
+    /// Same style, bold.
     #[must_use]
     pub const fn bold(self) -> Self {
         Self { bold: true, ..self }
     }
 
-    /// The same, anchored there.
+    /// Same style with this anchor.
     #[must_use]
     pub const fn at(self, anchor: Anchor) -> Self {
         Self { anchor, ..self }
     }
 
-    /// The same, upwards.
+    /// Same style, upwards.
     #[must_use]
     pub const fn upwards(self) -> Self {
         Self { upwards: true, ..self }
     }
 }
 
-/// A page to draw on. What is not a number is not drawn.
+/// Page to draw on. Coordinates that are not finite are not drawn.
 pub trait Canvas {
-    /// What follows, up to [`Canvas::end`], belongs together under this name; names are words of our own.
+    /// Begins a named group, up to [`Canvas::end`].
     fn begin(&mut self, name: &str);
     /// Ends the innermost group.
     fn end(&mut self);
-    /// A line through these points.
+    /// Draws a line through these points.
     fn line(&mut self, points: &[Point], stroke: &Stroke);
-    /// A filled area.
+    /// Draws a filled area.
     fn area(&mut self, corners: &[Point], fill: Colour, edge: Option<&Stroke>);
-    /// A filled disc.
+    /// Draws a filled disc.
     fn disc(&mut self, middle: Point, radius: f64, fill: Colour, edge: Option<&Stroke>);
-    /// Words whose base line begins, ends or has its middle at a point.
+    /// Draws a text whose base line begins, ends or has its middle at a point.
     fn text(&mut self, at: Point, text: &str, font: &Font);
 }
 
-/// A rectangle of the page.
+/// Rectangle of the page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rect {
     /// Left.
@@ -134,37 +134,37 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The right edge.
+    /// Right edge.
     #[must_use]
     pub fn right(&self) -> f64 {
         self.x + self.w
     }
 
-    /// The lower edge.
+    /// Lower edge.
     #[must_use]
     pub fn bottom(&self) -> f64 {
         self.y + self.h
     }
 
-    /// Its corners.
+    /// Corners.
     #[must_use]
     pub fn corners(&self) -> [Point; 4] {
         let (right, bottom) = (self.right(), self.bottom());
         [(self.x, self.y), (right, self.y), (right, bottom), (self.x, bottom)].map(|(x, y)| Point { x, y })
     }
 
-    /// Whether a point is in it.
+    /// True if the point is inside.
     #[must_use]
     pub fn has(&self, point: Point) -> bool {
         (self.x..=self.right()).contains(&point.x) && (self.y..=self.bottom()).contains(&point.y)
     }
 
-    /// The part of a line from `a` to `b` that is in it.
+    /// Part of a line from `a` to `b` that is inside.
     #[must_use]
     pub fn cut(&self, a: Point, b: Point) -> Option<(Point, Point)> {
         let (dx, dy) = (b.x - a.x, b.y - a.y);
         let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
-        // Liang and Barsky: for each edge how fast the line leaves by it, and how far from it it begins.
+        // Liang and Barsky: for each edge the rate at which the line leaves by it, and its distance at the beginning.
         let edges = [(-dx, a.x - self.x), (dx, self.right() - a.x), (-dy, a.y - self.y), (dy, self.bottom() - a.y)];
         for (speed, distance) in edges {
             if speed < 0.0 {
@@ -179,7 +179,7 @@ impl Rect {
         (enter <= leave).then(|| (at(enter), at(leave)))
     }
 
-    /// The parts of a line that are in it.
+    /// Parts of a line that are inside.
     #[must_use]
     pub fn cut_line(&self, points: &[Point]) -> Vec<Vec<Point>> {
         let mut parts: Vec<Vec<Point>> = Vec::new();
@@ -199,11 +199,11 @@ impl Rect {
     }
 }
 
-/// Lines at 45° that fill a rectangle, so far apart; falling ones, or rising.
+/// Lines at 45° that fill a rectangle, at this distance; falling or rising ones.
 #[must_use]
 pub fn hatch(rect: &Rect, apart: f64, falls: bool) -> Vec<[Point; 2]> {
     let mut lines = Vec::new();
-    // Counted from the page's corner, so that rectangles side by side go on in each other.
+    // Counted from the page's corner, so that the hatching of adjacent rectangles is continuous.
     let low = if falls { rect.x - rect.bottom() } else { rect.x + rect.y };
     let reach = rect.w + rect.h;
     let mut along = (low / apart).ceil() * apart;

@@ -1,4 +1,4 @@
-//! What a picture is made of: fed with messages, in bounded memory.
+//! Content of a picture: collected from messages, in bounded memory.
 
 use super::series::{Lane, Series, Ticks, Track};
 use crate::Footprint;
@@ -9,48 +9,48 @@ use simulator::people::Contact;
 use simulator::world::World;
 use std::collections::BTreeMap;
 
-/// Between two ellipses, s, in the beginning; more than so many are not kept.
-const ELLIPSES: f64 = 2.0;
-const ELLIPSES_MOST: usize = 256;
-/// Who does not announce its state for so long is not there, s.
-const STATE_HOLD: f64 = 2.5;
-/// The same for the reason not to move, which comes at 5 Hz or more, and for the PAUSE line, at 2 Hz.
-const REASON_HOLD: f64 = 1.0;
-const PAUSE_HOLD: f64 = 2.0;
-/// More is not kept of each; what is left out is counted.
-const MODULES: usize = 256;
-const TEXTS: usize = 500;
-const MARKS: usize = 100;
-const CONTACTS: usize = 1000;
-const CELLS: usize = 50_000;
-/// A text is not kept longer than this, characters.
-const TEXT: usize = 200;
-/// A moment that is farther from the first one is a mistake, s.
-const RUN_MOST: f64 = 31.0 * 86_400.0;
+/// Initial interval between ellipses, s, and maximum number of ellipses.
+const ELLIPSE_INTERVAL_S: f64 = 2.0;
+const ELLIPSES_MAX: usize = 256;
+/// Time without an announcement after which a module is considered absent, s.
+const STATE_VALID_S: f64 = 2.5;
+/// Time for which the reason not to move (5 Hz or more) and the PAUSE line (2 Hz) remain valid, s.
+const REASON_VALID_S: f64 = 1.0;
+const PAUSE_VALID_S: f64 = 2.0;
+/// Maximum numbers of entries; those left out are counted.
+const MODULES_MAX: usize = 256;
+const TEXTS_MAX: usize = 500;
+const MARKS_MAX: usize = 100;
+const CONTACTS_MAX: usize = 1000;
+const CELLS_MAX: usize = 50_000;
+/// Maximum length of a text, characters.
+const TEXT_CHARS_MAX: usize = 200;
+/// Largest plausible distance of a timestamp from the first one, s.
+const RUN_MAX_S: f64 = 31.0 * 86_400.0;
 
-/// What stands in the headline of a picture.
+/// Headline of a picture.
 #[derive(Clone, Debug, Default)]
 pub struct Title {
-    /// The run's name.
+    /// Name of the run.
     pub run: String,
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
-    /// The program that recorded it.
+    /// Program that recorded the run.
     pub program: String,
-    /// What the reader of the run has to say about it: what is damaged, what is missing.
+    /// Remarks of the run's reader: damage, missing data.
     pub remarks: Vec<String>,
 }
 
-/// A run, as far as a picture shows it.
+/// Content of a picture of a run.
 #[derive(Debug)]
 pub struct Picture {
     pub(super) title: Title,
     pub(super) world: World,
     pub(super) geometry: Option<Footprint>,
-    /// From when to when, s since the UNIX epoch.
+    /// First and last time, s since the UNIX epoch.
     pub(super) span: Option<(f64, f64)>,
-    /// Messages of impossible moments.
-    pub(super) strays: u64,
+    /// Number of messages with implausible timestamps.
+    pub(super) implausible: u64,
     pub(super) truth: Track,
     pub(super) estimate: Track,
     pub(super) pose: Option<Pose>,
@@ -60,7 +60,7 @@ pub struct Picture {
     pub(super) cells: Vec<Point>,
     pub(super) cell: f64,
     pub(super) contacts: Vec<Point>,
-    /// How often the body touched something, as the simulation counts: first and last.
+    /// Number of contacts of the body, as counted by the simulation: first and last.
     collisions: Option<(i32, i32)>,
     pub(super) speed: Series,
     pub(super) speed_target: Series,
@@ -68,73 +68,73 @@ pub struct Picture {
     pub(super) steering_target: Series,
     pub(super) voltage: Series,
     pub(super) charge: Series,
-    /// By severity.
+    /// Reports by severity.
     pub(super) errors: [Ticks; 3],
-    pub(super) texts: Vec<Told>,
+    pub(super) texts: Vec<ReportGroup>,
     subjects: Subjects,
-    /// Reports whose text found no room.
-    pub(super) untold: u64,
+    /// Number of reports whose text was left out.
+    pub(super) texts_left_out: u64,
     pub(super) states: BTreeMap<String, Lane<i8>>,
-    /// Announcements of modules that found no room.
-    pub(super) unheard: u64,
-    /// Why it does not move, by number.
-    holds: Lane<Stand>,
-    /// The same as text, of a log from before the numbers.
-    reasons: Lane<Stand>,
-    /// What holds the PAUSE line.
-    pub(super) pause: Lane<Stand>,
+    /// Number of announcements of modules that were left out.
+    pub(super) announcements_left_out: u64,
+    /// Causes that hold the robot, by number.
+    holds: Lane<StandstillCause>,
+    /// Same as text, for a log from before the numbers.
+    reasons: Lane<StandstillCause>,
+    /// Source of the PAUSE line.
+    pub(super) pause: Lane<StandstillCause>,
     pub(super) marks: Vec<(f64, String)>,
     pub(super) unmarked: u64,
 }
 
-/// Why the robot stands for a while.
+/// Cause of a standstill.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Stand {
-    /// In words; empty: it does not.
+pub struct StandstillCause {
+    /// Text; empty while the robot may move.
     pub words: String,
-    /// Nothing is wrong: nobody wants it to move.
+    /// True if nothing is wrong: there is no command to move.
     pub idle: bool,
 }
 
-impl Stand {
+impl StandstillCause {
     fn of(words: &str) -> Self {
         Self { words: brief(words), idle: false }
     }
 }
 
-/// Where the robot was believed to be, and how sure that was.
+/// Estimated position with its uncertainty.
 #[derive(Clone, Copy, Debug)]
 pub struct Ellipse {
     at: f64,
-    /// m.
+    /// Position, m.
     pub middle: Point,
     /// Covariance of x and y, m²: xx, xy, yy.
     pub covariance: [f64; 3],
 }
 
-/// What was reported, once or often: the same fault of the same subject; where no subject is known, in the same words.
+/// Reports of the same fault with the same subject; with the same text if the subject is unknown.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Told {
-    /// When first, s.
+pub struct ReportGroup {
+    /// First report, s.
     pub first: f64,
-    /// When last, s.
+    /// Last report, s.
     pub last: f64,
-    /// How often.
+    /// Number of reports.
     pub times: u64,
     /// 0 NOTICE, 1 WARNING, 2 ERROR.
     pub severity: usize,
-    /// By whom.
+    /// Reporting module.
     pub module: String,
-    /// What, by number.
+    /// Number of the fault.
     pub number: i32,
-    /// Which of several, where that is known.
+    /// Subject, if known.
     pub subject: Option<String>,
-    /// In words, as it was said first.
+    /// Text of the first report.
     pub message: String,
 }
 
 impl Picture {
-    /// An empty one of this world, for a robot of this geometry where that is known.
+    /// Creates an empty picture of this world, for a robot of this geometry if known.
     #[must_use]
     pub fn new(world: World, geometry: Option<Footprint>) -> Self {
         Self {
@@ -142,12 +142,12 @@ impl Picture {
             world,
             geometry,
             span: None,
-            strays: 0,
+            implausible: 0,
             truth: Track::default(),
             estimate: Track::default(),
             pose: None,
             ellipses: Vec::new(),
-            ellipse_every: ELLIPSES,
+            ellipse_every: ELLIPSE_INTERVAL_S,
             plan: Vec::new(),
             cells: Vec::new(),
             cell: 0.0,
@@ -162,9 +162,9 @@ impl Picture {
             errors: Default::default(),
             texts: Vec::new(),
             subjects: Subjects::default(),
-            untold: 0,
+            texts_left_out: 0,
             states: BTreeMap::new(),
-            unheard: 0,
+            announcements_left_out: 0,
             holds: Lane::default(),
             reasons: Lane::default(),
             pause: Lane::default(),
@@ -173,20 +173,20 @@ impl Picture {
         }
     }
 
-    /// What stands above it.
+    /// Sets the headline.
     pub fn entitle(&mut self, title: Title) {
         self.title = title;
     }
 
-    /// Whether nothing of a robot is in it.
+    /// True if it contains no data of a robot.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         let nowhere = self.truth.spots().is_empty() && self.estimate.spots().is_empty();
         nowhere && self.speed.range().is_none() && self.states.is_empty()
     }
 
-    /// Takes a message that was sent or heard at this moment, microseconds since the UNIX epoch. Those that have no place
-    /// in a picture change nothing. Of one channel and sender they come in order; what comes from before is left out.
+    /// Adds a message sent or received at this time, microseconds since the UNIX epoch. Messages that a picture does
+    /// not show are ignored. Per channel and sender they must be in order; earlier ones are left out.
     pub fn take(&mut self, at_us: i64, message: &Message) {
         let at = at_us as f64 / 1e6;
         match message {
@@ -204,17 +204,21 @@ impl Picture {
             }),
             Message::LlDataHold(list) if list.is_of_motion() => self.at(at).map(|this| {
                 let words = list.holds.first().map_or(String::new(), lowlevel::Hold::words);
-                this.holds.push(at, Stand { idle: list.is_idle(), ..Stand::of(&words) }, REASON_HOLD);
+                this.holds.push(
+                    at,
+                    StandstillCause { idle: list.is_idle(), ..StandstillCause::of(&words) },
+                    REASON_VALID_S,
+                );
             }),
             Message::LlEventStop(stop) => self.at(at).map(|this| {
                 let source = if stop.source.is_empty() { "engaged" } else { &stop.source };
-                let stand = if stop.engaged { Stand::of(source) } else { Stand::default() };
-                this.pause.push(at, stand, PAUSE_HOLD);
+                let stand = if stop.engaged { StandstillCause::of(source) } else { StandstillCause::default() };
+                this.pause.push(at, stand, PAUSE_VALID_S);
             }),
             Message::CmDataState(state) => self.at(at).map(|this| this.on_state(at, state)),
             Message::CmEventError(error) => self.at(at).map(|this| this.on_error(at, error)),
             Message::CmDataFaults(list) => {
-                self.subjects.list(list);
+                self.subjects.on_list(list);
                 None
             }
             Message::CmCmdLog(log) if log.action == common::CmdLog::MARK => {
@@ -225,7 +229,7 @@ impl Picture {
         };
     }
 
-    /// Takes a mark that somebody put into the run at this moment, microseconds since the UNIX epoch.
+    /// Adds a mark set at this time, microseconds since the UNIX epoch.
     pub fn mark(&mut self, at_us: i64, text: &str) {
         let at = at_us as f64 / 1e6;
         let Some(this) = self.at(at) else { return };
@@ -233,38 +237,38 @@ impl Picture {
         if this.marks.contains(&mark) {
             return;
         }
-        match this.marks.len() < MARKS {
+        match this.marks.len() < MARKS_MAX {
             true => this.marks.push(mark),
             false => this.unmarked += 1,
         }
     }
 
-    /// Takes a line that a module printed: contacts are told so.
+    /// Adds a line printed by a module: the simulation reports contacts so.
     pub fn note(&mut self, line: &str) {
         if let Ok(contact) = line.parse::<Contact>()
-            && self.contacts.len() < CONTACTS
+            && self.contacts.len() < CONTACTS_MAX
         {
             self.contacts.push(contact.at);
         }
     }
 
-    /// Why it did not move: by number, or the text of a log that has none.
-    pub(super) fn stands(&self) -> &Lane<Stand> {
+    /// Causes of standstill: by number, or the text of a log without numbers.
+    pub(super) fn stands(&self) -> &Lane<StandstillCause> {
         if self.holds.spans().is_empty() { &self.reasons } else { &self.holds }
     }
 
-    /// How often the body touched something.
+    /// Number of contacts of the body.
     #[must_use]
     pub fn contacts(&self) -> u64 {
         let counted = self.collisions.map_or(0, |(first, last)| i64::from(last) - i64::from(first));
         (self.contacts.len() as u64).max(u64::try_from(counted).unwrap_or(0))
     }
 
-    /// This, at a moment that can be one of the run.
+    /// Returns `self` if the time is plausible for the run.
     fn at(&mut self, at: f64) -> Option<&mut Self> {
         let (from, to) = self.span.unwrap_or((at, at));
-        if (at - from).abs() > RUN_MOST || (at - to).abs() > RUN_MOST {
-            self.strays += 1;
+        if (at - from).abs() > RUN_MAX_S || (at - to).abs() > RUN_MAX_S {
+            self.implausible += 1;
             return None;
         }
         self.span = Some((from.min(at), to.max(at)));
@@ -291,7 +295,7 @@ impl Picture {
         }
         let [[xx, xy, _], [_, yy, _], _] = estimate.covariance;
         self.ellipses.push(Ellipse { at, middle, covariance: [xx, xy, yy] });
-        if self.ellipses.len() > ELLIPSES_MOST {
+        if self.ellipses.len() > ELLIPSES_MAX {
             self.ellipse_every *= 2.0;
             let mut n = 0;
             self.ellipses.retain(|_| {
@@ -306,16 +310,16 @@ impl Picture {
         self.speed_target.push(at, motion.speed_target);
         self.steering.push(at, motion.steering);
         self.steering_target.push(at, motion.steering_target);
-        self.reasons.push(at, Stand::of(&motion.reason), REASON_HOLD);
+        self.reasons.push(at, StandstillCause::of(&motion.reason), REASON_VALID_S);
     }
 
     fn on_state(&mut self, at: f64, state: &common::DataState) {
         let module = brief(&state.module);
-        if self.states.len() >= MODULES && !self.states.contains_key(&module) {
-            self.unheard += 1;
+        if self.states.len() >= MODULES_MAX && !self.states.contains_key(&module) {
+            self.announcements_left_out += 1;
             return;
         }
-        self.states.entry(module).or_default().push(at, state.state, STATE_HOLD);
+        self.states.entry(module).or_default().push(at, state.state, STATE_VALID_S);
     }
 
     fn on_error(&mut self, at: f64, error: &common::Error) {
@@ -323,7 +327,7 @@ impl Picture {
         self.errors[severity].push(at);
         let (module, message) = (brief(&error.module), brief(&error.message));
         let subject = self.subjects.of(error).map(|subject| brief(&subject));
-        let same = |told: &&mut Told| {
+        let same = |told: &&mut ReportGroup| {
             (told.number, told.severity) == (error.number, severity)
                 && told.module == module
                 && told.subject == subject
@@ -332,21 +336,21 @@ impl Picture {
         if let Some(told) = self.texts.iter_mut().find(same) {
             (told.first, told.last) = (told.first.min(at), told.last.max(at));
             told.times += 1;
-        } else if self.texts.len() < TEXTS {
+        } else if self.texts.len() < TEXTS_MAX {
             let number = error.number;
-            self.texts.push(Told { first: at, last: at, times: 1, severity, module, number, subject, message });
+            self.texts.push(ReportGroup { first: at, last: at, times: 1, severity, module, number, subject, message });
         } else {
-            self.untold += 1;
+            self.texts_left_out += 1;
         }
     }
 }
 
 fn path(x: &[f64], y: &[f64]) -> Vec<Point> {
     let sound = |point: &Point| point.x.is_finite() && point.y.is_finite();
-    x.iter().zip(y).map(|(x, y)| Point { x: *x, y: *y }).filter(sound).take(CELLS).collect()
+    x.iter().zip(y).map(|(x, y)| Point { x: *x, y: *y }).filter(sound).take(CELLS_MAX).collect()
 }
 
-/// One line of words, not too long.
+/// First line of a text, shortened.
 fn brief(text: &str) -> String {
-    text.chars().take(TEXT).map(|c| if c.is_control() { ' ' } else { c }).collect()
+    text.chars().take(TEXT_CHARS_MAX).map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

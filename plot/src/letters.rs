@@ -1,17 +1,17 @@
-//! The letters of a picture: their outlines, and how wide words are. DejaVu Sans, cut down by `build.rs`.
+//! Letters of a picture: outlines and text widths. DejaVu Sans, reduced by the build script.
 
 use tiny_skia::{Path, PathBuilder};
 
 include!(concat!(env!("OUT_DIR"), "/letters.rs"));
 
-/// A font.
+/// Font face.
 #[derive(Debug)]
 struct Face {
-    /// Of the size of the letters.
+    /// Units per em.
     units: u16,
-    /// In order of the letters; the first is drawn for those that are missing.
+    /// Glyphs in order of their letters; the first one is drawn for missing letters.
     glyphs: &'static [Glyph],
-    /// What to do (0 move, 1 line, 2 curve, 3 close), and its points.
+    /// Operations (0 move, 1 line, 2 curve, 3 close) with their points.
     outlines: &'static [i16],
 }
 
@@ -19,7 +19,7 @@ struct Face {
 struct Glyph {
     letter: char,
     advance: u16,
-    /// Where its outline begins and ends.
+    /// Beginning and end of its outline.
     outline: (usize, usize),
 }
 
@@ -51,7 +51,7 @@ impl Face {
 pub struct Letters;
 
 impl Letters {
-    /// How wide words of this size are.
+    /// Width of a text of this size.
     #[must_use]
     pub fn width(&self, text: &str, size: f64, bold: bool) -> f64 {
         let face = face(bold);
@@ -59,7 +59,7 @@ impl Letters {
         units * size / f64::from(face.units)
     }
 
-    /// As much of the words as has room within `room`; what is left out shows as an ellipsis.
+    /// Text shortened to `room`, with an ellipsis for the rest.
     #[must_use]
     pub fn fit(&self, text: &str, size: f64, bold: bool, room: f64) -> String {
         if self.width(text, size, bold) <= room {
@@ -79,7 +79,7 @@ impl Letters {
         fits
     }
 
-    /// The outline of words in font units, y up, and how many units the size of the letters has.
+    /// Outline of a text in font units, y up, and the number of units per em.
     #[must_use]
     pub fn outline(&self, text: &str, bold: bool) -> (Option<Path>, f32) {
         let face = face(bold);
@@ -108,13 +108,13 @@ mod tests {
             assert_eq!(REGULAR.glyph(c).letter, c);
             assert!(letters.outline(&c.to_string(), true).0.is_some(), "{c}");
         }
-        // Others are boxes, and no more than that.
+        // Other letters are boxes.
         assert_eq!(REGULAR.glyph('火').letter, '\0');
         assert!(letters.outline("火", false).0.is_some());
     }
 
     #[test]
-    fn words_are_cut_to_their_room() {
+    fn texts_are_shortened_to_their_width() {
         let letters = Letters;
         let whole = letters.width("the robot stands", 10.0, false);
         assert!((60.0..100.0).contains(&whole), "{whole}");

@@ -1,9 +1,9 @@
-//! A picture of a run that one can mail: the way over the map, and below it on one time line what the robot did, why it
-//! stood, what was reported and which state each module was in. As SVG or PNG.
+//! Picture of a run that can be sent by mail: the path on the map, and below it on one time line the motion, the causes
+//! of standstill, the reports and the state of each module. As SVG or PNG.
 //!
-//! Fed with messages, from wherever: a recording (`advee plot`) or an observer of a virtual machine. Memory is bounded
-//! whatever comes: a long run is shown with less detail. Knows no files. [`data`] is what is kept, [`map`], [`timeline`]
-//! and [`page`] are how it looks, [`canvas`] is what it is drawn on.
+//! Fed with messages from any source: a recording (`advee plot`) or an observer of a virtual machine. Memory is bounded
+//! for any input: a long run is shown with less detail. No file access. [`data`] is the content, [`map`], [`timeline`]
+//! and [`page`] are the layout, [`canvas`] is the drawing surface.
 
 #![forbid(unsafe_code)]
 
@@ -24,13 +24,13 @@ mod timeline;
 
 pub use data::{Picture, Title};
 
-/// The outline of the robot, a rectangle; all in m.
+/// Outline of the robot, a rectangle; all in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
-    /// Bumper to bumper.
+    /// Length, bumper to bumper.
     pub length_m: f64,
-    /// Side to side.
+    /// Width.
     pub width_m: f64,
-    /// From the rear axle, which a pose is of, to the rear bumper.
+    /// Distance from the rear axle, the reference point of a pose, to the rear bumper.
     pub rear_overhang_m: f64,
 }

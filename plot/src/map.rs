@@ -1,4 +1,4 @@
-//! The upper part of a picture: the world from above, and the robot's way through it.
+//! Upper part of a picture: the world from above, and the robot's path in it.
 
 use super::axis;
 use super::canvas::{Anchor, Canvas, Colour, Font, Rect, Stroke};
@@ -10,24 +10,24 @@ use super::style::{
 };
 use navitools::{Point, Pose};
 
-/// Around everything, m.
-const MARGIN: f64 = 0.5;
-/// What is farther from the world than this does not make the map larger, m.
-const BEYOND: f64 = 5.0;
-/// The map is not higher, and not lower, units.
-const HIGH: f64 = 560.0;
-const LOW: f64 = 110.0;
-/// Ellipses show so many standard deviations.
+/// Margin around everything, m.
+const MARGIN_M: f64 = 0.5;
+/// Distance from the world beyond which points do not enlarge the map, m.
+const BEYOND_MAX_M: f64 = 5.0;
+/// Maximum and minimum height of the map, units.
+const HEIGHT_MAX: f64 = 560.0;
+const HEIGHT_MIN: f64 = 110.0;
+/// Size of the ellipses, standard deviations.
 pub const DEVIATIONS: f64 = 2.0;
-/// Obstacles, walls and beacons with names: more are not drawn.
-const DRAWN: usize = 20_000;
-const NAMED: usize = 40;
+/// Maximum number of drawn obstacles and walls, and of named beacons.
+const DRAWN_MAX: usize = 20_000;
+const NAMED_MAX: usize = 40;
 
-/// Where metres are on the page.
+/// Mapping from metres to the page.
 struct View {
     rect: Rect,
     least: Point,
-    /// Units a metre.
+    /// Units per metre.
     scale: f64,
 }
 
@@ -43,13 +43,13 @@ impl View {
 }
 
 impl Picture {
-    /// Draws the map below `top`, with its legend; where it ends.
+    /// Draws the map below `top`, with its legend; returns its lower end.
     pub(super) fn draw_map(&self, canvas: &mut dyn Canvas, sheet: &Sheet, top: f64) -> f64 {
         let Some((least, most)) = self.bounds() else { return top };
         let (width, height) = (most.x - least.x, most.y - least.y);
-        let scale = (sheet.width / width).min(HIGH / height);
-        let high = (height * scale).max(LOW);
-        // Where it is narrower than the page it shows more to both sides.
+        let scale = (sheet.width / width).min(HEIGHT_MAX / height);
+        let high = (height * scale).max(HEIGHT_MIN);
+        // If it is narrower than the page, it shows more on both sides.
         let more = Point { x: (sheet.width / scale - width) / 2.0, y: (high / scale - height) / 2.0 };
         let least = Point { x: least.x - more.x, y: least.y - more.y };
         let top = self.draw_legend(canvas, sheet, top + 6.0) + 10.0;
@@ -57,7 +57,7 @@ impl Picture {
         canvas.begin("map");
         draw_grid(canvas, &view);
         self.draw_world(canvas, &view);
-        self.draw_believed(canvas, &view);
+        self.draw_plan_and_obstacles(canvas, &view);
         draw_track(canvas, &view, "truth", &self.truth, &Stroke::new(TRUTH, 1.6));
         draw_track(canvas, &view, "estimate", &self.estimate, &Stroke::new(ESTIMATE, 1.2).dashed(5.0, 3.0));
         self.draw_ellipses(canvas, &view);
@@ -73,7 +73,7 @@ impl Picture {
         view.rect.bottom() + 34.0
     }
 
-    /// The part of the floor that is shown; none where nothing is known of a place.
+    /// Part of the floor that is shown; `None` without any position.
     fn bounds(&self) -> Option<(Point, Point)> {
         let world = &self.world;
         let walls = world.walls.iter().flat_map(|wall| [wall.a, wall.b]);
@@ -85,37 +85,37 @@ impl Picture {
         let all = match known {
             Some((least, most)) => {
                 let near = |p: &Point| {
-                    (least.x - BEYOND..=most.x + BEYOND).contains(&p.x)
-                        && (least.y - BEYOND..=most.y + BEYOND).contains(&p.y)
+                    (least.x - BEYOND_MAX_M..=most.x + BEYOND_MAX_M).contains(&p.x)
+                        && (least.y - BEYOND_MAX_M..=most.y + BEYOND_MAX_M).contains(&p.y)
                 };
                 around(spots().filter(near).chain([least, most]))?
             }
-            None => usual(spots().collect())?,
+            None => bounds_without_outliers(spots().collect())?,
         };
         let (least, most) = all;
-        let least = Point { x: least.x - MARGIN, y: least.y - MARGIN };
-        Some((least, Point { x: most.x + MARGIN, y: most.y + MARGIN }))
+        let least = Point { x: least.x - MARGIN_M, y: least.y - MARGIN_M };
+        Some((least, Point { x: most.x + MARGIN_M, y: most.y + MARGIN_M }))
     }
 
     fn draw_world(&self, canvas: &mut dyn Canvas, view: &View) {
         canvas.begin("world");
-        for drop in self.world.drops.iter().take(DRAWN) {
+        for drop in self.world.drops.iter().take(DRAWN_MAX) {
             canvas.area(&view.all(drop), DROP, Some(&Stroke::new(FRAME, 0.8).dashed(3.0, 2.0)));
         }
-        for wall in self.world.walls.iter().take(DRAWN) {
+        for wall in self.world.walls.iter().take(DRAWN_MAX) {
             canvas.line(&view.all(&[wall.a, wall.b]), &Stroke::new(INK, 2.2));
         }
-        for column in self.world.columns.iter().take(DRAWN) {
+        for column in self.world.columns.iter().take(DRAWN_MAX) {
             let radius = (column.radius * view.scale).max(1.0);
             canvas.disc(view.at(column.centre), radius, COLUMN, Some(&Stroke::new(INK, 0.8)));
         }
         canvas.end();
         canvas.begin("beacons");
-        for beacon in self.world.beacons.iter().take(DRAWN) {
+        for beacon in self.world.beacons.iter().take(DRAWN_MAX) {
             let at = view.at(beacon.at);
             canvas.disc(at, 5.0, BEACON, Some(&Stroke::new(INK, 0.8)));
-            if self.world.beacons.len() <= NAMED {
-                // Towards the middle: beacons hang on walls, and walls at the frame.
+            if self.world.beacons.len() <= NAMED_MAX {
+                // Towards the middle: beacons hang on walls, and walls are at the frame.
                 let (right, low) = (at.x > view.rect.x + view.rect.w / 2.0, at.y > view.rect.y + view.rect.h / 2.0);
                 let anchor = if right { Anchor::End } else { Anchor::Start };
                 let place = Point { x: at.x + if right { -8.0 } else { 8.0 }, y: at.y + if low { -6.0 } else { 12.0 } };
@@ -125,12 +125,12 @@ impl Picture {
         canvas.end();
     }
 
-    /// What the planner believed at the end.
-    fn draw_believed(&self, canvas: &mut dyn Canvas, view: &View) {
+    /// Draws the planner's last path and obstacles.
+    fn draw_plan_and_obstacles(&self, canvas: &mut dyn Canvas, view: &View) {
         canvas.begin("obstacles");
         let half = (self.cell / 2.0 * view.scale).clamp(0.6, 50.0);
         let cells = self.cells.iter().map(|cell| view.at(*cell)).filter(|at| view.rect.has(*at));
-        for at in cells.take(DRAWN) {
+        for at in cells.take(DRAWN_MAX) {
             let cell = Rect { x: at.x - half, y: at.y - half, w: 2.0 * half, h: 2.0 * half };
             canvas.area(&cell.corners(), OBSTACLE, None);
         }
@@ -152,7 +152,7 @@ impl Picture {
         canvas.end();
     }
 
-    /// The robot at the end, and a ring where it began.
+    /// Draws the robot at the end of the run, and a ring at its beginning.
     fn draw_robot(&self, canvas: &mut dyn Canvas, view: &View) {
         if let Some(first) = self.truth.spots().first().or(self.estimate.spots().first())
             && view.rect.has(view.at(first.point))
@@ -161,7 +161,7 @@ impl Picture {
         }
         let (Some(pose), Some(g)) = (self.pose, &self.geometry) else { return };
         let (rear, front, half) = (-g.rear_overhang_m, g.length_m - g.rear_overhang_m, g.width_m / 2.0);
-        // Its nose shows where it looks.
+        // The nose shows the heading.
         let corners = [(rear, -half), (front - 0.15, -half), (front, 0.0), (front - 0.15, half), (rear, half)];
         let corners: Vec<Point> = corners.iter().map(|(x, y)| view.at(pose * Point { x: *x, y: *y })).collect();
         if corners.iter().all(|corner| view.rect.has(*corner)) {
@@ -171,14 +171,14 @@ impl Picture {
         }
     }
 
-    /// Dots on the way at the moments of the time axis.
+    /// Dots on the path at the ticks of the time axis.
     fn draw_moments(&self, canvas: &mut dyn Canvas, view: &View, sheet: &Sheet) {
         let track = if self.truth.spots().is_empty() { &self.estimate } else { &self.truth };
         canvas.begin("moments");
         let mut taken: Vec<Point> = Vec::new();
         for (second, text) in sheet.moments.iter().skip(1) {
             let next = track.spots().partition_point(|spot| spot.at < sheet.from + second);
-            // Where it was then: it stood until it moved on.
+            // Position at that time: the robot stood there until it moved on.
             let Some(spot) = track.spots().get(next).filter(|_| next > 0) else { continue };
             let at = view.at(spot.point);
             if !view.rect.has(at) || taken.iter().any(|other| other.distance(at) < 22.0) {
@@ -194,7 +194,7 @@ impl Picture {
     fn draw_legend(&self, canvas: &mut dyn Canvas, sheet: &Sheet, y: f64) -> f64 {
         let contacts = format!("contacts ({})", self.contacts());
         let ellipses = format!("ellipses: {DEVIATIONS} σ");
-        let end = if self.pose.is_some() { "begin; robot at the end" } else { "begin" };
+        let end = if self.pose.is_some() { "start; robot at the end" } else { "start" };
         let mut entries: Vec<(&str, &str)> = Vec::new();
         let mut add = |shown: bool, entry| entries.extend(shown.then_some(entry));
         add(!self.truth.spots().is_empty(), ("truth", "truth"));
@@ -271,7 +271,7 @@ fn draw_grid(canvas: &mut dyn Canvas, view: &View) {
     canvas.text(Point { x: rect.x - 40.0, y: rect.y + rect.h / 2.0 }, "y / m", &font.upwards());
 }
 
-/// The edge of a panel.
+/// Frame of a panel.
 pub(super) fn frame(canvas: &mut dyn Canvas, rect: &Rect) {
     const NOTHING: Colour = WHITE.cover(0.0);
     canvas.area(&rect.corners(), NOTHING, Some(&Stroke::new(FRAME, 0.8)));
@@ -287,7 +287,7 @@ fn draw_track(canvas: &mut dyn Canvas, view: &View, name: &str, track: &Track, s
     canvas.end();
 }
 
-/// The outline of an ellipse of [`DEVIATIONS`], m; nothing where its covariance is none.
+/// Outline of an ellipse of [`DEVIATIONS`], m; empty if the covariance is invalid.
 fn outline(ellipse: &Ellipse) -> Vec<Point> {
     let [xx, xy, yy] = ellipse.covariance;
     let (mean, half) = (f64::midpoint(xx, yy), (xx - yy) / 2.0);
@@ -314,8 +314,8 @@ fn around(points: impl Iterator<Item = Point>) -> Option<(Point, Point)> {
     })
 }
 
-/// What is around these points, but for those few that are far away from all others.
-fn usual(points: Vec<Point>) -> Option<(Point, Point)> {
+/// Bounds of these points, without a few outliers.
+fn bounds_without_outliers(points: Vec<Point>) -> Option<(Point, Point)> {
     let (least, most) = around(points.iter().copied())?;
     let trim = |mut values: Vec<f64>, least: f64, most: f64| {
         values.sort_by(f64::total_cmp);

@@ -1,8 +1,8 @@
-//! The page: headline, map, time line, lists; as tall as it must be.
+//! Page: headline, map, time line, lists; its height depends on the content.
 
 use super::axis;
 use super::canvas::{Canvas, Colour, Font, Stroke};
-use super::data::{Picture, Told};
+use super::data::{Picture, ReportGroup};
 use super::letters::Letters;
 use super::raster::Raster;
 use super::style::{GREY, HEAD, INK, TEXT, TITLE};
@@ -12,61 +12,61 @@ use base::Fault;
 use logger::run_name;
 use navitools::Point;
 
-/// Of the page, units.
+/// Dimensions of the page, units.
 const WIDTH: f64 = 1000.0;
 const LEFT: f64 = 104.0;
 const RIGHT: f64 = 60.0;
 const TOP: f64 = 34.0;
-/// Between two lines of a list.
+/// Distance of the lines of a list.
 const LINE: f64 = 14.0;
-/// Lists are not longer; what has no room is counted.
-const REPORTS: usize = 10;
-const REASONS: usize = 8;
-const MARKS: usize = 8;
+/// Maximum number of entries of the lists; the others are counted.
+const REPORTS_MAX: usize = 10;
+const REASONS_MAX: usize = 8;
+const MARKS_MAX: usize = 8;
 
-/// What all parts of a page share.
+/// Properties common to all parts of a page.
 pub struct Sheet {
-    /// The left edge of panels.
+    /// Left edge of panels.
     pub left: f64,
-    /// Their width.
+    /// Width of panels.
     pub width: f64,
-    /// When the run began, s since the UNIX epoch.
+    /// Beginning of the run, s since the UNIX epoch.
     pub from: f64,
-    /// How long it was, s.
+    /// Duration of the run, s.
     pub seconds: f64,
-    /// Lines of the time axis: seconds after the beginning, and what stands there.
+    /// Ticks of the time axis: seconds after the beginning, and their labels.
     pub moments: Vec<(f64, String)>,
-    /// What stands at the time axis.
+    /// Label of the time axis.
     pub time_label: String,
-    /// What the numbers beside the way are.
+    /// Unit of the numbers beside the path.
     pub unit_in_words: &'static str,
     pub letters: Letters,
 }
 
 impl Sheet {
-    /// Where a moment is, units.
+    /// Position of a time, units.
     pub fn x(&self, at: f64) -> f64 {
         self.left + ((at - self.from) / self.seconds).clamp(0.0, 1.0) * self.width
     }
 }
 
 impl Picture {
-    /// The picture as SVG.
+    /// Picture as SVG.
     #[must_use]
     pub fn svg(&self) -> String {
         let sheet = self.sheet();
-        let mut svg = Svg::new(WIDTH, self.draw(&mut Nowhere, &sheet));
+        let mut svg = Svg::new(WIDTH, self.draw(&mut NullCanvas, &sheet));
         self.draw(&mut svg, &sheet);
         svg.finish()
     }
 
-    /// The picture as PNG.
+    /// Picture as PNG.
     ///
     /// # Errors
-    /// One line says why there is none: it would be too large, or the encoder refused it.
+    /// One line with the reason: the picture would be too large, or the encoder failed.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let sheet = self.sheet();
-        let height = self.draw(&mut Nowhere, &sheet);
+        let height = self.draw(&mut NullCanvas, &sheet);
         let mut raster =
             Raster::new(WIDTH, height).ok_or_else(|| format!("a page of {height:.0} lines is too large"))?;
         self.draw(&mut raster, &sheet);
@@ -87,7 +87,7 @@ impl Picture {
         Sheet { left: LEFT, width, from, seconds, moments, time_label, unit_in_words, letters: Letters }
     }
 
-    /// Draws everything; how high that is.
+    /// Draws everything; returns the height.
     fn draw(&self, canvas: &mut dyn Canvas, sheet: &Sheet) -> f64 {
         let top = self.draw_title(canvas, sheet);
         let top = self.draw_map(canvas, sheet, top);
@@ -109,7 +109,7 @@ impl Picture {
             None => "no time".into(),
         });
         let way = if self.truth.spots().is_empty() { &self.estimate } else { &self.truth };
-        facts.push(format!("{:.1} m", way.way()));
+        facts.push(format!("{:.1} m", way.distance()));
         facts.push(counted(self.contacts(), "contact"));
         facts.push(counted(self.errors[2].count, "error"));
         facts.push(counted(self.errors[1].count, "warning"));
@@ -121,11 +121,11 @@ impl Picture {
         TOP + 36.0
     }
 
-    /// The reports that have a line below, in order of time: the gravest, and of those the first.
-    pub(super) fn listed(&self) -> Vec<&Told> {
-        let mut told: Vec<&Told> = self.texts.iter().collect();
+    /// Reports with a line in the list, in order of time: the most severe, and of these the first.
+    pub(super) fn listed(&self) -> Vec<&ReportGroup> {
+        let mut told: Vec<&ReportGroup> = self.texts.iter().collect();
         told.sort_by(|a, b| b.severity.cmp(&a.severity).then(a.first.total_cmp(&b.first)));
-        told.truncate(REPORTS);
+        told.truncate(REPORTS_MAX);
         told.sort_by(|a, b| a.first.total_cmp(&b.first));
         told
     }
@@ -134,31 +134,31 @@ impl Picture {
         let mut y = top;
         let since = |at: f64| axis::moment(at - sheet.from);
         let mut reasons: Vec<_> = self.reasons().into_iter().enumerate().collect();
-        let more = reasons.len().saturating_sub(REASONS);
+        let more = reasons.len().saturating_sub(REASONS_MAX);
         // The longest, in order of their letters.
         reasons.sort_by(|(_, (_, a, _)), (_, (_, b, _))| b.total_cmp(a));
-        reasons.truncate(REASONS);
+        reasons.truncate(REASONS_MAX);
         reasons.sort_by_key(|(n, _)| *n);
         let rows = reasons.into_iter().map(|(n, (what, seconds, times))| {
             let often = if times > 1 { format!(", {times} times") } else { String::new() };
             (letter(n), format!("{}{often}", axis::moment(seconds)), what)
         });
-        y = list(canvas, sheet, y, ("Stops", "how long in all, and why"), rows.collect(), more as u64);
+        y = list(canvas, sheet, y, ("Stops", "total duration and cause"), rows.collect(), more as u64);
         let listed = self.listed();
-        let more = self.texts.len() as u64 - listed.len() as u64 + self.untold;
+        let more = self.texts.len() as u64 - listed.len() as u64 + self.texts_left_out;
         let rows = listed
             .iter()
             .enumerate()
             .map(|(n, told)| ((n + 1).to_string(), since(told.first), line_of(told, told.last - sheet.from)));
-        y = list(canvas, sheet, y, ("Reports", "when first, and what"), rows.collect(), more);
-        let rows = self.marks.iter().take(MARKS).enumerate();
+        y = list(canvas, sheet, y, ("Reports", "first time and text"), rows.collect(), more);
+        let rows = self.marks.iter().take(MARKS_MAX).enumerate();
         let rows = rows.map(|(n, (at, text))| (format!("M{}", n + 1), since(*at), text.clone()));
-        let more = self.marks.len().saturating_sub(MARKS) as u64 + self.unmarked;
+        let more = self.marks.len().saturating_sub(MARKS_MAX) as u64 + self.unmarked;
         y = list(canvas, sheet, y, ("Marks", ""), rows.collect(), more);
         self.draw_remarks(canvas, sheet, y)
     }
 
-    /// What the picture does not show.
+    /// Lists what the picture does not show.
     fn draw_remarks(&self, canvas: &mut dyn Canvas, sheet: &Sheet, mut y: f64) -> f64 {
         let lost: u64 = self.states.values().map(|lane| lane.lost).sum::<u64>() + self.stands().lost + self.pause.lost;
         let mut remarks = self.title.remarks.clone();
@@ -167,12 +167,12 @@ impl Picture {
                 remarks.push(format!("{count} {what}"));
             }
         };
-        add(self.hidden_modules() as u64, "modules of which there is less to see have no row");
-        add(self.unheard, "announcements of more modules than are kept are left out");
-        add(lost, "changes of states or reasons found no room");
-        add(self.strays, "messages of impossible moments are left out");
+        add(self.hidden_modules() as u64, "modules with fewer changes have no row");
+        add(self.announcements_left_out, "announcements of modules beyond the maximum are left out");
+        add(lost, "changes of states or reasons are left out");
+        add(self.implausible, "messages with implausible timestamps are left out");
         canvas.begin("remarks");
-        for remark in remarks.iter().take(REPORTS) {
+        for remark in remarks.iter().take(REPORTS_MAX) {
             let text = sheet.letters.fit(remark, TEXT, false, WIDTH - LEFT - 20.0);
             canvas.text(Point { x: LEFT, y: y + 10.0 }, &text, &Font::new(TEXT, GREY));
             y += LINE;
@@ -182,7 +182,7 @@ impl Picture {
     }
 }
 
-/// A list below the time line: (sign, time, words) each.
+/// List below the time line: (sign, time, text) each.
 fn list(
     canvas: &mut dyn Canvas,
     sheet: &Sheet,
@@ -215,7 +215,7 @@ fn list(
     y + 8.0
 }
 
-fn line_of(told: &Told, last: f64) -> String {
+fn line_of(told: &ReportGroup, last: f64) -> String {
     let severity = ["notice", "warning", "ERROR"][told.severity];
     let known = Fault::ALL.iter().find(|fault| i32::from(**fault as u16) == told.number);
     let name = known.map_or(format!("0x{:04X}", told.number), |fault| fault.name().to_string());
@@ -228,17 +228,17 @@ fn counted(count: u64, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// `2026-11-22 09:40:01` of seconds since the UNIX epoch.
+/// Seconds since the UNIX epoch as `2026-11-22 09:40:01`.
 fn date(at: f64) -> String {
-    // A clock that nobody set is far from now, and no reason to count years for long.
+    // An unset clock may be far off; the limit avoids long loops over years.
     let name = run_name(at.clamp(0.0, 4e9) as u64);
     name[..10].replace('_', "-") + " " + &name[11..].replace('_', ":")
 }
 
-/// A canvas that keeps nothing: to find out how high a page is.
-struct Nowhere;
+/// Canvas that draws nothing, to measure the height of a page.
+struct NullCanvas;
 
-impl Canvas for Nowhere {
+impl Canvas for NullCanvas {
     fn begin(&mut self, _: &str) {}
     fn end(&mut self) {}
     fn line(&mut self, _: &[Point], _: &Stroke) {}

@@ -1,12 +1,13 @@
-//! Pixels as numbers of at most 256 colours: half the file, and of a picture of lines and letters nobody sees it.
+//! Palette images of at most 256 colours: half the file size, without a visible difference in a picture of lines and
+//! letters.
 
 use std::collections::HashMap;
 
-/// Colours of a palette, as bytes red, green, blue.
-const MOST: usize = 256;
+/// Maximum number of colours of a palette.
+const COLOURS_MAX: usize = 256;
 
-/// The palette of opaque pixels (four bytes each), and each pixel's place in it: the colours that there are most of;
-/// others become the nearest of them.
+/// Palette of opaque pixels (four bytes each) as bytes red, green, blue, and the index of each pixel: the most frequent
+/// colours; others are replaced by the nearest of them.
 #[must_use]
 pub fn palette(pixels: &[u8]) -> (Vec<u8>, Vec<u8>) {
     let mut counts: HashMap<[u8; 3], u32> = HashMap::new();
@@ -15,7 +16,7 @@ pub fn palette(pixels: &[u8]) -> (Vec<u8>, Vec<u8>) {
     }
     let mut colours: Vec<([u8; 3], u32)> = counts.iter().map(|(colour, count)| (*colour, *count)).collect();
     colours.sort_by_key(|(colour, count)| (std::cmp::Reverse(*count), *colour));
-    let kept: Vec<[u8; 3]> = colours.iter().take(MOST).map(|(colour, _)| *colour).collect();
+    let kept: Vec<[u8; 3]> = colours.iter().take(COLOURS_MAX).map(|(colour, _)| *colour).collect();
     let place: HashMap<[u8; 3], u8> = colours.iter().map(|(colour, _)| (*colour, nearest(&kept, *colour))).collect();
     let mut places = Vec::with_capacity(pixels.len() / 4);
     for (colour, count) in runs(pixels) {
@@ -24,7 +25,7 @@ pub fn palette(pixels: &[u8]) -> (Vec<u8>, Vec<u8>) {
     (kept.concat(), places)
 }
 
-/// Runs of pixels of one colour: most of a page is.
+/// Runs of pixels of one colour, of which most of a page consists.
 fn runs(pixels: &[u8]) -> impl Iterator<Item = ([u8; 3], u32)> + '_ {
     let colours = pixels.as_chunks::<4>().0;
     colours.chunk_by(|a, b| a == b).map(|run| ([run[0][0], run[0][1], run[0][2]], run.len() as u32))

@@ -1,4 +1,4 @@
-//! A canvas of pixels, written as PNG.
+//! Canvas of pixels, written as PNG.
 
 use super::canvas::{Anchor, Canvas, Colour, Font, Stroke};
 use super::letters::Letters;
@@ -6,12 +6,12 @@ use super::palette::palette;
 use navitools::Point;
 use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, StrokeDash, Transform};
 
-/// Pixels in a unit of the page: a page of 1000 units is sharp on paper, too.
+/// Pixels per unit of the page: sharp in print for a page of 1000 units.
 const SCALE: f32 = 2.0;
-/// What is farther from the page's corner is not drawn, units: the rasterizer counts on that, and gives up beyond.
-const REACH: f64 = 10_000.0;
+/// Distance from the page's corner beyond which nothing is drawn, units; the rasterizer fails beyond it.
+const REACH_UNITS: f64 = 10_000.0;
 
-/// A page of pixels.
+/// Page of pixels.
 #[derive(Debug)]
 pub struct Raster {
     pixels: Pixmap,
@@ -19,7 +19,7 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// A white page of this size, units; none where it has no pixel, or too many.
+    /// White page of this size, units; `None` if it has no pixel, or too many.
     #[must_use]
     pub fn new(width: f64, height: f64) -> Option<Self> {
         let pixels = |units: f64| (units * f64::from(SCALE)).round() as u32;
@@ -29,10 +29,10 @@ impl Raster {
         Some(Self { pixels, letters: Letters })
     }
 
-    /// The page as a PNG file.
+    /// Page as a PNG file.
     ///
     /// # Errors
-    /// The encoder refuses; there is no known reason why it should.
+    /// The encoder failed, which is not expected.
     pub fn finish(self) -> Result<Vec<u8>, String> {
         let (colours, places) = palette(self.pixels.data());
         let mut out = Vec::new();
@@ -41,7 +41,7 @@ impl Raster {
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_palette(colours);
         encoder.set_compression(png::Compression::High);
-        // Differences of numbers of colours mean nothing.
+        // Differences of palette indices carry no information.
         encoder.set_filter(png::Filter::NoFilter);
         let written = encoder.write_header().and_then(|mut writer| {
             writer.write_image_data(&places)?;
@@ -92,7 +92,7 @@ impl Canvas for Raster {
     }
 
     fn disc(&mut self, middle: Point, radius: f64, fill: Colour, edge: Option<&Stroke>) {
-        let path = (near(middle) && radius < REACH)
+        let path = (near(middle) && radius < REACH_UNITS)
             .then(|| PathBuilder::from_circle(middle.x as f32, middle.y as f32, radius as f32))
             .flatten();
         self.fill(path.clone(), fill, scaled());
@@ -119,9 +119,9 @@ impl Canvas for Raster {
     }
 }
 
-/// Whether a point can be drawn; no number cannot.
+/// True if a point can be drawn; false for NaN.
 fn near(point: Point) -> bool {
-    point.x.abs() < REACH && point.y.abs() < REACH
+    point.x.abs() < REACH_UNITS && point.y.abs() < REACH_UNITS
 }
 
 fn scaled() -> Transform {
@@ -135,7 +135,7 @@ fn paint(colour: Colour) -> Paint<'static> {
     paint
 }
 
-/// A path through these points; none where one cannot be drawn, or they make none.
+/// Path through these points; `None` if one cannot be drawn, or they form no path.
 fn path(points: &[Point], closed: bool) -> Option<Path> {
     if !points.iter().all(|point| near(*point)) {
         return None;
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_is_there_when_the_file_is_read_again() {
+    fn drawn_shapes_are_in_the_decoded_file() {
         let mut raster = Raster::new(100.0, 50.0).unwrap();
         let red = Colour::new(0xff0000);
         raster.area(&[(10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0)].map(|(x, y)| Point { x, y }), red, None);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_or_far_away_does_no_harm() {
+    fn nan_and_distant_coordinates_do_no_harm() {
         let mut raster = Raster::new(50.0, 50.0).unwrap();
         let (black, at) = (Colour::new(0), |x: f64, y: f64| Point { x, y });
         let stroke = Stroke::new(black, 1.0);

@@ -1,33 +1,33 @@
-//! What is kept of a run, each in bounded memory whatever comes: where there is no more room, resolution is given up.
+//! Data of a run in bounded memory for any input: beyond the capacity the resolution decreases.
 
 use navitools::Point;
 
-/// Points of a track, of which one is this far from the one before, m; one that is farther than `JUMP` begins anew.
-const STEP: f64 = 0.02;
-const JUMP: f64 = 1.0;
+/// Minimum distance of the points of a track, m; distance beyond which a new line begins, m.
+const STEP_M: f64 = 0.02;
+const JUMP_M: f64 = 1.0;
 
-/// A value over time.
+/// Value over time.
 #[derive(Debug, Default)]
 pub struct Series {
     buckets: Vec<Bucket>,
-    /// A bucket takes what comes within this after its first value, s.
+    /// Duration of a bucket from its first value, s.
     width: f64,
 }
 
-/// Values that share a place on the time line; a gap when they are not numbers.
+/// Values combined on the time line; a gap for values that are not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bucket {
-    /// When the first and the last came, s.
+    /// Time of the first value, s.
     pub from: f64,
-    /// See `from`.
+    /// Time of the last value, s.
     pub to: f64,
-    /// The first.
+    /// First value.
     pub first: f64,
-    /// The last.
+    /// Last value.
     pub last: f64,
-    /// The least.
+    /// Minimum.
     pub least: f64,
-    /// The greatest.
+    /// Maximum.
     pub most: f64,
 }
 
@@ -46,19 +46,19 @@ impl Bucket {
 }
 
 impl Series {
-    /// More buckets are not kept: as many as a picture has pixels, about.
-    pub const ROOM: usize = 2048;
+    /// Maximum number of buckets: about as many as a picture has pixels.
+    pub const CAPACITY: usize = 2048;
 
-    /// Takes a value; what is from before the last one is left out.
+    /// Adds a value; a value older than the last one is ignored.
     pub fn push(&mut self, at: f64, value: f64) {
         if !at.is_finite() || self.buckets.last().is_some_and(|last| at < last.to) {
             return;
         }
         let value = if value.is_finite() { value } else { f64::NAN };
         self.add(Bucket { from: at, to: at, first: value, last: value, least: value, most: value });
-        if self.buckets.len() > Self::ROOM {
+        if self.buckets.len() > Self::CAPACITY {
             let span = at - self.buckets[0].from;
-            self.width = (2.0 * self.width).max(2.0 * span / Self::ROOM as f64);
+            self.width = (2.0 * self.width).max(2.0 * span / Self::CAPACITY as f64);
             for bucket in std::mem::take(&mut self.buckets) {
                 self.add(bucket);
             }
@@ -72,7 +72,7 @@ impl Series {
         }
     }
 
-    /// The first and the last value.
+    /// First and last value.
     #[must_use]
     pub fn ends(&self) -> Option<(f64, f64)> {
         let mut numbers = self.buckets.iter().filter(|bucket| !bucket.first.is_nan());
@@ -80,14 +80,14 @@ impl Series {
         Some((first.first, numbers.next_back().unwrap_or(first).last))
     }
 
-    /// The least and the greatest value.
+    /// Minimum and maximum.
     #[must_use]
     pub fn range(&self) -> Option<(f64, f64)> {
         let numbers = self.buckets.iter().filter(|bucket| !bucket.first.is_nan());
         numbers.map(|bucket| (bucket.least, bucket.most)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 
-    /// Lines of (time, value) to draw: interrupted by what is no number, and where nothing came for `hold` seconds.
+    /// Lines of (time, value), interrupted by values that are not finite and by gaps longer than `hold` seconds.
     #[must_use]
     pub fn lines(&self, hold: f64) -> Vec<Vec<Point>> {
         let mut lines = Vec::new();
@@ -113,59 +113,59 @@ impl Series {
     }
 }
 
-/// A way over the floor.
+/// Path over the floor.
 #[derive(Debug)]
 pub struct Track {
     points: Vec<Spot>,
     step: f64,
     before: Option<Point>,
-    /// Way travelled, m, jumps apart.
-    way: f64,
+    /// Distance travelled, m, without jumps.
+    distance: f64,
 }
 
-/// A point of it.
+/// Point of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// When, s.
+    /// Time, s.
     pub at: f64,
-    /// Where, m.
+    /// Position, m.
     pub point: Point,
-    /// Whether a new line begins here.
+    /// True if a new line begins here.
     pub begins: bool,
 }
 
 impl Default for Track {
     fn default() -> Self {
-        Self { points: Vec::new(), step: STEP, before: None, way: 0.0 }
+        Self { points: Vec::new(), step: STEP_M, before: None, distance: 0.0 }
     }
 }
 
 impl Track {
-    /// More points are not kept.
-    pub const ROOM: usize = 20_000;
+    /// Maximum number of points.
+    pub const CAPACITY: usize = 20_000;
 
-    /// Takes a point; what is no place on earth is left out.
+    /// Adds a point; implausible positions are ignored.
     pub fn push(&mut self, at: f64, point: Point) {
         if !(point.x.abs() < 1e6 && point.y.abs() < 1e6) {
             return;
         }
         let moved = self.before.map(|before| before.distance(point));
-        let begins = moved.is_none_or(|moved| moved > JUMP);
+        let begins = moved.is_none_or(|moved| moved > JUMP_M);
         self.before = Some(point);
         let near = self.points.last().is_some_and(|last| last.point.distance(point) < self.step);
         if !begins && near {
             return;
         }
         if let Some(last) = self.points.last().filter(|_| !begins) {
-            self.way += last.point.distance(point);
+            self.distance += last.point.distance(point);
         }
         self.points.push(Spot { at, point, begins });
-        if self.points.len() > Self::ROOM {
+        if self.points.len() > Self::CAPACITY {
             self.thin();
         }
     }
 
-    /// Leaves out every other point; where one began a line, the next one does.
+    /// Removes every other point; if a removed point began a line, the next one does.
     fn thin(&mut self) {
         self.step *= 2.0;
         let pairs = self.points.chunks(2).map(|pair| {
@@ -181,35 +181,35 @@ impl Track {
         &self.points
     }
 
-    /// Way travelled, m.
+    /// Distance travelled, m.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        self.way
+    pub fn distance(&self) -> f64 {
+        self.distance
     }
 
-    /// The lines, each of two points or more.
+    /// Lines of at least two points each.
     pub fn lines(&self) -> impl Iterator<Item = Vec<Point>> + '_ {
         let pieces = self.points.chunk_by(|_, next| !next.begins).filter(|piece| piece.len() > 1);
         pieces.map(|piece| piece.iter().map(|spot| spot.point).collect())
     }
 }
 
-/// What was so from when to when.
+/// Value over an interval of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Span<T> {
-    /// s.
+    /// Beginning, s.
     pub from: f64,
-    /// s.
+    /// End, s.
     pub to: f64,
-    /// What.
+    /// Value.
     pub what: T,
 }
 
-/// What is said again and again, and changes now and then.
+/// Value that is repeated and changes from time to time.
 #[derive(Clone, Debug)]
 pub struct Lane<T> {
     spans: Vec<Span<T>>,
-    /// What was said after there was no more room for a change.
+    /// Number of changes after the capacity was reached.
     pub lost: u64,
 }
 
@@ -220,10 +220,10 @@ impl<T> Default for Lane<T> {
 }
 
 impl<T: PartialEq> Lane<T> {
-    /// More changes are not kept.
-    pub const ROOM: usize = 5000;
+    /// Maximum number of changes.
+    pub const CAPACITY: usize = 5000;
 
-    /// Takes what is so at a moment; it is so until the next word, if that comes within `hold` seconds.
+    /// Adds the value at a time; it lasts until the next one, if that follows within `hold` seconds.
     pub fn push(&mut self, at: f64, what: T, hold: f64) {
         if self.lost > 0 {
             self.lost += 1;
@@ -240,41 +240,41 @@ impl<T: PartialEq> Lane<T> {
                 }
             }
         }
-        match self.spans.len() < Self::ROOM {
+        match self.spans.len() < Self::CAPACITY {
             true => self.spans.push(Span { from: at, to: at, what }),
             false => self.lost += 1,
         }
     }
 
-    /// All of them, in order.
+    /// All intervals, in order.
     #[must_use]
     pub fn spans(&self) -> &[Span<T>] {
         &self.spans
     }
 }
 
-/// Moments at which something happened.
+/// Times of events.
 #[derive(Clone, Debug, Default)]
 pub struct Ticks {
     moments: Vec<f64>,
-    /// Two that are nearer to each other are one, s.
+    /// Time below which two events are merged, s.
     width: f64,
-    /// How many there were.
+    /// Number of events.
     pub count: u64,
 }
 
 impl Ticks {
-    /// More moments are not kept.
-    pub const ROOM: usize = 2000;
+    /// Maximum number of times.
+    pub const CAPACITY: usize = 2000;
 
-    /// Takes a moment.
+    /// Adds an event.
     pub fn push(&mut self, at: f64) {
         self.count += 1;
         self.moments.push(at);
-        if self.moments.len() > 2 * Self::ROOM {
+        if self.moments.len() > 2 * Self::CAPACITY {
             self.moments.sort_by(f64::total_cmp);
             let span = at.max(self.moments[self.moments.len() - 1]) - self.moments[0];
-            self.width = (2.0 * self.width).max(span / Self::ROOM as f64);
+            self.width = (2.0 * self.width).max(span / Self::CAPACITY as f64);
             let width = self.width;
             let mut last = f64::NEG_INFINITY;
             self.moments.retain(|moment| {
@@ -285,7 +285,7 @@ impl Ticks {
         }
     }
 
-    /// The moments, s; as many as have room.
+    /// Times of events, s, up to the maximum number.
     #[must_use]
     pub fn moments(&self) -> &[f64] {
         &self.moments
@@ -307,14 +307,14 @@ mod tests {
             };
             series.push(f64::from(n) * 1e-3, value);
         }
-        assert!(series.buckets.len() <= Series::ROOM && series.buckets.len() > Series::ROOM / 4);
+        assert!(series.buckets.len() <= Series::CAPACITY && series.buckets.len() > Series::CAPACITY / 4);
         assert_eq!((series.range(), series.ends()), (Some((0.0, 7.0)), Some((0.0, 1.0))));
         let lines = series.lines(1.0);
         assert_eq!((lines.len(), lines[0].last().unwrap().x.round()), (1, 1000.0));
     }
 
     #[test]
-    fn a_line_is_interrupted_by_what_is_no_number_and_by_silence_and_time_does_not_go_back() {
+    fn a_line_is_interrupted_by_nan_and_by_gaps_and_time_never_goes_back() {
         let mut series = Series::default();
         for (at, value) in
             [(0.0, 1.0), (1.0, 2.0), (0.5, 9.0), (2.0, f64::NAN), (3.0, 3.0), (30.0, 4.0), (f64::NAN, 5.0)]
@@ -333,22 +333,22 @@ mod tests {
             let x = f64::from(n) * 0.03 + if n >= 400_000 { 100.0 } else { 0.0 };
             track.push(f64::from(n), Point { x, y: if n == 7 { f64::NAN } else { 0.0 } });
         }
-        assert!(track.spots().len() <= Track::ROOM);
+        assert!(track.spots().len() <= Track::CAPACITY);
         assert_eq!(track.lines().count(), 2);
-        assert!((track.way() - 30_000.0).abs() < 5.0, "{}", track.way());
+        assert!((track.distance() - 30_000.0).abs() < 5.0, "{}", track.distance());
     }
 
     #[test]
-    fn who_jumps_at_each_point_leaves_no_line_and_takes_no_more_room() {
+    fn a_jump_at_each_point_leaves_no_line_and_takes_no_more_memory() {
         let mut track = Track::default();
         for n in 0..100_000 {
             track.push(f64::from(n), Point { x: f64::from(n % 2) * 50.0, y: 0.0 });
         }
-        assert!(track.spots().len() <= Track::ROOM && track.lines().next().is_none());
+        assert!(track.spots().len() <= Track::CAPACITY && track.lines().next().is_none());
     }
 
     #[test]
-    fn a_lane_ends_where_nothing_is_said_any_more() {
+    fn a_lane_ends_when_its_value_is_no_longer_repeated() {
         let mut lane = Lane::default();
         for (at, what) in [(0.0, 1), (1.0, 1), (1.5, 3), (2.5, 3), (2.0, 9), (9.0, 3)] {
             lane.push(at, what, 2.0);
@@ -356,7 +356,7 @@ mod tests {
         let spans: Vec<_> = lane.spans().iter().map(|span| (span.from, span.to, span.what)).collect();
         assert_eq!(spans, [(0.0, 1.5, 1), (1.5, 2.5, 3), (9.0, 9.0, 3)]);
         (0..100_000).for_each(|n| lane.push(10.0 + f64::from(n), n % 2, 2.0));
-        assert!(lane.spans().len() == Lane::<i32>::ROOM && lane.lost > 90_000);
+        assert!(lane.spans().len() == Lane::<i32>::CAPACITY && lane.lost > 90_000);
     }
 
     #[test]
@@ -364,7 +364,7 @@ mod tests {
         let mut ticks = Ticks::default();
         (0..1_000_000).for_each(|n| ticks.push(f64::from(n)));
         assert_eq!(ticks.count, 1_000_000);
-        assert!((1000..=2 * Ticks::ROOM).contains(&ticks.moments().len()), "{}", ticks.moments().len());
+        assert!((1000..=2 * Ticks::CAPACITY).contains(&ticks.moments().len()), "{}", ticks.moments().len());
         let last = ticks.moments().iter().copied().fold(0.0, f64::max);
         assert_eq!(last, 999_999.0);
     }

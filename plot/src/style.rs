@@ -1,5 +1,5 @@
-//! Colours, patterns and letters. Nothing is told by colour alone; the colours are told apart by people who see fewer of
-//! them, too (Okabe and Ito, "Color Universal Design", 2008).
+//! Colours, patterns and letters. No information is in the colour alone; the colours are distinguishable with colour
+//! vision deficiencies (Okabe and Ito, "Color Universal Design", 2008).
 
 use super::canvas::{Anchor, Canvas, Colour, Font, Rect, Stroke, hatch};
 use module::State;
@@ -26,17 +26,17 @@ pub const HEAD: f64 = 11.5;
 pub const TEXT: f64 = 10.0;
 pub const SMALL: f64 = 9.0;
 
-/// A bar that is narrower has its colour alone, units: no line would have room.
-const NARROW: f64 = 3.0;
+/// Width below which a bar is filled without hatching, units.
+const NARROW_UNITS: f64 = 3.0;
 
-/// How an area is filled: its colour, and lines over it.
+/// Filling of an area: colour, and lines over it.
 #[derive(Clone, Copy, Debug)]
 pub struct Filling {
     pub fill: Colour,
-    /// How far falling and rising lines are apart, units; 0: none.
+    /// Distance of falling and rising lines, units; 0 without lines.
     pub falls: f64,
     pub rises: f64,
-    /// Of lines and letters.
+    /// Colour of lines and letters.
     pub ink: Colour,
 }
 
@@ -45,9 +45,9 @@ impl Filling {
         Self { fill: Colour::new(fill), falls, rises, ink }
     }
 
-    /// Fills a rectangle, and puts words into it where they have room.
+    /// Fills a rectangle, with a text if it fits.
     pub fn draw(&self, canvas: &mut dyn Canvas, rect: &Rect, words: Option<(&str, f64)>) {
-        let narrow = rect.w < NARROW;
+        let narrow = rect.w < NARROW_UNITS;
         let edge = Stroke::new(self.ink.cover(0.6), 0.5);
         canvas.area(&rect.corners(), self.fill, (!narrow).then_some(&edge));
         if narrow {
@@ -62,7 +62,7 @@ impl Filling {
         let Some((words, width)) = words.filter(|(_, width)| *width + 4.0 <= rect.w) else { return };
         let middle = Point { x: rect.x + rect.w / 2.0, y: rect.y + rect.h / 2.0 };
         if self.falls + self.rises > 0.0 {
-            // Letters stand on plain ground.
+            // Letters have a plain background.
             let ground = Rect { x: middle.x - width / 2.0 - 1.5, y: rect.y + 1.0, w: width + 3.0, h: rect.h - 2.0 };
             canvas.area(&ground.corners(), self.fill, None);
         }
@@ -71,7 +71,7 @@ impl Filling {
     }
 }
 
-/// How a state is drawn, and its letter; a value that is no state is UNKNOWN.
+/// State, its filling and its letter; an undefined value is UNKNOWN.
 #[must_use]
 pub fn state(value: i8) -> (State, Filling, &'static str) {
     let state = State::from_value(value).unwrap_or(State::Unknown);
@@ -87,7 +87,7 @@ pub fn state(value: i8) -> (State, Filling, &'static str) {
     (state, filling, letter)
 }
 
-/// How a reason to stand is drawn: the `n`th, or that nobody wants anything else.
+/// Filling of the `n`th cause of standstill, or of standstill without a command.
 #[must_use]
 pub fn reason(n: usize, idle: bool) -> Filling {
     const KINDS: [Filling; 6] = [
@@ -101,7 +101,7 @@ pub fn reason(n: usize, idle: bool) -> Filling {
     if idle { Filling::new(0xf1f3f4, 0.0, 0.0, GREY) } else { KINDS[n % KINDS.len()] }
 }
 
-/// Signs of severities, from NOTICE to ERROR: a stroke, a rhombus, a triangle.
+/// Signs of severities, from NOTICE to ERROR: a line, a rhombus, a triangle.
 pub fn severity(canvas: &mut dyn Canvas, severity: usize, at: Point) {
     let corner = |x: f64, y: f64| Point { x: at.x + x, y: at.y + y };
     match severity {
@@ -117,7 +117,7 @@ pub fn severity(canvas: &mut dyn Canvas, severity: usize, at: Point) {
     }
 }
 
-/// A contact: a cross.
+/// Sign of a contact: a cross.
 pub fn contact(canvas: &mut dyn Canvas, at: Point, size: f64) {
     for turn in [1.0, -1.0] {
         let end = |way: f64| Point { x: at.x + way, y: at.y + turn * way };

@@ -1,17 +1,17 @@
-//! A canvas that is a text: SVG 1.1, without scripts, styles and references.
+//! Canvas for SVG 1.1, without scripts, styles and references.
 
 use super::canvas::{Anchor, Canvas, Colour, Font, Stroke};
 use navitools::Point;
 use std::fmt::Write;
 
-/// An SVG text in the making.
+/// SVG text being written.
 #[derive(Debug)]
 pub struct Svg {
     out: String,
 }
 
 impl Svg {
-    /// A white page of this size, units; a unit is a pixel where nothing else is said.
+    /// White page of this size, units; a unit is a pixel by default.
     #[must_use]
     pub fn new(width: f64, height: f64) -> Self {
         let out = format!(
@@ -22,7 +22,7 @@ impl Svg {
         Self { out }
     }
 
-    /// The whole text.
+    /// Complete text.
     #[must_use]
     pub fn finish(mut self) -> String {
         self.out.push_str("</svg>\n");
@@ -126,7 +126,7 @@ fn all_numbers(points: &[Point]) -> bool {
     points.iter().all(|point| point.x.is_finite() && point.y.is_finite())
 }
 
-/// A number to a hundredth.
+/// Number rounded to a hundredth.
 struct Short(f64);
 
 impl std::fmt::Display for Short {
@@ -144,7 +144,7 @@ impl std::fmt::Display for Hex {
     }
 }
 
-/// Words as they may stand in XML; what may not stand there at all becomes a space.
+/// Escapes a text for XML; characters that XML does not allow become spaces.
 fn escape(out: &mut String, text: &str) {
     for c in text.chars() {
         match c {
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hostile_words_stay_words_and_what_is_no_number_is_left_out() {
+    fn hostile_texts_are_escaped_and_nan_is_left_out() {
         let mut svg = Svg::new(100.0, 50.0);
         let at = |x: f64| Point { x, y: 1.234 };
         svg.begin("a\"b");

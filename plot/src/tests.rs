@@ -1,4 +1,4 @@
-//! Pictures of runs that never were: whole ones, and what a damaged or hostile recording could make of them.
+//! Pictures of synthetic runs: complete ones, and those of damaged or hostile recordings.
 
 use super::*;
 use crate::Footprint;
@@ -22,7 +22,7 @@ fn error(severity: i8, number: i32, message: &str) -> Message {
         .into()
 }
 
-/// Ten seconds of a robot that drives, stops and complains.
+/// Ten seconds of a robot that drives, stops and reports faults.
 fn whole() -> Picture {
     let mut picture = picture();
     for n in 0..100 {
@@ -53,7 +53,7 @@ fn whole() -> Picture {
     picture
 }
 
-/// How often `what` stands in the group of this name.
+/// Number of occurrences of `what` in the group of this name.
 fn within(svg: &str, group: &str, what: &str) -> usize {
     let mut depth = 0;
     let from = svg.find(&format!("<g class=\"{group}\">")).unwrap_or_else(|| panic!("no {group}"));
@@ -74,7 +74,7 @@ fn size(png: &[u8]) -> (u32, u32, usize) {
 }
 
 #[test]
-fn everything_that_was_told_is_in_it() {
+fn every_part_of_the_run_is_in_the_picture() {
     assert!(picture().is_empty() && !whole().is_empty());
     let svg = whole().svg();
     let ours = |group, what| within(&svg, group, what);
@@ -85,7 +85,7 @@ fn everything_that_was_told_is_in_it() {
     assert_eq!((ours("plan", "<polyline"), ours("obstacles", "<polygon"), ours("robot", "<polygon")), (1, 1, 1));
     assert_eq!((ours("ellipses", "<polyline"), ours("contacts", "<polyline")), (5, 2));
     assert_eq!((ours("speed", "stroke=\"#0072b2\""), ours("battery", "<circle"), ours("marks", ">M1<")), (2, 2, 1));
-    // States have letters, in their bars and in the explanation; reasons theirs, and the list has the words.
+    // States have letters, in their bars and in the legend; causes have theirs, and the list has the text.
     assert_eq!((ours("states", ">R<"), ours("states", ">E<"), ours("states", ">error<")), (2, 2, 1));
     assert_eq!((ours("stops", ">bumper2<"), ours("stops", "A  PAUSE is engaged by &lt;bumper2&gt;<")), (1, 1));
     for text in [
@@ -107,7 +107,7 @@ fn everything_that_was_told_is_in_it() {
 }
 
 #[test]
-fn why_it_stood_is_told_by_number_where_the_log_has_numbers_and_that_nobody_commands_is_no_stop() {
+fn stops_follow_the_numbers_of_the_log_and_a_missing_command_is_not_a_stop() {
     let picture = |with_numbers: bool| {
         let mut picture = whole();
         for n in 0..50 {
@@ -128,16 +128,16 @@ fn why_it_stood_is_told_by_number_where_the_log_has_numbers_and_that_nobody_comm
 }
 
 #[test]
-fn a_run_without_a_place_or_without_anything_is_a_page_all_the_same() {
+fn a_run_without_positions_or_without_data_is_still_a_page() {
     let mut bare = Picture::new(World::default(), None);
     assert!(size(&bare.png().unwrap()).2 > 1000, "axes and words");
     bare.take(BEGIN, &state("watchdog", 3));
     let svg = bare.svg();
-    assert!(!bare.is_empty() && !svg.contains("class=\"map\"") && svg.contains("nothing was said of it"));
+    assert!(!bare.is_empty() && !svg.contains("class=\"map\"") && svg.contains("no data"));
 }
 
 #[test]
-fn what_is_no_number_or_no_moment_or_far_away_does_no_harm() {
+fn invalid_numbers_times_and_positions_do_no_harm() {
     let mut picture = whole();
     let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, 1e18, f64::MIN_POSITIVE];
     for (n, value) in odd.into_iter().enumerate() {
@@ -161,12 +161,12 @@ fn what_is_no_number_or_no_moment_or_far_away_does_no_harm() {
     picture.take(BEGIN + 200, &state("\n", -7));
     let svg = picture.svg();
     assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.matches("</svg>").count() == 1);
-    assert!(svg.contains("8 messages of impossible moments are left out"));
+    assert!(svg.contains("8 messages with implausible timestamps are left out"));
     size(&picture.png().unwrap());
 }
 
 #[test]
-fn a_walk_beyond_the_world_does_not_shrink_it_and_without_a_world_few_do_not() {
+fn positions_beyond_the_world_do_not_shrink_it() {
     let far = |picture: &mut Picture| {
         for n in 0..1000 {
             let x = if n == 500 { 9e5 } else { f64::from(n) * 0.01 };
@@ -178,7 +178,7 @@ fn a_walk_beyond_the_world_does_not_shrink_it_and_without_a_world_few_do_not() {
         let mut picture = Picture::new(world, None);
         far(&mut picture);
         let svg = picture.svg();
-        // The numbers at its axes are those of metres, not of thousands.
+        // The numbers at its axes are metres, not thousands.
         assert!(within(&svg, "map", ">10<") > 0 && within(&svg, "map", "00000") == 0);
     }
 }
@@ -200,9 +200,7 @@ fn a_million_messages_and_two_hundred_modules_are_a_page() {
     (0..1000).for_each(|n| picture.mark(BEGIN + n, "again"));
     let svg = picture.svg();
     assert!(svg.len() < 5_000_000, "{}", svg.len());
-    for text in
-        ["and 249990 more", "modules of which there is less to see", "changes of states or reasons found no room"]
-    {
+    for text in ["and 249990 more", "modules with fewer changes", "changes of states or reasons are left out"] {
         assert!(svg.contains(text), "{text}");
     }
     let (_, height, _) = size(&picture.png().unwrap());

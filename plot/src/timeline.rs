@@ -1,27 +1,27 @@
-//! The lower part of a picture: what happened when.
+//! Lower part of a picture: events over time.
 
 use super::axis;
 use super::canvas::{Anchor, Canvas, Font, Rect, Stroke};
-use super::data::{Picture, Stand};
+use super::data::{Picture, StandstillCause};
 use super::map::frame;
 use super::page::Sheet;
 use super::series::{Lane, Series, Span};
 use super::style::{self, ESTIMATE, GREY, GRID, HEAD, INK, MARK, PLAN, SMALL, TEXT, TRUTH};
 use navitools::Point;
 
-/// Heights, units: of a head, a panel with an axis, a row.
+/// Heights, units: of a heading, a panel with an axis, a row.
 const TOP: f64 = 16.0;
 const PANEL: f64 = 84.0;
 const ROW: f64 = 15.0;
-/// After a panel.
+/// Space after a panel, units.
 const GAP: f64 = 14.0;
-/// Silence that interrupts a line, s: motion comes at 20 Hz, the battery's voltage once a second.
-const MOTION_HOLD: f64 = 1.0;
-const POWER_HOLD: f64 = 10.0;
-/// More modules are not drawn.
-const MODULES: usize = 40;
+/// Gap that interrupts a line, s: motion is sent at 20 Hz, the battery voltage at 1 Hz.
+const MOTION_GAP_S: f64 = 1.0;
+const POWER_GAP_S: f64 = 10.0;
+/// Maximum number of modules drawn.
+const MODULES_MAX: usize = 40;
 
-/// A line of a panel.
+/// Curve of a panel.
 struct Curve<'a> {
     name: &'a str,
     series: &'a Series,
@@ -30,23 +30,23 @@ struct Curve<'a> {
 }
 
 impl Picture {
-    /// Draws everything that has a time below `top`; where it ends.
+    /// Draws everything with a time below `top`; returns its lower end.
     pub(super) fn draw_timeline(&self, canvas: &mut dyn Canvas, sheet: &Sheet, top: f64) -> f64 {
         let top = top + if self.marks.is_empty() { 0.0 } else { 12.0 };
         let curve = |name, series, stroke, hold| Curve { name, series, stroke, hold };
         let target = Stroke::new(INK, 1.0).dashed(4.0, 2.5);
         let speeds = [
-            curve("measured", &self.speed, Stroke::new(TRUTH, 1.5), MOTION_HOLD),
-            curve("commanded", &self.speed_target, target, MOTION_HOLD),
+            curve("measured", &self.speed, Stroke::new(TRUTH, 1.5), MOTION_GAP_S),
+            curve("commanded", &self.speed_target, target, MOTION_GAP_S),
         ];
         let mut y = panel(canvas, sheet, top, ("speed", "Speed", "m/s"), &speeds, None);
         let angles = [
-            curve("measured", &self.steering, Stroke::new(PLAN, 1.5), MOTION_HOLD),
-            curve("commanded", &self.steering_target, target, MOTION_HOLD),
+            curve("measured", &self.steering, Stroke::new(PLAN, 1.5), MOTION_GAP_S),
+            curve("commanded", &self.steering_target, target, MOTION_GAP_S),
         ];
         y = panel(canvas, sheet, y, ("steering", "Steering", "rad"), &angles, None);
-        let voltage = [curve("voltage (left)", &self.voltage, Stroke::new(ESTIMATE, 1.5), POWER_HOLD)];
-        let charge = curve("charge (right)", &self.charge, Stroke::new(INK, 1.2).dashed(1.5, 2.0), POWER_HOLD);
+        let voltage = [curve("voltage (left)", &self.voltage, Stroke::new(ESTIMATE, 1.5), POWER_GAP_S)];
+        let charge = curve("charge (right)", &self.charge, Stroke::new(INK, 1.2).dashed(1.5, 2.0), POWER_GAP_S);
         y = panel(canvas, sheet, y, ("battery", "Battery", "V"), &voltage, Some((&charge, "%")));
         y = self.draw_stops(canvas, sheet, y);
         y = self.draw_errors(canvas, sheet, y);
@@ -56,7 +56,7 @@ impl Picture {
         draw_times(canvas, sheet, bottom)
     }
 
-    /// Why the robot did not move: letters, in order, with how long each was so, s, and how often.
+    /// Causes of standstill in order of their letters, with total duration, s, and number.
     pub(super) fn reasons(&self) -> Vec<(String, f64, usize)> {
         let mut all: Vec<(String, f64, usize)> = Vec::new();
         let stands = self.stands().spans().iter().filter(|span| !span.what.words.is_empty() && !span.what.idle);
@@ -74,16 +74,16 @@ impl Picture {
 
     fn draw_stops(&self, canvas: &mut dyn Canvas, sheet: &Sheet, top: f64) -> f64 {
         canvas.begin("stops");
-        head(canvas, sheet, top, "Stops", "why the robot stands; letters are explained below");
+        head(canvas, sheet, top, "Stops", "causes of standstill; letters are explained below");
         let reasons = self.reasons();
-        let rows: [(&str, &Lane<Stand>); 2] = [("PAUSE line", &self.pause), ("stands", self.stands())];
+        let rows: [(&str, &Lane<StandstillCause>); 2] = [("PAUSE line", &self.pause), ("stands", self.stands())];
         let rect = rows_rect(sheet, top, rows.len());
         grid(canvas, sheet, &rect);
         for (n, (name, lane)) in rows.into_iter().enumerate() {
             let y = rect.y + ROW * n as f64;
             name_row(canvas, sheet, y, name);
             for (span, bar) in bars(sheet, lane, y).filter(|(span, _)| !span.what.words.is_empty()) {
-                let Stand { words: what, idle } = &span.what;
+                let StandstillCause { words: what, idle } = &span.what;
                 let place = reasons.iter().position(|(reason, ..)| reason == what);
                 let idle = *idle;
                 let filling = style::reason(place.unwrap_or(0), idle);
@@ -93,7 +93,7 @@ impl Picture {
                 let beside = sheet.left + sheet.width - bar.right() - 6.0;
                 let words = if width(&whole) + 8.0 < bar.w { whole.as_str() } else { &letter };
                 filling.draw(canvas, &bar, Some((words, width(words))).filter(|_| !words.is_empty()));
-                // The PAUSE line has no letters: what holds it stands in its bar, or beside it.
+                // The PAUSE line has no letters: its source is in the bar, or beside it.
                 if words.is_empty() && !idle && width(&whole) < beside {
                     let at = Point { x: bar.right() + 3.0, y: bar.y + bar.h / 2.0 + 0.36 * SMALL };
                     canvas.text(at, &whole, &Font::new(SMALL, INK));
@@ -119,7 +119,7 @@ impl Picture {
             let mut moments = ticks.moments().to_vec();
             moments.sort_by(f64::total_cmp);
             for x in moments.iter().map(|at| sheet.x(*at)) {
-                // Those that nobody could tell apart are one.
+                // Events too close to be distinguished are drawn once.
                 if x - last > 0.5 {
                     style::severity(canvas, severity, Point { x, y: y + ROW / 2.0 });
                     last = x;
@@ -127,7 +127,7 @@ impl Picture {
             }
             let numbered = listed.iter().enumerate().filter(|(_, told)| told.severity == severity);
             let numbered: Vec<(usize, f64)> = numbered.map(|(n, told)| (n + 1, sheet.x(told.first))).collect();
-            // Those whose signs touch have their numbers behind the last of them.
+            // If signs touch, their numbers follow the last of them.
             for near in numbered.chunk_by(|a, b| b.1 - a.1 < 20.0) {
                 let text = near.iter().map(|(number, _)| number.to_string()).collect::<Vec<_>>().join(", ");
                 let x = near[near.len() - 1].1 + 6.0;
@@ -174,20 +174,20 @@ impl Picture {
         rect.bottom() + GAP
     }
 
-    /// As many modules as have room, by name; those first of which there is most to see.
+    /// Modules with a row, by name, up to the maximum number; those with the most changes take precedence.
     fn shown_modules(&self) -> Vec<(&str, &Lane<i8>)> {
         let mut all: Vec<_> = self.states.iter().map(|(name, lane)| (name.as_str(), lane)).collect();
-        if all.len() > MODULES {
+        if all.len() > MODULES_MAX {
             all.sort_by_key(|(_, lane)| std::cmp::Reverse(lane.spans().len()));
-            all.truncate(MODULES);
+            all.truncate(MODULES_MAX);
             all.sort_by_key(|(name, _)| *name);
         }
         all
     }
 
-    /// Modules that have no row.
+    /// Number of modules without a row.
     pub(super) fn hidden_modules(&self) -> usize {
-        self.states.len().saturating_sub(MODULES)
+        self.states.len().saturating_sub(MODULES_MAX)
     }
 
     fn draw_marks(&self, canvas: &mut dyn Canvas, sheet: &Sheet, top: f64, bottom: f64) {
@@ -207,7 +207,7 @@ impl Picture {
     }
 }
 
-/// The letter of a reason: A to Z, then by numbers.
+/// Letter of a cause: A to Z, then numbered.
 pub(super) fn letter(n: usize) -> String {
     match u8::try_from(n) {
         Ok(n) if n < 26 => char::from(b'A' + n).to_string(),
@@ -231,8 +231,7 @@ fn rows_rect(sheet: &Sheet, top: f64, rows: usize) -> Rect {
     Rect { x: sheet.left, y: top + TOP, w: sheet.width, h: ROW * rows as f64 }
 }
 
-/// The places of time spans in a row: never so small that they cannot be seen, and those not at all of which nothing
-/// could be seen beside the one before.
+/// Bars of intervals in a row: with a minimum width, and without those that would be hidden by the previous one.
 fn bars<'a, T: PartialEq>(sheet: &'a Sheet, lane: &'a Lane<T>, y: f64) -> impl Iterator<Item = (&'a Span<T>, Rect)> {
     let mut end = f64::NEG_INFINITY;
     lane.spans().iter().filter_map(move |span| {
@@ -264,7 +263,7 @@ fn draw_times(canvas: &mut dyn Canvas, sheet: &Sheet, bottom: f64) -> f64 {
     bottom + 40.0
 }
 
-/// A panel with a value axis to the left, and another to the right for one curve more.
+/// Panel with a value axis on the left, and another on the right for one more curve.
 fn panel(
     canvas: &mut dyn Canvas,
     sheet: &Sheet,
@@ -298,7 +297,7 @@ fn panel(
         left.iter().for_each(|curve| draw_curve(canvas, sheet, curve, &scale));
     } else if right.is_none_or(|(curve, _)| curve.series.range().is_none()) {
         let at = Point { x: rect.x + rect.w / 2.0, y: middle + 3.5 };
-        canvas.text(at, "nothing was said of it", &Font::new(TEXT, GREY).at(Anchor::Middle));
+        canvas.text(at, "no data", &Font::new(TEXT, GREY).at(Anchor::Middle));
     }
     if let Some((curve, unit)) = right
         && let Some(range) = curve.series.range()
@@ -316,7 +315,7 @@ fn panel(
     rect.bottom() + GAP
 }
 
-/// Where values are in a panel.
+/// Mapping from values to a panel.
 struct Scale {
     least: f64,
     most: f64,
@@ -326,7 +325,7 @@ struct Scale {
 
 impl Scale {
     fn new((least, most): (f64, f64), rect: &Rect) -> Self {
-        // Beyond this it is no speed, no angle and no voltage, and floating point gives in.
+        // Larger values are not plausible and would exceed the precision of floating point.
         let (least, most) = (least.clamp(-1e9, 1e9), most.clamp(-1e9, 1e9));
         let room = (0.08 * (most - least)).max(0.02 * most.abs()).max(0.01);
         Self { least: least - room, most: most + room, bottom: rect.bottom(), height: rect.h }

@@ -1,4 +1,4 @@
-//! The bounds of [`sim::check`], from the configuration: the robot that is checked is the one that is built.
+//! Limits of [`sim::check`] from the configuration: the checks are for the robot that is built.
 
 use crate::config::{CanDriver, Config, ConfigError};
 use crate::place::Place;
@@ -6,10 +6,10 @@ use base::Duration;
 use drivers::canbus;
 use sim::check::Limits;
 
-/// What must hold for this robot; for whoever runs it in virtual time. `restart_max` is the host's longest delay.
+/// Limits for this robot, for runs in virtual time. `restart_max` is the host's longest delay.
 ///
 /// # Errors
-/// When the configuration is refused, or has no drives.
+/// The configuration is invalid, or has no drives.
 pub fn limits(place: &Place, restart_max: Duration) -> Result<Limits, ConfigError> {
     let config = Config::load(&place.config, place.sim, &place.sets)?;
     let robot = &config.robot;

@@ -1,7 +1,7 @@
-//! A robot's folder: its configuration, and the modules, ports and processes that it describes.
+//! Folder of a robot: its configuration, and the modules, ports and processes that it describes.
 //!
-//! [`config`] reads the files strictly, [`topology`] makes modules and ports of them, for the live host and for virtual
-//! time; [`recording`] does the same from what a run recorded.
+//! [`config`] reads the files strictly, [`topology`] creates modules and ports from them, for the live host and for
+//! virtual time; [`recording`] does the same from the recording of a run.
 #![forbid(unsafe_code)]
 
 pub mod checks;

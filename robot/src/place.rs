@@ -1,38 +1,38 @@
-//! Where a robot is found: its configuration, its run folder, its logs, its bus.
+//! Location of a robot: configuration, run folder, logs, bus.
 
 use std::path::{Path, PathBuf};
 
-/// The bus when neither `--lcm-url` nor `LCM_DEFAULT_URL` names one.
+/// Bus without `--lcm-url` and `LCM_DEFAULT_URL`.
 pub const LCM_URL: &str = "udpm://239.255.76.67:7667?ttl=0&shm=auto";
-/// Where an installed robot has its configuration, its run folder and its logs.
+/// Configuration, run folder and logs of an installed robot.
 pub const INSTALLED: (&str, &str, &str) = ("/opt/advee/conf", "/run/advee", "/opt/advee/log");
-/// The same in a checkout.
+/// Configuration, run folder and logs in a checkout.
 pub const CHECKOUT: (&str, &str, &str) = ("conf/advee", "run", "log");
 
-/// Where a robot is to be found; what every process of it is told.
+/// Location of a robot, passed to each of its processes.
 #[derive(Clone, Debug)]
 pub struct Place {
-    /// The configuration folder.
+    /// Configuration folder.
     pub config: PathBuf,
-    /// The run folder.
+    /// Run folder.
     pub run_dir: PathBuf,
-    /// The LCM bus.
+    /// URL of the LCM bus.
     pub lcm_url: String,
     /// Overrides of `robot.toml`.
     pub sets: Vec<String>,
-    /// The simulated robot.
+    /// True for the simulated robot.
     pub sim: bool,
-    /// Its world; none: the hall.
+    /// World of the simulation; `None` for the hall.
     pub world: Option<PathBuf>,
 }
 
-/// Where runs have their folders, unless the configuration says otherwise.
+/// Folder of the runs, unless the configuration names another.
 #[must_use]
 pub fn log_folder() -> PathBuf {
     Path::new(if in_checkout() { CHECKOUT.2 } else { INSTALLED.2 }).into()
 }
 
-/// Whether the working directory is a checkout.
+/// True if the working directory is a checkout.
 #[must_use]
 pub fn in_checkout() -> bool {
     Path::new(CHECKOUT.0).join("robot.toml").exists()

@@ -1,9 +1,9 @@
-//! From a module to what its recording needs to begin with, and from a recording back to the module.
+//! Recording of a module's inputs: from a module to the header of its file, and from a file back to the module.
 //!
-//! A file of inputs carries the configuration that made the module, as texts, so that it can be played on another machine
-//! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and of the simulated robot
-//! `sim.toml` and its world, whose beacons are the robot's map. Data sheets of drives are checked when a module is made
-//! and say nothing about what it does; they are left out.
+//! A file of inputs contains the configuration of the module as texts, so that it can be replayed on another machine
+//! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and for the simulated robot
+//! `sim.toml` and its world, whose beacons are the robot's map. Data sheets of drives are left out: they are checked
+//! when a module is created and do not affect its behavior.
 
 use crate::config::{self, Config, ConfigError};
 use crate::place::Place;
@@ -21,17 +21,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use web::center::Scene;
 
-/// Where a process finds the folder of its run.
+/// Environment variable with the folder of the run.
 pub const VARIABLE: &str = "ADVEE_LOG";
-/// What the host decided: [`Made`].
+/// Values chosen by the host: [`Made`].
 const WIRE_TIME: &str = "wire_time";
 const SEED: &str = "seed";
 const DELAY_MAX: &str = "restart_delay_max_ns";
 const LOGS: &str = "logs";
 
-/// What the host of a module is to record, where the configuration and the run want that.
+/// Inputs to be recorded by a module's host, if the configuration and the run require it.
 pub fn inputs(place: &Place, config: &Config, name: &str, wanted: State) -> Result<Option<Inputs>, ConfigError> {
-    // What the web server is asked is nothing that could be asked again, and what the logger is told is what it writes.
+    // Requests to the web server cannot be replayed, and the inputs of the logger are what it writes.
     let wanted_here = config.robot.log.inputs && ![web::NAME, logger::NAME].contains(&name);
     let Some(run) = std::env::var_os(VARIABLE).filter(|_| wanted_here) else {
         return Ok(None);
@@ -40,7 +40,7 @@ pub fn inputs(place: &Place, config: &Config, name: &str, wanted: State) -> Resu
     Ok(Some(Inputs { run: run.into(), header, limit: config.robot.log.inputs_max_bytes }))
 }
 
-/// The beginning of the file of a module.
+/// Header of a module's file.
 pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<Header, ConfigError> {
     let mut texts = Vec::new();
     let mut add = |name: &str, path: PathBuf| match fs::read_to_string(&path) {
@@ -65,8 +65,8 @@ pub fn header(place: &Place, name: &str, wanted: State, made: Made) -> Result<He
     Ok(Header { program: program(), module: name.into(), wanted, texts })
 }
 
-/// What a log carries: the configuration as it was read, its overrides, and the version. Of a module that is made again
-/// from a recording the configuration is there.
+/// Attachments of a log: the configuration as read, its overrides, and the version. For a module created from a
+/// recording, the recorded configuration.
 #[must_use]
 pub fn attachments(place: &Place, made: Made) -> Vec<Attachment> {
     let header = header(place, logger::NAME, State::Run, made);
@@ -82,13 +82,13 @@ pub fn attachments(place: &Place, made: Made) -> Vec<Attachment> {
     files.chain(others).map(attachment).collect()
 }
 
-/// This program, as it stands in a header.
+/// Program and version, as in a header.
 #[must_use]
 pub fn program() -> String {
     format!("advee {}", env!("CARGO_PKG_VERSION"))
 }
 
-/// Makes the module of a header again; `sets` are further overrides, after the recorded ones.
+/// Creates the module of a header again; `sets` are further overrides, after the recorded ones.
 pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     let sim = header.text(SIM).is_some();
     let sets = [&header.texts(SET), sets].concat();
@@ -108,7 +108,7 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
     topology::shell_in(&nowhere, &config, &header.module, header.wanted, made(header)?, world)
 }
 
-/// The configuration of a header, with these overrides laid over it.
+/// Configuration of a header with these overrides.
 pub fn config(header: &Header, sets: &[String]) -> Result<Config, ConfigError> {
     let over = if header.text(SIM).is_some() { Some(node(header, SIM)?) } else { None };
     Config::merge(node(header, ROBOT)?, over, node(header, MODULES)?, sets)
@@ -119,13 +119,13 @@ fn node(header: &Header, name: &str) -> Result<Node, ConfigError> {
     Node::parse(Path::new(name), text).map_err(ConfigError)
 }
 
-/// The world of a header; none where it was no simulation.
+/// World of a header; `None` without a simulation.
 pub fn world(header: &Header) -> Result<Option<World>, ConfigError> {
     let sets: Vec<String> = header.texts(SET);
     header.text(WORLD).map(|_| parsed_world(header, &sets)).transpose()
 }
 
-/// How a recorded robot is shown, where its log carries what it needs.
+/// Scene of a recorded robot, if its log contains the necessary files.
 #[must_use]
 pub fn scene(header: &Header) -> Option<Scene> {
     let config = config(header, &header.texts(SET)).ok()?;
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_module_is_made_again_of_what_its_file_begins_with() {
+    fn every_module_is_rebuilt_from_its_header() {
         let place = Place {
             config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
             run_dir: "/run/advee".into(),

@@ -1,4 +1,4 @@
-//! What pages are shown of a robot and no message says: its measures, the map that it drives on, the names of its parts.
+//! Scene for web pages: dimensions, map and names of parts, which no message contains.
 
 use crate::config::{Axis, CanBus, Robot};
 use logger::ros::Sensor;
@@ -8,7 +8,7 @@ use rs485::boards::psc1;
 use simulator::world::World;
 use web::center::scene::{Beacon, Drive, Limits, Route, Scene, outline, rounded};
 
-/// The scene of a robot; where it is simulated of its world, else of the map that its planner has.
+/// Scene of a robot, with its world if it is simulated, else with the map of its planner.
 #[must_use]
 pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
     let geometry = &robot.geometry;

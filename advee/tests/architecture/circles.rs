@@ -1,19 +1,19 @@
-//! Files of a crate that import each other in a circle: none of them can be understood, or moved, without the others.
+//! Import circles: files of a crate that import each other, so that none can be understood or moved without the others.
 //!
-//! Counted are paths by `crate::`, `super::` and `self::`, in `use` and in the code, followed through `pub use`. A file's
-//! paths to its own modules are no arrows: a parent and its children are one thing.
+//! Paths by `crate::`, `super::` and `self::` count, in `use` and in the code, followed through `pub use`. Paths of a
+//! file to its own modules do not count: a parent and its children are one unit.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-/// A module by its path in the crate; the root is empty.
+/// Module by its path in the crate; the root is empty.
 type Module = Vec<String>;
 
-/// The largest circle that is allowed.
+/// Largest circle that is allowed.
 const ALLOWED: usize = 3;
 
-/// Crates that still have a larger one, with its size, which may only fall.
+/// Crates that still have a larger one, with its size, which may only decrease.
 const LARGER: [(&str, usize); 1] = [("foundation/settings", 4)];
 
 #[test]
@@ -32,7 +32,7 @@ fn no_circle_has_more_than_three_files() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// The modules of a crate that are no tests, with their code.
+/// Modules of a crate without tests, with their code.
 fn sources(src: &Path) -> BTreeMap<Module, String> {
     let mut sources = BTreeMap::new();
     for file in super::sources(src) {
@@ -50,14 +50,14 @@ fn sources(src: &Path) -> BTreeMap<Module, String> {
     sources
 }
 
-/// A file's text without comments, and without the tests at its end.
+/// Text of a file without comments and without the tests at its end.
 fn code(text: &str) -> String {
     let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let lines = text.lines().map(|line| line.split("//").next().unwrap_or_default());
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// `use` statements as rustfmt writes them, each whether it is public, and its paths; and the code without them.
+/// `use` statements as formatted by rustfmt, each with true if public and its paths; and the code without them.
 fn uses(code: &str) -> (Vec<(bool, Vec<String>)>, String) {
     let (mut uses, mut rest, mut lines) = (Vec::new(), String::new(), code.lines());
     while let Some(line) = lines.next() {
@@ -79,7 +79,7 @@ fn uses(code: &str) -> (Vec<(bool, Vec<String>)>, String) {
     (uses, rest)
 }
 
-/// The paths of a `use` tree.
+/// Paths of a `use` tree.
 fn expanded(tree: &str) -> Vec<String> {
     let Some((before, inside)) = tree.split_once('{') else { return vec![tree.trim().to_string()] };
     let inside = inside.rsplit_once('}').map_or(inside, |(inside, _)| inside);
@@ -102,7 +102,7 @@ fn paths(code: &str) -> Vec<String> {
     words.filter(|path| ["crate::", "super::"].iter().any(|start| path.starts_with(start))).map(Into::into).collect()
 }
 
-/// The file that a path in `from` leads to, and the name in it; `None` for other crates, and for what is relative.
+/// File that a path in `from` refers to, and the name in it; `None` for other crates and relative paths.
 fn target(from: &Module, path: &str, known: &BTreeMap<Module, String>) -> Option<(Module, String)> {
     let path = path.split(" as ").next().unwrap_or_default();
     let mut parts = path.split("::").peekable();
@@ -130,7 +130,7 @@ fn target(from: &Module, path: &str, known: &BTreeMap<Module, String>) -> Option
     known.contains_key(&at).then(|| (at, parts.next().unwrap_or_default().to_string()))
 }
 
-/// The largest set of files of which each leads to each.
+/// Largest set of files that all reach each other.
 fn largest(sources: &BTreeMap<Module, String>) -> Vec<Module> {
     let mut exported: BTreeMap<(Module, String), Module> = BTreeMap::new();
     let mut found: BTreeMap<&Module, Vec<(Module, String)>> = BTreeMap::new();
@@ -139,7 +139,7 @@ fn largest(sources: &BTreeMap<Module, String>) -> Vec<Module> {
         for (public, all) in uses {
             for path in all {
                 if public {
-                    // Relative ones are of modules of its own.
+                    // Relative paths refer to modules of the file itself.
                     let first = path.split("::").next().unwrap_or_default();
                     let own: Module = module.iter().cloned().chain([first.to_string()]).collect();
                     let path = if sources.contains_key(&own) { format!("self::{path}") } else { path };

@@ -1,18 +1,18 @@
-//! Pages that lead nowhere: relative links, TOML that is none. And lines that are too wide, in pages and in the code.
+//! Pages with broken relative links or invalid TOML, and lines that are too wide, in pages and in code.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Folders that others make.
+/// Generated and third-party folders.
 const NOT_OURS: [&str; 9] = ["target", "node_modules", "dist", "dev", "run", "log", ".git", ".venv", ".peers"];
 
-/// Columns of a line, in code and comments as in prose; tables and URLs may be wider.
+/// Maximum width of a line, in code, comments and prose; tables and URLs may be wider.
 const WIDTH: usize = 120;
 
-/// Lines that are wider, of Rust and of Markdown. Both numbers may only fall: whoever wraps some lowers them.
+/// Number of wider lines in Rust and in Markdown. Both numbers may only decrease: lower them after wrapping some.
 const WIDER: [(&str, usize); 2] = [("rs", 270), ("md", 800)];
 
-/// Files below the checkout that end so.
+/// Files below the checkout with this extension.
 pub(super) fn files(extension: &str) -> Vec<PathBuf> {
     fn walk(folder: &Path, extension: &str, files: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).expect("readable").map(|entry| entry.expect("an entry")) {
@@ -31,7 +31,7 @@ pub(super) fn files(extension: &str) -> Vec<PathBuf> {
     files
 }
 
-/// A page in lines: number, text, and the language of the code block around it, if there is one.
+/// Lines of a page: number, text, and the language of the surrounding code block, if any.
 pub(super) fn lines(text: &str) -> Vec<(usize, &str, Option<&str>)> {
     let mut block = None;
     let mut lines = Vec::new();
@@ -83,7 +83,7 @@ fn every_block_of_toml_can_be_read() {
     for page in files("md") {
         let text = fs::read_to_string(&page).expect("readable");
         let lines = lines(&text);
-        // Lines of one block follow each other by their numbers.
+        // Lines of one block have consecutive numbers.
         let toml: Vec<(usize, &str)> = lines
             .iter()
             .filter(|(.., block)| *block == Some("toml"))
@@ -99,7 +99,7 @@ fn every_block_of_toml_can_be_read() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// Whether a line may not be so wide.
+/// True if a line is too wide.
 fn is_wide(line: &str, is_table: bool) -> bool {
     line.chars().count() > WIDTH && !is_table && !line.contains("://")
 }
@@ -130,7 +130,7 @@ fn fewer_and_fewer_lines_are_wider_than_they_may_be() {
 }
 
 #[test]
-fn lines_links_and_widths_are_told_apart() {
+fn lines_links_and_widths_are_recognized() {
     let text = "a [b](c.md) [d](e/f.md#g)\n```toml\nx = 1\n```\nend";
     assert_eq!(
         lines(text).iter().map(|(number, _, block)| (*number, *block)).collect::<Vec<_>>(),

@@ -1,12 +1,12 @@
-//! Finds decisions by text for people: a program that compares a sentence stops to work when the sentence is reworded.
+//! Finds decisions based on text for people: a program that compares a sentence breaks when the sentence is reworded.
 //!
-//! Looked for are `reason`, `message` and `source`, as members, methods or variables made from them, that are compared
-//! with a text or a constant, searched, taken apart or matched. That a text is empty, or another one than before, is no
-//! such decision.
+//! Searched are `reason`, `message` and `source`, as members, methods or variables made from them, that are compared
+//! with a text or a constant, searched, split or matched. A check whether a text is empty or has changed is not such a
+//! decision.
 
-/// Members that hold text for people, or a name that one reader in `messages` parses.
+/// Members with text for people, or a name that one parser in `messages` reads.
 const TEXTS: [&str; 3] = ["reason", "message", "source"];
-/// Calls that hand the same text on.
+/// Calls that return the same text.
 const SAME: [&str; 13] = [
     "as_str",
     "as_deref",
@@ -22,7 +22,7 @@ const SAME: [&str; 13] = [
     "borrow",
     "deref",
 ];
-/// Calls that search a text or take it apart.
+/// Calls that search or split a text.
 const SEARCHES: [&str; 18] = [
     "contains",
     "starts_with",
@@ -55,7 +55,7 @@ pub enum Language {
 #[derive(Clone, Debug, PartialEq)]
 enum Kind {
     Word,
-    /// A literal, without its quotes.
+    /// Literal without its quotes.
     Text,
     Sign,
 }
@@ -67,7 +67,7 @@ struct Token {
     line: usize,
 }
 
-/// Lines of such decisions, each with a few words of what stands there.
+/// Lines with such decisions, each with an excerpt.
 pub fn decisions(source: &str, language: Language) -> Vec<(usize, String)> {
     let tokens = tokens(source, language);
     let aliases = aliases(&tokens);
@@ -86,7 +86,7 @@ pub fn decisions(source: &str, language: Language) -> Vec<(usize, String)> {
     found
 }
 
-/// The end of an expression whose value is such a text, if its name stands at `at`: behind the calls that hand it on.
+/// End of an expression whose value is such a text, if its name is at `at`: after the calls that return the same text.
 fn text_ends(tokens: &[Token], at: usize, aliases: &[String]) -> Option<usize> {
     let token = &tokens[at];
     let is_member = at > 0 && [".", "?."].contains(&tokens[at - 1].text.as_str());
@@ -111,7 +111,7 @@ fn text_ends(tokens: &[Token], at: usize, aliases: &[String]) -> Option<usize> {
     }
 }
 
-/// Whether the path to `at` stands behind a parenthesis that is no call's.
+/// True if the path to `at` follows a parenthesis that does not belong to a call.
 fn is_grouped(tokens: &[Token], at: usize) -> bool {
     let Some(open) = begin(tokens, at).checked_sub(1).filter(|open| tokens[*open].text == "(") else { return false };
     open.checked_sub(1).is_none_or(|before| {
@@ -119,7 +119,7 @@ fn is_grouped(tokens: &[Token], at: usize) -> bool {
     })
 }
 
-/// Where the path before a member begins: `motion.reason` at `motion`.
+/// Beginning of the path before a member: `motion` for `motion.reason`.
 fn begin(tokens: &[Token], mut at: usize) -> usize {
     while at >= 2 && [".", "?.", "::"].contains(&tokens[at - 1].text.as_str()) {
         at -= 2;
@@ -130,7 +130,7 @@ fn begin(tokens: &[Token], mut at: usize) -> usize {
     at
 }
 
-/// The sign that a closing one belongs to.
+/// Opening sign of a closing one.
 fn opening(tokens: &[Token], close: usize) -> usize {
     let mut depth = 0;
     for at in (0..=close).rev() {
@@ -182,7 +182,7 @@ fn decides(tokens: &[Token], at: usize, end: usize) -> bool {
     TESTS.contains(&called) && [")", ","].contains(&text(end))
 }
 
-/// Literals that are not empty, and constants, that are patterns of the `match` whose block begins `tokens`.
+/// Non-empty literals and constants that are patterns of the `match` whose block begins `tokens`.
 fn arms(tokens: &[Token]) -> Vec<&Token> {
     let (mut depth, mut in_pattern, mut patterns) = (0, true, Vec::new());
     for (at, token) in tokens.iter().enumerate().take(2000) {
@@ -209,8 +209,8 @@ fn arms(tokens: &[Token]) -> Vec<&Token> {
     patterns
 }
 
-/// Literals that are one of these sentences, or a large part of one: code that has it either makes it or looks for
-/// it.
+/// Literals that equal one of these sentences or a large part of it: such code either makes the sentence or searches
+/// for it.
 pub fn literals(source: &str, language: Language, sentences: &[&str]) -> Vec<(usize, String)> {
     const LEAST: usize = 17;
     let is_of = |literal: &str, sentence: &str| {
@@ -228,7 +228,7 @@ fn is_comparison(sign: &str) -> bool {
     ["==", "!=", "===", "!=="].contains(&sign)
 }
 
-/// A literal that is not empty, or a constant.
+/// True for a non-empty literal or a constant.
 fn is_fixed(token: Option<&Token>) -> bool {
     token.is_some_and(|token| match token.kind {
         Kind::Text => !token.text.is_empty(),
@@ -240,7 +240,7 @@ fn is_fixed(token: Option<&Token>) -> bool {
     })
 }
 
-/// Variables that are made from such a text alone, or from several: `let why = &motion.reason;`.
+/// Variables made from one or several such texts only: `let why = &motion.reason;`.
 fn aliases(tokens: &[Token]) -> Vec<String> {
     let mut names = Vec::new();
     for at in 0..tokens.len().saturating_sub(3) {
@@ -311,7 +311,7 @@ impl Reader<'_> {
         self.skip(length);
     }
 
-    /// A literal whose text begins after `open` bytes.
+    /// Literal whose text begins after `open` bytes.
     fn literal(&mut self, open: usize, close: &str) {
         let line = self.line;
         self.skip(open);
@@ -331,7 +331,7 @@ impl Reader<'_> {
         at.min(self.left.len())
     }
 
-    /// A character, or a lifetime.
+    /// Character or lifetime.
     fn quote(&mut self) {
         let mut chars = self.left.chars().skip(1);
         let (first, second) = (chars.next(), chars.next());
@@ -342,7 +342,7 @@ impl Reader<'_> {
         }
     }
 
-    /// A template of TypeScript: its texts and what stands in its places.
+    /// Template literal of TypeScript: its texts and the expressions in its placeholders.
     fn template(&mut self) {
         self.skip(1);
         while !self.left.is_empty() {
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn sentences_that_stand_in_the_code_are_found() {
+    fn sentences_in_the_code_are_found() {
         let sentences = ["nobody commands the motion", "critical module {} is not running", "{} is down"];
         for (planted, found) in [
             (r#"const IDLE: &str = "nobody commands the motion";"#, true),
@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shown_or_only_compared_with_before_is_not_found() {
+    fn display_and_change_detection_are_not_found() {
         for fine in [
             r#"if motion.reason.is_empty() { "the drives are not ready" } else { &motion.reason }"#,
             r#"if self.told != reason { self.told = reason.into(); }"#,

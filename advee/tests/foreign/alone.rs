@@ -1,5 +1,5 @@
-//! One foreign module against a robot that the test plays: the table of states as our own modules keep it, reports, bad
-//! input, the first state, and every way to end.
+//! One foreign module against a robot simulated by the test: the state table as implemented by native modules, reports,
+//! bad input, the first state, and every way to end.
 
 use crate::built::Built;
 use crate::support::{can_port, listen, signal};
@@ -11,16 +11,16 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Long enough for a loaded machine; on a healthy one nothing waits that long.
+/// Timeout, long enough for a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// The devices speak this often.
+/// Period of the devices' messages.
 const PERIOD: Duration = Duration::from_millis(100);
 
 const FORBIDDEN: i32 = 0x0001;
 const MALFORMED: i32 = 0x0002;
 const UNHANDLED: i32 = 0x8000;
 const SILENT: i32 = 0x8001;
-/// The battery sags; something is too near.
+/// Low battery, or obstacle too near.
 const WATCHED: i32 = 0x8002;
 
 #[test]
@@ -95,14 +95,14 @@ fn held_in_init_it_stops_and_stays_there() {
 }
 
 #[test]
-fn whose_watchdog_is_gone_ends_after_three_seconds_and_no_sooner() {
+fn a_module_without_a_watchdog_ends_after_three_seconds() {
     let Some(built) = Built::on_the_wheel() else { return };
     let of = |name| {
         let mut robot = Robot::start(built, name, &[], &[("ADVEE_GUARDED", "yes")]);
         (robot.device, robot.watchdog) = (true, true);
         robot.expect_state(State::Init);
         robot.expect_change(State::Init, State::Run);
-        // Longer than it would wait for one that is gone.
+        // Longer than the timeout for a missing watchdog.
         let heard = Instant::now();
         while heard.elapsed() < Duration::from_secs(4) {
             robot.expect_state(State::Run);
@@ -117,7 +117,7 @@ fn whose_watchdog_is_gone_ends_after_three_seconds_and_no_sooner() {
 }
 
 #[test]
-fn what_breaks_in_a_handler_is_reported_and_ends_it_with_a_code_of_its_class() {
+fn an_exception_in_a_handler_is_reported_and_ends_the_module_with_its_exit_code() {
     let Some(built) = Built::on_the_wheel() else { return };
     for (name, kind) in [("broken", "RuntimeError: "), ("broken_cpp", "")] {
         let mut robot = Robot::start(built, name, &["timer"], &[]);
@@ -141,9 +141,9 @@ fn what_breaks_in_a_handler_is_reported_and_ends_it_with_a_code_of_its_class() {
     }
 }
 
-/// The page as docs/beats.md has it.
+/// Heartbeat page in the format of docs/beats.md.
 #[test]
-fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
+fn each_thread_sends_heartbeats_unless_it_hangs() {
     let Some(built) = Built::on_the_wheel() else { return };
     for name in ["broken", "broken_cpp"] {
         let path = std::env::temp_dir().join(format!("advee-page-of-{name}-{}", std::process::id()));
@@ -161,7 +161,7 @@ fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
         let main = usize::from(name_of(1) == "main");
         assert_eq!([name_of(main), name_of(1 - main)], ["main", "worker"]);
 
-        // Beats of both in some 0.6 s.
+        // Heartbeats of both within about 0.6 s.
         let counts = |page: &[u8]| [main, 1 - main].map(|thread| number(page, 64 + 64 * thread + 48));
         let beats = || {
             let before = counts(&std::fs::read(&path).unwrap());
@@ -170,7 +170,7 @@ fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
             [after[0] - before[0], after[1] - before[1]]
         };
         let both = beats();
-        // Each 50 ms where the machine is not loaded; never more often.
+        // Every 50 ms on an idle machine; never more often.
         assert!(both.iter().all(|beats| (2..=13).contains(beats)), "{name}: {both:?}");
         robot.command(name, State::Pause as i8, false);
         robot.expect_change(State::Run, State::Pause);
@@ -184,7 +184,7 @@ fn each_thread_beats_in_the_page_and_one_that_hangs_does_not() {
 }
 
 #[test]
-fn a_command_line_that_cannot_be_is_refused_with_a_reason() {
+fn an_invalid_command_line_is_refused_with_a_reason() {
     let Some(built) = Built::on_the_wheel() else { return };
     for name in ["battery_watch", "nearest_obstacle"] {
         let bad: [(&[&str], &str); 4] = [
@@ -205,7 +205,7 @@ fn a_command_line_that_cannot_be_is_refused_with_a_reason() {
     }
 }
 
-/// What a module says.
+/// Message of a module.
 #[derive(Debug, PartialEq)]
 enum Said {
     State(State),
@@ -223,22 +223,22 @@ fn command(built: &Built, name: &str) -> Command {
     command
 }
 
-/// A module's process and the robot around it.
+/// Process of a module with the simulated robot around it.
 struct Robot {
     name: &'static str,
     module: Child,
     bus: Lcm,
-    /// Whether the sonars and the power controller speak, what they say, and when they do next.
+    /// True while the sonars and the power controller publish, with their values and the next deadline.
     device: bool,
     volts: f64,
     metres: f64,
     due: Instant,
-    /// Whether there is a watchdog.
+    /// True if there is a watchdog.
     watchdog: bool,
-    /// The module's last state and time stamp, µs.
+    /// Last state and timestamp of the module, µs.
     state: State,
     stamp: i64,
-    /// Its active faults, by its last list.
+    /// Active faults, by its last list.
     active: Vec<common::Fault>,
 }
 
@@ -264,11 +264,11 @@ impl Robot {
         }
     }
 
-    /// What every command does in this state is what it does to a module of ours.
+    /// Every command in this state has the same effect as on a native module.
     fn obeys_its_table_in(&mut self, from: State) {
         for (to, manual) in State::ALL.into_iter().flat_map(|to| [(to, false), (to, true)]) {
             let cause = if manual { Cause::Manual } else { Cause::Command };
-            // The ways out of INIT and ERROR are for other tests, and the end for the end.
+            // Transitions from INIT and ERROR have other tests, and TERMINATE is tested at the end.
             let back = matches!(from, State::Run | State::Pause | State::Stop);
             let spoils = to == State::Terminate || (!back && from.allows(to, cause));
             if to == from || spoils {
@@ -288,7 +288,7 @@ impl Robot {
         self.go(from);
     }
 
-    /// Leads it into a state that a person can lead it to from where it is.
+    /// Brings the module into a state that a person can reach from the current one.
     fn go(&mut self, to: State) {
         if self.state != to {
             self.command("*", to as i8, true);
@@ -303,7 +303,7 @@ impl Robot {
         }
     }
 
-    /// It acts in RUN alone.
+    /// The module acts in RUN only.
     fn reports_what_it_watches_and_its_end(&mut self) {
         self.go(State::Pause);
         (self.volts, self.metres) = (20.0, 0.1);
@@ -319,7 +319,7 @@ impl Robot {
             false => (common::Error::UNKNOWN, "something is nearer than 0.25 m", "nothing is nearer than 0.35 m"),
         };
         self.expect_report(WATCHED, common::Error::WARNING, kind, low);
-        // Once.
+        // Reported once.
         for _ in 0..2 {
             self.expect_state(State::Run);
         }
@@ -339,7 +339,7 @@ impl Robot {
         self.expect_state(State::Run);
     }
 
-    /// From RUN, by STOP, and back.
+    /// From RUN to STOP and back.
     fn reports_that_its_device_is_lost_and_found(&mut self) {
         let (lost, found) = match self.name {
             "battery_watch" => ("no LL_DATA_POWER: is driver_power there?", "LL_DATA_POWER is heard again"),
@@ -360,7 +360,7 @@ impl Robot {
         self.go(State::Run);
     }
 
-    /// Says TERMINATE as its last word.
+    /// Publishes TERMINATE as its last state.
     fn ends(&mut self, from: State) -> ExitStatus {
         self.expect_change(from, State::Terminate);
         self.module.wait().expect("it is our child")
@@ -377,7 +377,7 @@ impl Robot {
         self.bus.publish(message.channel().name(), &bytes).expect("the bus takes it");
     }
 
-    /// What there is of a robot speaks, when that is due.
+    /// Publishes the messages of the simulated robot that are due.
     fn play(&mut self) {
         if self.due > Instant::now() {
             return;
@@ -394,7 +394,8 @@ impl Robot {
         }
     }
 
-    /// The list before a report has what it is about, since the same moment; and no more what it is the end of.
+    /// The list before a report contains its fault since the same instant; a report of the end follows a list without
+    /// it.
     fn is_listed(&self, error: &common::Error) {
         let active: Vec<_> = self.active.iter().filter(|fault| fault.number == error.number).collect();
         match (error.number, error.severity) {
@@ -410,7 +411,7 @@ impl Robot {
         }
     }
 
-    /// What the module says next.
+    /// Next message of the module.
     fn next(&mut self) -> Said {
         let end = Instant::now() + PATIENCE;
         while Instant::now() < end {
@@ -457,7 +458,7 @@ impl Robot {
         assert_eq!(self.next(), Said::State(state));
     }
 
-    /// The state `to`; before it may come the announcement each second of `from`.
+    /// Waits for state `to`; periodic announcements of `from` may precede it.
     #[track_caller]
     fn expect_change(&mut self, from: State, to: State) {
         loop {
@@ -468,7 +469,7 @@ impl Robot {
         }
     }
 
-    /// The next report; before it may come announcements.
+    /// Next report; announcements may precede it.
     fn report(&mut self) -> Said {
         std::iter::repeat_with(|| self.next()).find(|said| !matches!(said, Said::State(_))).expect("one")
     }

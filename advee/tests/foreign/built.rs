@@ -1,4 +1,4 @@
-//! The example modules, made ready to run by their own Makefile.
+//! Example modules, built by their own Makefile.
 
 use crate::support::{python, workspace};
 use std::fs;
@@ -7,14 +7,14 @@ use std::process::Command;
 use std::sync::OnceLock;
 use testing::{machine_or_skip, peer_or_skip, tool};
 
-/// Those on the Python package, `lcm` 1.5.3, and those on Debian 12's library, 1.3.1, which has no Python.
+/// Modules on the Python package, `lcm` 1.5.3, or on the library of Debian 12, 1.3.1, which has no Python binding.
 pub struct Built {
     pub folder: PathBuf,
     python: Option<PathBuf>,
 }
 
 impl Built {
-    /// On 1.5.3; `None` where the test is skipped.
+    /// Built on 1.5.3; `None` if the test is skipped.
     pub fn on_the_wheel() -> Option<&'static Self> {
         static BUILT: OnceLock<Built> = OnceLock::new();
         let python = python()?;
@@ -26,7 +26,7 @@ impl Built {
         Some(BUILT.get_or_init(make))
     }
 
-    /// On 1.3.1.
+    /// Built on 1.3.1.
     pub fn on_debians() -> Option<&'static Self> {
         static BUILT: OnceLock<Built> = OnceLock::new();
         let prefix = peer_or_skip(testing::lcm_1_3_1())?;
@@ -36,7 +36,7 @@ impl Built {
     }
 
     fn make(version: &str, what: &[&str], variable: String, python: Option<PathBuf>) -> Self {
-        // Kept for the next run: what has not changed is not made again.
+        // Kept for the next run: unchanged files are not built again.
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("foreign-modules-{version}"));
         copy(&workspace().join("examples/modules"), &folder);
         for language in ["python", "cpp"] {
@@ -54,7 +54,7 @@ impl Built {
         Self { folder, python }
     }
 
-    /// The command line of a module: `nearest_obstacle` and `broken_cpp` in C++, the others in Python.
+    /// Command line of a module: `nearest_obstacle` and `broken_cpp` in C++, the others in Python.
     pub fn command(&self, module: &str) -> Vec<String> {
         let text = |path: &Path| path.to_str().expect("UTF-8").to_string();
         let binary = self.folder.join("cpp").join(module);
@@ -66,16 +66,16 @@ impl Built {
     }
 }
 
-/// What building and running a module on the official library takes.
+/// Requirements for building and running a module on the official library.
 fn may_build() -> Option<()> {
     for name in ["make", "c++"] {
         peer_or_skip(tool(name, "--version"))?;
     }
-    // Ours does without.
+    // The LCM of this project does not need a route.
     machine_or_skip(testing::multicast_route(lcm::url::GROUP, lcm::url::PORT))
 }
 
-/// Copies the files that are not there, or others; what else is there, remains.
+/// Copies the files that are missing or differ; other files remain.
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).expect("a folder");
     for entry in fs::read_dir(from).expect("a folder") {
@@ -86,7 +86,7 @@ fn copy(from: &Path, to: &Path) {
             true => copy(&path, &target),
             false => {
                 let [source, there] = [&path, &target].map(|path| fs::read(path).ok());
-                // What somebody has compiled in the checkout is his.
+                // Files compiled in the checkout are not copied.
                 let is_source = path.extension().is_some() || path.ends_with("Makefile");
                 if is_source && source != there {
                     fs::write(&target, source.expect("readable")).expect("writable");

@@ -1,5 +1,5 @@
-//! Modules in other languages, `examples/modules`, built on the official LCM by the recipe that docs/writing-a-module.md
-//! gives: each alone against a robot that the test plays, and under the watchdog of the simulated one.
+//! Modules in other languages, `examples/modules`, built on the official LCM as described in docs/writing-a-module.md:
+//! each alone against a robot simulated by the test, and under the watchdog of the simulated robot.
 
 mod alone;
 mod built;

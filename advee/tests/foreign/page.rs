@@ -1,4 +1,4 @@
-//! docs/writing-a-module.md: what it shows is what there is.
+//! Examples in docs/writing-a-module.md match the code.
 
 use crate::milestones::Milestones;
 use crate::support::workspace;
@@ -12,7 +12,7 @@ fn page() -> String {
     fs::read_to_string(workspace().join("docs/writing-a-module.md")).expect("the page")
 }
 
-/// The text of the fenced block of that language.
+/// Text of the fenced block in this language.
 fn block(page: &str, language: &str) -> String {
     let from = page.split_once(&format!("```{language}\n")).expect("there is one").1;
     from.split_once("```").expect("it ends").0.into()

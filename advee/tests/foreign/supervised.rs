@@ -10,9 +10,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The battery watch and the sonars' (docs/writing-a-module.md).
+/// Faults of the battery watch and of the sonar watch (docs/writing-a-module.md).
 const WATCHED: i32 = 0x8002;
-/// By their beats, by their announcement alone, with a page that is none.
+/// Modules supervised by heartbeats, by their announcements only, and one with an invalid heartbeat page.
 const BEATING: [&str; 2] = ["battery_watch", "nearest_obstacle"];
 const QUIET: &str = "battery_quiet";
 const TORN: &str = "torn_page";
@@ -35,7 +35,7 @@ fn foreign_modules_live_under_the_watchdog() {
 
 struct Supervised {
     robot: Robot,
-    /// Hears every announcement, for the order of states.
+    /// Subscribed to all announcements, for the order of states.
     announced: Lcm,
     config: PathBuf,
     torn: i32,
@@ -78,7 +78,7 @@ impl Supervised {
         }
         self.command("battery_watch", State::Run, false);
         self.reaches("battery_watch", State::Run);
-        // As people do, who may.
+        // With the rights of a person.
         let output = self.robot.advee(&["state", "nearest_obstacle", "STOP"]);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         self.reaches("nearest_obstacle", State::Stop);
@@ -103,8 +103,8 @@ impl Supervised {
         self.robot.until("its end", 4.0, |view| view.errors.iter().any(of(common::Error::NOTICE)));
     }
 
-    /// Those that beat within a second, the one that is judged by its announcements after two; on a machine that others
-    /// load, too, in one of three attempts.
+    /// Restarted within a second with heartbeats, within two by announcements; on a loaded machine in one of three
+    /// attempts.
     fn a_hung_one_is_restarted(&mut self) {
         let in_time = (0..3).any(|_| {
             let took = self.hang();
@@ -124,7 +124,7 @@ impl Supervised {
         assert!(hung(QUIET, "it has not announced itself for ", errors), "{errors:?}");
     }
 
-    /// Stops three at once, and tells after how many seconds each has another process.
+    /// Stops three at once; returns the seconds until each has a new process.
     fn hang(&mut self) -> [f64; 3] {
         let modules = [BEATING[0], BEATING[1], QUIET];
         let before = modules.map(|module| self.robot.view.pid(module));
@@ -142,7 +142,7 @@ impl Supervised {
         took
     }
 
-    /// In STOP before and after, and in between in no state that acts.
+    /// In STOP before and after, and never in a state that acts in between.
     fn a_killed_one_comes_back_into_its_wanted_state(&mut self) {
         for module in BEATING {
             self.command_manually(module, State::Stop);
@@ -192,16 +192,16 @@ impl Supervised {
             assert!(begin.elapsed() < Duration::from_secs(3), "no new watchdog");
             self.robot.pass(0.02);
         }
-        // Longer than they wait for one that does not come.
+        // Longer than they wait for a watchdog.
         self.robot.pass(3.5);
         assert_eq!(modules.map(|module| self.robot.view.pid(module)), before);
-        // It guards them.
+        // The new watchdog supervises them.
         signal(before[0], "STOP");
         self.robot.until("another process", 3.0, |view| ![0, before[0]].contains(&view.pid(BEATING[0])));
         self.reaches(BEATING[0], State::Run);
     }
 
-    /// Nothing is left over.
+    /// No process is left over.
     fn ends(mut self) {
         let foreign = [BEATING[0], BEATING[1], QUIET, TORN].map(|module| self.robot.view.pid(module));
         assert_eq!(self.robot.stop(), 0);
@@ -224,7 +224,7 @@ impl Supervised {
         self.robot.until(&format!("{module} in {state}"), 4.0, |view| view.processes[module].state == state as i8);
     }
 
-    /// The states that it has announced since the last call.
+    /// States announced since the last call.
     fn states_of(&mut self, module: &str) -> Vec<State> {
         let mut states = Vec::new();
         while self.announced.wait(Duration::from_millis(50)).expect("the bus can be waited for") {
@@ -251,7 +251,7 @@ fn refused(error: &common::Error, module: &str, state: &str) -> bool {
     error.number == Fault::CommandForbidden as i32 && error.module == module && error.message.starts_with(&message)
 }
 
-/// The shipped robot with the example modules instead of the drives'.
+/// Shipped robot with the example modules instead of the drives'.
 fn configure(built: &Built, config: &Path) {
     let (advee, worlds) = (config.join("advee"), config.join("worlds"));
     for (from, to) in [("conf/advee", &advee), ("conf/worlds", &worlds)] {

@@ -1,7 +1,8 @@
-//! What bad input gets: it is counted, told in one clear line for each cause, and stops nothing that need not stop.
+//! Treatment of bad input: it is counted, reported once with one clear line for each cause, and stops no unaffected
+//! part.
 //!
-//! What comes over sockets, files and devices is shown on a live robot; what boards and drives say, in virtual time,
-//! where the faults are exact.
+//! Input over sockets, files and devices is tested on a live robot; input from boards and drives in virtual time, where
+//! the faults are exact.
 
 use crate::support::{self, Robot};
 use base::can::{Frame, Id};
@@ -17,16 +18,16 @@ use std::net::{Ipv4Addr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// How often each piece of nonsense is sent.
+/// Number of repetitions of each bad input.
 const FLOOD: u32 = 100;
 
-/// What the live robot has said of one fault so far: who, in which words.
-fn told(robot: &Robot, fault: Fault) -> Vec<(String, String)> {
+/// Reports of one fault by the live robot so far: module and text.
+fn reported(robot: &Robot, fault: Fault) -> Vec<(String, String)> {
     let of_it = robot.view.errors.iter().filter(|error| error.number == fault as i32);
     of_it.map(|error| (error.module.clone(), error.message.clone())).collect()
 }
 
-/// Drives at 0.4 m/s, and sends something bad with every command.
+/// Drives at 0.4 m/s, and sends bad input with every command.
 fn drive_through(robot: &mut Robot, mut bad: impl FnMut(&mut Robot)) {
     robot.drive(0.4, 0.0, 2.0);
     for _ in 0..20 {
@@ -50,7 +51,7 @@ const LCM_GROUP: [u8; 4] = [239, 255, 76, 67];
 const CAN_GROUP: [u8; 4] = [239, 74, 163, 2];
 
 #[test]
-fn a_wrong_fingerprint_is_told_once_and_the_robot_drives_on() {
+fn a_wrong_fingerprint_is_reported_once_and_the_robot_drives_on() {
     let mut robot = Robot::ready(&[]);
     let mut other_type = Vec::new();
     Message::from(common::DataState::default()).encode(&mut other_type).unwrap();
@@ -61,12 +62,12 @@ fn a_wrong_fingerprint_is_told_once_and_the_robot_drives_on() {
          expected",
         other_type.len()
     );
-    let told = told(&robot, Fault::MessageMalformed);
-    assert_eq!(told, [("driver_canbus".into(), why)]);
+    let reports = reported(&robot, Fault::MessageMalformed);
+    assert_eq!(reports, [("driver_canbus".into(), why)]);
 }
 
 #[test]
-fn truncated_datagrams_and_messages_are_told_once_each_and_the_robot_drives_on() {
+fn truncated_datagrams_and_messages_are_reported_once_each_and_the_robot_drives_on() {
     let mut robot = Robot::ready(&[]);
     let mut motion = Vec::new();
     Message::from(lowlevel::CmdMotion::default()).encode(&mut motion).unwrap();
@@ -77,46 +78,46 @@ fn truncated_datagrams_and_messages_are_told_once_each_and_the_robot_drives_on()
         throw(LCM_GROUP, port, b"LC02\0\0\0\x07LL_CMD_MOTI");
         throw(LCM_GROUP, port, b"nothing of ours at all");
     });
-    let mut told = told(&robot, Fault::MessageMalformed);
-    // Who sent it is named; the port is the sender's own.
-    for (_, why) in &mut told {
+    let mut reports = reported(&robot, Fault::MessageMalformed);
+    // The text names the sender, whose port varies.
+    for (_, why) in &mut reports {
         if let (Some(from), Some(to)) = (why.find(" from "), why.find(" dropped: ")) {
             why.replace_range(from..to, "");
         }
     }
-    told.sort();
+    reports.sort();
     let said = |module: &str, why: &str| (module.to_string(), why.to_string());
     assert_eq!(
-        told,
+        reports,
         [
             said("driver_canbus", "LL_CMD_MOTION: a message of 20 bytes is dropped: truncated: 8 bytes needed, 4 left"),
             said("watchdog", "LCM datagram dropped: 6 bytes do not hold an LCM header"),
             said("watchdog", "LCM datagram dropped: the magic number 0x6e6f7468 is not LCM's"),
         ]
     );
-    // A name without an end is none of the names that the kernel lets through to a module; who listens to all counts it.
+    // A name without an end does not pass the kernel's filter of a module; a subscriber to everything counts it.
     let counted = robot.bus.rejections();
     let counts: u64 = counted.iter().map(|kind| kind.count).sum();
     assert_eq!((counted.len(), counts), (3, 3 * u64::from(FLOOD)), "{counted:?}");
 }
 
 #[test]
-fn a_datagram_that_is_no_can_frame_is_told_once_and_the_robot_drives_on() {
+fn a_datagram_that_is_not_a_can_frame_is_reported_once_and_the_robot_drives_on() {
     let mut robot = Robot::ready(&[]);
     let port = can_port_beside(robot.port);
     drive_through(&mut robot, |_| throw(CAN_GROUP, port, b"nonsense"));
-    let told = told(&robot, Fault::MessageMalformed);
-    let modules: Vec<&str> = told.iter().map(|(module, _)| module.as_str()).collect();
-    assert!(modules == ["driver_canbus", "simulator"] || modules == ["simulator", "driver_canbus"], "{told:?}");
-    for (_, why) in told {
+    let reports = reported(&robot, Fault::MessageMalformed);
+    let modules: Vec<&str> = reports.iter().map(|(module, _)| module.as_str()).collect();
+    assert!(modules == ["driver_canbus", "simulator"] || modules == ["simulator", "driver_canbus"], "{reports:?}");
+    for (_, why) in reports {
         let [bus, sender] = ["dropped a datagram from ", " that is no frame: "].map(|part| why.find(part).unwrap());
         assert!(why.starts_with("can.main: ") && bus < sender && !why.contains('\n'), "{why}");
     }
 }
 
 #[test]
-fn a_missing_device_is_an_error_told_once_until_it_appears() {
-    // The driver alone: the simulator, who offers the device, comes later.
+fn a_missing_device_is_reported_once_until_it_appears() {
+    // The driver alone: the simulator, which provides the device, starts later.
     let run_dir = std::env::temp_dir().join(format!("advee-missing-{}", std::process::id()));
     std::fs::create_dir_all(&run_dir).unwrap();
     let url = format!("udpm://239.255.76.67:{}?ttl=0", 19_000 + std::process::id() % 900);
@@ -180,7 +181,7 @@ fn an_unknown_key_is_refused_with_its_line_and_nothing_starts() {
     let file = conf.join("robot.toml");
     let unknown =
         format!("{}:{line}: geometry.trakc_m: unknown key, expected one of wheelbase_m, track_m, ", file.display());
-    // That the right key is missing now is said, too.
+    // The right key, now missing, is reported, too.
     assert!(said.lines().any(|line| line.starts_with(&unknown)), "{said}");
     assert!(said.starts_with("advee: the configuration is refused:\n") && said.lines().count() == 3, "{said}");
     assert!(!run_dir.exists(), "no run folder");
@@ -208,7 +209,7 @@ fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
 }
 
-/// What an observer of the virtual robot keeps.
+/// State kept by an observer of the virtual robot.
 #[derive(Default)]
 struct Seen {
     reports: Vec<(String, Report)>,
@@ -218,7 +219,7 @@ struct Seen {
     reason: String,
 }
 
-/// The robot in virtual time.
+/// Robot in virtual time.
 struct InVirtualTime {
     machine: Virtual,
     seen: Rc<RefCell<Seen>>,
@@ -244,7 +245,7 @@ impl InVirtualTime {
         Self { machine, seen }
     }
 
-    /// All modules run, the steering is homed, it drives in a circle at 0.4 m/s for so long.
+    /// All modules run, the steering is homed, and it drives in a circle at 0.4 m/s for `seconds`.
     fn driving(seconds: f64) -> Self {
         let mut robot = Self::on(virtual_machine(&place(), Config::default()).expect("the shipped configuration"));
         robot.machine.spawn("watchdog", State::Run).expect("the watchdog starts");
@@ -288,7 +289,7 @@ impl InVirtualTime {
 }
 
 #[test]
-fn a_bad_crc_now_and_then_is_counted_and_asked_again() {
+fn an_occasional_bad_crc_is_counted_and_retried() {
     let mut robot = InVirtualTime::driving(20.0);
     let before = robot.node("so1").crc_errors;
     for _ in 0..5 {
@@ -303,7 +304,7 @@ fn a_bad_crc_now_and_then_is_counted_and_asked_again() {
 }
 
 #[test]
-fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_robot_drives_on() {
+fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_drives_on() {
     let mut robot = InVirtualTime::driving(60.0);
     let odo = robot.seen.borrow().odo;
     robot.fault("sd1_front", "bad_crc", 0.0);
@@ -316,7 +317,7 @@ fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_r
     ];
     assert_eq!(robot.reports(), expected);
     let node = robot.node("sd1_front");
-    // 16 transactions of 3 attempts, then one a second.
+    // 16 transactions of 3 attempts, then one per second.
     assert!((16 * 3 + 20..16 * 3 + 30).contains(&node.crc_errors), "{node:?}");
     assert_eq!((node.timeouts, node.state), (0, lowlevel::Node::LOST));
     let heard = robot.seen.borrow().odo - odo;
@@ -334,7 +335,7 @@ fn a_board_with_a_bad_crc_is_told_when_it_degrades_and_when_it_is_lost_and_the_r
 }
 
 #[test]
-fn an_unknown_instruction_is_told_once_and_counted_and_the_robot_drives_on() {
+fn an_unknown_instruction_is_reported_once_and_counted_and_the_robot_drives_on() {
     let mut robot = InVirtualTime::driving(40.0);
     robot.fault("sd1_rear", "refuses", 25.0);
     robot.pass(20.0);
@@ -348,7 +349,7 @@ fn an_unknown_instruction_is_told_once_and_counted_and_the_robot_drives_on() {
     robot.drives_on();
 }
 
-/// An EPOS on the bus that refuses to be told its quick stop deceleration.
+/// EPOS that refuses to have its quick stop deceleration written.
 struct Stubborn {
     ports: [PortSpec; 1],
     node: Node,
@@ -396,7 +397,7 @@ impl Module for Stubborn {
 }
 
 #[test]
-fn an_sdo_abort_at_boot_is_told_once_with_its_object_and_reason_and_tried_again() {
+fn an_sdo_abort_at_boot_is_reported_once_with_object_and_reason_and_retried() {
     let refused = Rc::new(RefCell::new(0));
     let count = refused.clone();
     let machine = Virtual::new(Config::default(), move |name, wanted| match name {
@@ -414,7 +415,7 @@ fn an_sdo_abort_at_boot_is_told_once_with_its_object_and_reason_and_tried_again(
     let attempts = *refused.borrow();
     assert!(attempts >= 30, "{attempts} attempts in a minute");
     let mut reports = robot.reports();
-    // The other drive is not there at all.
+    // The other drive is absent.
     reports.retain(|(_, _, line)| !line.starts_with("steering"));
     let line = "propulsion drive (node 1) cannot be booted: configuration: 0x6085:0 refused: data cannot be transferred in the present \
                 device state (0x08000022); tried again each second";

@@ -1,4 +1,4 @@
-//! `advee bench can` as its user runs it, on a bus over UDP.
+//! `advee bench can` as used from the shell, on a bus over UDP.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::support::{advee, can_port};
@@ -15,7 +15,7 @@ fn bench(one: u16, other: u16) -> (Output, Value) {
 }
 
 #[test]
-fn each_frame_is_heard_once_and_in_order_and_without_a_bus_none_is() {
+fn each_frame_is_received_once_and_in_order_and_none_without_a_bus() {
     let (port, elsewhere) = (can_port(), can_port());
     for (other, lost) in [(port, false), (elsewhere, true)] {
         let (output, report) = bench(port, other);

@@ -1,4 +1,4 @@
-//! `advee bench jitter` as its user runs it: the loop by itself, and beats and bus of the running simulated robot.
+//! `advee bench jitter` as used from the shell: the loop alone, and heartbeats and bus of the running simulated robot.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::support::{self, Robot, advee};
@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
 
-/// A bus without anybody, and so without a port that another test may have.
+/// Bus without participants, and so without a port that another test may use.
 const ALONE: &str = "memq://";
 
 fn json(output: &Output) -> Value {
@@ -22,13 +22,13 @@ fn complaint(output: &Output) -> String {
 }
 
 #[test]
-fn the_loop_is_measured_for_as_long_as_was_said() {
+fn the_loop_is_measured_for_the_given_time() {
     let run =
         |args: &[&str]| advee(ALONE, Path::new("run")).args(["bench", "jitter", "--json"]).args(args).output().unwrap();
     let report = json(&run(&["--interval", "2000", "--for", "0.5", "--histogram"]));
     let row = &report["rows"][0];
     let number = |key: &str| row[key].as_u64().unwrap();
-    // From the first moment to the last one, both counted; a late end misses some beyond.
+    // From the first to the last instant, inclusive; a late end misses some more.
     assert!(number("count") + number("missed") >= 251 && number("count") <= 251, "{report}");
     assert_eq!(number("period_us"), 2000);
     assert!(number("min_us") <= number("p99_us") && number("p99_us") <= number("p999_us"), "{report}");
@@ -40,9 +40,9 @@ fn the_loop_is_measured_for_as_long_as_was_said() {
     assert!(complaint(&run(&["--can", "no-such-interface0", "--for", "0.1"])).contains("no-such-interface0"));
 }
 
-/// In real time the loop waits by another system call.
+/// In real time the loop waits with another system call.
 #[test]
-fn real_time_is_taken_on_or_refused_in_one_line() {
+fn real_time_is_enabled_or_refused_in_one_line() {
     let run = |args: &[&str]| advee(ALONE, Path::new("run")).args(["bench", "jitter"]).args(args).output().unwrap();
     let output = run(&["--priority", "1", "--interval", "5000", "--for", "0.5", "--json"]);
     if !output.status.success() {
@@ -60,7 +60,7 @@ fn real_time_is_taken_on_or_refused_in_one_line() {
 }
 
 #[test]
-fn bench_alone_lists_what_it_can_do() {
+fn bench_without_arguments_lists_its_commands() {
     let output = advee(ALONE, Path::new("run")).arg("bench").output().unwrap();
     assert!(output.status.success(), "{output:?}");
     assert!(String::from_utf8_lossy(&output.stdout).contains("advee bench jitter "), "{output:?}");
@@ -80,7 +80,7 @@ fn ctrl_c_ends_a_measurement_with_its_report() {
 }
 
 #[test]
-fn a_running_robot_is_looked_at_on_its_bus_and_where_its_watchdog_looks() {
+fn a_running_robot_is_measured_on_its_bus_and_in_its_heartbeat_pages() {
     let robot = Robot::ready(&[]);
     let can = format!("udp:239.74.163.2:{}", robot::topology::can_port_beside(robot.port));
     let report = json(&robot.advee(&["bench", "jitter", "--can", &can, "--for", "2", "--json"]));

@@ -1,5 +1,5 @@
-//! `advee can …` as its user runs it: against nodes of the test's own on a UDP bus, and on the bus of the running
-//! simulated robot.
+//! `advee can …` as used from the shell: with simulated nodes on a UDP bus, and on the bus of the running simulated
+//! robot.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::command::{Outcome, values};
@@ -20,12 +20,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{JoinHandle, sleep, spawn};
 
-/// Something long, for uploads and downloads.
+/// Large object for uploads and downloads.
 const STORE: Entry = Entry::new(0x2F00, 0, DataType::Domain, Access::ReadWrite, 0);
-/// An object whose type nobody can know.
+/// Object of unknown type.
 const SECRET: Entry = Entry::new(0x2F01, 0, DataType::U16, Access::ReadWrite, 0);
 
-/// The drive stands.
+/// Drive at standstill.
 const STATUSWORD: Entry = Entry::new(0x6041, 0, DataType::U16, Access::ReadOnly, 0x0140).mappable();
 
 fn drive() -> Dictionary {
@@ -114,7 +114,7 @@ fn serve(port: &mut Port, nodes: &mut [Node]) {
 }
 
 #[test]
-fn scan_finds_who_is_on_the_bus_and_says_what_they_are() {
+fn scan_finds_and_identifies_the_nodes_on_the_bus() {
     let bus = Bus::new();
     let begin = std::time::Instant::now();
     let told = bus.run(&["scan"]).good();
@@ -139,7 +139,7 @@ fn objects_are_read_and_written_by_number_and_by_name() {
     assert!(read(&["0x6041"]).good().starts_with("node 5: 0x6041 Statusword = 0x0140 switch on disabled ("));
     assert!(read(&["Manufacturer device name"]).good().contains("0x1008 Manufacturer device name = \"EPOS\""));
     assert!(read(&["0x1018:2"]).good().contains("0x1018:2 Product code = 0x64100000"));
-    // An object that only its data sheet knows.
+    // An object that is only in the data sheet.
     assert!(read(&["0x2003:1"]).good().contains("0x2003:1 = 0x2033 (8243)"));
     let eds = workspace().join("buses/canopen/eds/epos_sim.eds").display().to_string();
     let told = read(&["version.software", "--eds", &eds, "--json"]).good();
@@ -182,7 +182,7 @@ fn long_objects_go_through_files_in_segments_and_in_blocks() {
 }
 
 #[test]
-fn a_command_to_nodes_is_seen_obeyed_or_is_no_success() {
+fn a_command_to_nodes_succeeds_only_if_they_follow_it() {
     let bus = Bus::new();
     let nmt = |args: &[&str]| bus.run(&[&["nmt"], args].concat());
     assert_eq!(nmt(&["start", "5"]).good(), "node 5: operational\n");
@@ -244,7 +244,7 @@ fn monitor_decodes_what_crosses_the_bus() {
 }
 
 #[test]
-fn what_cannot_be_meant_is_one_clear_line() {
+fn an_invalid_command_line_is_one_clear_line() {
     let run = |args: &[&str]| {
         let mut command = advee("udpm://239.255.76.67:7667?ttl=0", &std::env::temp_dir().join("advee-can-none"));
         Outcome::of(command.arg("can").args(args).output().unwrap())
@@ -259,7 +259,7 @@ fn what_cannot_be_meant_is_one_clear_line() {
 }
 
 #[test]
-fn a_bus_that_a_module_holds_is_listened_to_and_otherwise_its_modules_own() {
+fn a_bus_held_by_a_module_is_monitored_and_otherwise_left_to_the_module() {
     let mut robot = Robot::ready(&[]);
     let driver = robot.view.pid("driver_canbus");
     let can = |robot: &Robot, args: &[&str]| Outcome::of(robot.advee(&[&["can"], args].concat()));
@@ -292,10 +292,10 @@ fn a_bus_that_a_module_holds_is_listened_to_and_otherwise_its_modules_own() {
         let refused = can(&robot, command).bad();
         assert!(refused.contains(&format!("can.main is held by driver_canbus, process {driver}: ")), "{refused}");
     }
-    // Nothing of it has disturbed the robot.
+    // The robot was not disturbed.
     robot.pass(0.3);
     assert!(robot.view.all_run() && robot.view.is_homed());
-    // Stopped, the bus is free, and the drives of the simulator answer.
+    // With the module stopped the bus is free, and the drives of the simulator answer.
     assert!(robot.advee(&["state", "driver_canbus", "TERMINATE"]).status.success());
     robot.until("the driver has ended", 5.0, |_| !Path::new(&format!("/proc/{driver}")).exists());
     let told = can(&robot, &["sdo", "read", "propulsion", "Statusword"]).good();

@@ -1,9 +1,8 @@
-//! CANopen against code of others: `python-canopen` on `python-can`'s `udp_multicast`, once as the master of our node,
-//! once as the slave of our master, once as a CiA 402 drive that counts what it must refuse.
+//! CANopen against independent code: `python-canopen` on `python-can`'s `udp_multicast`, as the master of our node, as
+//! the slave of our master, and as a CiA 402 drive that counts invalid commands.
 //!
-//! Each test has a bus of its own: a UDP port that nobody else has. The scripts beside this file do the other side's
-//! part and judge what they see; they end with 0 when all is as it must be. Which clause which test covers:
-//! `docs/conformance/canopen.md`, "Peers".
+//! Each test has its own bus: an unused UDP port. The scripts beside this file implement the other side and verify what
+//! they receive; they end with 0 on success. Clauses covered by the tests: `docs/conformance/canopen.md`, "Peers".
 
 mod bus;
 mod drive;

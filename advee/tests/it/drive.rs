@@ -1,4 +1,4 @@
-//! The main job, live: `advee up --sim`, driven, broken, and ended, as its user would.
+//! Main scenarios, live: `advee up --sim`, driven, harmed and ended, as from the shell.
 
 use crate::support::{self, Robot};
 use base::Fault;
@@ -16,14 +16,14 @@ fn it_drives_as_commanded_and_ctrl_c_leaves_nothing() {
     robot.until("the command has ended and the robot stands", 10.0, |view| view.speed().abs() < 0.01);
     assert!(drive.wait().unwrap().success());
 
-    // 3 s at 0.4 m/s, less the ramps of 0.5 m/s²; at 0.1 rad the yaw rate is 0.4 · tan(0.1) / 0.6.
+    // 3 s at 0.4 m/s, minus the ramps of 0.5 m/s²; at 0.1 rad the yaw rate is 0.4 · tan(0.1) / 0.6.
     let end = robot.view.truth.clone().unwrap();
     let path = (end.x - start.x).hypot(end.y - start.y);
     let turn = end.theta - start.theta;
     assert!((0.7..1.3).contains(&path), "moved {path} m");
     assert!((0.10..0.25).contains(&turn), "turned {turn} rad");
     assert_eq!(end.collisions, 0);
-    // The odometry tells the same.
+    // The odometry agrees.
     let odo = robot.view.odo.clone().unwrap();
     assert!((odo.path - path).abs() < 0.1, "odometry {} m, truth {path} m", odo.path);
 
@@ -41,7 +41,8 @@ fn silence_begins_a_quick_stop() {
     let mut robot = Robot::ready(&[]);
     robot.drive(0.4, 0.0, 1.5);
     assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
-    // From here on nobody commands: a quick stop at 1.5 m/s² takes 0.27 s after the 0.25 s of the command's life.
+    // From here on there are no commands: a quick stop at 1.5 m/s² takes 0.27 s after the 0.25 s of the command's
+    // validity.
     let stopping = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
     assert!(stopping.as_millis() < 400, "begun after {stopping:?}");
     robot.until("the robot stands", 1.0, |view| view.speed().abs() < 0.01);
@@ -52,12 +53,12 @@ fn silence_begins_a_quick_stop() {
 }
 
 #[test]
-fn the_death_of_a_critical_module_stops_the_robot_and_it_drives_again_when_asked_anew() {
+fn the_death_of_a_critical_module_stops_the_robot_until_a_new_command() {
     let mut robot = Robot::ready(&[]);
     robot.drive(0.4, 0.0, 1.2);
     let pid = robot.view.pid("driver_rs485a");
     robot.kill("driver_rs485a");
-    // The source goes on as if nothing had happened: it must not move the robot when the module is back.
+    // The source continues unchanged: it must not move the robot when the module is back.
     robot.drive(0.4, 0.0, 1.5);
     assert!(robot.view.runs("driver_rs485a") && robot.view.pid("driver_rs485a") != pid, "it is back");
     assert!(robot.view.speed().abs() < MOVES, "it resumed by itself");
@@ -113,17 +114,17 @@ fn a_watchdog_that_dies_is_followed_by_one_that_takes_its_modules_over() {
     robot.view.motion = None;
     robot.until("all modules run again, homed", 20.0, |view| view.all_run() && view.is_homed());
     assert_eq!(pids(&robot), before, "the same processes, taken over");
-    // Nobody has commanded since.
+    // No commands since.
     robot.until("it stands", 2.0, |view| view.speed().abs() < 0.01);
 }
 
 #[test]
-fn a_module_that_hangs_is_ended_and_is_back() {
+fn a_hung_module_is_killed_and_restarted() {
     let mut robot = Robot::ready(&[]);
     let pid = robot.view.pid("driver_canbus");
     robot.drive(0.4, 0.0, 1.2);
     support::signal(pid, "STOP");
-    // The drives miss the master's heartbeat, the watchdog its beats.
+    // The drives miss the master's heartbeat, the watchdog the module's.
     robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
     robot.until("it is back", 6.0, |view| view.runs("driver_canbus") && view.pid("driver_canbus") != pid);
     let hung = |error: &messages::common::Error| error.number == Fault::ModuleHung as i32;
@@ -131,7 +132,7 @@ fn a_module_that_hangs_is_ended_and_is_back() {
 }
 
 #[test]
-fn a_module_obeys_state_commands_and_keeps_them_over_its_death() {
+fn a_module_follows_state_commands_and_keeps_its_state_after_a_restart() {
     let mut robot = Robot::ready(&[]);
     let done = robot.advee(&["state", "driver_rs485a", "STOP"]);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
@@ -148,7 +149,7 @@ fn a_module_obeys_state_commands_and_keeps_them_over_its_death() {
 }
 
 #[test]
-fn nonsense_on_the_bus_is_reported_once_and_survived() {
+fn malformed_messages_are_reported_once_and_survived() {
     let mut robot = Robot::ready(&[]);
     let odo = lowlevel::DataOdo::default();
     let mut wrong = Vec::new();
@@ -164,14 +165,14 @@ fn nonsense_on_the_bus_is_reported_once_and_survived() {
     robot.drive(0.0, 0.0, 0.5);
     robot.drive(0.4, 0.0, 1.2);
     assert!(robot.view.speed() > 0.35, "{}", robot.view.reason());
-    let told = |module: &str, what: &str| {
+    let reported = |module: &str, what: &str| {
         let malformed = robot.view.errors.iter().filter(|error| error.number == Fault::MessageMalformed as i32);
         malformed.filter(|error| error.module == module && error.message.contains(what)).count()
     };
     for what in ["fingerprint", "truncated"] {
-        assert_eq!(told("driver_canbus", what), 1, "{what}: once by cause: {:?}", robot.view.errors);
+        assert_eq!(reported("driver_canbus", what), 1, "{what}: once by cause: {:?}", robot.view.errors);
     }
-    assert_eq!(told("watchdog", "is not LCM's"), 1, "{:?}", robot.view.errors);
+    assert_eq!(reported("watchdog", "is not LCM's"), 1, "{:?}", robot.view.errors);
 
     for (speed, steering) in [(f64::NAN, 0.0), (9.0, 0.0), (0.4, 2.0)] {
         robot.drive(0.0, 0.0, 0.6);

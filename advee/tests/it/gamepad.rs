@@ -1,5 +1,5 @@
-//! A gamepad drives the simulated robot, live: the simulator's, one that somebody plays, and one of the kernel's where
-//! there can be one.
+//! A gamepad drives the simulated robot, live: that of the simulator, one played by the test, and one of the kernel if
+//! available.
 
 use crate::support::{self, Robot};
 use base::Fault;
@@ -10,7 +10,7 @@ use std::process::{Child, Stdio};
 
 const PAD: &str = "device Test's pad\naxis ABS_X -100 100 0 0 0\naxis ABS_Y -100 100 0 0 0\nbutton BTN_TL 0\nfound\n";
 
-/// A FIFO that stands for a gamepad, with somebody's hand in it.
+/// FIFO in place of a gamepad, written by the test.
 struct Hand {
     path: PathBuf,
     fifo: Option<std::fs::File>,
@@ -78,14 +78,14 @@ fn a_stream_of_events_drives_the_robot_and_its_end_stops_it() {
     stands(&mut robot, "let go");
     assert!(!robot.view.motion.as_ref().is_some_and(|motion| motion.quick_stop && motion.speed_target > 0.0));
 
-    // The stick was never let go: it must be, first.
+    // The stick was not released: it must be, first.
     hand.say("key BTN_TL 1\nframe\n");
     robot.pass(1.0);
     assert!(robot.view.speed().abs() < 0.01);
     let waits = |error: &&messages::common::Error| error.number == Fault::GamepadNotReleased as i32;
     assert!(robot.view.errors.iter().find(waits).is_some_and(|error| error.message.contains("ABS_Y")));
     hand.say("abs ABS_Y 0\nframe\nabs ABS_Y -100\nframe\n");
-    // Both within one turn would not be seen to be in the middle; each frame is.
+    // Both within one turn would hide the centre position; each frame is processed.
     robot.until("it moves again", 3.0, |view| view.speed() > 0.4);
 
     let begin = std::time::Instant::now();
@@ -95,7 +95,7 @@ fn a_stream_of_events_drives_the_robot_and_its_end_stops_it() {
     assert!(begin.elapsed().as_millis() < 300, "{:?}", begin.elapsed());
     stands(&mut robot, "unplugged");
 
-    // Plugged in again with everything pushed.
+    // Plugged in again with everything pressed.
     hand.plug();
     hand.say(&PAD.replace("BTN_TL 0", "BTN_TL 1").replace("0 0 0\nbutton", "0 0 -100\nbutton"));
     robot.pass(1.0);
@@ -117,7 +117,7 @@ fn the_simulator_s_gamepad_is_held_from_the_shell_and_survives_its_driver() {
     pad(&robot, &["hold"]);
     pad(&robot, &["speed", "0.8"]);
     robot.until("it moves", 3.0, |view| view.speed() > 0.2);
-    // Whoever drives dies with the button held: the robot stops, and the new one waits for the button.
+    // The driver dies with the button held: the robot stops, and the new process waits for the button.
     robot.kill("driver_joydev");
     stands(&mut robot, "its driver is dead");
     robot.until("it is back", 5.0, |view| view.runs("driver_joydev"));
@@ -132,7 +132,7 @@ fn the_simulator_s_gamepad_is_held_from_the_shell_and_survives_its_driver() {
 
     let refused = robot.advee(&["fault", "gamepad", "eat"]);
     assert!(!refused.status.success());
-    // Somebody plays another one into the socket.
+    // Another gamepad connects to the socket.
     let mut player = std::os::unix::net::UnixStream::connect(robot.run_dir.join("gamepad")).expect("it is there");
     player.write_all(PAD.as_bytes()).expect("it listens");
     player.write_all(b"key BTN_TL 1\nframe\nabs ABS_Y -50\nframe\n").expect("it listens");
@@ -157,7 +157,7 @@ fn a_gamepad_of_the_kernel_drives_the_robot() {
     robot.until("it is gone", 1.0, |view| view.joydev.as_ref().is_some_and(|pad| !pad.connected));
 }
 
-/// A gamepad made by `/dev/uinput`, in a Python process that needs nothing but its standard library.
+/// Gamepad made with `/dev/uinput`, in a Python process that needs only the standard library.
 struct Uinput(Child);
 
 impl Uinput {
@@ -173,7 +173,7 @@ impl Uinput {
         self.0.stdin.as_mut().expect("it listens").write_all(lines.as_bytes()).expect("it listens");
     }
 
-    /// It hears the end, and so the device goes.
+    /// The end of its input removes the device.
     fn end(&mut self) {
         self.0.stdin = None;
         let _ = self.0.wait();

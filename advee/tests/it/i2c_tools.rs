@@ -1,4 +1,5 @@
-//! `advee i2c …` as its user runs it: on the running simulated robot, beside its driver, and against what is no bus.
+//! `advee i2c …` as used from the shell: on the running simulated robot, beside its driver, and on devices that are not
+//! a bus.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::support::{self, Robot, advee};
@@ -55,7 +56,7 @@ fn the_simulated_robot_s_fan_controller_is_found_read_and_written_while_its_driv
 
     let limit = json(&good(&robot, &["i2c", "get", "fan1", "over-temperature_limit_2", "--json"]));
     assert_eq!((&limit[0]["value"], &limit[0]["meaning"]), (&75.into(), &"75 °C".into()));
-    // What its driver does not watch stays as it was written; the rest is put right.
+    // Registers that the driver does not monitor keep the written value; the others are restored.
     let wrote = good(&robot, &["i2c", "set", "fan1", "over_temperature_mask", "0x80"]);
     assert_eq!(wrote, "fan1 (0x18) 06 over-temperature mask: 0x80  channel 1\n");
     assert_eq!(good(&robot, &["i2c", "get", "0x18", "0x06"]), wrote);
@@ -74,7 +75,7 @@ fn the_simulated_robot_s_fan_controller_is_found_read_and_written_while_its_driv
     let why = refused(&robot, &["i2c", "scan", "--bus", "main"]);
     assert!(why.contains("robot.toml has no bus [i2c.main]; it has aux"), "{why}");
 
-    // A chip that is gone is told by the tools and by the driver, and comes back.
+    // A missing chip is reported by the tools and by the driver, and comes back.
     good(&robot, &["fault", "fan1", "hold", "--for", "3"]);
     robot.until("driver_aux ERROR", 5.0, |view| {
         view.processes.get("driver_aux").is_some_and(|process| process.state == common::DataState::ERROR)
@@ -85,7 +86,7 @@ fn the_simulated_robot_s_fan_controller_is_found_read_and_written_while_its_driv
 }
 
 #[test]
-fn what_is_no_bus_is_refused_by_name() {
+fn a_device_that_is_not_a_bus_is_refused_by_name() {
     for (port, why) in [
         ("/dev/full", "/dev/full is no I2C adapter"),
         ("/dev/no-such-adapter", "/dev/no-such-adapter: "),

@@ -1,11 +1,11 @@
-//! `advee lcm gen` as its user runs it.
+//! `advee lcm gen` as used from the shell.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// A folder of one's own, gone at the end.
+/// Temporary folder, removed at the end.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -70,7 +70,7 @@ fn a_folder_becomes_a_file_or_a_file_for_each_package() {
 }
 
 #[test]
-fn check_writes_nothing_and_tells_old_code_from_new() {
+fn check_writes_nothing_and_detects_outdated_code() {
     let folder = Folder::new("check");
     let (point, out) = (folder.file("point_t.lcm", POINT), folder.path("types.rs"));
     let differs = (1, String::new(), format!("advee: {out}: is not what the types would give\n"));
@@ -84,10 +84,10 @@ fn check_writes_nothing_and_tells_old_code_from_new() {
 }
 
 #[test]
-fn what_is_wrong_is_one_line_with_its_place() {
+fn an_error_is_one_line_with_its_position() {
     let folder = Folder::new("wrong");
     let bad = folder.file("bad_t.lcm", "package demo;\nstruct bad_t\n{\n    double x[n];\n}\n");
-    let message = format!("advee: {bad}:4:14: `n` is no constant or member declared before\n");
+    let message = format!("advee: {bad}:4:14: `n` is not a constant or member declared before\n");
     assert_eq!(generate(&[&bad]), (1, String::new(), message));
     let empty = folder.path("");
     fs::remove_file(&bad).unwrap();

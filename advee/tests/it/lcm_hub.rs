@@ -1,4 +1,4 @@
-//! `advee lcm hub` as its user runs it, with two of our clients.
+//! `advee lcm hub` as used from the shell, with two clients of this project.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lcm::live::Lcm;
@@ -7,10 +7,10 @@ use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Whatever has not happened by then does not happen.
+/// Timeout.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// The process, ended with the test.
+/// Process, ended with the test.
 struct Hub(Child);
 
 impl Drop for Hub {
@@ -27,7 +27,7 @@ fn hub(arguments: &[&str]) -> Command {
 }
 
 #[test]
-fn the_hub_says_where_it_listens_who_comes_and_what_it_did() {
+fn the_hub_prints_its_address_its_clients_and_its_counts() {
     let mut hub = Hub(hub(&["127.0.0.1:0", "--json"]).spawn().unwrap());
     let mut stdout = BufReader::new(hub.0.stdout.take().unwrap()).lines();
     let mut stderr = BufReader::new(hub.0.stderr.take().unwrap()).lines();
@@ -61,7 +61,7 @@ fn the_hub_says_where_it_listens_who_comes_and_what_it_did() {
 }
 
 #[test]
-fn the_hub_ends_when_its_time_is_over_and_says_an_address_that_is_not_ours() {
+fn the_hub_ends_after_its_time_and_names_an_address_it_cannot_use() {
     let output = hub(&["127.0.0.1:0", "--for", "0.05"]).output().unwrap();
     assert!(output.status.success());
     let said = String::from_utf8(output.stdout).unwrap();

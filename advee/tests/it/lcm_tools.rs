@@ -1,4 +1,4 @@
-//! `advee lcm …` as its user runs it, each on a bus of its own, against publishers in the test.
+//! `advee lcm …` as used from the shell, each on a separate bus, against publishers in the test.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::command::Outcome;
@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// A bus of one's own.
+/// Separate bus.
 struct Bench {
     url: String,
     folder: PathBuf,
@@ -39,7 +39,7 @@ impl Bench {
         Outcome::of(self.command(args).output().expect("the executable is built"))
     }
 
-    /// Publishes the messages, all of them every 10 ms, until dropped.
+    /// Publishes all messages every 10 ms, until dropped.
     fn publish(&self, messages: Vec<(String, Vec<u8>)>) -> Publisher {
         let (url, stop) = (self.url.clone(), Arc::new(AtomicBool::new(false)));
         let stopped = stop.clone();
@@ -129,7 +129,7 @@ fn list_shows_every_channel_with_type_rate_and_size() {
     assert_eq!(state["bytes"].as_u64().unwrap(), state["messages"].as_u64().unwrap() * self::state(3).len() as u64);
     assert!(state["gap_s"]["min"].as_f64().unwrap() <= state["gap_s"]["max"].as_f64().unwrap());
     assert_eq!((&total["total"]["channels"], &total["total"]["lost"]), (&json!(2), &json!(0)));
-    // Beside the listener itself, which tests itself.
+    // In addition to the listener itself, which performs a self test.
     let publishers = total["total"]["publishers"].as_array().unwrap();
     assert_eq!(publishers.iter().filter(|publisher| publisher["datagrams"].as_u64().unwrap() > 10).count(), 1);
     let keys: Vec<&str> = state.as_object().unwrap().keys().map(String::as_str).collect();
@@ -158,7 +158,7 @@ fn hz_and_bw_measure_the_channels_asked_for() {
 }
 
 #[test]
-fn silence_is_an_answer_that_says_where() {
+fn silence_is_reported_with_the_bus() {
     let bench = Bench::new();
     for args in [&["list"][..], &["hz", "A"], &["bw", "A"], &["echo", "A"], &["list", "--json"]] {
         let Outcome { code, out, err } = bench.run(&[args, &["--for", "0.2"]].concat());
@@ -203,7 +203,7 @@ fn mistakes_on_the_command_line_are_one_line_each() {
     }
 }
 
-/// Listens like a module would, to what `advee lcm pub` sends.
+/// Subscribes like a module to the output of `advee lcm pub`.
 fn take(lcm: &mut Lcm, count: usize) -> Vec<(String, Vec<u8>)> {
     let mut taken = Vec::new();
     let begin = std::time::Instant::now();
@@ -240,7 +240,7 @@ fn pub_sends_what_generated_code_would() {
             other => panic!("{other:?}"),
         })
         .collect();
-    // Absolute times: two periods of 20 ms lie between the first and the last, whatever delays the one between.
+    // Absolute deadlines: two periods of 20 ms lie between the first and the last, whatever delays the one between.
     assert!(times[0] > 1_600_000_000_000_000 && times[2] - times[0] > 20_000, "{times:?}");
     assert!(bus.recv().unwrap().is_none());
 
@@ -254,7 +254,7 @@ fn pub_reads_a_message_a_line_and_echo_writes_them() {
     let mut bus = listen(&bench.url);
     let mut publisher = bench.command(&["pub", "CM_DATA_STATE", "-"]).stdin(Stdio::piped()).spawn().unwrap();
     let mut stdin = publisher.stdin.take().unwrap();
-    // Half a line is no message yet, and the last one needs no end.
+    // Half a line is not a message yet, and the last one needs no line end.
     stdin.write_all(b"{\"timestamp\":7,\"module\":\"driver\",\"state\":1}\n\n{\"timestamp\":7,\"module\":").unwrap();
     assert_eq!(take(&mut bus, 1)[0].1, state(1));
     stdin.write_all(b"\"driver\",\"state\":2}\n{\"timestamp\":7,\"module\":\"driver\",\"state\":3}").unwrap();
@@ -269,7 +269,7 @@ fn pub_reads_a_message_a_line_and_echo_writes_them() {
 }
 
 #[test]
-fn pub_ends_when_it_is_told_to_though_stdin_stays_open() {
+fn pub_ends_on_a_signal_although_stdin_stays_open() {
     let bench = Bench::new();
     let mut timed =
         bench.command(&["pub", "CM_DATA_STATE", "-", "--for", "0.2"]).stdin(Stdio::piped()).spawn().unwrap();
@@ -304,9 +304,9 @@ fn echo_shows_messages_on_a_line_on_many_and_as_json() {
 }
 
 #[test]
-fn types_of_others_are_read_from_their_files() {
+fn foreign_types_are_read_from_their_files() {
     let bench = Bench::new();
-    // One of ours within one of theirs, and one of ours in another version.
+    // A robot's type within a foreign one, and another version of a robot's type.
     bench.file("types/a.lcm", "package theirs; struct scan_t { int32_t n; lowlevel.range_t ranges[n]; byte raw[2]; }");
     bench.file("types/deep/b.lcm", "package common; struct data_state_t { string text; }");
     bench.file("types/README", "no type file");
@@ -335,7 +335,7 @@ fn types_of_others_are_read_from_their_files() {
 }
 
 #[test]
-fn losses_are_told_by_publisher() {
+fn losses_are_reported_by_publisher() {
     let bench = Bench::new();
     let stop = Arc::new(AtomicBool::new(false));
     let (stopped, url) = (stop.clone(), lcm::Url::parse(&bench.url).unwrap().0);
@@ -367,7 +367,7 @@ fn losses_are_told_by_publisher() {
 }
 
 #[test]
-fn a_log_is_listened_to_like_a_bus() {
+fn a_log_is_received_like_a_bus() {
     let bench = Bench::new();
     let path = bench.folder.join("some.log").display().to_string();
     let write = lcm::Url::parse(&format!("file://{path}?mode=w")).unwrap().0;
@@ -384,7 +384,7 @@ fn a_log_is_listened_to_like_a_bus() {
     assert!(nobody.err.starts_with("advee: nothing on NOBODY is heard on file://"), "{}", nobody.err);
 }
 
-/// Reads the first line that a running command prints.
+/// Reads the first line printed by a running command.
 fn first_line(child: &mut Child) -> (String, BufReader<ChildStdout>) {
     let mut reader = BufReader::new(child.stdout.take().unwrap());
     let mut line = String::new();
@@ -393,7 +393,7 @@ fn first_line(child: &mut Child) -> (String, BufReader<ChildStdout>) {
 }
 
 #[test]
-fn a_reader_that_has_read_enough_ends_the_command_without_a_word() {
+fn a_closed_pipe_ends_the_command_silently() {
     let bench = Bench::new();
     let _publisher = bench.publish(some());
     let mut echo = bench.command(&["echo", ".*"]).spawn().unwrap();

@@ -1,9 +1,9 @@
-//! Whoever is killed, nothing of a robot is left over; and two robots never share a run folder.
+//! No process of a robot is left over, whichever process is killed; and two robots never share a run folder.
 
 use crate::support::{self, Robot};
 use std::time::{Duration, Instant};
 
-/// Waits until the robot has no process any more: modules end when they have heard no watchdog for 3 s.
+/// Waits until the robot has no process left: modules end after 3 s without a watchdog.
 #[track_caller]
 fn all_gone(robot: &Robot) {
     let begin = Instant::now();

@@ -1,4 +1,4 @@
-//! What the logger of a whole robot wrote, opened by readers that others wrote: PyPI's `mcap`, `mcap-ros2-support`, `rosbags`.
+//! Output of the logger of a whole robot, opened by independent readers: PyPI's `mcap`, `mcap-ros2-support`, `rosbags`.
 
 use crate::support::{Robot, logs, python, workspace};
 use messages::common::CmdLog;
@@ -33,7 +33,7 @@ fn a_run_of_the_robot_is_read_by_the_official_readers_and_by_rosbags() {
     }
     let metadata: Vec<String> = names(&read["files"][0]["metadata"]);
     assert!(metadata.iter().any(|name| name == "mark") && metadata.iter().any(|name| name == "advee"), "{metadata:?}");
-    // Each ROS topic has as many messages for all three, and each channel its twin.
+    // Each ROS topic has the same number of messages in all three, and each channel its ROS form.
     let counts = read["mcap"].as_object().expect("topics");
     for (topic, count) in counts.iter().filter(|(topic, _)| topic.starts_with('/')) {
         assert_eq!((&read["ros2"][topic], &read["rosbags"][topic]), (count, count), "{topic}");

@@ -1,4 +1,4 @@
-//! `advee log …` as its user runs it: on runs made here, on the official library's own log, and with its programs.
+//! `advee log …` as used from the shell: on runs made here, on the official library's own log, and with its programs.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::command::Outcome;
@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 
 const OFFICIAL: &str = "foundation/lcm/tests/official.lcmlog";
 
-/// A folder and a bus of one's own.
+/// Separate folder and bus.
 struct Bench {
     url: String,
     folder: PathBuf,
@@ -51,7 +51,7 @@ impl Bench {
         Outcome::of(self.command(args).output().unwrap())
     }
 
-    /// A run of the robot's in two files.
+    /// Run of the robot in two files.
     fn sample(&self, name: &str) -> String {
         let folder = self.folder.join(name);
         fs::create_dir_all(&folder).unwrap();
@@ -67,7 +67,7 @@ impl Drop for Bench {
     }
 }
 
-/// A message of the sample: ms after its start, channel, data.
+/// Message of the sample: ms after its start, channel, data.
 type Line = (u64, String, Vec<u8>);
 
 const START: u64 = 1_700_000_000_000_000_000;
@@ -78,7 +78,7 @@ fn encoded(message: impl Into<Message>) -> Vec<u8> {
     data
 }
 
-/// 100 messages in 0.99 s: states, ranges (one more each time), commands, and one that nobody knows.
+/// 100 messages in 0.99 s: states, ranges (one more each time), commands, and one of unknown type.
 fn messages() -> Vec<Line> {
     let range = |id| lowlevel::Range { id, x: 0.25, y: -1.0, theta: 0.0, distance: f64::NAN, valid: id > 1 };
     let line = |i: u64| {
@@ -97,7 +97,7 @@ fn messages() -> Vec<Line> {
     (0..100).map(line).collect()
 }
 
-/// Log file of these messages, each also as ROS 2 would have it, which here is but a name and some bytes.
+/// Log file of these messages, each also in a ROS 2 form, which here is only a name and some bytes.
 fn file(messages: &[Line], first: u32) -> Vec<u8> {
     let options = WriteOptions::new().compression(None).profile("ros2").library("advee test").chunk_size(Some(2000));
     let mut writer = Writer::with_options(Cursor::new(Vec::new()), options).unwrap();
@@ -145,7 +145,7 @@ fn events(path: &str) -> Vec<Line> {
 }
 
 #[test]
-fn info_tells_times_channels_rates_attachments_and_marks() {
+fn info_lists_times_channels_rates_attachments_and_marks() {
     let bench = Bench::new();
     let run = bench.sample("run");
     let text = bench.run(&["info", &run]).good();
@@ -166,7 +166,7 @@ fn info_tells_times_channels_rates_attachments_and_marks() {
     assert_eq!(log["files"][1]["indexed"], true);
     assert_eq!(log["marks"][1]["text"], "mark 60");
 
-    // Cut off, it says so and shows what is there.
+    // For a truncated file it reports so and shows the remaining content.
     let whole = file(&messages(), 0);
     let cut = bench.path("cut.mcap");
     fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
@@ -287,7 +287,7 @@ fn a_part_of_a_log_is_a_log_with_both_forms_and_all_attachments() {
     assert!(topics.chunks(2).all(|pair| pair == ["LL_DATA_SRFS", "/LL_DATA_SRFS"]));
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     assert_eq!(summary.attachment_indexes.len(), 2);
-    // Everything of it is the log itself again.
+    // All of its parts form the original log again.
     let all = bench.path("all.mcap");
     bench.run(&["export", &run, "--format", "mcap", "--out", &all]).good();
     assert!(bench.run(&["diff", &run, &all, "--times"]).good().starts_with("the same: 100 messages on 4 channels"));
@@ -320,14 +320,14 @@ fn what_is_imported_comes_out_again_and_ros_2_reads_it() {
     assert_eq!(channel("FOREIGN")["types"], json!([]));
     let error = bench.run(&["import", &log, "--out", &run]).bad();
     assert!(error.ends_with("is there already and not empty"), "{error}");
-    // The official library's own log.
+    // Log of the official library.
     let (official, out) = (workspace().join(OFFICIAL).display().to_string(), bench.path("official"));
     bench.run(&["import", &official, "--out", &out]).good();
     assert!(bench.run(&["diff", &official, &out, "--times"]).good().starts_with("the same: 80 messages"));
 }
 
 #[test]
-fn recover_makes_an_index_in_place_or_beside_and_tells_what_is_lost() {
+fn recover_restores_the_index_in_place_or_in_a_copy_and_reports_losses() {
     let bench = Bench::new();
     let whole = file(&messages(), 0);
     let (log, beside) = (bench.path("log.mcap"), bench.path("log.recovered.mcap"));
@@ -376,7 +376,7 @@ fn diff_finds_the_first_message_that_differs() {
     assert_eq!(lines.iter().map(|line| &line["first"]).collect::<Vec<_>>(), [&json!(2), &Value::Null, &json!(0)]);
 }
 
-/// Takes messages with the kernel's receive times, until so many came.
+/// Takes `count` messages with the kernel's receive times.
 fn take(bus: &mut Lcm, count: usize) -> Vec<(u64, String, Vec<u8>)> {
     let (mut taken, begin) = (Vec::new(), Instant::now());
     while taken.len() < count {
@@ -389,7 +389,7 @@ fn take(bus: &mut Lcm, count: usize) -> Vec<(u64, String, Vec<u8>)> {
     taken
 }
 
-/// How many of 100 sleeps of 10 ms end more than 1 ms late.
+/// Number of 100 sleeps of 10 ms that end more than 1 ms late.
 fn late_sleeps() -> usize {
     let late = |_: &i32| {
         let begin = Instant::now();
@@ -418,12 +418,12 @@ fn play_is_exact_in_order_and_in_time() {
                 .map(|(_, channel, data)| (channel, data))
                 .eq(sample.iter().map(|(_, channel, data)| (channel, data)))
         );
-        // Against the message that came earliest for its time: what delayed one of them delays no other.
+        // Relative to the message that was earliest for its time: a delay of one message delays no other.
         let ahead = |(at, _, _): &Line, (ms, _, _): &Line| *at as i64 - (*ms as f64 * 1e6 / speed) as i64;
         let delays: Vec<i64> = taken.iter().zip(&sample).map(|(got, wanted)| ahead(got, wanted)).collect();
         let least = *delays.iter().min().unwrap();
         let late = delays.iter().filter(|delay| **delay - least > 1_000_000).count();
-        // What this machine delays in the same second is none of the player's.
+        // Delays of this machine in the same second are not the player's.
         let theirs = machine.join().unwrap();
         assert!(late <= 10 + 2 * theirs, "{late} of 100 more than 1 ms late, {theirs} sleeps too: {delays:?}");
     }
@@ -440,12 +440,12 @@ fn play_takes_parts_renames_and_leaves_commands_out() {
     let taken = take(&mut bus, 37);
     assert!(taken.iter().any(|line| line.1 == "OTHER"));
     assert!(taken.iter().all(|line| line.1 != "LL_CMD_MOTION" && line.1 != "FOREIGN"));
-    // An event log, again and again until the time is over.
+    // An event log, repeated until the time is over.
     let log = bench.path("log.lcmlog");
     bench.run(&["export", &run, "--format", "lcm", "--out", &log, "-c", "FOREIGN"]).good();
     let told = bench.run(&["play", &log, "--speed", "50", "--loop", "--for", "1", "--json"]).values();
     assert!(told[0]["messages"].as_u64().unwrap() > 50, "{told:?}");
-    // What nobody can play, or has.
+    // Logs that cannot be played or do not exist.
     let options = WriteOptions::new().compression(None);
     let mut writer = Writer::with_options(Cursor::new(Vec::new()), options).unwrap();
     let channel_id = writer.add_channel(0, "/imu", "cdr", &BTreeMap::new()).unwrap();
@@ -470,7 +470,7 @@ fn play_takes_parts_renames_and_leaves_commands_out() {
     }
 }
 
-/// A program of others, ended with the test.
+/// External program, ended with the test.
 struct Tool(Child);
 
 impl Drop for Tool {
@@ -521,13 +521,13 @@ fn the_official_logger_records_what_is_played() {
     for (got, wanted) in got.iter().zip(&sample) {
         assert!(got.1 == wanted.1 && got.2 == wanted.2);
     }
-    // As the logger sees it: 0.99 s from the first to the last.
+    // As recorded by the logger: 0.99 s from the first to the last.
     let took = (got[99].0 - got[0].0) as f64 / 1e6;
     assert!((took - 0.99).abs() < 0.05, "{took}");
 }
 
 #[test]
-fn a_mark_reaches_the_logger_and_its_answer_is_told() {
+fn a_mark_reaches_the_logger_and_its_answer_is_printed() {
     let bench = Bench::new();
     let mut bus = listen(&bench.url);
     let mark = bench.command(&["mark", "the dog crossed"]).spawn().unwrap();

@@ -1,7 +1,7 @@
-//! The logger's process, as it is run: what it records, what killing it costs, and what it does on a disk that is full or
-//! read-only, among too many channels, beside a huge message and in a flood.
+//! Process of the logger: what it records, the loss when it is killed, and its behavior on a disk that is full or
+//! read-only, with too many channels, with a huge message and under overload.
 //!
-//! A step of the wall clock cannot be made here without stepping everybody's; the module's own tests have it.
+//! A step of the wall clock would affect all processes here; the module's own tests cover it.
 
 use crate::log::{self, Rig, publish};
 use crate::support;
@@ -26,7 +26,7 @@ fn wall() -> u64 {
 }
 
 #[test]
-fn everything_that_was_said_is_in_the_file_once_and_in_order() {
+fn every_message_is_in_the_file_once_and_in_order() {
     let mut rig = Rig::new();
     let logger = rig.start(&[]);
     let begun = wall();
@@ -69,7 +69,7 @@ fn a_kill_costs_little_and_the_next_start_gives_the_file_its_index() {
     lost.sort_unstable();
     let worst = lost[lost.len() - 1];
     println!("lost by {KILLS} kills: median {} ms, worst {worst} ms", lost[lost.len() / 2]);
-    // 250 ms, and one write with its synchronization on a machine that does other things, too.
+    // 250 ms, and one write with its synchronization on a loaded machine.
     assert!(worst <= 500, "{worst} ms");
     let counts: BTreeMap<_, _> = rig.files().into_iter().map(|file| (file.clone(), log::raw(&file).len())).collect();
     assert!(counts.len() as u64 >= KILLS);
@@ -86,14 +86,14 @@ fn a_kill_costs_little_and_the_next_start_gives_the_file_its_index() {
     }
 }
 
-/// Kills a logger at a moment that `seed` says, while somebody counts; ms that the file ends before that.
+/// Kills a logger at a random instant during recording; returns the ms of data lost before it.
 fn log_cut(rig: &mut Rig, seed: u64) -> u64 {
     log::cut(rig, Duration::from_millis(300 + seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) % 700))
 }
 
-/// Runs a test with a rig on a disk of `megabytes` that nobody else sees; skips where this machine mounts none.
+/// Runs a test with a rig on a separate disk of `megabytes`; skips if this machine cannot mount one.
 fn on_a_small_disk(megabytes: u32, test: impl FnOnce(&mut Rig) + Send + 'static) {
-    // A mount namespace of this thread and those that it starts; it goes with them.
+    // A mount namespace of this thread and its children, which ends with them.
     let tested = thread::spawn(move || {
         let port = support::can_port();
         let root = std::env::temp_dir().join(format!("advee-disk-{}-{port}", std::process::id()));
@@ -116,7 +116,7 @@ fn mount(args: &[&str]) -> bool {
 }
 
 #[test]
-fn a_full_disk_ends_recording_and_nothing_else_and_room_begins_it_again() {
+fn a_full_disk_only_ends_recording_until_there_is_space() {
     on_a_small_disk(24, |rig| {
         let mut logger = rig.start(&["log.keep_free_bytes=4e6"]);
         let mut noise = 0x9E37_79B9u32;
@@ -151,7 +151,7 @@ fn a_full_disk_ends_recording_and_nothing_else_and_room_begins_it_again() {
 }
 
 #[test]
-fn a_read_only_disk_is_told_and_waited_for() {
+fn a_read_only_disk_is_reported_and_retried() {
     on_a_small_disk(24, |rig| {
         assert!(mount(&["-o", "remount,ro", &rig.root.to_string_lossy()]));
         let mut logger = rig.spawn(&["log.keep_free_bytes=1e6"]);
@@ -166,7 +166,7 @@ fn a_read_only_disk_is_told_and_waited_for() {
 }
 
 #[test]
-fn a_hundred_thousand_channels_are_bounded_and_told_once() {
+fn a_hundred_thousand_channels_are_bounded_and_reported_once() {
     let _alone = support::alone();
     let mut rig = Rig::new();
     let mut logger = rig.start(&[]);
@@ -205,7 +205,7 @@ fn one_message_of_a_hundred_megabytes_fits() {
     let mut logger = rig.start(&[]);
     let large: Vec<u8> = (0..100_000_000u32).map(|n| (n.wrapping_mul(0x9E37_79B9) >> 24) as u8).collect();
     let mut sent = 0;
-    // LCM does not send again what a receiver had no room for.
+    // LCM does not retransmit what exceeded a receiver's buffer.
     let begin = Instant::now();
     while rig.last.as_ref().is_none_or(|log| log.bytes < 20_000_000) {
         assert!(begin.elapsed() < Duration::from_secs(120), "sent {sent} times\n{}", rig.said());
@@ -228,7 +228,7 @@ fn one_message_of_a_hundred_megabytes_fits() {
 }
 
 #[test]
-fn a_flood_is_survived_and_what_it_cost_is_told() {
+fn a_flood_is_survived_and_its_losses_are_reported() {
     let _alone = support::alone();
     let mut rig = Rig::new();
     let mut logger = rig.start(&[]);
@@ -273,7 +273,7 @@ fn a_flood_is_survived_and_what_it_cost_is_told() {
 }
 
 #[test]
-fn marks_and_pauses_are_obeyed() {
+fn marks_and_pauses_are_executed() {
     let mut rig = Rig::new();
     let logger = rig.start(&[]);
     let command = |action| encoded(common::CmdLog { action, text: "here it was".into(), ..Default::default() });

@@ -1,5 +1,5 @@
-//! The robot as its users run it, live: one program, so that all of it is linked once. Tests in virtual time, and those
-//! that the documentation names by `--test`, are programs of their own.
+//! Whole robot as used from the shell, live: one binary, so that everything is linked once. Tests in virtual time, and
+//! those that the documentation names by `--test`, are separate binaries.
 
 mod bad_input;
 mod bench_can;
@@ -10,7 +10,7 @@ mod canopen_peers;
 mod command;
 mod drive;
 mod gamepad;
-// The crate that has the bus has the hosts to prove it on.
+// The hosts come from the tests of the crate that implements the bus.
 #[path = "../../../foundation/lcm/tests/common/hosts.rs"]
 mod hosts;
 mod i2c_tools;

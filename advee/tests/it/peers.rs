@@ -1,4 +1,4 @@
-//! Programs that others wrote on the robot's buses: the official LCM, python-can, CANopen for Python.
+//! Independent programs on the robot's buses: the official LCM, python-can, CANopen for Python.
 
 use crate::support::{self, Robot, python, workspace};
 use std::process::Command;
@@ -22,7 +22,7 @@ fn a_program_on_the_official_lcm_drives_a_square() {
     let result: serde_json::Value = serde_json::from_str(out.trim()).unwrap();
     let corners: Vec<[f64; 2]> = serde_json::from_value(result["corners"].clone()).unwrap();
     let side = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    // A side of 1 m and the two halves of rounded corners of radius 0.6 / tan 0.5 = 1.1 m.
+    // One side of 1 m and the two halves of rounded corners of radius 0.6 / tan 0.5 = 1.1 m.
     for pair in corners.windows(2) {
         assert!((1.5..5.0).contains(&side(pair[0], pair[1])), "{corners:?}");
     }

@@ -1,4 +1,4 @@
-//! `advee plan` from the shell.
+//! `advee plan` as used from the shell.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use serde_json::Value;
@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// A folder of this test's own with a map in it: a room of 8 m by 6 m at 5 cm with a wall, and no way to its right end.
+/// Temporary folder with a map: a room of 8 m by 6 m at 5 cm with a wall, and no path to its right end.
 fn map(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("advee-plan-{}-{name}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
@@ -32,7 +32,7 @@ fn plan(folder: &Path, arguments: &[&str]) -> Output {
 }
 
 #[test]
-fn a_way_is_written_as_csv_and_told_as_json() {
+fn a_path_is_written_as_csv_and_as_json() {
     let folder = map("way");
     let output = plan(
         &folder,
@@ -57,7 +57,7 @@ fn a_way_is_written_as_csv_and_told_as_json() {
 }
 
 #[test]
-fn without_a_way_it_says_why_and_fails() {
+fn without_a_path_it_fails_with_the_reason() {
     let folder = map("none");
     for (start, goal, reason) in [
         ("-3,-2,0", "3.5,0,1.57", "no way leads to the goal"),
@@ -84,7 +84,7 @@ fn without_a_way_it_says_why_and_fails() {
 }
 
 #[test]
-fn a_map_that_is_none_is_named_with_line_or_byte() {
+fn an_invalid_map_is_named_with_line_or_byte() {
     let folder = map("bad");
     let text = fs::read_to_string(folder.join("room.yaml")).unwrap();
     let request = ["--map", "bad.yaml", "--start", "-3,-2,0", "--goal", "1,1"];
@@ -96,7 +96,7 @@ fn a_map_that_is_none_is_named_with_line_or_byte() {
         ("-3.0, 0]", "-3.0, 0.3]", "is turned"),
         ("negate: 0\n", "", "bad.yaml: negate is missing"),
         ("room.pgm", "short.pgm", "short.pgm: byte 18: the picture ends after 3 of 19200 pixels"),
-        ("room.pgm", "header.pgm", "header.pgm: byte 0: no PGM"),
+        ("room.pgm", "header.pgm", "header.pgm: byte 0: not a PGM file"),
         ("room.pgm", "nowhere.pgm", "nowhere.pgm: "),
         ("room.pgm", ".", "no file"),
     ] {

@@ -1,5 +1,5 @@
-//! `advee rs485 …` as its user runs it: against emulated boards on a pseudo-terminal of the test's own, and against the
-//! running simulated robot.
+//! `advee rs485 …` as used from the shell: with emulated boards on a pseudo-terminal, and with the running simulated
+//! robot.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::command::{Outcome, values};
@@ -21,17 +21,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 use std::thread::{JoinHandle, sleep, spawn};
 
-/// An emulated board: an address, and what it answers to an instruction.
+/// Emulated board: address, and answer to an instruction.
 type Emulated = (u8, fn(u8) -> (Status, Vec<u8>));
 
-/// A SO1 of firmware 1.4.
+/// SO1 of firmware 1.4.
 const SO1: Emulated = (so1::ADDRESS, |instruction| match instruction {
     0x01 => (Status::Ok, vec![0x05, 0x00, 0xFE, 0xFF]),
     0xFE => (Status::Ok, vec![1, 4]),
     0xFF | 0x02 => (Status::Ok, Vec::new()),
     _ => (Status::UnknownInstruction, Vec::new()),
 });
-/// A stranger, who knows its version only.
+/// Unknown board that only reports its version.
 const STRANGER: Emulated = (0x77, |instruction| match instruction {
     0xFE => (Status::Ok, vec![9, 1, 0xAB]),
     _ => (Status::UnknownInstruction, Vec::new()),
@@ -49,7 +49,7 @@ impl Boards {
         Self::talking(boards, Vec::new())
     }
 
-    /// The same; every 20 ms `chatter` is on the line, too.
+    /// Starts the boards with `chatter` on the line every 20 ms.
     fn talking(boards: &'static [Emulated], chatter: Vec<Word>) -> Self {
         static NEXT: AtomicU16 = AtomicU16::new(0);
         let name = format!("advee-rs485-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
@@ -121,7 +121,7 @@ fn serve(port: &mut Port, slaves: &mut [Slave], boards: &[Emulated]) {
 }
 
 #[test]
-fn scan_finds_who_is_on_the_line_and_says_what_they_are() {
+fn scan_finds_and_identifies_the_boards_on_the_line() {
     let boards = Boards::new(&[SO1, STRANGER]);
     let told = boards.run(&["scan", "--first", "16", "--last", "127", "--timeout", "5"]).good();
     let lines: Vec<&str> = told.lines().collect();
@@ -135,7 +135,7 @@ fn scan_finds_who_is_on_the_line_and_says_what_they_are() {
 }
 
 #[test]
-fn a_scan_that_is_interrupted_says_what_it_found() {
+fn an_interrupted_scan_lists_the_boards_found() {
     let boards = Boards::new(&[(0x01, SO1.1)]);
     let scan = boards.command(&["scan", "--timeout", "200"]).spawn().unwrap();
     sleep(std::time::Duration::from_millis(700));
@@ -167,7 +167,7 @@ fn version_and_reset_ask_one_board_by_name_or_address() {
 }
 
 #[test]
-fn poll_counts_what_came_of_each() {
+fn poll_counts_the_outcomes() {
     let boards = Boards::new(&[SO1]);
     let told = boards.run(&["poll", "so1", "--count", "50"]).good();
     assert!(told.starts_with("so1 (0x20) on ") && told.contains(": get_ticks, 115200 Bd"), "{told}");
@@ -189,7 +189,7 @@ fn poll_counts_what_came_of_each() {
 }
 
 #[test]
-fn monitor_reads_a_free_line_and_shows_what_is_damaged() {
+fn monitor_reads_a_free_line_and_shows_damaged_frames() {
     let mut chatter = Vec::new();
     let mut say = |address, instruction, flags, data: &[u8], broken| {
         let mut words = Words::new();
@@ -214,7 +214,7 @@ fn monitor_reads_a_free_line_and_shows_what_is_damaged() {
 }
 
 #[test]
-fn what_cannot_be_opened_is_one_clear_line() {
+fn a_port_that_cannot_be_opened_is_one_clear_line() {
     let boards = Boards::new(&[]);
     let parity = boards.run(&["scan", "--transport", "parity"]).bad();
     assert!(parity.contains("pseudo-terminal, whose driver (pty) drops PARENB"), "{parity}");
@@ -232,13 +232,13 @@ fn what_cannot_be_opened_is_one_clear_line() {
     poll.wait().unwrap();
 }
 
-/// Lines of a command as they come.
+/// Lines of a command as they are printed.
 fn lines(child: &mut Child) -> impl Iterator<Item = String> + use<> {
     BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok)
 }
 
 #[test]
-fn a_port_that_a_module_holds_is_shown_as_the_module_tells_it_and_otherwise_refused() {
+fn a_port_held_by_a_module_is_monitored_through_it_and_otherwise_refused() {
     let mut robot = Robot::ready(&["--set", "rs485.a.raw=true"]);
     let driver = robot.view.pid("driver_rs485a");
     let mut monitor = advee(&robot.url, &robot.run_dir)
@@ -257,9 +257,9 @@ fn a_port_that_a_module_holds_is_shown_as_the_module_tells_it_and_otherwise_refu
         let refused = Outcome::of(robot.advee(&[&["rs485"], command, &["--bus", "rs485.a"]].concat())).bad();
         assert!(refused.contains(&format!("is held by driver_rs485a, process {driver}: stop it first")), "{refused}");
     }
-    // Stopped, the port is free, and the boards of the simulator answer.
+    // With the module stopped the port is free, and the boards of the simulator answer.
     assert!(robot.advee(&["state", "driver_rs485a", "TERMINATE"]).status.success());
-    // It says so before it ends.
+    // It announces TERMINATE before it ends.
     robot.until("the driver has ended", 5.0, |_| !Path::new(&format!("/proc/{driver}")).exists());
     let told = Outcome::of(robot.advee(&["rs485", "scan", "--bus", "a", "--first", "16", "--last", "32"])).good();
     assert!(told.contains("0x10     sd1_front  SD1    1.0") && told.contains("3 boards on rs485.a"), "{told}");
@@ -271,7 +271,7 @@ fn an_adapter_that_vanishes_is_an_error_of_its_module_which_recovers_when_it_ret
     let mut robot = Robot::ready(&[]);
     let simulator = robot.view.pid("simulator");
     let mut bus = support::listen(&robot.url);
-    // With its process every pseudo-terminal goes; the watchdog starts it again, and with it come new ones.
+    // With the process every pseudo-terminal disappears; the watchdog restarts it, which creates new ones.
     signal(simulator, "KILL");
     let mut states = Vec::new();
     let until = clock::now() + Duration::from_secs(10);

@@ -1,4 +1,4 @@
-//! The slcan device against python-can's, each on a pseudo-terminal of its own and a cable between them.
+//! slcan device against that of python-can, each on a pseudo-terminal with a cable between them.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::support;
@@ -14,7 +14,7 @@ use nix::unistd::{read, write};
 use std::process::Command;
 use std::thread;
 
-/// Sends back what it hears, its identifier one up and its data turned round, and ends with the first extended one.
+/// Returns each received frame with its identifier plus one and its data reversed; ends with the first extended one.
 const ECHO: &str = "
 import can, sys
 bus = can.Bus(interface='slcan', channel=sys.argv[1], bitrate=1000000, sleep_after_open=0)
@@ -39,7 +39,7 @@ fn terminal() -> (PtyMaster, String) {
     (master, name)
 }
 
-/// What one side has written goes to the other.
+/// Transfers the output of one side to the other.
 fn pass(from: &PtyMaster, to: &PtyMaster) {
     let mut bytes = [0; 4096];
     if let Ok(length) = read(from, &mut bytes) {
@@ -48,7 +48,7 @@ fn pass(from: &PtyMaster, to: &PtyMaster) {
 }
 
 #[test]
-fn python_can_hears_us_and_is_heard() {
+fn python_can_receives_our_frames_and_we_receive_its() {
     let Some(python) = support::python() else { return };
     let ((left, path), (right, channel)) = (terminal(), terminal());
     let mut port = Port::new("can.main".into(), PortConfig::CanSlcan { path: path.into(), bitrate: 1_000_000 });
@@ -70,7 +70,7 @@ fn python_can_hears_us_and_is_heard() {
         if let Some(opened) = port.try_open(now) {
             assert_eq!(opened, Ok(()));
         }
-        // Whoever has not opened yet hears nothing: said again until it is answered.
+        // A side that is not open yet receives nothing: sent again until it is answered.
         if port.state == PortState::Up && now >= next {
             next = now + Duration::from_millis(500);
             assert_eq!(port.device.send(now, &Output::Can(sent[back.len()])), Ok(true));
@@ -80,7 +80,7 @@ fn python_can_hears_us_and_is_heard() {
         if port.state == PortState::Up
             && let Received::Input { input: Input::Can(frame), .. } = port.device.receive(now).unwrap()
         {
-            // What was said again is answered again.
+            // A repeated frame is answered again.
             if back.last() != Some(&frame) {
                 back.push(frame);
                 next = now;

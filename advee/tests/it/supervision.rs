@@ -1,4 +1,5 @@
-//! Nothing hangs unseen and nothing is left over: the watchdog, its parent and what guards both, on real processes.
+//! No hang is undetected and no process is left over: the watchdog, its parent and the guards of both, on real
+//! processes.
 
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
@@ -26,7 +27,7 @@ const MODULES: [&str; 10] = [
     "planner",
 ];
 
-/// A robot all of whose modules run; its steering need not be homed.
+/// Robot with all modules in RUN; its steering need not be homed.
 fn running(extra: &[&str]) -> Robot {
     let mut robot = Robot::start(extra);
     robot.until("all modules RUN", 10.0, |view| view.processes.len() == MODULES.len() && view.all_run());
@@ -63,12 +64,12 @@ fn gone_within(robot: &Robot, seconds: f64) {
     println!("all gone after {:.2} s", begin.elapsed().as_secs_f64());
 }
 
-fn told(robot: &Robot, fault: Fault) -> Vec<String> {
+fn reported(robot: &Robot, fault: Fault) -> Vec<String> {
     let of_it = robot.view.errors.iter().filter(|error| error.number == fault as i32);
     of_it.map(|error| error.message.clone()).collect()
 }
 
-/// A copy of the configuration, `head` before what stands in `modules.toml`.
+/// Copy of the configuration, with `head` before the content of `modules.toml`.
 struct Conf(PathBuf);
 
 impl Conf {
@@ -103,7 +104,7 @@ impl Drop for Conf {
 }
 
 #[test]
-fn each_module_that_is_stopped_is_ended_and_comes_back() {
+fn each_stopped_module_is_killed_and_restarted() {
     let mut robot = running(&[]);
     for module in MODULES {
         let old = robot.view.pid(module);
@@ -112,8 +113,12 @@ fn each_module_that_is_stopped_is_ended_and_comes_back() {
         let (within, sign) = if module == "logger" { (4.0, "") } else { (2.0, "its thread main") };
         let seen = robot.until("it is ended", within, |view| view.processes[module].phase != common::Process::RUNNING);
         let back = robot.until("it is back", 5.0, |view| view.runs(module) && view.pid(module) != old);
-        println!("{module}: a hang was told after {} ms, it was back {} ms later", seen.as_millis(), back.as_millis());
-        let hung = told(&robot, Fault::ModuleHung);
+        println!(
+            "{module}: a hang was reported after {} ms, it was back {} ms later",
+            seen.as_millis(),
+            back.as_millis()
+        );
+        let hung = reported(&robot, Fault::ModuleHung);
         assert!(hung.iter().any(|why| why.starts_with(&format!("{module} hangs, {sign}"))), "{hung:?}");
         robot.until("all run", 5.0, support::View::all_run);
     }
@@ -121,7 +126,7 @@ fn each_module_that_is_stopped_is_ended_and_comes_back() {
 }
 
 #[test]
-fn a_watchdog_that_is_killed_again_and_again_loses_nobody() {
+fn a_watchdog_killed_repeatedly_loses_no_module() {
     let mut robot = running(&[]);
     let modules = pids(&robot);
     for _ in 0..5 {
@@ -136,7 +141,7 @@ fn a_watchdog_that_is_killed_again_and_again_loses_nobody() {
     }
     robot.until("the last one has heard of all", 5.0, support::View::all_run);
     assert_eq!(pids(&robot), modules);
-    // An adopted process is one like any other: how it ended is seen, and it comes back.
+    // An adopted process is like any other: its end is detected, and it is restarted.
     support::signal(modules[2], "KILL");
     robot.until("it is back", 3.0, |view| view.runs(MODULES[2]) && view.pid(MODULES[2]) != modules[2]);
     assert_eq!(robot.view.processes[MODULES[2]].last_exit, 128 + 9);
@@ -161,7 +166,7 @@ fn a_watchdog_that_hangs_is_replaced_and_its_modules_live_on() {
 }
 
 #[test]
-fn nothing_is_left_whoever_is_killed_in_whatever_order() {
+fn no_process_is_left_whatever_is_killed_in_any_order() {
     for order in [["watchdog", "up"], ["up", "watchdog"], ["frozen up", "watchdog"]] {
         let robot = running(&[]);
         let (parent, child) = (up(&robot), watchdog(&robot));
@@ -183,7 +188,7 @@ fn nothing_is_left_whoever_is_killed_in_whatever_order() {
 }
 
 #[test]
-fn what_hangs_while_all_that_guards_it_is_killed_is_ended_too() {
+fn a_hung_module_ends_even_if_all_its_guards_are_killed() {
     for how in ["STOP", "a program that knows nothing of us", "both"] {
         let extra =
             ["--set", "modules.driver_rs485b.command=\"sleep\"", "--set", "modules.driver_rs485b.args=[\"100\"]"];
@@ -195,7 +200,7 @@ fn what_hangs_while_all_that_guards_it_is_killed_is_ended_too() {
         let begin = Instant::now();
         if how != "a program that knows nothing of us" {
             support::signal(module, "STOP");
-            // One that is stopped later than its guards ended is not noticed by the kernel.
+            // The kernel does not notice a process that is stopped after its guards have ended.
             let stopped = || fs::read_to_string(format!("/proc/{module}/stat")).is_ok_and(|stat| stat.contains(") T "));
             while !stopped() && begin.elapsed() < Duration::from_secs(5) {
                 std::thread::sleep(Duration::from_millis(1));
@@ -212,7 +217,7 @@ fn what_hangs_while_all_that_guards_it_is_killed_is_ended_too() {
 }
 
 #[test]
-fn a_program_of_another_s_is_guarded_like_a_module() {
+fn a_foreign_program_is_supervised_like_a_module() {
     let extra = ["--set", "modules.driver_rs485b.command=\"sleep\"", "--set", "modules.driver_rs485b.args=[\"100\"]"];
     let mut robot = Robot::start(&extra);
     let is_running = |view: &support::View| {
@@ -226,7 +231,9 @@ fn a_program_of_another_s_is_guarded_like_a_module() {
     let second = robot.view.pid("driver_rs485b");
     robot.until("it has not announced itself", 4.0, |view| view.pid("driver_rs485b") != second && is_running(view));
     assert!(
-        told(&robot, Fault::ModuleHung).iter().any(|why| why.starts_with("driver_rs485b hangs, it has not announced"))
+        reported(&robot, Fault::ModuleHung)
+            .iter()
+            .any(|why| why.starts_with("driver_rs485b hangs, it has not announced"))
     );
     assert_eq!(robot.stop(), 0);
 }
@@ -237,8 +244,8 @@ fn end(up: &mut Child) {
 }
 
 #[test]
-fn the_next_start_adopts_what_lives_and_keeps_what_was_wanted() {
-    // The same command line for both lives: what was started otherwise is of no use.
+fn the_next_start_adopts_running_modules_and_keeps_their_wanted_states() {
+    // The same command line for both instances: processes started with another are not adopted.
     let mut robot = running(&[]);
     assert!(robot.advee(&["state", "driver_rs485b", "STOP"]).status.success());
     assert!(robot.advee(&["state", "driver_rs485a", "TERMINATE"]).status.success());
@@ -268,7 +275,7 @@ fn the_next_start_adopts_what_lives_and_keeps_what_was_wanted() {
         .unwrap();
     robot.until("it knows them", 5.0, |view| !view.processes.is_empty() && wanted(view));
     assert_eq!((robot.view.pid("driver_power"), robot.view.pid("driver_rs485b")), (power, beacons));
-    // Restarted, it is where an operator left it.
+    // After a restart it is in the state that an operator commanded.
     support::signal(beacons, "KILL");
     robot.until("it is back", 3.0, |view| view.pid("driver_rs485b") != beacons && wanted(view));
     end(&mut next);
@@ -276,7 +283,7 @@ fn the_next_start_adopts_what_lives_and_keeps_what_was_wanted() {
 }
 
 #[test]
-fn a_record_of_numbers_that_others_have_now_harms_nobody() {
+fn a_record_of_reused_process_ids_harms_no_process() {
     let nobody = Robot::start(&["--no-such-option"]);
     let (url, run_dir) = (nobody.url.clone(), nobody.run_dir.with_extension("stale"));
     let mut bystander = Command::new("sleep").arg("60").spawn().unwrap();
@@ -315,7 +322,7 @@ fn a_record_of_numbers_that_others_have_now_harms_nobody() {
 }
 
 #[test]
-fn a_module_that_is_listed_no_more_is_ended_by_the_next_watchdog() {
+fn a_module_that_is_no_longer_listed_is_ended_by_the_next_watchdog() {
     let conf = Conf::new("listed", "");
     let mut robot = running(&["--config", conf.folder().to_str().unwrap()]);
     let old = robot.view.pid("driver_rs485b");
@@ -339,28 +346,28 @@ fn a_module_lives_within_its_limits() {
     let line = |text: String, begin: &str| text.lines().find(|line| line.starts_with(begin)).unwrap().to_string();
     assert_eq!(line(read("status"), "Cpus_allowed_list"), "Cpus_allowed_list:\t0");
     let data = line(read("limits"), "Max data size");
-    // Where a cgroup holds the memory no other limit is needed.
+    // If a cgroup limits the memory, no other limit is needed.
     assert!(data.contains("200000000") || data.contains("unlimited"), "{data}");
 }
 
 #[test]
-fn a_storm_is_told_once_and_what_cannot_be_executed_by_name_and_reason() {
+fn restarts_are_reported_once_and_a_missing_executable_by_name_and_reason() {
     let extra =
         ["--set", "modules.driver_rs485b.command=\"false\"", "--set", "modules.driver_power.command=\"/no/such\""];
     let mut robot = Robot::start(&extra);
     robot.until("it storms", 10.0, |view| view.errors.iter().any(|error| error.number == Fault::RestartStorm as i32));
     robot.pass(3.0);
-    let died = told(&robot, Fault::ModuleDied);
+    let died = reported(&robot, Fault::ModuleDied);
     assert_eq!(died.len(), 1, "{died:?}");
-    assert_eq!(told(&robot, Fault::RestartStorm).len(), 1);
-    let why = told(&robot, Fault::ModuleUnstartable);
+    assert_eq!(reported(&robot, Fault::RestartStorm).len(), 1);
+    let why = reported(&robot, Fault::ModuleUnstartable);
     assert!(why.len() == 1 && why[0].contains("/no/such: No such file or directory"), "{why:?}");
     assert!(robot.view.processes["driver_rs485b"].restarts >= 5);
     assert!(robot.view.runs("driver_rs485a"), "nothing else is harmed");
 }
 
 #[test]
-fn who_announces_another_s_name_is_told_and_harms_nobody() {
+fn an_announcement_under_another_s_name_is_reported_and_harms_no_module() {
     let mut robot = running(&[]);
     assert!(robot.advee(&["state", "driver_rs485b", "TERMINATE"]).status.success());
     robot.until("it is down", 3.0, |view| view.processes["driver_rs485b"].phase == common::Process::TERMINATED);
@@ -369,11 +376,11 @@ fn who_announces_another_s_name_is_told_and_harms_nobody() {
         robot.publish(common::DataState { timestamp: 0, module, state });
         robot.pass(0.1);
     }
-    assert_eq!(told(&robot, Fault::NameClaimed), ["somebody announces driver_rs485b RUN, which does not run"]);
+    assert_eq!(reported(&robot, Fault::NameClaimed), ["somebody announces driver_rs485b RUN, which does not run"]);
     assert_eq!(robot.view.processes["driver_rs485b"].phase, common::Process::TERMINATED);
 }
 
-/// What the service manager is told by `advee up` within a time.
+/// Notifications of `advee up` to the service manager within a time.
 fn notified(name: &str, extra: &[&str], seconds: f64) -> (Vec<String>, bool) {
     let address = SocketAddr::from_abstract_name(name).unwrap();
     let manager = UnixDatagram::bind_addr(&address).unwrap();
@@ -404,12 +411,12 @@ fn notified(name: &str, extra: &[&str], seconds: f64) -> (Vec<String>, bool) {
 }
 
 #[test]
-fn the_service_manager_is_fed_while_all_critical_modules_are_healthy() {
+fn the_service_manager_is_notified_while_all_critical_modules_are_healthy() {
     let (lines, fine) = notified(&format!("advee-well-{}", std::process::id()), &[], 4.0);
     let count = |word: &str| lines.iter().filter(|line| *line == word).count();
     assert!(fine && count("READY=1") == 1 && count("STOPPING=1") == 1, "{lines:?}");
     assert!(lines.iter().any(|line| *line == format!("STATUS={0} of {0} modules RUN", MODULES.len())), "{lines:?}");
-    // At least each 400 ms, four times as often in truth.
+    // At least every 400 ms, four times as often in practice.
     assert!((8..=40).contains(&count("WATCHDOG=1")), "{}", count("WATCHDOG=1"));
 
     let ill = ["--set", "modules.driver_power.command=\"/no/such\""];
@@ -431,7 +438,7 @@ fn the_hardware_watchdog_is_fed_and_disarmed_by_a_clean_end_alone() {
     robot.pass(2.5);
     let count = fed(&device).len();
     assert!((2..=5).contains(&count) && fed(&device).iter().all(|byte| *byte == 0), "{:?}", fed(&device));
-    // Nobody vouches for the critical modules any more.
+    // Nothing confirms the critical modules any more.
     support::signal(watchdog(&robot), "STOP");
     support::signal(up(&robot), "STOP");
     robot.pass(1.0);

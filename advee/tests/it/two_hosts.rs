@@ -1,4 +1,5 @@
-//! The whole robot on a host of its own: its network proven on the wire, driven from a second host, and without any.
+//! Whole robot on a host of its own: its network traffic verified on the wire, driven from a second host, and without
+//! any network.
 
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
@@ -11,22 +12,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 76, 67);
-/// Of the CAN bus in `sim.toml`.
+/// Group of the CAN bus in `sim.toml`.
 const CAN_GROUP: Ipv4Addr = Ipv4Addr::new(239, 74, 163, 2);
 
-/// As [`hosts::on_a_host`]; the robot there takes part of this machine.
+/// Runs `body` with [`hosts::on_a_host`]; the robot there takes a share of this machine.
 fn on_a_host(test: &str, body: impl FnOnce(Host)) {
     let _turn = support::turn();
     hosts::on_a_host(test, body);
 }
 
-/// A second host, at the other end of the cable in `eth7`; both have their default route by it.
+/// Second host, at the other end of the cable in `eth7`; both have their default route through it.
 fn cabled(here: &Host) -> Host {
     let there = Host::new();
     here.cable(("eth7", "10.1.2.1"), &there, ("eth8", "10.1.2.2"));
     here.ip("route add default dev eth7");
     there.ip("route add default dev eth8");
-    // A cable that was just plugged in carries nothing at first.
+    // A newly plugged cable carries no traffic at first.
     assert_eq!(here.seen(&["eth7"], &there.tap(), GROUP), []);
     there
 }
@@ -54,7 +55,7 @@ impl Module {
         Self { child, lines, types }
     }
 
-    /// Waits until it tells that.
+    /// Waits until it reports this.
     fn until(&mut self, what: &str) {
         let told = self.lines.next().expect("it goes on").expect("text");
         let told: Value = serde_json::from_str(&told).expect("JSON");
@@ -82,7 +83,7 @@ fn a_module_on_a_second_host_drives_the_robot_until_the_cable_is_pulled() {
         robot.until("the robot moves", 5.0, |view| view.speed() > 0.35);
 
         there.ip("link set eth8 down");
-        // Its commands live 250 ms; what says so comes 20 times a second.
+        // Its commands are valid for 250 ms; the message that shows the stop is sent at 20 Hz.
         let begun = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
         println!("the quick stop began {} ms after the cable was pulled", begun.as_millis());
         robot.until("the robot stands", 1.0, |view| view.speed().abs() < 0.01);
@@ -90,7 +91,8 @@ fn a_module_on_a_second_host_drives_the_robot_until_the_cable_is_pulled() {
         module.until("silent");
         assert!(robot.view.all_run(), "the rest of the robot does not need that cable");
 
-        // The module never stopped commanding, and silence is no fault: plugged in again it drives, nothing restarted.
+        // The module never stopped commanding, and silence is not a fault: plugged in again it drives, without a
+        // restart.
         there.ip("link set eth8 up");
         there.ip("route add default dev eth8");
         robot.until("the robot moves", 20.0, |view| view.speed() > 0.35);
@@ -112,7 +114,7 @@ fn with_ttl_0_nothing_of_a_running_robot_leaves_its_host() {
     });
 }
 
-/// What `advee doctor` finds of the bus: level and cure of one check.
+/// Result of `advee doctor` for the bus: level and cure of one check.
 fn diagnosis(robot: &Robot, check: &str) -> (String, String) {
     let output = robot.advee(&["doctor", "--sim", "--json"]);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -143,7 +145,7 @@ fn with_nothing_but_loopback_the_robot_works_and_doctor_lets_the_official_lcm_in
     });
 }
 
-/// A program on the official LCM that joins and publishes a line for each one that it reads.
+/// Program on the official LCM that joins and publishes one message per input line.
 const OFFICIAL: &str = "
 import lcm, os, sys
 bus = lcm.LCM(os.environ['LCM_DEFAULT_URL'])

@@ -1,5 +1,5 @@
-//! The web server of a simulated robot, from outside: by hand-made HTTP, and by a viewer in Python that shares no code with
-//! it. What strangers say is survived and counted, and nobody else notices.
+//! Web server of a simulated robot, from outside: by hand-made HTTP, and by an independent viewer in Python. Hostile
+//! input is survived and counted, and does not affect other clients.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -13,23 +13,23 @@ use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// An address that nobody has now.
+/// Unused address.
 fn free() -> SocketAddr {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
 }
 
-/// What comes for a request, which is sent as it is, until the line is closed or nothing comes for a while.
+/// Answer to a request that is sent verbatim, until the connection is closed or idle for a while.
 fn say(at: SocketAddr, request: &[u8]) -> Option<String> {
     let mut line = TcpStream::connect(at).ok()?;
     line.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
-    // Who is refused in the middle of it may not hear the rest.
+    // A client that is refused early may not receive the rest.
     let _ = line.write_all(request);
     let mut answer = Vec::new();
     let _ = line.read_to_end(&mut answer);
     Some(String::from_utf8_lossy(&answer).into_owned())
 }
 
-/// Status, headers with body.
+/// Status, and headers with body.
 fn get(at: SocketAddr, path: &str, headers: &str) -> Option<(u16, String)> {
     let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{headers}\r\n");
     let answer = say(at, request.as_bytes())?;
@@ -82,7 +82,7 @@ impl Drop for Web {
     }
 }
 
-/// The viewer in Python.
+/// Viewer in Python.
 struct Viewer {
     process: Child,
     asks: ChildStdin,
@@ -132,7 +132,7 @@ fn numbers(values: &Value) -> Vec<f64> {
 }
 
 #[test]
-fn what_the_robot_does_is_seen_and_read_by_others_code() {
+fn the_motion_of_the_robot_is_decoded_by_independent_code() {
     let Some(python) = python() else { return };
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot, &[]);
@@ -179,7 +179,7 @@ fn what_the_robot_does_is_seen_and_read_by_others_code() {
     assert!(numbers(&values["/battery:percentage"]).iter().all(|charge| (0.1..=1.0).contains(charge)));
     assert!(seen["times"].as_u64().unwrap() > 50, "the robot's clock");
 
-    // Who comes later sees at once what was said once.
+    // A client that joins later immediately receives what was published once.
     robot.publish(lowlevel::DataSdo { request: 77, data: vec![1, 2], ..Default::default() });
     robot.pass(1.0);
     let fields = json!({ "/LL_DATA_SDO": ["request", "data.1"] });
@@ -195,7 +195,7 @@ fn what_the_robot_does_is_seen_and_read_by_others_code() {
 }
 
 #[test]
-fn strangers_are_refused_counted_and_hurt_nobody() {
+fn strangers_are_refused_and_counted_and_do_no_harm() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot, &["--set", "web.hosts=[\"advee.local\"]"]);
     let at = web.at;
@@ -227,7 +227,7 @@ fn strangers_are_refused_counted_and_hurt_nobody() {
     assert!(!say(at, long.as_bytes()).unwrap().starts_with("HTTP/1.1 2"));
     let many = format!("GET / HTTP/1.1\r\nHost: localhost\r\n{}\r\n", "x: y\r\n".repeat(1000));
     assert!(!say(at, many.as_bytes()).unwrap().starts_with("HTTP/1.1 2"));
-    // More connections than may be, all silent: a few are closed at once, and all of them before long.
+    // More connections than allowed, all silent: some are closed at once, and all of them before long.
     let silent: Vec<_> = (0..80).map(|_| TcpStream::connect(at).unwrap()).collect();
     std::thread::sleep(Duration::from_millis(300));
     drop(silent);
@@ -271,12 +271,12 @@ fn viewers_that_lie(viewer: &mut Viewer, at: SocketAddr, frames: u64) {
 }
 
 #[test]
-fn a_viewer_that_does_not_read_gets_the_newest_and_nobody_else_less() {
+fn a_viewer_that_does_not_read_gets_the_newest_and_slows_no_other() {
     let Some(python) = python() else { return };
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot, &[]);
     let [mut slow, mut good] = [python.clone(), python].map(|python| Viewer::of(python, web.at));
-    // A flood that no other part of the robot hears.
+    // Flood of messages that no other part of the robot receives.
     let flood = |robot: &mut Robot, seconds: f64| {
         for number in 0..(seconds * 50.0) as i64 {
             let frame = lowlevel::DataRaw { timestamp: number, direction: 0, id: 0, flags: 0, data: vec![7; 20_000] };
@@ -303,7 +303,7 @@ fn a_viewer_that_does_not_read_gets_the_newest_and_nobody_else_less() {
 }
 
 #[test]
-fn another_than_a_loopback_address_needs_credentials() {
+fn an_address_other_than_loopback_needs_credentials() {
     let robot = Robot::start(&[]);
     let refused = robot.advee(&["web", "--http", "0.0.0.0:0"]);
     let text = String::from_utf8_lossy(&refused.stderr).into_owned();
@@ -326,7 +326,7 @@ fn another_than_a_loopback_address_needs_credentials() {
     if let Some(python) = python() {
         assert_eq!(Viewer::of(python, web.at).does(json!(["status", null, "foxglove.sdk.v1"]))["status"], 401);
     }
-    // A file that others may read is no secret: it says so, and serves nobody.
+    // A file that others may read is not a secret: it is reported, and nothing is served.
     write(0o644);
     let at = free().to_string();
     let mut other = robot.spawn(&["web", "--http", &at, "--set", &set]);
@@ -338,18 +338,19 @@ fn another_than_a_loopback_address_needs_credentials() {
 }
 
 #[test]
-fn the_robot_has_it_as_a_module_and_runs_on_without() {
+fn the_robot_runs_it_as_a_module_and_works_without_it() {
     let at = free();
     let http = at.to_string();
     let mut robot = Robot::ready(&["--http", &http]);
     assert!(robot.view.runs("web"));
     assert_eq!(health(at).unwrap()["robot"], "advee");
-    // Killed it is back.
+    // Restarted after a kill.
     let pid = robot.view.pid("web");
     robot.kill("web");
     robot.until("it is back", 5.0, |view| view.runs("web") && view.pid("web") != pid);
     until("it serves", 5.0, || health(at));
-    // Another robot that wants the address runs without, says so once, and takes it when it is free.
+    // Another robot that wants the same address runs without the server, reports it once, and takes the address when it
+    // is free.
     let mut other = Robot::start(&["--http", &http]);
     other.until("all others run", 10.0, |view| {
         let runs = |(name, process): (&String, &messages::common::Process)| {
@@ -364,12 +365,12 @@ fn the_robot_has_it_as_a_module_and_runs_on_without() {
     assert!(robot.processes().is_empty());
     other.until("it has the address", 5.0, |view| view.runs("web"));
     until("it serves", 5.0, || health(at));
-    // Commanded to end it ends, and begins when commanded so.
+    // Ends and starts on command.
     assert!(other.advee(&["state", "web", "TERMINATE"]).status.success());
     until("nobody answers", 5.0, || TcpStream::connect(at).is_err().then_some(()));
     assert!(other.advee(&["state", "web", "RUN"]).status.success());
     until("it serves", 5.0, || health(at));
-    // By hand it does not take what is taken.
+    // Started by hand it does not take an address in use.
     let refused = other.advee(&["web", "--http", &http]);
     assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("--http takes another"));
     assert_eq!(other.stop(), 0);

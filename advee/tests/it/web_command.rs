@@ -1,8 +1,8 @@
-//! Who may command the robot over the web, and what becomes of what is said: real sockets, a simulated robot, its bus.
+//! Authorization of commands over the web, and their effect: real sockets, a simulated robot, its bus.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use crate::operator::{Heard, Page, get, post, request};
+use crate::operator::{Page, Received, get, post, request};
 use crate::support::Robot;
 use messages::{Channel, Hold, Message};
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use web::ROUTES;
 use web::center::access::Role;
 
-/// A robot with a web server, and what pairs with it.
+/// Robot with a web server, and its pairing codes.
 struct Bench {
     robot: Robot,
     at: SocketAddr,
@@ -27,14 +27,14 @@ impl Bench {
         Self { robot, at }
     }
 
-    /// What the console shows, as the command tells it.
+    /// Pairing codes as printed by the command.
     fn codes(&self) -> Value {
         let told = self.robot.advee(&["web", "code", "--json"]);
         assert!(told.status.success(), "{told:?}");
         serde_json::from_slice(&told.stdout).unwrap()
     }
 
-    /// A device's cookie. Codes are shown within a second of being new.
+    /// Cookie of a newly paired device. New codes are shown within a second.
     fn pair(&self, role: &str, name: &str) -> String {
         let begun = Instant::now();
         loop {
@@ -54,7 +54,7 @@ impl Bench {
         commands.map(|(_, count)| count).sum()
     }
 
-    /// Commands of motion that are said within a while: speed of each.
+    /// Speeds of the motion commands published within a time.
     fn motion(&mut self, seconds: f64) -> Vec<f64> {
         let until = Instant::now() + Duration::from_secs_f64(seconds);
         let mut speeds = Vec::new();
@@ -100,7 +100,7 @@ fn all() -> Vec<(Value, Role, bool)> {
 }
 
 #[test]
-fn devices_are_paired_known_again_and_forgotten() {
+fn devices_are_paired_recognized_and_unpaired() {
     let mut bench = Bench::start(&[], false);
     let at = bench.at;
     let me = get(at, "/api/me", "").json();
@@ -148,7 +148,7 @@ fn devices_are_paired_known_again_and_forgotten() {
         (2, &json!(true), &json!("phone"))
     );
 
-    // Killed it is back, and knows its phones. That they are paired was written within a second.
+    // After a kill it is back with its paired devices. The pairing was written within a second.
     bench.robot.pass(1.5);
     let pid = bench.robot.view.pid("web");
     bench.robot.kill("web");
@@ -169,7 +169,7 @@ fn devices_are_paired_known_again_and_forgotten() {
     assert!(gone.status == 200 && gone.json()["role"] == "viewer" && gone.head.contains("max-age=0"), "{gone:?}");
     assert_eq!(get(at, "/api/me", &desk).json()["role"], "viewer");
 
-    // Ten tries a minute, whoever tries, and after ten wrong ones there are new codes.
+    // Ten attempts a minute in total, and after ten wrong ones there are new codes.
     let before = bench.codes();
     let wrong = json!({ "code": "00000000x", "name": "x" });
     let tried: Vec<u16> = (0..12).map(|_| post(at, "/api/pair", "", &wrong).status).collect();
@@ -184,7 +184,7 @@ fn devices_are_paired_known_again_and_forgotten() {
 }
 
 #[test]
-fn nobody_writes_who_is_not_paired() {
+fn only_paired_devices_can_write() {
     let file = std::env::temp_dir().join(format!("advee-command-token-{}", std::process::id()));
     std::fs::write(&file, "0123456789abcdef\n").unwrap();
     std::fs::set_permissions(&file, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
@@ -197,7 +197,7 @@ fn nobody_writes_who_is_not_paired() {
     let own = format!("Origin: http://{at}\r\nContent-Type: application/json\r\n");
     let mut asked = 0;
     for route in ROUTES {
-        // What stands for any name is nobody's either.
+        // A path with a placeholder name is not accessible either.
         let path = route.path.replace(['{', '}', '*'], "");
         for method in methods {
             for headers in
@@ -208,7 +208,7 @@ fn nobody_writes_who_is_not_paired() {
                 let looks = ["GET", "HEAD"].contains(&method);
                 match (route.role, looks) {
                     (Role::Nobody, true) => assert!(status < 500, "{method} {path}: {status}"),
-                    // Pairing itself, with a body that is none.
+                    // Pairing itself, with an invalid body.
                     (Role::Nobody, false) => assert!((400..500).contains(&status), "{method} {path}: {status}"),
                     _ => assert!([400, 401, 403, 405].contains(&status), "{method} {path}: {status}"),
                 }
@@ -224,7 +224,7 @@ fn nobody_writes_who_is_not_paired() {
             assert!(refused == Some(401) || refused == Some(403), "{} {headers}: {refused:?}", route.path);
         }
     }
-    // In an address the credentials show, and no more.
+    // In the address the credentials allow reading only.
     let token = "?token=0123456789abcdef";
     assert_eq!(get(at, &format!("/api/me{token}"), "").json()["role"], "viewer");
     let mut viewer = Page::open(at, at, &format!("/ws/command{token}"), "").unwrap_or_else(|code| panic!("{code}"));
@@ -247,7 +247,7 @@ fn nobody_writes_who_is_not_paired() {
 }
 
 #[test]
-fn each_role_may_what_it_may() {
+fn each_role_has_exactly_its_rights() {
     let mut bench = Bench::start(&[], true);
     let at = bench.at;
     let cookies = [String::new(), bench.pair("operator", "Ann"), bench.pair("engineer", "Eve")];
@@ -262,7 +262,7 @@ fn each_role_may_what_it_may() {
                     let taken = page.ask(json!({ "type": "take", "from": null }));
                     assert_eq!(taken.is_ok(), role >= Role::Operator);
                 }
-                // Each stands for itself: nobody holds it at first.
+                // Independent of each other: at first no page holds control.
                 let _ = if holds { Ok(Value::Null) } else { page.ask(json!({ "type": "release" })) };
                 let mine = authority && command["type"] == "release" && holds;
                 if mine {
@@ -278,7 +278,7 @@ fn each_role_may_what_it_may() {
         }
         let _ = page.ask(json!({ "type": "release" }));
     }
-    // Said they were.
+    // The commands were published.
     let mut page = Page::command(at, &cookies[2]);
     let object = page.ask(json!({ "type": "sdo", "node": 1, "index": 0x1000, "subindex": 0 })).unwrap();
     assert!(object["abort"] == 0 && object["data"].as_str().unwrap().len() == 8, "{object}");
@@ -303,14 +303,14 @@ fn each_role_may_what_it_may() {
 }
 
 #[test]
-fn one_drives_at_a_time_and_nothing_wrong_moves_the_robot() {
+fn one_device_drives_at_a_time_and_invalid_input_never_moves_the_robot() {
     let mut bench = Bench::start(&[], true);
     let at = bench.at;
     let cookies = [bench.pair("operator", "Ann"), bench.pair("operator", "Bob")];
     let [mut ann, mut bob] = [0, 1].map(|index| Page::command(at, &cookies[index]));
     let [id, other] = [&mut ann, &mut bob].map(|page| page.until("welcome")["you"].clone());
     assert_ne!(id, other);
-    // Without it nothing moves.
+    // Without control nothing moves.
     ann.drive(1, 0.2, 0.0);
     assert_eq!(ann.until("ended")["hold"], 1);
     ann.ask(json!({ "type": "take", "from": null })).unwrap();
@@ -329,7 +329,7 @@ fn one_drives_at_a_time_and_nothing_wrong_moves_the_robot() {
         }
     };
     bench.motion(0.1);
-    // She drives; let go it is zero at once, twice more, and silence.
+    // She drives; after the release zero is sent at once, twice more, and then nothing.
     drive(&mut ann, 2, 6, 0.2);
     ann.zero(2);
     let said = bench.motion(0.6);
@@ -338,28 +338,28 @@ fn one_drives_at_a_time_and_nothing_wrong_moves_the_robot() {
     drive(&mut ann, 3, 2, 0.2);
     assert_eq!(ann.until("ended")["hold"], 3);
     assert_eq!(bench.motion(0.5), [0.2, 0.2, 0.0, 0.0, 0.0]);
-    // The same again, word for word; what is out of order; a hold that is over; the other one's.
+    // An exact repetition, a command out of order, one of a hold that has ended, one of the other page.
     let (seq, t) = (ann.seq, ann.clock());
     for seq in [seq, seq - 1, 1] {
-        ann.say(&json!({ "type": "drive", "hold": 9, "seq": seq, "t": t, "speed": 0.2, "steering": 0 }));
+        ann.send(&json!({ "type": "drive", "hold": 9, "seq": seq, "t": t, "speed": 0.2, "steering": 0 }));
     }
     ann.drive(3, 0.2, 0.0);
     bob.drive(1, 0.2, 0.0);
     assert_eq!(bob.until("ended")["hold"], 1);
     assert!(bench.motion(0.4).is_empty());
-    // What is no number, or too much, ends it.
+    // An invalid or excessive value ends the hold.
     for (hold, wrong) in [(10, "null"), (11, "NaN"), (12, "1e999"), (13, "99"), (14, "\"0.2\"")] {
         ann.drive(hold, 0.2, 0.0);
         ann.seq += 1;
         let (seq, t) = (ann.seq, ann.clock());
-        ann.say_text(&format!(
+        ann.send_text(&format!(
             "{{\"type\":\"drive\",\"hold\":{hold},\"seq\":{seq},\"t\":{t},\"speed\":{wrong},\"steering\":0}}"
         ));
         assert_eq!(ann.until("ended")["hold"], hold, "{wrong}");
         ann.drive(hold, 0.2, 0.0);
         assert_eq!(bench.motion(0.4), [0.2, 0.0, 0.0, 0.0], "{wrong}");
     }
-    // Taken over in the middle of it she is told, and her zeros are said.
+    // After a takeover she is notified, and zeros are published for her.
     drive(&mut ann, 20, 2, 0.2);
     bob.ask(json!({ "type": "take", "from": id })).unwrap();
     assert_eq!(ann.until("ended")["hold"], 20);
@@ -367,7 +367,7 @@ fn one_drives_at_a_time_and_nothing_wrong_moves_the_robot() {
     assert!(told["yours"] == false && told["why"] == "Bob has taken over from you", "{told}");
     drive(&mut ann, 20, 2, 0.2);
     assert_eq!(bench.motion(0.4), [0.2, 0.2, 0.0, 0.0, 0.0]);
-    // Anybody stops it; the one who holds it lets it go on.
+    // Any page can stop the robot; the one in control resumes it.
     let steering = |bench: &Bench| bench.robot.view.reason();
     drive(&mut bob, 1, 2, 0.2);
     drive(&mut bob, 2, 4, 0.2);
@@ -377,7 +377,7 @@ fn one_drives_at_a_time_and_nothing_wrong_moves_the_robot() {
     assert!(ann.ask(json!({ "type": "resume" })).unwrap_err().contains("Bob"), "{}", steering(&bench));
     bob.ask(json!({ "type": "resume" })).unwrap();
     bench.robot.until("it goes on", 3.0, |view| !view.causes().contains(&Hold::ModulePaused));
-    // Two sockets of one device are two; with its socket goes what it held.
+    // Two sockets of one device are separate; control ends with its socket.
     let mut second = Page::command(at, &cookies[1]);
     assert!(second.ask(json!({ "type": "release" })).is_err());
     bench.motion(0.2);
@@ -390,26 +390,26 @@ fn one_drives_at_a_time_and_nothing_wrong_moves_the_robot() {
             break;
         }
     }
-    // Nonsense, a flood, what is too long: each costs the one who says it, and nobody else.
-    second.say_text("hello");
+    // Malformed input, a flood, an overlong message: each affects only its sender.
+    second.send_text("hello");
     assert_eq!(second.until("refused")["id"], Value::Null);
     second.frame(2, b"\x00\x01");
     second.until("refused");
     for number in 0..150 {
-        second.say(&json!({ "type": "ping", "t": number }));
+        second.send(&json!({ "type": "ping", "t": number }));
     }
     assert_eq!(second.closed(), (1008, "more than 100 messages a second".into()));
     let mut third = Page::command(at, &cookies[1]);
-    third.say_text(&" ".repeat(5000));
+    third.send_text(&" ".repeat(5000));
     assert_eq!(third.closed().0, 1009);
     assert_eq!(Page::open(at, at, "/ws/command?demo=1", &format!("Cookie: {}\r\n", cookies[1])).err(), Some(403));
-    ann.say(&json!({ "type": "ping", "t": 5 }));
+    ann.send(&json!({ "type": "ping", "t": 5 }));
     assert_eq!(ann.until("pong")["t"], 5.0);
-    // One that says nothing is gone after ten seconds.
+    // A silent client is disconnected after ten seconds.
     let begun = Instant::now();
     assert_eq!(ann.closed(), (1008, "nothing was heard for 10 s".into()));
     assert!((9.0..12.0).contains(&begun.elapsed().as_secs_f64()), "{:?}", begun.elapsed());
     bench.robot.pass(0.5);
     assert!(bench.robot.view.processes.values().all(|process| process.restarts == 0));
-    assert!(matches!(Page::command(at, "").hear(Duration::from_secs(2)), Heard::Said(_)));
+    assert!(matches!(Page::command(at, "").receive(Duration::from_secs(2)), Received::Message(_)));
 }

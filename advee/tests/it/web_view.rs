@@ -1,5 +1,5 @@
-//! `/ws/view` and the logs of a simulated robot's web server, as a page has them: each part's shape and rate, what is stale,
-//! who is slow, who lies, recorded runs.
+//! `/ws/view` and the logs of a simulated robot's web server, as used by a page: shape and rate of each part, stale
+//! values, slow clients, hostile clients, recorded runs.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -123,7 +123,7 @@ fn each_part_has_its_shape_and_its_rate() {
     let truth = robot.view.truth.as_ref().unwrap();
     let x = last["truth"]["value"]["x"].as_f64().unwrap();
     assert!((x - truth.x).abs() < 1.0, "{x} {}", truth.x);
-    // All of a part is younger than its period and a turn of the server, on this loaded machine too.
+    // Every part is younger than its period plus a turn of the server, even on a loaded machine.
     let ages: Vec<f64> = drive.iter().map(|drive| drive["motion"]["age"].as_f64().unwrap()).collect();
     let fresh = ages.iter().filter(|age| **age <= 0.1).count();
     assert!(fresh * 10 >= ages.len() * 9, "{ages:?}");
@@ -158,7 +158,7 @@ fn each_part_has_its_shape_and_its_rate() {
     let odometry = channels.iter().find(|channel| channel["channel"] == "LL_DATA_ODO").unwrap();
     assert!((15.0..25.0).contains(&odometry["rate"].as_f64().unwrap()), "{odometry}");
 
-    // What is not said any more is stale.
+    // Values that are not published any more are stale.
     assert!(robot.advee(&["state", "driver_aux", "STOP"]).status.success());
     let begin = Instant::now();
     loop {
@@ -173,7 +173,7 @@ fn each_part_has_its_shape_and_its_rate() {
 }
 
 #[test]
-fn who_watches_a_channel_gets_its_newest_message() {
+fn a_watched_channel_delivers_its_newest_message() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot);
     robot.publish(DataSdo { request: 77, data: vec![1, 2], ..Default::default() });
@@ -186,7 +186,7 @@ fn who_watches_a_channel_gets_its_newest_message() {
             bus.publish("STRANGE", &n.to_be_bytes()).unwrap();
             std::thread::sleep(Duration::from_millis(10));
         }
-        // What is newer takes its place: three times, of which the planner's own plan meets one at most.
+        // Newer messages replace older ones: three times, of which the planner's own plan coincides with one at most.
         for _ in 0..3 {
             bus.publish("ML_DATA_PLAN", b"nonsense").unwrap();
             std::thread::sleep(Duration::from_millis(150));
@@ -214,7 +214,7 @@ fn who_watches_a_channel_gets_its_newest_message() {
     socket.during(0.5);
     let texts = socket.during(1.0);
     assert!(part(&texts, "message").is_empty() && !part(&texts, "drive").is_empty());
-    // Nonsense is counted, and forgiven for a while.
+    // Malformed input is counted, and tolerated up to a limit.
     for wrong in ["", "{}", r#"{"watch":["1","2","3","4","5","6","7","8","9"]}"#, r#"{"type":"stop","id":1}"#] {
         socket.say(wrong);
     }
@@ -235,13 +235,13 @@ fn who_watches_a_channel_gets_its_newest_message() {
 }
 
 #[test]
-fn slow_viewers_get_the_newest_cost_nothing_and_there_are_so_many_at_most() {
+fn slow_viewers_get_the_newest_at_no_cost_and_their_number_is_limited() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot);
     let mut good = web.view("");
     good.during(1.0);
     let before = web.kib("VmRSS:");
-    // One that never answers is sent a few pictures; one that takes nothing, neither.
+    // A client that never answers gets only a few pictures, and so does one that reads nothing.
     let mut mute = web.view("");
     mute.answers = false;
     let mut slow = web.view("");
@@ -263,7 +263,7 @@ fn slow_viewers_get_the_newest_cost_nothing_and_there_are_so_many_at_most() {
         pictures += i32::from(matches!(frame, Frame::Text(text) if text.contains(r#""part":"drive""#)));
     }
     assert!((3..=6).contains(&pictures), "{pictures} pictures on their way");
-    // What it finds when it looks again: what was on its way, then what is new.
+    // On reading again: first the data in transit, then new data.
     let old = slow.during(0.3);
     let begin = part(&old, "drive")[0]["motion"]["value"]["timestamp"].as_i64().unwrap();
     let new = slow.during(1.0);
@@ -279,7 +279,7 @@ fn slow_viewers_get_the_newest_cost_nothing_and_there_are_so_many_at_most() {
     let health = || web.health()["refused"].clone();
     let others: Vec<_> = (0..40)
         .map_while(|_| {
-            // Seats of those who have gone are free a little later.
+            // Places of disconnected clients are free a little later.
             std::thread::sleep(Duration::from_millis(20));
             Socket::open(web.at, "/ws/view", "").ok()
         })
@@ -299,7 +299,7 @@ fn slow_viewers_get_the_newest_cost_nothing_and_there_are_so_many_at_most() {
 }
 
 #[test]
-fn recorded_runs_are_listed_given_and_played() {
+fn recorded_runs_are_listed_downloaded_and_played() {
     let mut robot = Robot::ready(&[]);
     let web = Web::beside(&robot);
     let folder = logs(&robot.run_dir);
@@ -307,7 +307,7 @@ fn recorded_runs_are_listed_given_and_played() {
         robot.publish(CmdLog { timestamp: 0, action, text: String::new() });
         robot.pass(seconds);
     };
-    // The run that began with the robot, a short one, and the one that is being written.
+    // The run that began with the robot, a short one, and the one being written.
     record(CmdLog::STOP, 1.5);
     record(CmdLog::START, 2.5);
     record(CmdLog::STOP, 1.5);
@@ -358,7 +358,7 @@ fn recorded_runs_are_listed_given_and_played() {
         assert!(ask(web.at, method, path, "").unwrap().status >= 400, "{method}");
     }
 
-    // The newest that is finished, again and again.
+    // The newest finished run, in a loop.
     let mut socket = web.view("?demo=1");
     let scene = socket.json().unwrap();
     assert_eq!(scene["demo"]["run"], run.as_str());

@@ -1,4 +1,4 @@
-//! The outcome of a command that was run to its end.
+//! Outcome of a completed command.
 
 use serde_json::Value;
 use std::process::Output;
@@ -18,20 +18,20 @@ impl Outcome {
         Self { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
     }
 
-    /// Standard output of a command that succeeded without a word on standard error.
+    /// Standard output of a command that succeeded without output on standard error.
     #[track_caller]
     pub fn good(self) -> String {
         assert_eq!((self.code, self.err.as_str()), (Some(0), ""), "{}", self.out);
         self.out
     }
 
-    /// The same, a JSON value a line.
+    /// Standard output of a successful command, one JSON value per line.
     #[track_caller]
     pub fn values(self) -> Vec<Value> {
         values(&self.good())
     }
 
-    /// The one line on standard error of a command that failed.
+    /// Single line on standard error of a failed command.
     #[track_caller]
     pub fn bad(self) -> String {
         assert!(self.code.is_some_and(|code| code != 0), "{self:?}");
@@ -39,7 +39,7 @@ impl Outcome {
         self.err.trim_end().into()
     }
 
-    /// The same of a command that wrote nothing on standard output.
+    /// Single line on standard error of a failed command without output on standard output.
     #[track_caller]
     pub fn refused(self) -> String {
         assert_eq!(self.out, "");
@@ -47,7 +47,7 @@ impl Outcome {
     }
 }
 
-/// Lines of JSON.
+/// Parses lines of JSON.
 #[track_caller]
 pub fn values(text: &str) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()

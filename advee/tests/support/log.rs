@@ -1,5 +1,5 @@
-//! A logger of one's own: `advee run logger` on a bus and in a folder that no other test has, ended by its pid; and what
-//! it wrote, read by somebody else's reader.
+//! Logger for a test: `advee run logger` on an unused bus and in a folder of its own, ended by its pid; and its output,
+//! read by an independent reader.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use crate::support::{Turn, advee, can_port, listen, signal, turn};
@@ -12,18 +12,18 @@ use std::process::{Child, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// A bus, a folder, and whoever records there.
+/// Bus, folder, and the recording processes.
 pub struct Rig {
     pub url: String,
     pub root: PathBuf,
     pub bus: Lcm,
-    /// What the logger said last of itself, and the reports that were heard.
+    /// Last status of the logger, and the received reports.
     pub last: Option<common::DataLog>,
     pub errors: Vec<common::Error>,
     _turn: Arc<Turn>,
 }
 
-/// A message as it was recorded.
+/// Recorded message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recorded {
     pub topic: String,
@@ -39,7 +39,7 @@ impl Rig {
         Self::at(port, root)
     }
 
-    /// The same in a folder that there is.
+    /// Creates a rig in an existing folder.
     pub fn at(port: u16, root: PathBuf) -> Self {
         let turn = turn();
         let url = format!("udpm://239.255.76.67:{port}?ttl=0&shm=auto");
@@ -52,12 +52,12 @@ impl Rig {
         self.root.join("log")
     }
 
-    /// What all loggers here have said on stderr.
+    /// Standard error of all loggers of this rig.
     pub fn said(&self) -> String {
         fs::read_to_string(self.stderr()).unwrap_or_default()
     }
 
-    /// Beside the folder, whose disk may be full.
+    /// Outside the folder, whose disk may be full.
     fn stderr(&self) -> PathBuf {
         self.root.with_extension("stderr")
     }
@@ -71,7 +71,7 @@ impl Rig {
         Logger(command.stdin(Stdio::null()).stderr(said).spawn().expect("the executable is built"))
     }
 
-    /// The same, waited for until it records.
+    /// Starts a logger, and waits until it records.
     pub fn start(&mut self, sets: &[&str]) -> Logger {
         self.last = None;
         let logger = self.spawn(sets);
@@ -89,7 +89,7 @@ impl Rig {
         }
     }
 
-    /// Takes what has come.
+    /// Processes received messages.
     pub fn listen(&mut self) {
         while let Some(received) = self.bus.recv().expect("the bus can be read") {
             match Channel::from_name(received.channel).map(|channel| Message::decode(channel, received.payload)) {
@@ -100,7 +100,7 @@ impl Rig {
         }
     }
 
-    /// Publishes, however long the kernel has no room for it.
+    /// Publishes, and retries while the kernel's buffer is full.
     pub fn publish(&mut self, channel: &str, data: &[u8]) {
         publish(&mut self.bus, channel, data);
     }
@@ -117,7 +117,7 @@ impl Rig {
         files.filter(|file| file.extension().is_some_and(|extension| extension == "mcap")).collect()
     }
 
-    /// Everything that was recorded, as it was on the bus.
+    /// All recorded raw messages.
     pub fn raw(&self) -> Vec<Recorded> {
         self.files().iter().flat_map(|file| raw(file)).collect()
     }
@@ -130,7 +130,7 @@ impl Drop for Rig {
     }
 }
 
-/// Publishes, however long the kernel has no room for it.
+/// Publishes, and retries while the kernel's buffer is full.
 pub fn publish(bus: &mut Lcm, channel: &str, data: &[u8]) {
     while let Err(error) = bus.publish(channel, data) {
         assert!(matches!(error, PublishError::Busy), "{error}");
@@ -138,7 +138,7 @@ pub fn publish(bus: &mut Lcm, channel: &str, data: &[u8]) {
     }
 }
 
-/// What a file has of messages as they were on the bus, up to where it ends or is damaged.
+/// Raw messages of a file, up to its end or the first damage.
 pub fn raw(file: &Path) -> Vec<Recorded> {
     let bytes = fs::read(file).expect("the file can be read");
     let stream = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into()).expect("no file is refused");
@@ -152,8 +152,8 @@ pub fn raw(file: &Path) -> Vec<Recorded> {
     recorded.collect()
 }
 
-/// Kills a logger that has recorded for a while somebody who counts at 500 Hz; ms that the file ends before the kill.
-/// What it has is without a gap.
+/// Kills a logger that has recorded a publisher at 500 Hz for a while; returns the ms of data lost before the kill. The
+/// recorded part is without a gap.
 pub fn cut(rig: &mut Rig, after: Duration) -> u64 {
     let before = rig.files();
     let logger = rig.start(&[]);
@@ -180,7 +180,7 @@ fn wall() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_nanos() as u64
 }
 
-/// A logger's process, which ends with this.
+/// Process of a logger, which ends with this value.
 pub struct Logger(Child);
 
 impl Logger {
@@ -188,13 +188,13 @@ impl Logger {
         self.0.id()
     }
 
-    /// Ends it the hard way.
+    /// Kills it.
     pub fn kill(mut self) {
         self.0.kill().expect("it is our child");
         self.0.wait().expect("it is our child");
     }
 
-    /// Ends it in good order; its exit code.
+    /// Ends it normally; returns its exit code.
     pub fn stop(mut self) -> i32 {
         signal(self.0.id() as i32, "TERM");
         let begin = Instant::now();
@@ -207,19 +207,19 @@ impl Logger {
         }
     }
 
-    /// Whether it runs.
+    /// True while it runs.
     pub fn runs(&mut self) -> bool {
         self.0.try_wait().expect("it is our child").is_none()
     }
 
-    /// Bytes of memory that are its own share (`Pss`).
+    /// Proportional memory of the process, bytes (`Pss`).
     pub fn pss(&self) -> u64 {
         let text = fs::read_to_string(format!("/proc/{}/smaps_rollup", self.0.id())).unwrap_or_default();
         let line = text.lines().find_map(|line| line.strip_prefix("Pss:"));
         1024 * line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<u64>().ok()).unwrap_or(0)
     }
 
-    /// Seconds of processor time that it has used.
+    /// Processor time used, s.
     pub fn cpu(&self) -> f64 {
         let text = fs::read_to_string(format!("/proc/{}/stat", self.0.id())).unwrap_or_default();
         let fields = text.rsplit(')').next().unwrap_or_default().split_whitespace().skip(11).take(2);

@@ -1,4 +1,4 @@
-//! A page of the diagnostic center, scripted: HTTP by hand, and a WebSocket that says what it is told to, wrong things too.
+//! Scripted page of the diagnostic center: HTTP by hand, and a WebSocket that sends anything, including malformed data.
 #![allow(dead_code, reason = "each test binary uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -7,7 +7,7 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-/// What is answered: status, headers, body.
+/// Answer: status, headers, body.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,
@@ -20,21 +20,21 @@ impl Answer {
         serde_json::from_str(&self.body).unwrap_or_else(|_| panic!("no JSON: {self:?}"))
     }
 
-    /// The cookie that it sets, as it is to be sent back.
+    /// Cookie that it sets, in the form to be returned.
     pub fn cookie(&self) -> String {
         let line = self.head.lines().find_map(|line| line.strip_prefix("set-cookie: ")).expect("a cookie");
         line.split(';').next().unwrap().into()
     }
 }
 
-/// One request on a connection of its own; `headers` are lines that end with `\r\n`.
+/// Sends one request on a separate connection; `headers` are lines that end with `\r\n`.
 pub fn request(at: SocketAddr, method: &str, path: &str, headers: &str, body: &str) -> Answer {
     let mut line = TcpStream::connect(at).expect("the server is there");
     line.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let length =
         if method == "GET" || method == "HEAD" { String::new() } else { format!("Content-Length: {}\r\n", body.len()) };
     let text = format!("{method} {path} HTTP/1.1\r\nHost: {at}\r\nConnection: close\r\n{length}{headers}\r\n{body}");
-    // Who is refused in the middle of it may not hear the rest.
+    // A client that is refused early may not receive the rest.
     let _ = line.write_all(text.as_bytes());
     let mut answer = Vec::new();
     let _ = line.read_to_end(&mut answer);
@@ -44,7 +44,7 @@ pub fn request(at: SocketAddr, method: &str, path: &str, headers: &str, body: &s
     Answer { status, head: head.to_ascii_lowercase().replace("httponly", "HttpOnly"), body: body.into() }
 }
 
-/// As the robot's own page does.
+/// Posts like the robot's own page.
 pub fn post(at: SocketAddr, path: &str, cookie: &str, body: &Value) -> Answer {
     let headers = format!("Origin: http://{at}\r\nContent-Type: application/json\r\nCookie: {cookie}\r\n");
     request(at, "POST", path, &headers, &body.to_string())
@@ -54,10 +54,10 @@ pub fn get(at: SocketAddr, path: &str, cookie: &str) -> Answer {
     request(at, "GET", path, &format!("Cookie: {cookie}\r\n"), "")
 }
 
-/// What comes on a WebSocket.
+/// Data received on a WebSocket.
 #[derive(Debug, PartialEq)]
-pub enum Heard {
-    Said(Value),
+pub enum Received {
+    Message(Value),
     Closed(u16, String),
     Nothing,
 }
@@ -70,7 +70,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// Opens a socket; the status where it is refused.
+    /// Opens a socket; returns the status if it is refused.
     pub fn open(at: SocketAddr, host: SocketAddr, path: &str, headers: &str) -> Result<Self, u16> {
         let mut stream = TcpStream::connect(at).expect("the server is there");
         stream.set_nodelay(true).unwrap();
@@ -94,26 +94,26 @@ impl Page {
         }
     }
 
-    /// The robot's own page's command socket.
+    /// Command socket of the robot's own page.
     pub fn command(at: SocketAddr, cookie: &str) -> Self {
         let headers = format!("Origin: http://{at}\r\nCookie: {cookie}\r\n");
         Self::open(at, at, "/ws/command", &headers).expect("the command socket opens")
     }
 
-    /// Its clock, ms.
+    /// Clock of the page, ms.
     pub fn clock(&self) -> f64 {
         1000.0 + self.begun.elapsed().as_secs_f64() * 1e3
     }
 
-    pub fn say(&mut self, what: &Value) {
-        self.say_text(&what.to_string());
+    pub fn send(&mut self, what: &Value) {
+        self.send_text(&what.to_string());
     }
 
-    pub fn say_text(&mut self, text: &str) {
+    pub fn send_text(&mut self, text: &str) {
         self.frame(1, text.as_bytes());
     }
 
-    /// One that has gone already is found out when it is listened to.
+    /// A closed connection is detected when receiving.
     pub fn frame(&mut self, opcode: u8, payload: &[u8]) {
         let mask = [0x37, 0xfa, 0x21, 0x3d];
         let mut frame = vec![0x80 | opcode];
@@ -133,31 +133,34 @@ impl Page {
         let _ = self.stream.write_all(&frame);
     }
 
-    /// A command of a hold, said now.
+    /// Sends a command of a hold with the current time.
     pub fn drive(&mut self, hold: u64, speed: f64, steering: f64) {
         self.seq += 1;
         let (seq, t) = (self.seq, self.clock());
-        self.say(&serde_json::json!({ "type": "drive", "hold": hold, "seq": seq, "t": t, "speed": speed, "steering": steering }));
+        let command = serde_json::json!({
+            "type": "drive", "hold": hold, "seq": seq, "t": t, "speed": speed, "steering": steering
+        });
+        self.send(&command);
     }
 
     pub fn zero(&mut self, hold: u64) {
         self.seq += 1;
         let seq = self.seq;
-        self.say(&serde_json::json!({ "type": "zero", "hold": hold, "seq": seq }));
+        self.send(&serde_json::json!({ "type": "zero", "hold": hold, "seq": seq }));
     }
 
-    /// The next frame within the time.
-    pub fn hear(&mut self, patience: Duration) -> Heard {
+    /// Next frame within the time.
+    pub fn receive(&mut self, patience: Duration) -> Received {
         let until = Instant::now() + patience;
         loop {
             if let Some((opcode, payload)) = self.take() {
                 match opcode {
-                    1 => return Heard::Said(serde_json::from_slice(&payload).unwrap()),
+                    1 => return Received::Message(serde_json::from_slice(&payload).unwrap()),
                     8 if payload.len() >= 2 => {
                         let code = u16::from_be_bytes([payload[0], payload[1]]);
-                        return Heard::Closed(code, String::from_utf8_lossy(&payload[2..]).into_owned());
+                        return Received::Closed(code, String::from_utf8_lossy(&payload[2..]).into_owned());
                     }
-                    8 => return Heard::Closed(1005, String::new()),
+                    8 => return Received::Closed(1005, String::new()),
                     9 => self.frame(10, &payload),
                     _ => {}
                 }
@@ -165,16 +168,16 @@ impl Page {
             }
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                return Heard::Nothing;
+                return Received::Nothing;
             }
             self.stream.set_read_timeout(Some(left.max(Duration::from_millis(1)))).unwrap();
             let mut buffer = [0; 4096];
             match self.stream.read(&mut buffer) {
-                Ok(0) => return Heard::Closed(0, String::new()),
+                Ok(0) => return Received::Closed(0, String::new()),
                 Ok(count) => self.bytes.extend_from_slice(&buffer[..count]),
                 Err(error)
                     if [std::io::ErrorKind::WouldBlock, std::io::ErrorKind::TimedOut].contains(&error.kind()) => {}
-                Err(_) => return Heard::Closed(0, String::new()),
+                Err(_) => return Received::Closed(0, String::new()),
             }
         }
     }
@@ -191,51 +194,51 @@ impl Page {
         Some((first & 0x0f, payload))
     }
 
-    /// The next of that type; what comes before is passed over.
+    /// Next message of that type; earlier ones are skipped.
     #[track_caller]
     pub fn until(&mut self, kind: &str) -> Value {
         let begun = Instant::now();
         let mut before = Vec::new();
         while begun.elapsed() < Duration::from_secs(8) {
-            match self.hear(Duration::from_secs(8)) {
-                Heard::Said(said) if said["type"] == kind => return said,
-                Heard::Said(other) => before.push(other),
+            match self.receive(Duration::from_secs(8)) {
+                Received::Message(message) if message["type"] == kind => return message,
+                Received::Message(other) => before.push(other),
                 other => panic!("no {kind}: {other:?} after {before:?}"),
             }
         }
         panic!("no {kind} within 8 s; {before:?}")
     }
 
-    /// How it was closed; what comes before is passed over.
+    /// Close code and reason; earlier messages are skipped.
     #[track_caller]
     pub fn closed(&mut self) -> (u16, String) {
         loop {
-            match self.hear(Duration::from_secs(15)) {
-                Heard::Said(_) => {}
-                Heard::Closed(code, reason) => return (code, reason),
-                Heard::Nothing => panic!("it is not closed"),
+            match self.receive(Duration::from_secs(15)) {
+                Received::Message(_) => {}
+                Received::Closed(code, reason) => return (code, reason),
+                Received::Nothing => panic!("it is not closed"),
             }
         }
     }
 
-    /// Says a command and waits for its answer: `done`, `sdo`, or why it is refused.
+    /// Sends a command and waits for its answer: `done`, `sdo`, or the reason of a refusal.
     #[track_caller]
     pub fn ask(&mut self, mut command: Value) -> Result<Value, String> {
         self.seq += 1;
         let id = self.seq;
         command["id"] = id.into();
-        self.say(&command);
+        self.send(&command);
         let begun = Instant::now();
         while begun.elapsed() < Duration::from_secs(8) {
-            match self.hear(Duration::from_secs(8)) {
-                Heard::Said(said) if said["id"] == id => {
-                    return if said["type"] == "refused" {
-                        Err(said["why"].as_str().unwrap().into())
+            match self.receive(Duration::from_secs(8)) {
+                Received::Message(message) if message["id"] == id => {
+                    return if message["type"] == "refused" {
+                        Err(message["why"].as_str().unwrap().into())
                     } else {
-                        Ok(said)
+                        Ok(message)
                     };
                 }
-                Heard::Said(_) => {}
+                Received::Message(_) => {}
                 other => panic!("no answer to {command}: {other:?}"),
             }
         }

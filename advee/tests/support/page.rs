@@ -1,4 +1,4 @@
-//! What a page does, without a browser: HTTP by hand, and WebSockets as RFC 6455 has them.
+//! Client of the web server without a browser: HTTP by hand, and WebSockets of RFC 6455.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use serde_json::Value;
@@ -6,21 +6,21 @@ use std::io::{self, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-/// An address that nobody has now.
+/// Unused address.
 pub fn free() -> SocketAddr {
     TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free address")
 }
 
-/// An answer.
+/// Answer.
 pub struct Answer {
     pub status: u16,
-    /// All of its headers, as they came.
+    /// All headers as received.
     pub head: String,
     pub body: Vec<u8>,
 }
 
 impl Answer {
-    /// The value of a header; its name in small letters.
+    /// Value of a header; its name in lower case.
     pub fn header(&self, name: &str) -> Option<&str> {
         let lines = self.head.lines().filter_map(|line| line.split_once(": "));
         lines.filter(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value).next()
@@ -35,7 +35,7 @@ impl Answer {
     }
 }
 
-/// Asks; `headers` end with a line feed each. None: there is nobody, or he says nothing.
+/// Sends a request; `headers` end with a line feed each. `None` without an answer.
 pub fn ask(at: SocketAddr, method: &str, path: &str, headers: &str) -> Option<Answer> {
     let mut line = TcpStream::connect(at).ok()?;
     line.set_read_timeout(Some(Duration::from_secs(10))).ok()?;
@@ -53,7 +53,7 @@ pub fn get(at: SocketAddr, path: &str) -> Option<Answer> {
     ask(at, "GET", path, "")
 }
 
-/// What comes over a WebSocket.
+/// Data received over a WebSocket.
 #[derive(Debug)]
 pub enum Frame {
     Text(String),
@@ -62,18 +62,18 @@ pub enum Frame {
     Close(u16, String),
 }
 
-/// The page's end of a WebSocket.
+/// Client end of a WebSocket.
 pub struct Socket {
     line: TcpStream,
     read: BufReader<TcpStream>,
-    /// Whether pings are answered, as a browser does.
+    /// True if pings are answered, as by a browser.
     pub answers: bool,
-    /// Bytes of texts that came.
+    /// Bytes of received texts.
     pub bytes: u64,
 }
 
 impl Socket {
-    /// Opens one; the status of who is refused.
+    /// Opens a socket; returns the status if it is refused.
     pub fn open(at: SocketAddr, path: &str, headers: &str) -> Result<Self, u16> {
         let mut line = TcpStream::connect(at).expect("the server is there");
         line.set_read_timeout(Some(Duration::from_secs(10))).expect("a time limit");
@@ -95,7 +95,7 @@ impl Socket {
         if status == 101 { Ok(Self { line, read, answers: true, bytes: 0 }) } else { Err(status) }
     }
 
-    /// Sends a frame, masked by zeros.
+    /// Sends a frame, masked with zeros.
     pub fn send(&mut self, opcode: u8, payload: &[u8]) -> io::Result<()> {
         let mut frame = vec![0x80 | opcode];
         match payload.len() {
@@ -118,12 +118,12 @@ impl Socket {
         self.send(1, text.as_bytes()).expect("it hears");
     }
 
-    /// Waits no longer than this for what comes.
+    /// Sets the timeout for receiving.
     pub fn patience(&mut self, patience: Duration) {
         self.line.set_read_timeout(Some(patience)).expect("a time limit");
     }
 
-    /// What comes next; none when nothing comes any more.
+    /// Next frame; `None` at the end.
     pub fn frame(&mut self) -> Option<Frame> {
         let mut head = [0; 2];
         self.read.read_exact(&mut head).ok()?;
@@ -159,7 +159,7 @@ impl Socket {
         }
     }
 
-    /// The next text as JSON; `Err`: it was closed for this reason, or without one.
+    /// Next text as JSON; `Err` with the reason if the socket was closed.
     pub fn json(&mut self) -> Result<Value, String> {
         loop {
             match self.frame() {
@@ -171,7 +171,7 @@ impl Socket {
         }
     }
 
-    /// All texts of a while, each with when it came, s.
+    /// All texts of a while, each with its time of arrival, s.
     pub fn during(&mut self, seconds: f64) -> Vec<(f64, Value)> {
         let begin = Instant::now();
         let mut texts = Vec::new();

@@ -1,4 +1,4 @@
-//! Temperatures and fans of the whole robot: what goes wrong there is told, and the robot drives on.
+//! Temperatures and fans of the whole robot: faults there are reported, and the robot continues to drive.
 
 use super::Robot;
 use messages::{Message, lowlevel, simulation};
@@ -8,14 +8,14 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 #[derive(Default)]
-struct Heard {
+struct Observed {
     /// Reports and notes of `driver_aux`, in order.
     news: Vec<String>,
     temperatures: Option<lowlevel::DataTemperature>,
     bus: Option<lowlevel::DataBus>,
 }
 
-impl Heard {
+impl Observed {
     fn take(&mut self, news: &News<'_>) {
         match news {
             News::Report { module: "driver_aux", report } => {
@@ -36,17 +36,17 @@ impl Heard {
 
 struct Rig {
     robot: Robot,
-    heard: Rc<RefCell<Heard>>,
+    observed: Rc<RefCell<Observed>>,
 }
 
 impl Rig {
     fn new(seed: u64) -> Self {
         let mut robot = Robot::ready(seed);
-        let heard = Rc::new(RefCell::new(Heard::default()));
-        let keep = heard.clone();
+        let observed = Rc::new(RefCell::new(Observed::default()));
+        let keep = observed.clone();
         robot.machine.observe(move |_, news| keep.borrow_mut().take(news));
         robot.pass(3.0);
-        let mut rig = Self { robot, heard };
+        let mut rig = Self { robot, observed };
         rig.news();
         rig
     }
@@ -57,21 +57,21 @@ impl Rig {
     }
 
     fn news(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.heard.borrow_mut().news)
+        std::mem::take(&mut self.observed.borrow_mut().news)
     }
 
     fn temperature(&self, name: &str) -> lowlevel::Temperature {
-        let heard = self.heard.borrow();
-        let all = &heard.temperatures.as_ref().unwrap().temperatures;
+        let observed = self.observed.borrow();
+        let all = &observed.temperatures.as_ref().unwrap().temperatures;
         all.iter().find(|temperature| temperature.name == name).unwrap().clone()
     }
 
     fn fan(&self, name: &str) -> lowlevel::Fan {
-        let heard = self.heard.borrow();
-        heard.temperatures.as_ref().unwrap().fans.iter().find(|fan| fan.name == name).unwrap().clone()
+        let observed = self.observed.borrow();
+        observed.temperatures.as_ref().unwrap().fans.iter().find(|fan| fan.name == name).unwrap().clone()
     }
 
-    /// Nothing of this stops the robot.
+    /// None of these faults stops the robot.
     fn drives(&mut self) {
         let seconds = 1.5;
         self.robot.drive(0.3, 0.0, seconds);
@@ -82,23 +82,23 @@ impl Rig {
 }
 
 #[test]
-fn temperatures_and_fans_are_told_and_the_bus_is_seldom_taken() {
+fn temperatures_and_fans_are_published_with_little_bus_load() {
     let mut rig = Rig::new(1);
     rig.robot.pass(8.0);
-    let names = |heard: &Heard| {
-        let message = heard.temperatures.clone().unwrap();
+    let names = |observed: &Observed| {
+        let message = observed.temperatures.clone().unwrap();
         let temperatures = message.temperatures.into_iter().map(|temperature| temperature.name);
         temperatures.chain(message.fans.into_iter().map(|fan| fan.name)).collect::<Vec<_>>()
     };
     let expected = ["box", "drives", "battery", "cabin", "fan_left", "fan_right"];
-    assert_eq!(names(&rig.heard.borrow()), expected);
+    assert_eq!(names(&rig.observed.borrow()), expected);
     assert!(
         (30.0..45.0).contains(&rig.temperature("box").value)
             && (20.0..25.0).contains(&rig.temperature("battery").value)
     );
     let fan = rig.fan("fan_left");
     assert!(fan.duty > 0.15 && fan.rpm > 400.0 && !fan.failed, "{fan:?}");
-    let bus = rig.heard.borrow().bus.clone().unwrap();
+    let bus = rig.observed.borrow().bus.clone().unwrap();
     assert_eq!((bus.state, bus.errors, bus.nodes[0].state), (lowlevel::DataBus::ACTIVE, 0, lowlevel::Node::OK));
     assert!((0.004..0.01).contains(&bus.load), "{}", bus.load);
     assert!((bus.nodes[0].round_trip_mean - 400e-6).abs() < 1e-9, "{}", bus.nodes[0].round_trip_mean);
@@ -106,7 +106,7 @@ fn temperatures_and_fans_are_told_and_the_bus_is_seldom_taken() {
 }
 
 #[test]
-fn an_over_temperature_is_told_the_fans_run_and_it_is_over() {
+fn an_over_temperature_is_reported_the_fans_run_and_it_is_cleared() {
     let mut rig = Rig::new(2);
     rig.fault("fan1", "hot", 70.0, 12.0);
     rig.robot.pass(8.0);
@@ -123,7 +123,7 @@ fn an_over_temperature_is_told_the_fans_run_and_it_is_over() {
 }
 
 #[test]
-fn a_fan_that_is_blocked_is_told_and_the_other_helps() {
+fn a_blocked_fan_is_reported_and_the_other_compensates() {
     let mut rig = Rig::new(3);
     rig.robot.pass(5.0);
     rig.fault("fan1", "stall", 2.0, 15.0);
@@ -142,7 +142,7 @@ fn a_chip_that_is_lost_is_an_error_of_its_module_alone_and_comes_back() {
         rig.robot.pass(3.0);
         assert_eq!(rig.news(), ["Error ChipLost fan1", "ERROR"], "{fault}");
         assert!(rig.temperature("box").value.is_nan() && !rig.temperature("battery").value.is_nan());
-        let node = rig.heard.borrow().bus.as_ref().unwrap().nodes[0].state;
+        let node = rig.observed.borrow().bus.as_ref().unwrap().nodes[0].state;
         assert_eq!(node, lowlevel::Node::LOST);
         let pid = rig.robot.machine.pid("driver_canbus").unwrap();
         assert_eq!(rig.robot.machine.state(pid), Some(State::Run));
@@ -153,7 +153,7 @@ fn a_chip_that_is_lost_is_an_error_of_its_module_alone_and_comes_back() {
 }
 
 #[test]
-fn a_thermometer_that_vanishes_is_a_state_and_no_error() {
+fn a_disconnected_thermometer_is_a_state_and_not_an_error() {
     let mut rig = Rig::new(7);
     rig.fault("battery", "silent", 0.0, 5.0);
     rig.robot.pass(4.0);
@@ -169,7 +169,7 @@ fn a_thermometer_that_vanishes_is_a_state_and_no_error() {
 }
 
 #[test]
-fn when_the_simulator_s_end_dies_and_is_back_the_chip_is_found_again() {
+fn the_chip_is_found_again_after_a_restart_of_the_simulator() {
     let mut rig = Rig::new(8);
     rig.robot.machine.kill(rig.robot.machine.pid("driver_aux").unwrap());
     rig.robot.pass(3.0);

@@ -1,4 +1,4 @@
-//! The estimator on the simulated robot: what it says beside where the body is.
+//! Estimator on the simulated robot: its output compared with the true pose.
 
 use super::{Robot, command};
 use base::{Duration, Fault, Instant};
@@ -10,45 +10,45 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 #[derive(Default)]
-struct Told {
+struct Observed {
     truth: DataTruth,
-    /// When, the estimate, how far it is off (m), and how far its heading is (rad).
+    /// Instant, estimate, position error (m) and heading error (rad).
     estimates: Vec<(Instant, DataEstimate, f64, f64)>,
     errors: Vec<common::Error>,
-    /// When a beacon was told to be sighted, the sighting's stamp, and which.
+    /// Reception of a sighting, its timestamp, and the beacon.
     sightings: Vec<(Instant, i64, i32)>,
-    /// m/s.
+    /// Speeds, m/s.
     speeds: Vec<(Instant, f64)>,
 }
 
-/// A robot that is observed from its start on.
-fn observed(seed: u64) -> (Robot, Rc<RefCell<Told>>) {
+/// Robot that is observed from its start on.
+fn observed(seed: u64) -> (Robot, Rc<RefCell<Observed>>) {
     let mut robot = Robot::new(seed);
-    let told = Rc::new(RefCell::new(Told::default()));
-    let keep = told.clone();
+    let seen = Rc::new(RefCell::new(Observed::default()));
+    let keep = seen.clone();
     robot.machine.observe(move |now, news| {
         let News::Message { message, .. } = news else { return };
-        let mut told = keep.borrow_mut();
+        let mut seen = keep.borrow_mut();
         match message {
             Message::SimDataTruth(truth) => {
-                told.speeds.push((now, truth.speed));
-                told.truth = truth.clone();
+                seen.speeds.push((now, truth.speed));
+                seen.truth = truth.clone();
             }
             Message::LlDataBeacons(data) => {
-                told.sightings.extend(data.beacons.iter().map(|beacon| (now, beacon.timestamp, beacon.id)));
+                seen.sightings.extend(data.beacons.iter().map(|beacon| (now, beacon.timestamp, beacon.id)));
             }
-            Message::CmEventError(error) => told.errors.push(error.clone()),
+            Message::CmEventError(error) => seen.errors.push(error.clone()),
             Message::MlDataEstimate(estimate) => {
-                let off = length(estimate.x - told.truth.x, estimate.y - told.truth.y);
-                let turned = navitools::wrap(estimate.theta - told.truth.theta).abs();
-                told.estimates.push((now, estimate.clone(), off, turned));
+                let off = length(estimate.x - seen.truth.x, estimate.y - seen.truth.y);
+                let turned = navitools::wrap(estimate.theta - seen.truth.theta).abs();
+                seen.estimates.push((now, estimate.clone(), off, turned));
             }
             _ => {}
         }
     });
     robot.machine.run_until(super::at(12.0));
     assert!(robot.motion().homed, "{}", robot.motion().reason);
-    (robot, told)
+    (robot, seen)
 }
 
 fn length(x: f64, y: f64) -> f64 {
@@ -69,24 +69,24 @@ fn round(robot: &mut Robot, seconds: f64) {
 
 #[test]
 fn it_finds_the_robot_by_itself_and_follows_it() {
-    let (mut robot, told) = observed(1);
+    let (mut robot, seen) = observed(1);
     round(&mut robot, 60.0);
-    let told = told.borrow();
-    let located = told.estimates.iter().find(|(_, estimate, ..)| estimate.quality >= DataEstimate::COARSE);
+    let seen = seen.borrow();
+    let located = seen.estimates.iter().find(|(_, estimate, ..)| estimate.quality >= DataEstimate::COARSE);
     let (first, ..) = located.expect("it is located");
     assert!(*first < super::at(12.0), "it needs no motion to be located: {first:?}");
-    let count = told.estimates.len();
-    let begin = told.estimates[0].0;
-    let rate = count as f64 / told.estimates[count - 1].0.since(begin).as_secs_f64();
+    let count = seen.estimates.len();
+    let begin = seen.estimates[0].0;
+    let rate = count as f64 / seen.estimates[count - 1].0.since(begin).as_secs_f64();
     assert!((rate - 20.0).abs() < 0.2, "{rate} Hz");
-    let late: Vec<_> = told.estimates.iter().filter(|(at, ..)| *at > super::at(32.0)).collect();
+    let late: Vec<_> = seen.estimates.iter().filter(|(at, ..)| *at > super::at(32.0)).collect();
     assert!(late.iter().all(|(_, estimate, ..)| estimate.quality == DataEstimate::FINE));
     let worst = late.iter().map(|(.., off, _)| *off).fold(0.0, f64::max);
     let mean = late.iter().map(|(.., off, _)| off).sum::<f64>() / late.len() as f64;
     assert!(worst < 0.35 && mean < 0.12, "worst {worst} m, mean {mean} m");
     let turned = late.iter().map(|(.., turned)| *turned).fold(0.0, f64::max);
     assert!(turned < 0.15, "{turned} rad");
-    // What it says of itself is true.
+    // Its own covariance is consistent.
     let square = |(_, estimate, off, _): &&(Instant, DataEstimate, f64, f64)| {
         off * off / (estimate.covariance[0][0] + estimate.covariance[1][1])
     };
@@ -95,47 +95,47 @@ fn it_finds_the_robot_by_itself_and_follows_it() {
 }
 
 #[test]
-fn without_beacons_it_goes_by_odometry_and_by_hand() {
-    let (mut robot, told) = observed(2);
+fn without_beacons_it_uses_odometry_and_poses_set_by_hand() {
+    let (mut robot, seen) = observed(2);
     fault(&mut robot, "sbs1", "hidden", 0.0);
     round(&mut robot, 20.0);
-    let (_, last, off, _) = told.borrow().estimates.last().cloned().expect("20 Hz");
+    let (_, last, off, _) = seen.borrow().estimates.last().cloned().expect("20 Hz");
     assert!(last.quality >= DataEstimate::COARSE && off < 1.0, "{last:?} {off}");
     let covariance = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]];
-    let DataTruth { x, y, theta, .. } = told.borrow().truth.clone();
+    let DataTruth { x, y, theta, .. } = seen.borrow().truth.clone();
     let now = robot.machine.now();
     robot.machine.inject(now, CmdEstimate { timestamp: 0, x: x + 0.1, y, theta, covariance });
     robot.pass(0.2);
-    let (_, last, off, _) = told.borrow().estimates.last().cloned().expect("20 Hz");
+    let (_, last, off, _) = seen.borrow().estimates.last().cloned().expect("20 Hz");
     assert!(last.quality == DataEstimate::FINE && (off - 0.1).abs() < 0.02, "{last:?} {off}");
 }
 
 #[test]
-fn encoders_that_stand_while_it_drives_are_told_and_do_not_mislead_it_for_long() {
-    let (mut robot, told) = observed(3);
+fn blocked_encoders_are_reported_and_mislead_the_estimator_only_briefly() {
+    let (mut robot, seen) = observed(3);
     round(&mut robot, 30.0);
     fault(&mut robot, "so1", "stuck", 0.0);
     round(&mut robot, 20.0);
-    let told = told.borrow();
+    let seen = seen.borrow();
     let number = Fault::OdometryStuck as i32;
-    assert!(told.errors.iter().any(|error| error.number == number && error.module == "estimator"));
-    let (end, last, off, _) = told.estimates.last().expect("20 Hz");
+    assert!(seen.errors.iter().any(|error| error.number == number && error.module == "estimator"));
+    let (end, last, off, _) = seen.estimates.last().expect("20 Hz");
     assert!(last.quality < DataEstimate::FINE && *off < 1.0, "{last:?} {off}");
     let since = *end - Duration::from_secs(15);
     let honest = |(_, estimate, off, _): &(Instant, DataEstimate, f64, f64)| {
         *off < 10.0 * (estimate.covariance[0][0] + estimate.covariance[1][1]).sqrt()
     };
-    assert!(told.estimates.iter().filter(|(at, ..)| *at > since).all(honest));
+    assert!(seen.estimates.iter().filter(|(at, ..)| *at > since).all(honest));
 }
 
 #[test]
-fn standing_it_stays_where_it_is() {
-    let (mut robot, told) = observed(4);
+fn at_standstill_the_estimate_does_not_drift() {
+    let (mut robot, seen) = observed(4);
     let now = robot.machine.now();
     robot.machine.inject(now, command(0.0, 0.0));
     robot.pass(60.0);
-    let told = told.borrow();
-    let late: Vec<_> = told.estimates.iter().filter(|(at, ..)| *at > super::at(25.0)).collect();
+    let seen = seen.borrow();
+    let late: Vec<_> = seen.estimates.iter().filter(|(at, ..)| *at > super::at(25.0)).collect();
     let moved = |(_, estimate, ..): &&(Instant, DataEstimate, f64, f64)| {
         length(estimate.x - late[0].1.x, estimate.y - late[0].1.y)
     };
@@ -143,27 +143,27 @@ fn standing_it_stays_where_it_is() {
     assert!(late.iter().all(|(_, estimate, off, _)| *off < 0.4 && estimate.quality >= DataEstimate::COARSE));
 }
 
-/// Carries it off while it moves as it does, and holds what follows against what is asked for: three sweeps, a second
-/// each, until it no longer says FINE; five seconds after the third beacon until it knows where it is.
-fn carry_off(robot: &mut Robot, told: &RefCell<Told>, number: f64) -> Instant {
+/// Kidnaps the robot while it moves as before, and checks the requirements: within three sweeps, of a second each, it
+/// no longer reports FINE; within five seconds after the third beacon it knows its pose.
+fn carry_off(robot: &mut Robot, seen: &RefCell<Observed>, number: f64) -> Instant {
     let then = robot.machine.now();
-    let before = told.borrow().truth.clone();
-    assert_eq!(told.borrow().estimates.last().map(|(_, last, ..)| last.quality), Some(DataEstimate::FINE));
+    let before = seen.borrow().truth.clone();
+    assert_eq!(seen.borrow().estimates.last().map(|(_, last, ..)| last.quality), Some(DataEstimate::FINE));
     fault(robot, "robot", "kidnap", number);
     robot.pass(0.1);
-    let there = told.borrow().truth.clone();
+    let there = seen.borrow().truth.clone();
     assert!(length(there.x - before.x, there.y - before.y) > 1.0, "{there:?}");
     robot.pass(14.9);
-    let told = told.borrow();
-    let mut after = told.estimates.iter().filter(|(at, ..)| *at > then);
+    let seen = seen.borrow();
+    let mut after = seen.estimates.iter().filter(|(at, ..)| *at > then);
     let (uneasy, ..) = after.find(|(_, estimate, ..)| estimate.quality < DataEstimate::FINE).expect("it is noticed");
     assert!(uneasy.since(then) <= Duration::from_secs(3), "noticed after {:?}", uneasy.since(then));
-    let mut seen = Vec::new();
-    let third = told.sightings.iter().filter(|(_, stamp, _)| *stamp > there.timestamp).find(|(.., id)| {
-        if !seen.contains(id) {
-            seen.push(*id);
+    let mut beacons = Vec::new();
+    let third = seen.sightings.iter().filter(|(_, stamp, _)| *stamp > there.timestamp).find(|(.., id)| {
+        if !beacons.contains(id) {
+            beacons.push(*id);
         }
-        seen.len() == 3
+        beacons.len() == 3
     });
     let (third, ..) = third.expect("three beacons are in sight from there");
     let right = |(_, estimate, off, turned): &&(Instant, DataEstimate, f64, f64)| {
@@ -175,31 +175,31 @@ fn carry_off(robot: &mut Robot, told: &RefCell<Told>, number: f64) -> Instant {
 }
 
 #[test]
-fn carried_off_while_it_stands_it_notices_and_finds_itself_again() {
+fn a_kidnapping_at_standstill_is_noticed_and_the_pose_found_again() {
     for (seed, number) in [(5, 1.0), (6, 3.0), (7, 4.0)] {
-        let (mut robot, told) = observed(seed);
+        let (mut robot, seen) = observed(seed);
         round(&mut robot, 20.0);
         robot.pass(10.0);
         assert!(robot.speed().abs() < 1e-3, "it stands");
-        carry_off(&mut robot, &told, number);
+        carry_off(&mut robot, &seen, number);
     }
 }
 
 #[test]
-fn carried_off_while_it_drives_to_a_goal_it_stops_and_finds_itself_again() {
+fn a_kidnapping_on_the_way_to_a_goal_stops_the_robot_and_the_pose_is_found_again() {
     for (seed, number) in [(8, 1.0), (9, 2.0)] {
-        let (mut robot, told) = observed(seed);
+        let (mut robot, seen) = observed(seed);
         let waypoints = vec![Waypoint { x: 12.5, y: 6.0, ..Default::default() }];
         let now = robot.machine.now();
         robot.machine.inject(now, CmdGoal { id: 1, waypoints, ..Default::default() });
         robot.pass(10.0);
         assert!(robot.speed().abs() > 0.2, "the planner drives: {}", robot.speed());
-        let then = carry_off(&mut robot, &told, number);
-        let told = told.borrow();
-        let stopped = told.speeds.iter().find(|(at, speed)| *at > then && speed.abs() < 0.01);
+        let then = carry_off(&mut robot, &seen, number);
+        let seen = seen.borrow();
+        let stopped = seen.speeds.iter().find(|(at, speed)| *at > then && speed.abs() < 0.01);
         let (stopped, _) = stopped.expect("it stops");
         assert!(stopped.since(then) <= Duration::from_secs(5), "stopped after {:?}", stopped.since(then));
-        let late = told.speeds.iter().filter(|(at, _)| at > stopped);
+        let late = seen.speeds.iter().filter(|(at, _)| at > stopped);
         assert!(late.map(|(_, speed)| speed.abs()).fold(0.0, f64::max) < 0.01, "it drove on by itself");
     }
 }

@@ -10,7 +10,7 @@ use sim::host::News;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// The view model of a listener, from the moment at which it joins.
+/// View model of a listener, from the instant at which it joins.
 #[derive(Clone)]
 struct Listener(Rc<RefCell<Model>>);
 
@@ -20,13 +20,13 @@ impl Listener {
         let keep = model.clone();
         robot.machine.observe(move |now, news| {
             if let News::Message { message, .. } = news {
-                keep.borrow_mut().hear(now, &message.channel_name(), 64, Some((*message).clone()));
+                keep.borrow_mut().receive(now, &message.channel_name(), 64, Some((*message).clone()));
             }
         });
         Self(model)
     }
 
-    /// The lost boards of `driver_rs485a`: subject, active, known.
+    /// Lost boards of `driver_rs485a`: subject, active, known.
     fn lost(&self, now: Instant) -> Vec<(String, bool, bool)> {
         let model = self.0.borrow();
         let groups = model.errors.groups(now).into_iter();
@@ -82,7 +82,7 @@ fn a_board_that_comes_back_leaves_the_other_s_fault_and_a_late_listener_knows_it
 }
 
 #[test]
-fn the_faults_of_a_module_without_a_process_are_not_known() {
+fn the_faults_of_a_module_without_a_process_are_unknown() {
     let mut robot = Robot::ready(1);
     let early = Listener::join(&mut robot);
     fault(&mut robot, "sd1_rear", "silent");
@@ -100,7 +100,7 @@ fn the_faults_of_a_module_without_a_process_are_not_known() {
         assert_eq!(model.errors.knowledge("driver_rs485a", now), Knowledge::Unknown);
         assert_eq!(model.errors.knowledge("driver_rs485b", now), Knowledge::Listed);
     }
-    // It is back: it lists what it finds.
+    // The module is back: it lists its current faults.
     command(&mut robot, State::Run);
     robot.pass(0.5);
     let now = robot.machine.now();

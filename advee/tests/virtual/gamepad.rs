@@ -1,12 +1,12 @@
-//! A gamepad moves the robot in virtual time, and leaves it in every way that a gamepad can.
+//! A gamepad moves the robot in virtual time, and disappears in every possible way.
 
 use super::*;
 use base::gamepad::{ABS_RX, ABS_Y, Axis, BTN_SOUTH, BTN_TL, Button, Device, Event};
 use messages::simulation::CmdFault;
 
-/// A commanded stop from the manual limit: 0.6 m/s at 0.8 m/s², and some turns of loops and drives.
+/// Commanded stop from the manual limit: 0.6 m/s at 0.8 m/s², and some periods of loops and drives.
 const STANDS: Duration = Duration::from_millis(750 + 150);
-/// The same where nobody says zero: a command's life, then a quick stop at 1.5 m/s².
+/// Stop without a zero command: a command's validity, then a quick stop at 1.5 m/s².
 const STANDS_UNTOLD: Duration = Duration::from_millis(250 + 400 + 150);
 
 impl Robot {
@@ -17,14 +17,14 @@ impl Robot {
         self.pass(0.01);
     }
 
-    /// The gamepad is plugged in, held, and pushed; each in its turn.
+    /// The gamepad is plugged in, the button held, and the stick pushed, in this order.
     fn grip(&mut self, speed: f64) {
         for (what, value) in [("release", 0.0), ("speed", 0.0), ("plug", 0.0), ("hold", 0.0), ("speed", speed)] {
             self.pad(what, value);
         }
     }
 
-    /// How long it takes to stand from now on.
+    /// Time until standstill from now on.
     #[track_caller]
     fn stands_within(&mut self, bound: Duration, why: &str) {
         let begin = self.machine.now();
@@ -33,14 +33,14 @@ impl Robot {
             let took = self.machine.now().since(begin);
             assert!(took <= bound, "{why}: {} m/s after {took:?}", self.speed());
         }
-        // And goes on standing.
+        // And remains at standstill.
         self.pass(0.6);
         assert!(self.speed().abs() < 0.01, "{why}: it moves again");
     }
 }
 
 #[test]
-fn it_drives_while_it_is_held_and_stands_when_it_is_let_go() {
+fn it_drives_while_the_button_is_held_and_stops_when_it_is_released() {
     let mut robot = Robot::ready(3);
     robot.grip(1.0);
     robot.pass(2.0);
@@ -54,7 +54,7 @@ fn it_drives_while_it_is_held_and_stands_when_it_is_let_go() {
 }
 
 #[test]
-fn unplugged_at_any_phase_of_its_commands_it_stands_within_its_bound() {
+fn unplugged_in_any_phase_of_its_commands_the_robot_stops_within_its_bound() {
     let mut robot = Robot::ready(4);
     for phase in 0..25_u32 {
         robot.grip(if phase % 2 == 0 { 1.0 } else { -0.7 });
@@ -69,7 +69,7 @@ fn unplugged_at_any_phase_of_its_commands_it_stands_within_its_bound() {
 }
 
 #[test]
-fn whatever_its_driver_does_in_whatever_phase_the_robot_stands_within_a_command_s_life_and_a_quick_stop() {
+fn whatever_its_driver_does_the_robot_stops_within_a_command_s_validity_and_a_quick_stop() {
     let mut robot = Robot::ready(5);
     for phase in 0..12_u32 {
         robot.grip(0.8);
@@ -82,7 +82,7 @@ fn whatever_its_driver_does_in_whatever_phase_the_robot_stands_within_a_command_
             robot.machine.hang(pid);
         }
         robot.stands_within(STANDS_UNTOLD, &format!("its driver is gone in phase {phase}"));
-        // The watchdog is less and less in a hurry, up to ten seconds.
+        // The watchdog delays restarts more and more, up to ten seconds.
         let runs = |robot: &Robot| {
             let new = robot.machine.pid("driver_joydev").filter(|new| *new != pid);
             new.and_then(|new| robot.machine.state(new)) == Some(State::Run)
@@ -98,7 +98,7 @@ fn whatever_its_driver_does_in_whatever_phase_the_robot_stands_within_a_command_
 }
 
 #[test]
-fn a_gamepad_that_goes_with_its_simulator_stops_the_robot_too() {
+fn a_gamepad_that_disappears_with_its_simulator_stops_the_robot_too() {
     let mut robot = Robot::ready(6);
     let mut pad = Device::new("of the test");
     for code in [ABS_Y, ABS_RX] {
@@ -124,7 +124,7 @@ fn a_gamepad_that_goes_with_its_simulator_stops_the_robot_too() {
 }
 
 #[test]
-fn a_session_with_a_gamepad_is_the_same_to_the_last_bit() {
+fn a_session_with_a_gamepad_is_reproducible_bit_for_bit() {
     let session = |seed| {
         let mut robot = Robot::ready(seed);
         robot.grip(0.9);

@@ -1,4 +1,4 @@
-//! The logger beside the whole robot, on a disk that loses in a power cut what was not synchronized.
+//! Logger beside the whole robot, on a disk that loses unsynchronized data in a power cut.
 
 use super::{at, place};
 use base::{Duration, Epoch, Instant};
@@ -18,7 +18,7 @@ fn machine(seed: u64) -> Virtual {
     machine
 }
 
-/// Log time and topic of every message that is left on a disk.
+/// Log time and topic of every message left on a disk.
 fn left(disk: &Disk) -> Vec<(Instant, String)> {
     let mut left = Vec::new();
     for file in disk.files.values() {

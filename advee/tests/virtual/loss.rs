@@ -1,17 +1,17 @@
 //! Every single CAN frame of a start is lost once: boot-up, configuration, homing, enabling, the first motion and its
-//! end. One run without a loss counts the frames, then one run for each. Whatever was lost, at every moment
+//! end. One run without a loss counts the frames, then one run for each. Whatever was lost, at every instant
 //!
-//! 1. no RPDO4 enables a speed that no living command asks for, and without one the robot stands within its ramp;
-//! 2. a robot that gives no reason why it does not move does as it is told, wheels and steering;
-//! 3. what is told as homed is where it is told to be;
+//! 1. no RPDO4 enables a speed without a valid command for it, and without a command the robot stops within its ramp;
+//! 2. a robot that gives no reason why it does not move follows its commands, wheels and steering;
+//! 3. an axis that is reported as homed is at its reported position;
 //!
-//! and in the end the robot drives when it is told to, or stands with an error reported and a reason given. What did not
-//! go as without the loss was reported as an error, or given as the reason. What comes again by itself, heartbeats and
-//! PDOs, is not even missed.
+//! and in the end the robot drives on command, or stands with a reported error and a reason. Every deviation from the
+//! run without a loss was reported as an error or given as the reason. The loss of a frame that is repeated anyway, a
+//! heartbeat or a PDO, is not even noticed.
 //!
 //! Frames that are destroyed on the wire, which the controllers send again, cost time and nothing else.
 //!
-//! `LOSS=NUMBER cargo test -p advee --test virtual loss -- --nocapture` for one.
+//! `LOSS=NUMBER cargo test -p advee --test virtual loss -- --nocapture` runs one.
 
 use super::{Robot, at};
 use base::{Duration, Instant, can};
@@ -26,21 +26,21 @@ use std::thread;
 const SPEED: f64 = 0.3;
 const STEERING: f64 = 0.2;
 const TTL: Duration = Duration::from_millis(250);
-/// LCM, the queue of the bus, a frame on it.
+/// Latency of LCM, the queue of the bus, and a frame on it.
 const SLACK: Duration = Duration::from_millis(2);
-/// How long the wheels and the steering may take to where they are told to be, from standing: 0.5 m/s², 0.7 rad/s.
+/// Time for wheels and steering to reach their set-points from standstill: 0.5 m/s², 0.7 rad/s.
 const SETTLED: Duration = Duration::from_millis(1000);
-/// A start may take this long when something is lost: a node may have to be booted again, the steering homed again.
+/// Longest start after a loss, s: a node may have to boot again, the steering to be homed again.
 const PATIENCE: f64 = 40.0;
 
 #[derive(Default)]
 struct Checker {
-    /// The unbroken sequence of commands: its first and its last.
+    /// Unbroken sequence of commands: its first and its last.
     commanded: Option<(Instant, Instant)>,
-    /// When the robot last gave a reason.
+    /// Last instant at which the robot gave a reason.
     excused: Instant,
     reasons: Vec<String>,
-    /// Errors that were reported and have not gone away.
+    /// Active errors.
     standing: Vec<i32>,
     errors: u32,
     reported: Vec<String>,
@@ -116,7 +116,7 @@ impl Checker {
     fn on_truth(&mut self, now: Instant, speed: f64, steering: f64) -> Result<(), String> {
         self.fastest = self.fastest.max(speed.abs());
         let silent = self.commanded.map_or(now.since(Instant::ZERO), |(_, last)| now.since(last));
-        // A drive that was lost is booted again before it can be told to stop: within its heartbeat and its set-up.
+        // A lost drive is booted again before it can be commanded to stop: within its heartbeat time and its set-up.
         let stopped = TTL + Duration::from_millis(300) + Duration::from_secs_f64(SPEED / 1.5);
         if silent > stopped && speed.abs() > 0.01 {
             return Err(format!("{speed:.3} m/s, and nobody commands since {silent:?}"));
@@ -135,14 +135,14 @@ impl Checker {
     }
 }
 
-/// How a start went on.
+/// Outcome of a start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Outcome {
-    /// As if nothing was lost.
+    /// As without a loss.
     Unmoved,
-    /// It said what was wrong, and drove when it was asked again.
+    /// Reported what was wrong, and drove on a new command.
     Recovered,
-    /// It stands, and says why.
+    /// Stands, with a reason.
     Stands,
 }
 
@@ -160,7 +160,7 @@ impl Start {
         Self { robot, checker }
     }
 
-    /// Waits until only a command is missing, or for so long that it does not come.
+    /// Waits until only a command is missing, or until the timeout.
     fn ready(&mut self) {
         let end = self.robot.machine.now() + Duration::from_secs_f64(PATIENCE);
         while self.robot.machine.now() < end && !self.is_ready() {
@@ -173,7 +173,7 @@ impl Start {
         checker.motion.homed && checker.holds.is_idle()
     }
 
-    /// Drives for 1.5 s, then is silent until it must stand. Whether it went as told, at once.
+    /// Drives for 1.5 s, then sends nothing until it must stand. True if it followed the command at once.
     fn drive(&mut self) -> bool {
         self.checker.borrow_mut().fastest = 0.0;
         self.robot.drive(SPEED, STEERING, 1.5);
@@ -191,13 +191,13 @@ impl Start {
         self.checker.borrow().wrong.clone().map_or(Ok(()), Err)
     }
 
-    /// The whole of it.
+    /// Runs the whole start.
     fn run(&mut self) -> Result<Outcome, String> {
         self.ready();
         let went = self.drive();
         let said = self.checker.borrow().errors > 0;
         self.wrong()?;
-        // What was lost at the end of the first motion shows now, or in the second.
+        // A loss at the end of the first motion shows now, or in the second.
         self.robot.pass(0.5);
         self.ready();
         let again = self.drive();
@@ -213,7 +213,7 @@ impl Start {
     }
 }
 
-/// One run; what was lost, and how it went on.
+/// One run; the lost frame, and the outcome.
 fn run(lost: u64) -> (Option<can::Frame>, Result<Outcome, String>) {
     let mut start = Start::new(Some(lost));
     let outcome = start.run();
@@ -222,7 +222,7 @@ fn run(lost: u64) -> (Option<can::Frame>, Result<Outcome, String>) {
 }
 
 #[test]
-fn whatever_single_frame_of_a_start_is_lost_the_robot_drives_or_says_why_not() {
+fn whatever_single_frame_of_a_start_is_lost_the_robot_drives_or_reports_why_not() {
     if let Some(lost) = std::env::var("LOSS").ok().and_then(|number| number.parse().ok()) {
         let mut start = Start::new(Some(lost));
         let outcome = start.run();
@@ -258,7 +258,7 @@ fn whatever_single_frame_of_a_start_is_lost_the_robot_drives_or_says_why_not() {
         count(Outcome::Recovered),
         count(Outcome::Stands),
     );
-    // Heartbeats and PDOs come again: no single one is missed.
+    // Heartbeats and PDOs are repeated: the loss of a single one has no effect.
     let repeated =
         |frame: &Option<can::Frame>| frame.is_some_and(|frame| !matches!(frame.id(), can::Id::Standard(0x580..=0x67F)));
     let disturbed = all.iter().filter(|(_, frame, result)| repeated(frame) && *result != Ok(Outcome::Unmoved));
@@ -270,14 +270,15 @@ fn whatever_single_frame_of_a_start_is_lost_the_robot_drives_or_says_why_not() {
     assert!(failed.is_empty(), "{} of {frames}: {:#?}", failed.len(), &failed[..failed.len().min(10)]);
 }
 
-/// What is destroyed on the wire is sent again by the controller. One in seventeen and fewer: error counters fall as fast as they rise.
+/// A frame destroyed on the wire is sent again by the controller. At most one in seventeen: error counters then fall as
+/// fast as they rise.
 #[test]
 fn a_frame_that_is_destroyed_on_the_wire_costs_time_and_nothing_else() {
     let mut calm = Start::new(None);
     assert_eq!(calm.run(), Ok(Outcome::Unmoved));
     for every in [17_u32, 19, 23, 29, 31] {
         let mut start = Start::new(None);
-        // Said again and again, so that it is heard before the bus's first frame.
+        // Repeated, so that it is received before the bus's first frame.
         for millis in 0..200 {
             let value = f64::from(every);
             let (target, fault) = ("can.main".into(), "corrupt".into());
@@ -288,7 +289,7 @@ fn a_frame_that_is_destroyed_on_the_wire_costs_time_and_nothing_else() {
         assert!(matches!(outcome, Ok(Outcome::Unmoved | Outcome::Recovered)), "every {every}th: {outcome:?}");
         let checker = start.checker.borrow();
         assert_eq!(checker.reasons, calm.checker.borrow().reasons, "every {every}th");
-        // That there is noise is told, and no more.
+        // The noise is reported, and nothing else.
         assert!(checker.reported.iter().all(|report| report.contains("frames with errors")), "{:?}", checker.reported);
         let destroyed = start.robot.machine.traffic("can.main").expect("the drives are there").errors;
         assert!(destroyed > start.frames() / u64::from(every) / 2, "{destroyed} frames only");

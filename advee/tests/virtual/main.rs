@@ -1,5 +1,5 @@
-//! The whole robot in virtual time: the same modules, the watchdog among them, on modelled buses. What live tests can
-//! only bound, this one knows to the nanosecond.
+//! Whole robot in virtual time: the same modules, including the watchdog, on simulated buses. Live tests can only give
+//! bounds; this one is exact to the nanosecond.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod auxiliary;
@@ -34,7 +34,7 @@ struct Seen {
     critical: Option<Instant>,
 }
 
-/// A robot on which the rules of [`sim::check`] hold, whatever a test does.
+/// Robot on which the rules of [`sim::check`] hold in every test.
 struct Robot {
     machine: Virtual,
     seen: Rc<RefCell<Seen>>,
@@ -45,7 +45,7 @@ fn at(seconds: f64) -> Instant {
     Instant::ZERO + Duration::from_secs_f64(seconds)
 }
 
-/// The shipped robot; nobody walks into it.
+/// Shipped robot without visitors.
 fn place() -> Place {
     Place {
         config: Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee"),
@@ -57,7 +57,7 @@ fn place() -> Place {
     }
 }
 
-/// The same without its middle level: the test estimates and plans.
+/// Shipped robot without its middle level: the test estimates and plans.
 fn low_level() -> Place {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("low-level-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
@@ -102,7 +102,7 @@ impl Robot {
         robot
     }
 
-    /// Commands at 20 Hz from now on, for a while; they wait in the machine.
+    /// Commands at 20 Hz from now on, for a while; queued in the machine.
     fn drive(&mut self, speed: f64, steering: f64, seconds: f64) {
         let begin = self.machine.now();
         for n in 0..(seconds * 20.0) as u32 {
@@ -118,7 +118,7 @@ impl Robot {
         self.seen.borrow().motion.clone().expect("20 Hz")
     }
 
-    /// The weightiest of what stands against motion.
+    /// Most important cause that holds the motion.
     fn hold(&self) -> Option<Hold> {
         self.seen.borrow().holds.first()
     }
@@ -127,7 +127,7 @@ impl Robot {
         self.seen.borrow().speed
     }
 
-    /// When the first quick stop for the propulsion left after `since`.
+    /// Instant of the first quick stop for the propulsion after `since`.
     fn quick_stop_after(&self, since: Instant) -> Instant {
         let stops = |frame: &can::Frame| frame.id() == can::Id::Standard(0x501) && frame.data()[0] == 0x0B;
         let seen = self.seen.borrow();
@@ -175,7 +175,7 @@ fn command(speed: f64, steering: f64) -> lowlevel::CmdMotion {
     lowlevel::CmdMotion { timestamp: 0, speed, steering, priority, source: "test".into() }
 }
 
-/// Drives, dies twice, drives again; the digest says whether everything happened as before.
+/// Drives, has two processes killed, drives again; the digest shows whether everything happened as before.
 fn eventful(seed: u64) -> (u64, u64) {
     let mut robot = Robot::ready(seed);
     robot.drive(0.4, 0.2, 3.0);
@@ -195,7 +195,7 @@ fn eventful(seed: u64) -> (u64, u64) {
 }
 
 #[test]
-fn the_same_seed_is_the_same_run_to_the_last_bit() {
+fn the_same_seed_gives_the_same_run_bit_for_bit() {
     let (digest, messages) = eventful(7);
     assert_eq!(eventful(7), (digest, messages));
     assert_ne!(eventful(8).0, digest);
@@ -220,13 +220,13 @@ fn it_drives_as_commanded() {
 }
 
 #[test]
-fn silence_begins_a_quick_stop_when_the_command_has_lived_its_time() {
+fn silence_begins_a_quick_stop_when_the_command_expires() {
     let mut robot = Robot::ready(1);
     let begin = robot.machine.now();
     robot.drive(0.4, 0.0, 2.0);
     robot.pass(4.0);
-    // The last command was published 1.95 s after the begin and heard up to 0.25 ms later; a frame of 6 bytes takes at
-    // most 115 us at 1 Mbit/s, twice that at 500 kbit/s, and waits for at most one other.
+    // The last command was published 1.95 s after the beginning and received up to 0.25 ms later; a frame of 6 bytes
+    // takes at most 115 us at 1 Mbit/s, twice that at 500 kbit/s, and waits for at most one other.
     let last = begin + Duration::from_millis(1950);
     let stop = robot.quick_stop_after(begin + Duration::from_millis(500));
     let took = stop.since(last);
@@ -256,12 +256,12 @@ fn when_the_drives_driver_hangs_the_drives_stop_by_themselves() {
     robot.pass(2.0);
     let pid = robot.machine.pid("driver_canbus").expect("it runs");
     robot.machine.hang(pid);
-    // The master's heartbeat may be missing 200 ms; then 0.4 m/s at 1.5 m/s².
+    // The master's heartbeat may be missing for 200 ms; then 0.4 m/s at 1.5 m/s².
     robot.pass(0.2);
     assert!(robot.speed() > 0.35);
     robot.pass(0.4);
     assert!(robot.speed().abs() < 0.001, "{}", robot.speed());
-    // The watchdog hears nothing for 2 s, ends it and starts it again.
+    // The watchdog receives nothing for 2 s, ends the process and restarts it.
     robot.pass(12.0);
     assert_ne!(robot.machine.pid("driver_canbus"), Some(pid));
     assert!(robot.motion().homed, "{}", robot.motion().reason);

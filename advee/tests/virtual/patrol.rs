@@ -1,4 +1,4 @@
-//! The whole robot drives by itself, in virtual time: it finds itself, plans, drives, waits, and stands when it must.
+//! Whole robot driving autonomously in virtual time: it finds its pose, plans, drives, waits, and stops when it must.
 
 #[path = "../../../benches/patrol/rig.rs"]
 mod rig;
@@ -6,7 +6,7 @@ mod rig;
 use messages::middlelevel::DataGoal;
 use rig::Patrol;
 
-/// On its way for a while.
+/// Patrol that has driven for a while.
 fn driving(world: &str, people: Option<u32>, seed: u64) -> Patrol {
     let mut robot = Patrol::new(world, people, seed, None);
     robot.go();
@@ -30,7 +30,7 @@ fn it_patrols_the_empty_hall_without_a_contact() {
 }
 
 #[test]
-fn it_patrols_among_visitors_and_moves_into_nobody() {
+fn it_patrols_among_visitors_and_moves_into_none() {
     let mut robot = Patrol::new("hall", None, 2, None);
     robot.go();
     robot.patrol(240.0);
@@ -40,7 +40,7 @@ fn it_patrols_among_visitors_and_moves_into_nobody() {
 }
 
 #[test]
-fn a_goal_that_is_taken_back_leaves_it_standing() {
+fn a_cancelled_goal_leaves_the_robot_at_standstill() {
     let mut robot = driving("hall", Some(0), 3);
     robot.send_to(9, &[]);
     robot.pass(3.0);
@@ -79,7 +79,7 @@ fn an_estimator_that_dies_stops_it() {
 }
 
 #[test]
-fn goals_that_cannot_be_are_refused_in_words() {
+fn invalid_goals_are_refused_with_a_reason() {
     let mut robot = Patrol::new("hall", Some(0), 6, None);
     robot.go();
     for (id, x, y, words) in [

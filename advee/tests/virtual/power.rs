@@ -1,4 +1,4 @@
-//! The power controller and the beacon scanner of the whole robot: what pulls the PAUSE line stops it, and it stays.
+//! Power controller and beacon scanner of the whole robot: an engaged PAUSE line stops the robot, and it stays stopped.
 
 use super::{Robot, at};
 use base::{Duration, Fault, Instant};
@@ -8,7 +8,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 #[derive(Default)]
-struct Heard {
+struct Observed {
     stops: Vec<(Instant, lowlevel::EventStop)>,
     power: Vec<(Instant, lowlevel::DataPower)>,
     beacons: Vec<lowlevel::DataBeacons>,
@@ -19,7 +19,7 @@ struct Heard {
     processes: Option<common::DataProcesses>,
 }
 
-impl Heard {
+impl Observed {
     fn take(&mut self, now: Instant, news: &News<'_>) {
         match news {
             News::Message { message: Message::LlEventStop(stop), .. } => self.stops.push((now, stop.clone())),
@@ -39,13 +39,13 @@ impl Heard {
     }
 }
 
-/// All modules run, the steering is homed; and everything that is heard from now on.
-fn ready(seed: u64) -> (Robot, Rc<RefCell<Heard>>) {
+/// All modules run, the steering is homed; and everything received from now on.
+fn ready(seed: u64) -> (Robot, Rc<RefCell<Observed>>) {
     let mut robot = Robot::ready(seed);
-    let heard = Rc::new(RefCell::new(Heard::default()));
-    let keep = heard.clone();
+    let observed = Rc::new(RefCell::new(Observed::default()));
+    let keep = observed.clone();
     robot.machine.observe(move |now, news| keep.borrow_mut().take(now, news));
-    (robot, heard)
+    (robot, observed)
 }
 
 fn say(robot: &mut Robot, message: impl Into<Message>) {
@@ -62,7 +62,7 @@ fn switch(robot: &mut Robot, device: i8, action: i8) {
     say(robot, lowlevel::CmdPower { timestamp: 0, device, action });
 }
 
-/// The robot stands, though somebody commands it all the time; then it is asked anew, and drives.
+/// The robot stays stopped in spite of continuous commands; after a new command it drives.
 fn is_latched_until_commanded_anew(robot: &mut Robot) {
     robot.drive(0.4, 0.0, 3.0);
     robot.pass(3.0);
@@ -75,12 +75,12 @@ fn is_latched_until_commanded_anew(robot: &mut Robot) {
 }
 
 #[test]
-fn a_bumper_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
-    let (mut robot, heard) = ready(1);
+fn a_bumper_stops_the_robot_until_a_new_command() {
+    let (mut robot, observed) = ready(1);
     // From x = 3 through the hall, past its columns, to a stand's wall at x = 15.
     robot.drive(0.6, -0.02, 60.0);
     let before = robot.machine.now();
-    while heard.borrow().truth.last().is_none_or(|(_, truth)| truth.collisions == 0) {
+    while observed.borrow().truth.last().is_none_or(|(_, truth)| truth.collisions == 0) {
         robot.pass(0.05);
         assert!(robot.machine.now().since(before) < Duration::from_secs(40), "it runs into nothing");
     }
@@ -88,18 +88,18 @@ fn a_bumper_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
     assert!(robot.speed().abs() < 0.001);
     let stands = [Some(Hold::PauseBumper), Some(Hold::DriveFault)];
     assert!(stands.contains(&robot.hold()), "{}", robot.motion().reason);
-    let stops = heard.borrow().stops.clone();
+    let stops = observed.borrow().stops.clone();
     let (told, stop) = stops.iter().find(|(_, stop)| stop.engaged).expect("the line is engaged");
     assert_eq!(StopSource::from_name(&stop.source).is_front_bumper(), Some(true), "{stop:?}");
-    let hit = heard.borrow().truth.iter().find(|(_, truth)| truth.collisions > 0).expect("it ran into it").0;
-    // The truth is told every 50 ms; the board's 7 words take 0.67 ms.
+    let hit = observed.borrow().truth.iter().find(|(_, truth)| truth.collisions > 0).expect("it ran into it").0;
+    // The truth is published every 50 ms; the board's 7 words take 0.67 ms.
     assert!(
         told.since(hit) < Duration::from_millis(1) && hit.since(*told) < Duration::from_millis(51),
         "{told:?} {hit:?}"
     );
-    // Its foam pushes the robot off after 500 ms; the feed is there again, the drive is reset.
+    // Its foam pushes the robot off after 500 ms; the supply is back, the drive is reset.
     robot.pass(3.0);
-    assert!(heard.borrow().stops.last().is_some_and(|(_, stop)| !stop.engaged));
+    assert!(observed.borrow().stops.last().is_some_and(|(_, stop)| !stop.engaged));
     let left = at(12.0 + 60.0).since(robot.machine.now()).as_secs_f64();
     robot.pass(left + 1.0);
     assert!(robot.speed().abs() < 0.001, "whoever drove went on commanding for {left} s");
@@ -109,30 +109,30 @@ fn a_bumper_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
 }
 
 #[test]
-fn the_stop_button_stops_the_robot_and_it_stands_until_it_is_commanded_anew() {
-    let (mut robot, heard) = ready(1);
+fn the_stop_button_stops_the_robot_until_a_new_command() {
+    let (mut robot, observed) = ready(1);
     robot.drive(0.4, 0.0, 6.0);
     robot.pass(2.0);
     let pressed = robot.machine.now();
     fault(&mut robot, "psc1", "stop_button", 0.0, 2.5);
     robot.pass(0.2);
-    // Before any word of it the line has opened the motors' feed: nothing drives it any more, it coasts.
+    // Before the report, the line has already cut the motors' supply: the robot coasts without drive.
     let motion = robot.motion();
     assert!(!motion.enabled && robot.speed() < 0.38 && robot.speed() > 0.3, "{motion:?}");
-    let (told, stop) = heard.borrow().stops.iter().find(|(_, stop)| stop.engaged).cloned().expect("it is told");
+    let (told, stop) = observed.borrow().stops.iter().find(|(_, stop)| stop.engaged).cloned().expect("it is told");
     assert_eq!(stop.source, "button");
     // Through LCM to the simulator 50 to 250 us, 7 words of 95.5 us.
     assert!(told.since(pressed) < Duration::from_millis(1), "{told:?}");
     robot.pass(2.2);
     assert!(robot.speed().abs() < 0.001, "{}", robot.speed());
     robot.pass(1.6);
-    assert!(heard.borrow().stops.last().is_some_and(|(_, stop)| !stop.engaged));
+    assert!(observed.borrow().stops.last().is_some_and(|(_, stop)| !stop.engaged));
     is_latched_until_commanded_anew(&mut robot);
 }
 
 #[test]
-fn when_the_power_controller_is_silent_the_robot_stops_1200_ms_after_its_last_word() {
-    let (mut robot, heard) = ready(1);
+fn a_silent_power_controller_stops_the_robot_1200_ms_after_its_last_message() {
+    let (mut robot, observed) = ready(1);
     robot.drive(0.4, 0.0, 10.0);
     robot.pass(2.0);
     let silent = robot.machine.now();
@@ -140,11 +140,11 @@ fn when_the_power_controller_is_silent_the_robot_stops_1200_ms_after_its_last_wo
     robot.pass(1.5);
     let stopped = robot.quick_stop_after(silent);
     assert!(stopped.since(silent) <= Duration::from_millis(1205), "{:?}", stopped.since(silent));
-    let last = heard.borrow().stops.iter().map(|(at, _)| *at).filter(|at| *at < stopped).max().expect("told before");
+    let last = observed.borrow().stops.iter().map(|(at, _)| *at).filter(|at| *at < stopped).max().expect("told before");
     let took = stopped.since(last);
     assert!((1200..=1202).contains(&took.as_millis()), "{took:?} after the last word");
     assert_eq!(robot.hold(), Some(Hold::PauseUnknown));
-    assert!(heard.borrow().reported(Fault::PauseUnknown));
+    assert!(observed.borrow().reported(Fault::PauseUnknown));
     robot.pass(4.5);
     is_latched_until_commanded_anew(&mut robot);
 }
@@ -165,18 +165,18 @@ fn a_power_driver_that_dies_stops_the_robot_at_once_and_is_back_within_a_second(
 
 #[test]
 fn channels_stop_and_start_at_the_board_s_pace() {
-    let (mut robot, heard) = ready(1);
+    let (mut robot, observed) = ready(1);
     let begin = robot.machine.now();
     for channel in [4, 5] {
         switch(&mut robot, channel, lowlevel::CmdPower::OFF);
     }
     switch(&mut robot, 2, lowlevel::CmdPower::REBOOT);
     robot.pass(12.0);
-    let power = heard.borrow().power.clone();
+    let power = observed.borrow().power.clone();
     let on = |power: &lowlevel::DataPower, name: &str| {
         power.channels.iter().find(|channel| channel.name == name).expect("all are there").on
     };
-    // The first order is obeyed at once; of the others the computer goes before audio. Asked once a second.
+    // The first command is executed at once; of the others the computer precedes audio. Polled once a second.
     let off = |name: &str| power.iter().find(|(_, power)| !on(power, name)).expect("it went off").0.since(begin);
     let (computer, monitor, audio) = (off("computer2"), off("monitor"), off("audio"));
     assert!(
@@ -186,12 +186,12 @@ fn channels_stop_and_start_at_the_board_s_pace() {
     let (_, last) = power.last().expect("once a second");
     assert!(on(last, "computer2") && !on(last, "monitor") && !on(last, "audio"), "{last:?}");
     assert!(last.channels[4].current < 0.05 && last.channels[2].current > 0.5, "{last:?}");
-    assert!(heard.borrow().notes.iter().any(|note| note == "power channel computer2 is on"));
+    assert!(observed.borrow().notes.iter().any(|note| note == "power channel computer2 is on"));
 }
 
 #[test]
 fn without_the_motors_channel_it_does_not_drive_and_without_sensors_their_boards_are_lost() {
-    let (mut robot, heard) = ready(1);
+    let (mut robot, observed) = ready(1);
     switch(&mut robot, 3, lowlevel::CmdPower::OFF);
     robot.pass(2.0);
     robot.drive(0.4, 0.0, 1.0);
@@ -205,14 +205,14 @@ fn without_the_motors_channel_it_does_not_drive_and_without_sensors_their_boards
     robot.pass(3.0);
     switch(&mut robot, 6, lowlevel::CmdPower::OFF);
     robot.pass(8.0);
-    assert!(heard.borrow().reported(Fault::BoardLost));
+    assert!(observed.borrow().reported(Fault::BoardLost));
 }
 
 #[test]
-fn the_battery_is_counted_down_and_a_low_one_is_told_of() {
-    let (mut robot, heard) = ready(1);
+fn the_battery_is_counted_down_and_a_low_charge_is_reported() {
+    let (mut robot, observed) = ready(1);
     robot.pass(600.0);
-    let power = heard.borrow().power.clone();
+    let power = observed.borrow().power.clone();
     assert!((599..=601).contains(&power.len()), "{}", power.len());
     let (first, last) = (&power[0].1, &power[power.len() - 1].1);
     // 150 W at 26.6 V for ten minutes, of 40 Ah.
@@ -220,28 +220,28 @@ fn the_battery_is_counted_down_and_a_low_one_is_told_of() {
     assert!((first.charge - last.charge - drawn).abs() < 0.1 * drawn, "{} to {}", first.charge, last.charge);
     let hours = last.remaining / 3600.0;
     assert!((hours - last.charge * 40.0 * 26.6 / 150.0).abs() < 0.3, "{hours} h");
-    assert!(!heard.borrow().reported(Fault::BatteryLow));
+    assert!(!observed.borrow().reported(Fault::BatteryLow));
     fault(&mut robot, "psc1", "battery", 23.0, 0.0);
     robot.pass(180.0);
-    assert!(heard.borrow().reported(Fault::BatteryLow), "2.87 V a cell");
+    assert!(observed.borrow().reported(Fault::BatteryLow), "2.87 V a cell");
 }
 
 #[test]
-fn before_its_supply_is_cut_the_robot_is_shut_down_in_order_and_nobody_s_computer_is_halted() {
-    let (mut robot, heard) = ready(1);
+fn before_its_supply_is_cut_the_robot_is_shut_down_in_order_without_halting_this_computer() {
+    let (mut robot, observed) = ready(1);
     robot.drive(0.4, 0.0, 5.0);
     robot.pass(1.5);
     fault(&mut robot, "psc1", "power_off", 30.0, 0.0);
     robot.pass(6.0);
     assert!(robot.speed().abs() < 0.001);
-    let list = heard.borrow().processes.clone().expect("the watchdog lives");
+    let list = observed.borrow().processes.clone().expect("the watchdog lives");
     let phase = |name: &str| list.processes.iter().find(|process| process.module == name).expect("listed").phase;
     for name in ["driver_canbus", "driver_rs485a", "driver_rs485b"] {
         assert_eq!(phase(name), common::Process::TERMINATED, "{name}");
     }
     assert_eq!(phase("driver_power"), common::Process::RUNNING);
-    let heard = heard.borrow();
-    let told: Vec<&str> = heard
+    let observed = observed.borrow();
+    let told: Vec<&str> = observed
         .reports
         .iter()
         .filter(|(_, report)| report.fault == Fault::PowerOff)
@@ -256,59 +256,59 @@ fn before_its_supply_is_cut_the_robot_is_shut_down_in_order_and_nobody_s_compute
 
 #[test]
 fn beacons_are_seen_where_they_are_each_at_its_own_instant() {
-    let (mut robot, heard) = ready(1);
+    let (mut robot, observed) = ready(1);
     robot.pass(60.0);
     let (x, y, theta) = {
-        let truth = heard.borrow().truth.last().expect("20 Hz").1.clone();
+        let truth = observed.borrow().truth.last().expect("20 Hz").1.clone();
         (truth.x, truth.y, truth.theta)
     };
-    let heard = heard.borrow();
-    assert!((59..=61).contains(&heard.beacons.len()), "{}", heard.beacons.len());
+    let observed = observed.borrow();
+    assert!((59..=61).contains(&observed.beacons.len()), "{}", observed.beacons.len());
     let mut far = 0;
-    for message in &heard.beacons {
+    for message in &observed.beacons {
         for beacon in &message.beacons {
             let (bx, by) =
                 [(0.1, 0.1), (10.0, 0.1), (19.9, 0.1), (19.9, 11.9), (8.0, 11.9), (0.1, 11.9)][beacon.id as usize - 1];
             let error = (by - y).atan2(bx - x - 0.25) - theta - beacon.bearing;
             let error = navitools::wrap(error).abs();
-            // The scanner may be turned by 3 degrees.
+            // The scanner may be rotated by 3 degrees.
             far += u32::from(error > 5.5f64.to_radians());
             let age = message.timestamp - beacon.timestamp;
             assert!((0..1_100_000).contains(&age), "{age} us");
         }
     }
-    let seen: usize = heard.beacons.iter().map(|message| message.beacons.len()).sum();
+    let seen: usize = observed.beacons.iter().map(|message| message.beacons.len()).sum();
     assert!(seen > 120, "{seen}: two in sight at least");
     assert!(f64::from(far) < 0.06 * seen as f64, "{far} of {seen} are of something else");
     // Each sighting once: a second apart.
     let times: Vec<i64> =
-        heard.beacons.iter().flat_map(|m| &m.beacons).filter(|b| b.id == 6).map(|b| b.timestamp).collect();
+        observed.beacons.iter().flat_map(|m| &m.beacons).filter(|b| b.id == 6).map(|b| b.timestamp).collect();
     assert!(times.windows(2).all(|pair| pair[1] - pair[0] > 900_000), "{times:?}");
 }
 
 #[test]
-fn who_commands_beacons_gets_those_and_no_others() {
-    let (mut robot, heard) = ready(1);
-    // Who chooses them while it runs.
+fn only_commanded_beacons_are_sighted() {
+    let (mut robot, observed) = ready(1);
+    // The estimator chooses them while it runs.
     let (module, state) = ("estimator".into(), common::DataState::TERMINATE);
     say(&mut robot, common::CmdState { timestamp: 0, module, state, manual: true, source: "test".into() });
     robot.pass(2.0);
     say(&mut robot, lowlevel::DataActiveBeacons { timestamp: 0, ids: vec![6, 1] });
     robot.pass(3.0);
-    heard.borrow_mut().beacons.clear();
+    observed.borrow_mut().beacons.clear();
     robot.pass(10.0);
-    let heard = heard.borrow();
-    assert!(heard.beacons.iter().flat_map(|message| &message.beacons).all(|beacon| [1, 6].contains(&beacon.id)));
-    assert!(heard.beacons.iter().any(|message| message.beacons.len() == 2));
+    let observed = observed.borrow();
+    assert!(observed.beacons.iter().flat_map(|message| &message.beacons).all(|beacon| [1, 6].contains(&beacon.id)));
+    assert!(observed.beacons.iter().any(|message| message.beacons.len() == 2));
 }
 
 #[test]
-fn all_buses_tell_how_they_fare_once_a_second() {
-    let (mut robot, heard) = ready(1);
+fn all_buses_publish_their_state_once_a_second() {
+    let (mut robot, observed) = ready(1);
     robot.pass(10.0);
-    let heard = heard.borrow();
+    let observed = observed.borrow();
     for (bus, boards) in [("rs485.a", 3), ("rs485.b", 1), ("rs485.power", 1)] {
-        let told: Vec<_> = heard.buses.iter().filter(|told| told.bus == bus).collect();
+        let told: Vec<_> = observed.buses.iter().filter(|told| told.bus == bus).collect();
         assert!((9..=11).contains(&told.len()), "{bus}: {}", told.len());
         let last = told[told.len() - 1];
         assert!(last.state == lowlevel::DataBus::ACTIVE && last.errors == 0 && last.load > 0.0, "{last:?}");
@@ -321,21 +321,22 @@ fn all_buses_tell_how_they_fare_once_a_second() {
     }
 }
 
-/// Lets a board of bus A ail for a while; what was reported of it, and whether the robot drives afterwards.
+/// Injects a fault into a board of bus A for a while; returns the reports about it, and checks that the robot drives
+/// afterwards.
 fn ailing(board: &str, name: &str, value: f64, seconds: f64) -> Vec<(Fault, String)> {
-    let (mut robot, heard) = ready(1);
+    let (mut robot, observed) = ready(1);
     fault(&mut robot, board, name, value, seconds);
     robot.pass(seconds + 3.0);
     robot.drive(0.4, 0.0, 1.5);
     robot.pass(1.4);
     assert!(robot.speed() > 0.3, "{name}: {}", robot.motion().reason);
-    let heard = heard.borrow();
-    let warned = heard.reports.iter().filter(|(_, report)| report.severity != base::Severity::Notice);
+    let observed = observed.borrow();
+    let warned = observed.reports.iter().filter(|(_, report)| report.severity != base::Severity::Notice);
     warned.map(|(_, report)| (report.fault, report.message.clone())).collect()
 }
 
 #[test]
-fn each_fault_of_a_board_is_told_of_the_board_that_has_it() {
+fn each_fault_of_a_board_is_reported_with_its_board() {
     for (name, value, seconds, fault, words) in [
         ("silent", 0.0, 8.0, Fault::BoardLost, "does not answer"),
         ("slow", 0.05, 8.0, Fault::BoardLost, "does not answer"),
@@ -355,11 +356,11 @@ fn each_fault_of_a_board_is_told_of_the_board_that_has_it() {
 }
 
 #[test]
-fn the_power_controller_s_own_faults_stop_the_robot_or_are_told() {
-    let (mut robot, heard) = ready(1);
+fn the_power_controller_s_own_faults_stop_the_robot_or_are_reported() {
+    let (mut robot, observed) = ready(1);
     fault(&mut robot, "psc1", "bad_crc", 0.0, 20.0);
     robot.pass(20.0);
-    assert!(heard.borrow().reported(Fault::PauseUnknown) && heard.borrow().reported(Fault::BoardLost));
+    assert!(observed.borrow().reported(Fault::PauseUnknown) && observed.borrow().reported(Fault::BoardLost));
     assert_eq!(robot.hold(), Some(Hold::PauseUnknown));
     robot.pass(3.0);
     robot.drive(0.4, 0.0, 1.5);

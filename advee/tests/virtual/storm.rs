@@ -1,7 +1,7 @@
-//! Everybody commands, everything breaks, in any order; what must hold holds on every frame and at every moment: the
-//! rules of [`sim::check`]. And when all is over the robot can be driven again.
+//! All sources command, all faults occur, in any order; the rules of [`sim::check`] must hold on every frame and at
+//! every instant. And afterwards the robot can be driven again.
 //!
-//! `STORMS=1000 cargo test -p advee --test virtual storm` for more; `STORM=SEED` for one.
+//! `STORMS=1000 cargo test -p advee --test virtual storm` runs more; `STORM=SEED` runs one.
 
 use super::{Robot, at, command, low_level};
 use base::{Duration, Instant};
@@ -11,16 +11,16 @@ use sim::host::Config;
 use simulator::Random;
 use std::sync::LazyLock;
 
-/// Whoever estimates and plans here is the storm.
+/// Robot without estimator and planner, whose messages the storm sends.
 static LOW_LEVEL: LazyLock<Place> = LazyLock::new(low_level);
 
 const SOURCES: [(&str, i8); 5] = [("planner", 0), ("phone", 1), ("shell", 1), ("pad", 2), ("service", 3)];
-/// Faults of a drive: at the one it brakes, at the other it lets go.
+/// Faults of a drive: one makes it brake, the other makes it coast.
 const COMMUNICATION: f64 = 33_040.0;
 const OVERCURRENT: f64 = 8976.0;
 const TICK: Duration = Duration::from_millis(50);
 
-/// How a source behaves for a while.
+/// Behavior of a source for a while.
 #[derive(Clone, Copy)]
 enum Mood {
     Silent,
@@ -32,7 +32,7 @@ struct Storm {
     random: Random,
     moods: [Mood; SOURCES.len()],
     located: bool,
-    /// Processes that hang, and until when.
+    /// Hung processes, with the end of the hang.
     hung: Vec<(Instant, u32)>,
     log: Vec<String>,
 }
@@ -163,7 +163,7 @@ impl Storm {
         self.say(simulation::CmdFault { value, ..ailment(target, fault, duration) });
     }
 
-    /// Everything is made well; the robot drives.
+    /// Removes all faults; the robot drives.
     fn calm(&mut self) {
         self.moods = [Mood::Silent; 5];
         for (until, _) in &mut self.hung {
@@ -182,14 +182,14 @@ impl Storm {
         self.robot.pass(20.0);
     }
 
-    /// Whether it does as it is told, for 3 s.
+    /// True if it follows commands for 3 s.
     fn drives(&mut self, speed: f64) -> bool {
         for n in 0..60 {
             let now = self.robot.machine.now() + n * TICK;
             self.robot.machine.inject(now, lowlevel::CmdMotion { source: "phone".into(), ..command(speed, 0.0) });
         }
         self.robot.pass(2.9);
-        // Not the speed: it may roll yet.
+        // Without the speed: it may still roll.
         let motion = self.robot.motion();
         motion.enabled && motion.homed && motion.reason.is_empty() && motion.speed_target == speed
     }
@@ -215,7 +215,7 @@ fn ailment(target: &str, fault: &str, duration: f64) -> simulation::CmdFault {
     simulation::CmdFault { timestamp: 0, target: target.into(), fault: fault.into(), value: 0.0, duration }
 }
 
-/// How often an RPDO4 moved the robot.
+/// Number of RPDO4 frames that moved the robot.
 fn storm(seed: u64) -> u64 {
     let mut storm = Storm::new(seed);
     for _ in 0..2400 {
@@ -229,7 +229,7 @@ fn storm(seed: u64) -> u64 {
     storm.calm();
     let mut drives = storm.drives(0.3);
     if !drives {
-        // It stood at a wall, and a bumper stopped it: it may leave the other way.
+        // It stood at a wall, and a bumper stopped it: it may leave in the other direction.
         storm.robot.pass(3.0);
         drives = storm.drives(-0.3);
     }
@@ -244,7 +244,7 @@ fn number(name: &str) -> Option<u64> {
 }
 
 #[test]
-fn in_a_storm_nothing_moves_that_nobody_lets_move() {
+fn in_a_storm_nothing_moves_without_permission() {
     if let Some(seed) = number("STORM") {
         storm(seed);
         return;

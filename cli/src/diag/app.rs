@@ -175,7 +175,7 @@ impl App {
             }
             _ => {}
         }
-        self.model.hear(at, channel, bytes, message);
+        self.model.receive(at, channel, bytes, message);
     }
 
     /// The model as it is shown, and the moment of what is shown.

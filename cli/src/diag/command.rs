@@ -176,7 +176,7 @@ mod tests {
             ("goal 3", "expected: goal X,Y[,THETA] ..."),
             ("goal nan,1", "expected: goal X,Y[,THETA] ..."),
             ("pose 1,2", "expected: pose X,Y,THETA"),
-            ("state x INIT", "INIT is no state that can be commanded"),
+            ("state x INIT", "INIT is not a state that can be commanded"),
             ("fly", "fly is no command; ? for help"),
         ] {
             assert_eq!(said(line), Err(error.into()), "{line}");

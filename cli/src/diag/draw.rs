@@ -13,7 +13,7 @@ mod overview;
 use super::app::{App, Mode, Tab};
 use super::command;
 use base::{Duration, Instant};
-use diagnostics::{Freshness, Slot, Status, Word};
+use diagnostics::{Freshness, RobotStatus, Slot, Status};
 use host::log::TimeOfDay;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
@@ -95,10 +95,10 @@ pub fn is_harmful(c: char) -> bool {
 /// The status is what is now, even while the rest is frozen.
 fn status_line(status: &Status) -> Line<'static> {
     let colour = match status.word {
-        Word::Driving | Word::Ready => Color::Green,
-        Word::Waiting => Color::Cyan,
-        Word::Stopped | Word::Paused => Color::Yellow,
-        Word::Fault | Word::Silent => Color::Red,
+        RobotStatus::Driving | RobotStatus::Ready => Color::Green,
+        RobotStatus::Waiting => Color::Cyan,
+        RobotStatus::Stopped | RobotStatus::Paused => Color::Yellow,
+        RobotStatus::Fault | RobotStatus::Silent => Color::Red,
     };
     let word = Span::styled(format!(" {} ", status.word.text()), Style::new().bg(colour).fg(Color::Black).bold());
     Line::from(vec![word, Span::raw(format!(" {}", clip(&status.reason)))])

@@ -1,8 +1,8 @@
-//! Faults and reports, those of one fault and subject together.
+//! Faults and reports, grouped by fault and subject.
 //!
-//! Which faults are active the modules list themselves (`CM_DATA_FAULTS`); how often and when, the reports tell
-//! (`CM_EVENT_ERROR`). A module that lists nothing, of another language or in an older log, is judged by its reports, which
-//! have no subjects.
+//! Modules list their active faults themselves (`CM_DATA_FAULTS`); number and times of occurrences follow from the
+//! reports (`CM_EVENT_ERROR`). A module without a list, in another language or in an older log, is judged by its
+//! reports, which have no subjects.
 
 use crate::subjects::{Subjects, listed};
 use base::{Duration, Instant};
@@ -11,51 +11,51 @@ use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::Deref;
 
-/// Maximum number of groups; beyond, the one that was seen longest ago goes, rather one that is cleared.
+/// Maximum number of groups; beyond it the one seen longest ago is dropped, cleared ones first.
 const GROUPS_MAX: usize = 256;
-/// Maximum number of reports that are kept one by one.
+/// Maximum number of single reports.
 const REPORTS_MAX: usize = 500;
 /// Maximum number of modules whose lists are kept.
 const MODULES_MAX: usize = 200;
-/// A list older than this says nothing (`docs/design.md` 5).
+/// Time for which a list is valid (`docs/design.md` 5).
 pub const LIST_VALID: Duration = Duration::from_secs(3);
 
-/// All reports of one fault with one subject by one module.
+/// Reports of one fault with one subject by one module.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorGroup {
-    /// The module that reports.
+    /// Reporting module.
     pub module: String,
-    /// The fault's number (docs/faults.md).
+    /// Number of the fault (docs/faults.md).
     pub number: i32,
-    /// Which of several: a board, a drive. Empty where there is only one, and where nothing but reports is known.
+    /// Subject, such as a board or a drive. Empty if there is only one, or if only reports are known.
     pub subject: String,
-    /// Number of times it was reported, its ends not counted.
+    /// Number of reports, without the clearing ones.
     pub count: u64,
-    /// When it was reported first, microseconds since the UNIX epoch.
+    /// First report, microseconds since the UNIX epoch.
     pub first: i64,
-    /// When it was reported last.
+    /// Last report, microseconds since the UNIX epoch.
     pub last: i64,
-    /// The severity of the last report that was not its end; values of `error_t`.
+    /// Severity of the last report that was not a clearing one; values of `error_t`.
     pub severity: i8,
-    /// True while it is active, as far as is known.
+    /// True while the fault is active, as far as known.
     pub standing: bool,
-    /// The last message.
+    /// Last message.
     pub message: String,
-    /// For the order.
+    /// Time of the last change, for the order.
     #[serde(skip)]
     seen: Instant,
-    /// Since when it is active, by its module's list.
+    /// Time since which it is active, by its module's list.
     #[serde(skip)]
     since: Option<i64>,
 }
 
-/// A group at a moment.
+/// Group at one instant.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct ShownGroup<'a> {
-    /// The group.
+    /// Group.
     #[serde(flatten)]
     pub group: &'a ErrorGroup,
-    /// False while it is not known which faults of its module are active: `standing` is as it was then.
+    /// False while the active faults of its module are unknown: `standing` is then the last known value.
     pub known: bool,
 }
 
@@ -67,37 +67,37 @@ impl Deref for ShownGroup<'_> {
     }
 }
 
-/// A report, and what it is about.
+/// Report with its subject.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reported {
-    /// The report.
+    /// Report.
     pub error: common::Error,
-    /// Its subject; none: not known.
+    /// Subject; `None` if unknown.
     pub subject: Option<String>,
 }
 
-/// What is known of the active faults of a module.
+/// Source of the knowledge about a module's active faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Knowledge {
-    /// It lists them.
+    /// The module lists them.
     Listed,
-    /// It did once and does not any more, or it does not run.
+    /// The module listed them once and no longer does, or it does not run.
     Unknown,
-    /// It never did: only reports are known.
+    /// The module never listed them: only reports are known.
     Reported,
 }
 
-/// What was last listed in a module's name.
+/// Last list in a module's name.
 #[derive(Clone, Copy, Debug)]
 struct List {
     at: Instant,
-    /// By the watchdog: the module has no process.
+    /// True if published by the watchdog: the module has no process.
     down: bool,
-    /// The module itself has listed its faults, now or before.
+    /// True if the module itself has published a list, now or before.
     own: bool,
 }
 
-/// The faults and reports that were received.
+/// Received faults and reports.
 #[derive(Clone, Debug, Default)]
 pub struct Errors {
     groups: Vec<ErrorGroup>,
@@ -107,8 +107,8 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Takes a list of active faults.
-    pub fn list(&mut self, at: Instant, list: &DataFaults) {
+    /// Processes a list of active faults.
+    pub fn on_list(&mut self, at: Instant, list: &DataFaults) {
         let down = list.is_down();
         let before = self.lists.get(&list.module);
         if before.is_none() && self.lists.len() == MODULES_MAX {
@@ -119,7 +119,7 @@ impl Errors {
         if down {
             return;
         }
-        self.subjects.list(list);
+        self.subjects.on_list(list);
         let faults = listed(list);
         for group in self.groups.iter_mut().filter(|group| group.standing && group.module == list.module) {
             if !faults.iter().any(|fault| group.is(fault)) {
@@ -131,12 +131,12 @@ impl Errors {
         }
     }
 
-    /// An active fault of a list.
+    /// Adds or updates an active fault of a list.
     fn take(&mut self, at: Instant, module: &str, fault: &common::Fault) {
         let begun = match self.groups.iter_mut().find(|group| group.module == module && group.is(fault)) {
             Some(group) => {
                 let known = group.since == Some(fault.since);
-                // One whose report was received before the first list was counted then.
+                // A fault whose report arrived before the first list was counted then.
                 if !known && group.last != fault.since {
                     group.count += 1;
                 }
@@ -174,12 +174,12 @@ impl Errors {
         &mut self.groups[place]
     }
 
-    /// Takes a report.
-    pub fn hear(&mut self, at: Instant, error: &common::Error) {
+    /// Processes a report.
+    pub fn on_report(&mut self, at: Instant, error: &common::Error) {
         let over = error.severity == common::Error::NOTICE;
         let subject = self.subjects.of(error);
         match &subject {
-            // The list has counted it, and has the message of what is active.
+            // Already counted with the list, which has the message of the active fault.
             Some(subject) => {
                 let same = |group: &&mut ErrorGroup| {
                     group.module == error.module && group.number == error.number && group.subject == *subject
@@ -196,7 +196,7 @@ impl Errors {
         self.reports.push_back(Reported { error: error.clone(), subject });
     }
 
-    /// A report of which no list knows: of a module that lists nothing, or of something that happened once.
+    /// Counts a report without a list: of a module that publishes none, or of a single event.
     fn count(&mut self, at: Instant, error: &common::Error, over: bool) {
         let listed = self.lists.get(&error.module).is_some_and(|list| list.own);
         let same = |group: &&mut ErrorGroup| {
@@ -238,13 +238,13 @@ impl Errors {
         }
     }
 
-    /// What is known of the active faults of a module.
+    /// Source of the knowledge about a module's active faults.
     #[must_use]
     pub fn knowledge(&self, module: &str, now: Instant) -> Knowledge {
         match self.lists.get(module) {
             None => Knowledge::Reported,
             Some(list) if now.since(list.at) > LIST_VALID => {
-                // One that never listed anything itself goes on by its reports once the watchdog has nothing to say of it.
+                // A module that never published a list is judged by its reports again once the watchdog's list expires.
                 if list.own { Knowledge::Unknown } else { Knowledge::Reported }
             }
             Some(list) if list.down => Knowledge::Unknown,
@@ -252,7 +252,7 @@ impl Errors {
         }
     }
 
-    /// Number of active faults of a module; none: not known.
+    /// Number of active faults of a module; `None` if unknown.
     #[must_use]
     pub fn active(&self, module: &str, now: Instant) -> Option<usize> {
         let count = self.groups.iter().filter(|group| group.standing && group.module == module).count();
@@ -263,8 +263,7 @@ impl Errors {
         }
     }
 
-    /// The groups: the active ones first, then those that were active when that was known, then the gravest, then the
-    /// latest.
+    /// Groups: active ones first, then those active when last known, then by severity, then by time.
     #[must_use]
     pub fn groups(&self, now: Instant) -> Vec<ShownGroup<'_>> {
         let known = |module: &str| self.knowledge(module, now) != Knowledge::Unknown;
@@ -274,12 +273,12 @@ impl Errors {
         groups
     }
 
-    /// The reports one by one, the latest first.
+    /// Single reports, the newest first.
     pub fn reports(&self) -> impl Iterator<Item = &Reported> {
         self.reports.iter().rev()
     }
 
-    /// The gravest fault of a module that is active.
+    /// Most severe active fault of a module.
     #[must_use]
     pub fn of(&self, module: &str, now: Instant) -> Option<&ErrorGroup> {
         self.groups(now).into_iter().find(|shown| shown.standing && shown.module == module).map(|shown| shown.group)
@@ -291,7 +290,7 @@ impl ErrorGroup {
         self.number == fault.number && self.subject == fault.subject
     }
 
-    /// Name and subject of its fault for people: `BoardLost sd1_front`.
+    /// Name and subject of the fault for people: `BoardLost sd1_front`.
     #[must_use]
     pub fn about(&self) -> String {
         let name = messages::fault_name(self.number);

@@ -1,35 +1,35 @@
-//! All for which the robot does not act, one row a cause, with the words that people read.
+//! Causes that hold the robot, one row each, with their text for people.
 
 use crate::Model;
 use base::Instant;
 use messages::lowlevel;
 use serde::Serialize;
 
-/// Rows that are shown; a robot has a few.
+/// Maximum number of rows shown; a robot has a few.
 const ROWS_MAX: usize = 64;
-/// Of a robot, or a log, from before `LL_DATA_HOLD`: only the text is known.
+/// Code of rows from a robot or a log before `LL_DATA_HOLD`, of which only the text is known.
 const TEXT_ALONE: i32 = 0;
 
-/// A cause for which a module does not act.
+/// Cause for which a module does not act.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct HoldRow {
-    /// The module that does not act.
+    /// Module that does not act.
     pub module: String,
-    /// What, by number (docs/holds.md); 0 where only the words are known, as of a log from before the numbers.
+    /// Number of the cause (docs/holds.md); 0 if only the text is known, as in a log from before the numbers.
     pub code: i32,
-    /// The number's name; empty of a number that this version does not know.
+    /// Name of the number; empty for one unknown to this version.
     pub name: &'static str,
-    /// Which drive, bus, module, source or waypoint, as on the wire.
+    /// Drive, bus, module, source or waypoint, as on the wire.
     pub subject: String,
-    /// The same as people call it.
+    /// Subject for people.
     pub who: String,
-    /// In a sentence.
+    /// Sentence for people.
     pub words: String,
-    /// What to do about it; empty where that is not known.
+    /// Action of an operator; empty if unknown.
     pub remedy: String,
-    /// Stays until a person acts.
+    /// True if it remains until a person acts.
     pub latched: bool,
-    /// Since when, microseconds since the UNIX epoch; `null` where that is not known.
+    /// Time since which it applies, microseconds since the UNIX epoch; `null` if unknown.
     pub since: Option<i64>,
 }
 
@@ -66,8 +66,8 @@ impl HoldRow {
 }
 
 impl Model {
-    /// Everything that keeps the robot from acting: first what stops the motion, then what stops the goal, each in order of
-    /// weight. A cause of the goal that is the motion's is listed once.
+    /// Causes that hold the robot: of the motion, then of the goal, each the most important first. A cause of the motion
+    /// that also holds the goal is listed once.
     #[must_use]
     pub fn hold_rows(&self, now: Instant) -> Vec<HoldRow> {
         let mut rows: Vec<HoldRow> = Vec::new();

@@ -1,12 +1,12 @@
-//! The view model of the whole robot: fed with what is said on the bus, asked for what people are shown.
+//! View model of the whole robot: receives all bus messages and provides what people are shown.
 //!
-//! The terminal and the web page are functions of a [`Model`]; neither decides anything about the robot by itself. Each
-//! value knows how old it is ([`Slot`]) and whether it is stale: heard longer ago than twice its period. What is derived
-//! is said in words here, once: the status of the robot and why it does not move ([`Status`]), how a process ended
-//! ([`ModuleRow`]), which faults are active, and whether that is known ([`ShownGroup`]), what modules say ([`ShownText`]), what
-//! is said on which channel how often ([`ChannelRow`]).
+//! The terminal and the web page are functions of a [`Model`]; neither derives anything about the robot by itself. Each
+//! value has its age ([`Slot`]) and is stale if it is older than twice its period. Derived values are put into words
+//! here, once: the status of the robot and why it does not move ([`Status`]), how a process ended ([`ModuleRow`]),
+//! active faults, and whether they are known ([`ShownGroup`]), texts of modules ([`ShownText`]), and the traffic of
+//! each channel ([`ChannelRow`]).
 //!
-//! All tables are bounded: the bus is hostile input. Knows no bus, no clock and no screen.
+//! All tables are bounded: the bus is hostile input. No bus, clock or screen is used here.
 #![forbid(unsafe_code)]
 
 mod errors;
@@ -30,7 +30,7 @@ pub use model::{Config, Model};
 pub use modules::{ModuleRow, Modules, exit_in_words};
 pub use ranges::Readings;
 pub use slot::{Freshness, Shown, Slot};
-pub use status::{Status, Word};
+pub use status::{RobotStatus, Status};
 pub use subjects::Subjects;
 pub use texts::{ShownText, Texts};
 pub use traffic::{ChannelRow, Traffic};

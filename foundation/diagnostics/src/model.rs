@@ -1,80 +1,80 @@
-//! The model: the latest of everything.
+//! Model: the latest value of everything.
 
 use crate::{Errors, ModuleRow, Modules, Slot, Texts, Traffic};
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel, simulation};
 use std::collections::BTreeMap;
 
-/// Buses that are kept.
+/// Maximum number of buses.
 const BUSES_MAX: usize = 32;
-/// Modules whose lists of causes are kept.
+/// Maximum number of modules whose lists of causes are kept.
 const HOLDERS_MAX: usize = 16;
-/// Sources of commands that are kept.
+/// Maximum number of command sources.
 const SOURCES_MAX: usize = 16;
 
 const fn ms(millis: u64) -> Duration {
     Duration::from_millis(millis)
 }
 
-/// What the model knows without hearing it.
+/// Configuration that is not on the bus.
 #[derive(Clone, Debug, Default)]
 pub struct Config {
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
-    /// Modules without which it does not move.
+    /// Modules without which the robot does not move.
     pub critical: Vec<String>,
 }
 
-/// The latest of everything that is said on the bus. Periods are those of DESIGN 5.
+/// Latest value of everything on the bus. Periods are those of `docs/design.md` 5.
 #[derive(Clone, Debug)]
 pub struct Model {
     config: Config,
-    /// What is said on which channel.
+    /// Traffic by channel.
     pub traffic: Traffic,
-    /// What went wrong.
+    /// Faults and reports.
     pub errors: Errors,
-    /// What modules say.
+    /// Texts of modules.
     pub texts: Texts,
     modules: Modules,
-    /// The watchdog's view of the processes.
+    /// Processes, as reported by the watchdog.
     pub processes: Slot<common::DataProcesses>,
-    /// The recorder.
+    /// Logger.
     pub log: Slot<common::DataLog>,
-    /// How it moves and why not.
+    /// Motion, and the reason for a standstill.
     pub motion: Slot<lowlevel::DataMotion>,
-    /// The PAUSE line.
+    /// PAUSE line.
     pub stop: Slot<lowlevel::EventStop>,
-    /// The odometry.
+    /// Odometry.
     pub odometry: Slot<lowlevel::DataOdo>,
-    /// The sonars.
+    /// Sonars.
     pub sonars: Slot<lowlevel::DataSrfs>,
-    /// The infrared sensors.
+    /// Infrared sensors.
     pub infrareds: Slot<lowlevel::DataIrs>,
     /// Sonars and infrared sensors, each at its own instant.
     pub ranges: Slot<lowlevel::DataRanges>,
-    /// The beacons that were seen.
+    /// Sighted beacons.
     pub beacons: Slot<lowlevel::DataBeacons>,
-    /// The drives.
+    /// Drives.
     pub axes: Slot<lowlevel::DataAxes>,
     /// Battery and channels.
     pub power: Slot<lowlevel::DataPower>,
     /// Temperatures and fans.
     pub temperatures: Slot<lowlevel::DataTemperature>,
-    /// The gamepad.
+    /// Gamepad.
     pub gamepad: Slot<lowlevel::DataJoydev>,
-    /// The last answer of an object of a drive.
+    /// Last answer about an object of a drive.
     pub sdo: Slot<lowlevel::DataSdo>,
-    /// Where it is.
+    /// Estimated pose.
     pub estimate: Slot<middlelevel::DataEstimate>,
-    /// How its goal fares.
+    /// State of the goal.
     pub goal: Slot<middlelevel::DataGoal>,
-    /// Where it is about to drive.
+    /// Planned path.
     pub plan: Slot<middlelevel::DataPlan>,
-    /// What it believes to stand around it.
+    /// Sensed obstacles.
     pub obstacles: Slot<middlelevel::DataObstacles>,
-    /// Where it is in truth, when simulated.
+    /// True pose, in a simulation.
     pub truth: Slot<simulation::DataTruth>,
-    /// How fast simulated time goes.
+    /// Rate of simulated time.
     pub clock: Slot<simulation::DataClock>,
     holds: BTreeMap<String, Slot<lowlevel::DataHold>>,
     buses: BTreeMap<String, Slot<lowlevel::DataBus>>,
@@ -82,7 +82,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Nothing heard.
+    /// Creates an empty model.
     #[must_use]
     pub fn new(config: Config) -> Self {
         Self {
@@ -117,21 +117,21 @@ impl Model {
         }
     }
 
-    /// The robot's name.
+    /// Name of the robot.
     #[must_use]
     pub fn robot(&self) -> &str {
         &self.config.robot
     }
 
-    /// Something of so many bytes was said at `at` on a channel; `message` is what it says, where it is one of the
+    /// Processes a message of `bytes` bytes received at `at`; `message` is its content if the channel is one of the
     /// robot's.
-    pub fn hear(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
-        self.traffic.hear(at, channel, bytes);
+    pub fn receive(&mut self, at: Instant, channel: &str, bytes: usize, message: Option<Message>) {
+        self.traffic.count(at, channel, bytes);
         match message {
-            Some(Message::CmDataState(state)) => self.modules.hear(at, &state),
+            Some(Message::CmDataState(state)) => self.modules.on_state(at, &state),
             Some(Message::CmDataProcesses(processes)) => self.processes.put(at, processes),
-            Some(Message::CmEventError(error)) => self.errors.hear(at, &error),
-            Some(Message::CmDataFaults(list)) => self.errors.list(at, &list),
+            Some(Message::CmEventError(error)) => self.errors.on_report(at, &error),
+            Some(Message::CmDataFaults(list)) => self.errors.on_list(at, &list),
             Some(Message::CmEventText(text)) => self.texts.take(&text),
             Some(Message::CmDataLog(log)) => self.log.put(at, log),
             Some(Message::LlDataMotion(motion)) => self.motion.put(at, motion),
@@ -168,10 +168,10 @@ impl Model {
         }
     }
 
-    /// The modules.
+    /// Modules.
     #[must_use]
     pub fn modules(&self, now: Instant) -> Vec<ModuleRow> {
-        // What was said of them long ago is no news of them.
+        // An old list of processes is not used.
         let processes = self.processes.fresh(now).map_or(&[][..], |heard| &heard.processes);
         let mut rows = self.modules.rows(now, processes);
         for row in &mut rows {
@@ -180,29 +180,29 @@ impl Model {
         rows
     }
 
-    /// What stands against motion; `None` where its list is not current.
+    /// Causes that hold the motion; `None` if their list is not current.
     #[must_use]
     pub fn motion_holds(&self, now: Instant) -> Option<&lowlevel::DataHold> {
         self.holds.get(messages::MOTION_MODULE)?.fresh(now)
     }
 
-    /// The current lists of causes: of the motion first, then in order of the modules' names.
+    /// Current lists of causes: of the motion first, then in order of the modules' names.
     pub(crate) fn holds(&self, now: Instant) -> impl Iterator<Item = &lowlevel::DataHold> {
         let others = self.holds.values().filter_map(move |slot| slot.fresh(now)).filter(|list| !list.is_of_motion());
         self.motion_holds(now).into_iter().chain(others)
     }
 
-    /// Whether what stands against motion was ever listed: a log from before `LL_DATA_HOLD` has its text alone.
+    /// True if causes of the motion were ever listed: a log from before `LL_DATA_HOLD` only has its text.
     pub(crate) fn knows_holds(&self) -> bool {
         self.holds.contains_key(messages::MOTION_MODULE)
     }
 
-    /// The buses in order of their names.
+    /// Buses in order of their names.
     pub fn buses(&self) -> impl Iterator<Item = &Slot<lowlevel::DataBus>> {
         self.buses.values()
     }
 
-    /// Who commands the motion, in order of the names: those who spoke of late.
+    /// Recent motion commands, in order of their sources' names.
     pub fn commands(&self, now: Instant) -> impl Iterator<Item = &lowlevel::CmdMotion> {
         self.commands.values().filter_map(move |slot| slot.get().filter(|_| slot.age(now) < Some(ms(1000))))
     }

@@ -1,4 +1,4 @@
-//! The modules: what they announce, and what the watchdog says of their processes.
+//! Modules: their announced states, and the watchdog's report on their processes.
 
 use crate::Slot;
 use base::{Duration, Instant};
@@ -6,41 +6,41 @@ use messages::common::{self, Process};
 use module::{State, exit};
 use serde::Serialize;
 
-/// Modules that are kept.
+/// Maximum number of modules.
 const MODULES_MAX: usize = 200;
-/// An announcement comes each second.
+/// Period of announcements.
 const ANNOUNCED: Duration = Duration::from_secs(1);
 
-/// A module.
+/// Module.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ModuleRow {
-    /// Its name.
+    /// Name.
     pub module: String,
-    /// The state that it announced last.
+    /// Last announced state.
     pub state: &'static str,
-    /// The state that it was commanded to; empty where no watchdog guards it.
+    /// Commanded state; empty if no watchdog guards the module.
     pub wanted: &'static str,
-    /// What its process does: `running`, `ending`, `down`; `stranger` where no watchdog guards it.
+    /// Phase of its process: `running`, `ending`, `down`; `stranger` if no watchdog guards it.
     pub phase: &'static str,
-    /// Its process; 0: none.
+    /// Process id; 0 without a process.
     pub pid: i32,
-    /// s.
+    /// Time since the start of the process, s.
     pub uptime: f64,
-    /// How often it was started again.
+    /// Number of restarts.
     pub restarts: i32,
-    /// How its last process ended, in words; empty when it never did.
+    /// Sentence on how the last process ended; empty if none has.
     pub last_exit: String,
-    /// Cores.
+    /// Processor load, cores.
     pub cpu: f64,
-    /// Bytes.
+    /// Resident memory, bytes.
     pub rss: i64,
-    /// Whether the robot does not move without it.
+    /// True if the robot does not move without it.
     pub critical: bool,
-    /// Whether it is as it should be: runs, and is in the wanted state.
+    /// True if it runs and is in the wanted state.
     pub well: bool,
-    /// s since it announced its state; none: never.
+    /// Time since its last announcement, s; `None` without one.
     pub age: Option<f64>,
-    /// Number of its active faults; none: not known.
+    /// Number of its active faults; `None` if unknown.
     pub faults: Option<usize>,
 }
 
@@ -52,14 +52,14 @@ pub struct Modules {
 }
 
 impl Modules {
-    /// None heard of; without `critical` ones the robot does not move.
+    /// Creates an empty table; without `critical` modules the robot does not move.
     #[must_use]
     pub fn new(critical: Vec<String>) -> Self {
         Self { announced: Vec::new(), critical }
     }
 
-    /// A module announced its state.
-    pub fn hear(&mut self, at: Instant, announced: &common::DataState) {
+    /// Processes the announcement of a module's state.
+    pub fn on_state(&mut self, at: Instant, announced: &common::DataState) {
         let state = State::from_value(announced.state).unwrap_or(State::Unknown);
         if let Some((_, slot)) = self.announced.iter_mut().find(|(name, _)| *name == announced.module) {
             slot.put(at, state);
@@ -70,13 +70,13 @@ impl Modules {
         }
     }
 
-    /// What a module announced last, unless that is long ago.
+    /// Last announced state of a module, unless it is stale.
     #[must_use]
     pub fn state(&self, now: Instant, module: &str) -> Option<State> {
         self.slot(module)?.fresh(now).copied()
     }
 
-    /// Whether the robot does not move without it.
+    /// True if the robot does not move without the module.
     #[must_use]
     pub fn is_critical(&self, module: &str) -> bool {
         self.critical.iter().any(|name| name == module)
@@ -86,7 +86,7 @@ impl Modules {
         self.announced.iter().find(|(name, _)| name == module).map(|(_, slot)| slot)
     }
 
-    /// The modules: the watchdog's in its order, then those that only announce themselves.
+    /// Modules: the watchdog's in its order, then those that only announce themselves.
     #[must_use]
     pub fn rows(&self, now: Instant, processes: &[Process]) -> Vec<ModuleRow> {
         let guarded = processes.iter().take(MODULES_MAX).map(|process| self.guarded(now, process));
@@ -141,28 +141,29 @@ impl Modules {
     }
 }
 
-/// How a process ended, from the number in `process_t.last_exit`: DESIGN 4's exit codes, 128 + n for signal n.
+/// Describes how a process ended, from `process_t.last_exit`: the exit codes of `docs/design.md` 4, or 128 + n for
+/// signal n.
 #[must_use]
 pub fn exit_in_words(code: i32) -> String {
     let class = |name: &str, base: u8| format!("{name} ({:#04x})", code.max(i32::from(base)));
     match code {
-        0 => "ended as told".into(),
+        0 => "ended on command".into(),
         -1 => "ended unseen".into(),
-        0x10..=0x1F => class("a resource was refused", exit::RESOURCE),
+        0x10..=0x1F => class("a resource is unavailable", exit::RESOURCE),
         0x20..=0x2F => class("a device failed", exit::DEVICE),
         0x40..=0x4F => class("failed", exit::OTHER),
         129..=192 => {
             let name = match code - 128 {
                 1 => "SIGHUP",
                 2 => "SIGINT",
-                4 => "SIGILL: it crashed",
-                6 => "SIGABRT: it gave up",
-                7 => "SIGBUS: it crashed",
-                8 => "SIGFPE: it crashed",
-                9 => "SIGKILL: it was killed",
-                11 => "SIGSEGV: it crashed",
-                14 => "SIGALRM: it hung",
-                15 => "SIGTERM: it was ended",
+                4 => "SIGILL: crashed",
+                6 => "SIGABRT: aborted",
+                7 => "SIGBUS: crashed",
+                8 => "SIGFPE: crashed",
+                9 => "SIGKILL: killed",
+                11 => "SIGSEGV: crashed",
+                14 => "SIGALRM: hung",
+                15 => "SIGTERM: terminated",
                 number => return format!("signal {number}"),
             };
             name.into()

@@ -1,4 +1,4 @@
-//! What people tell the robot, as the messages that say it; whoever asks, on the command line, in a terminal or on a page.
+//! Commands of operators as messages, for the command line, the terminal and the web page.
 
 use messages::common::{CmdLog, CmdState};
 use messages::lowlevel::{CmdHoming, CmdPower};
@@ -6,46 +6,46 @@ use messages::middlelevel::{CmdEstimate, CmdGoal, Waypoint};
 use module::State;
 use rs485::boards::psc1::CHANNELS;
 
-/// How sure somebody is who tells where the robot is and does not say how sure: deviations of x, y, theta; m, m, rad.
+/// Default standard deviations of a pose set by hand: x, y, theta; m, m, rad.
 pub const DEVIATIONS: [f64; 3] = [0.2, 0.2, 0.1];
-/// The longest text of a mark in the log, bytes: a word to find a place again.
+/// Longest text of a mark in the log, bytes.
 pub const MARK_MAX: usize = 1000;
 
-/// Sends the robot along waypoints; none: it forgets where it was to go. Its number is one that no goal of late has had.
+/// Goal along waypoints; without waypoints it cancels the goal. Its number differs from those of recent goals.
 #[must_use]
 pub fn goal(timestamp: i64, waypoints: Vec<Waypoint>, looped: bool) -> CmdGoal {
     CmdGoal { timestamp, id: (timestamp / 1000 % 1_000_000_000) as i32, waypoints, r#loop: looped }
 }
 
-/// Tells where it is, as sure as deviations say; m, m, rad.
+/// Pose of the robot with standard deviations; m, m, rad.
 #[must_use]
 pub fn pose(timestamp: i64, [x, y, theta]: [f64; 3], deviations: [f64; 3]) -> CmdEstimate {
     CmdEstimate { timestamp, x, y, theta, covariance: covariance(deviations) }
 }
 
-/// The covariance of deviations.
+/// Covariance of independent standard deviations.
 #[must_use]
 pub fn covariance([dx, dy, turn]: [f64; 3]) -> [[f64; 3]; 3] {
     [[dx * dx, 0.0, 0.0], [0.0, dy * dy, 0.0], [0.0, 0.0, turn * turn]]
 }
 
-/// Homes an axis.
+/// Homing of an axis.
 #[must_use]
 pub fn home(timestamp: i64, axis: &str) -> CmdHoming {
     CmdHoming { timestamp, axis: axis.into() }
 }
 
-/// Commands a module's state as an operator does; `*` means all.
+/// Commands a module's state as an operator; `*` means all modules.
 ///
 /// # Errors
-/// In words: it is no state that can be commanded.
+/// A sentence: the state cannot be commanded.
 pub fn state(timestamp: i64, module: &str, state: &str, source: &str) -> Result<CmdState, String> {
     let wanted = State::from_name(state).filter(|state| !matches!(state, State::Unknown | State::Init | State::Error));
-    let wanted = wanted.ok_or_else(|| format!("{state} is no state that can be commanded"))?;
+    let wanted = wanted.ok_or_else(|| format!("{state} is not a state that can be commanded"))?;
     Ok(manual(timestamp, module, wanted, source))
 }
 
-/// The same of a state that is one.
+/// Commands a valid state as an operator.
 #[must_use]
 pub fn manual(timestamp: i64, module: &str, state: State, source: &str) -> CmdState {
     CmdState { timestamp, module: module.into(), state: state as i8, manual: true, source: source.into() }
@@ -54,7 +54,7 @@ pub fn manual(timestamp: i64, module: &str, state: State, source: &str) -> CmdSt
 /// Switches a power channel: `on`, `off` or `reboot`.
 ///
 /// # Errors
-/// In words: there is no such channel, or no such action.
+/// A sentence: the channel or the action does not exist.
 pub fn power(timestamp: i64, channel: &str, action: &str) -> Result<CmdPower, String> {
     let device = CHANNELS.iter().position(|name| *name == channel);
     let device = device.ok_or_else(|| format!("channels are {}", CHANNELS.join(", ")))? as i8;
@@ -62,15 +62,15 @@ pub fn power(timestamp: i64, channel: &str, action: &str) -> Result<CmdPower, St
         "off" => CmdPower::OFF,
         "on" => CmdPower::ON,
         "reboot" => CmdPower::REBOOT,
-        _ => return Err("a channel is switched on or off, or rebooted".into()),
+        _ => return Err("expected on, off or reboot".into()),
     };
     Ok(CmdPower { timestamp, device, action })
 }
 
-/// A mark in the log.
+/// Mark in the log.
 ///
 /// # Errors
-/// In words: the text is none, or too long.
+/// A sentence: the text is empty or too long.
 pub fn mark(timestamp: i64, text: &str) -> Result<CmdLog, String> {
     if text.is_empty() || text.len() > MARK_MAX || text.contains('\0') {
         return Err(format!("a mark's text has 1 to {MARK_MAX} bytes and no NUL"));
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_is_said_in_words() {
+    fn invalid_commands_are_refused_with_a_sentence() {
         assert_eq!(state(0, "planner", "PAUSE", "x").unwrap().state, State::Pause as i8);
         for none in ["INIT", "UNKNOWN", "ERROR", "pause!", ""] {
             assert!(state(0, "planner", none, "x").is_err(), "{none}");

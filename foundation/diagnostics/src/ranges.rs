@@ -1,28 +1,28 @@
-//! Range finders as people are shown them: from `LL_DATA_RANGES`, or where only that comes, from the view of 2011.
+//! Range finders as shown to people: from `LL_DATA_RANGES`, or as a fallback from the view of 2011.
 
 use crate::{Model, Slot};
 use base::Instant;
 use messages::lowlevel::{Range, Reading};
 
-/// The newest readings of one kind of range finder.
+/// Newest readings of one kind of range finder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Readings {
-    /// In order of the message.
+    /// Readings in order of the message.
     pub readings: Vec<Reading>,
-    /// They come from `LL_DATA_SRFS` or `LL_DATA_IRS`, which cannot tell silence from a dead sensor: what is not valid
-    /// there is UNKNOWN here.
+    /// True if they come from `LL_DATA_SRFS` or `LL_DATA_IRS`, which cannot distinguish silence from a dead sensor:
+    /// invalid ones are UNKNOWN here.
     pub of_2011: bool,
 }
 
 impl Model {
-    /// The sonars; `beam`: full opening angle for the view of 2011, rad. `None` where nothing came yet.
+    /// Sonars; `beam` is the full opening angle for the view of 2011, rad. `None` before the first message.
     #[must_use]
     pub fn sonar_readings(&self, now: Instant, beam: f64) -> Option<Readings> {
         let old = self.sonars.get().map(|sonars| &sonars.srfs[..]);
         self.readings(now, Reading::SONAR, is_fresh(&self.sonars, now), old, beam)
     }
 
-    /// The infrared rangers. `None` where nothing came yet.
+    /// Infrared range finders. `None` before the first message.
     #[must_use]
     pub fn infrared_readings(&self, now: Instant) -> Option<Readings> {
         let old = self.infrareds.get().map(|infrareds| &infrareds.irs[..]);

@@ -1,71 +1,72 @@
-//! The latest of something, and how old it is.
+//! Latest value of a message, with its age.
 
 use base::{Duration, Instant};
 use serde::Serialize;
 
-/// The latest message of a kind.
+/// Latest message of a kind.
 #[derive(Clone, Debug)]
 pub struct Slot<T> {
     latest: Option<(Instant, T)>,
     period: Duration,
 }
 
-/// How much a value is worth.
+/// Validity of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Freshness {
-    /// Nothing was ever heard.
+    /// Nothing received yet.
     Never,
-    /// It is as it should be.
+    /// Current.
     Fresh,
-    /// It is older than twice its period: shown grey.
+    /// Older than twice its period: shown grey.
     Stale,
 }
 
-/// A value as it is shown: `age` in s, `null` while there is none; whoever shows it lets it grow older by itself.
+/// Value as shown: `age` in s, `null` without one; the display lets it grow older by itself.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Shown<'a, T> {
-    /// s since it was heard.
+    /// Time since reception, s.
     pub age: Option<f64>,
-    /// It should be heard this often, s; none: it is said on change only, and never grows stale.
+    /// Expected period, s; `None` if it is sent on change only and never becomes stale.
     pub period: Option<f64>,
-    /// Whether it is.
+    /// Validity.
     pub freshness: Freshness,
-    /// The value itself.
+    /// Value.
     pub value: Option<&'a T>,
 }
 
 impl<T> Slot<T> {
-    /// For something that is said this often; what is said on change only has no age that counts ([`Duration::MAX`]).
+    /// Slot for a message with this period; [`Duration::MAX`] for one that is sent on change only and has no relevant
+    /// age.
     #[must_use]
     pub const fn every(period: Duration) -> Self {
         Self { latest: None, period }
     }
 
-    /// It was heard.
+    /// Stores a received value.
     pub fn put(&mut self, at: Instant, value: T) {
         self.latest = Some((at, value));
     }
 
-    /// The latest, however old.
+    /// Latest value, however old.
     #[must_use]
     pub fn get(&self) -> Option<&T> {
         self.latest.as_ref().map(|(_, value)| value)
     }
 
-    /// The latest, unless it is stale.
+    /// Latest value, unless it is stale.
     #[must_use]
     pub fn fresh(&self, now: Instant) -> Option<&T> {
         self.get().filter(|_| self.freshness(now) == Freshness::Fresh)
     }
 
-    /// How long ago it was heard.
+    /// Time since reception.
     #[must_use]
     pub fn age(&self, now: Instant) -> Option<Duration> {
         self.latest.as_ref().map(|(at, _)| now.since(*at))
     }
 
-    /// How much it is worth.
+    /// Validity at `now`.
     #[must_use]
     pub fn freshness(&self, now: Instant) -> Freshness {
         match self.age(now) {
@@ -75,7 +76,7 @@ impl<T> Slot<T> {
         }
     }
 
-    /// As it is shown.
+    /// Value as shown.
     #[must_use]
     pub fn shown(&self, now: Instant) -> Shown<'_, T> {
         let age = self.age(now).map(|age| age.as_secs_f64());

@@ -1,20 +1,20 @@
-//! Which subject a report is about. The report does not say so; the list of active faults of its moment does, which comes
-//! before it (`docs/design.md` 5).
+//! Subject of a report. The report does not contain it; the list of active faults of the same instant does, which is
+//! published before it (`docs/design.md` 5).
 
 use messages::common::{self, DataFaults, Error};
 use std::collections::BTreeMap;
 
 /// Maximum number of modules whose lists are kept.
 const MODULES_MAX: usize = 200;
-/// Maximum number of faults of a list that are looked at: as many as a shell lists.
+/// Maximum number of faults used of a list: as many as a module publishes.
 pub(crate) const LISTED_MAX: usize = 256;
 
-/// The faults of a list that are looked at.
+/// Faults of a list that are used.
 pub(crate) fn listed(list: &DataFaults) -> &[common::Fault] {
     &list.faults[..list.faults.len().min(LISTED_MAX)]
 }
 
-/// The last list of each module.
+/// Last list of each module.
 #[derive(Clone, Debug, Default)]
 pub struct Subjects {
     modules: BTreeMap<String, Listed>,
@@ -24,13 +24,13 @@ pub struct Subjects {
 struct Listed {
     timestamp: i64,
     active: Vec<Entry>,
-    /// Those that the last list was the first to have, until they are reported: each with its message.
+    /// Faults that are new in the last list and not reported yet, each with its message.
     begun: Vec<(Entry, String)>,
-    /// Those that the last list was the first not to have, until that is reported.
+    /// Faults that are missing in the last list and not reported as cleared yet.
     ended: Vec<Entry>,
 }
 
-/// A fault of a list.
+/// Fault of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Entry {
     number: i32,
@@ -39,8 +39,8 @@ struct Entry {
 }
 
 impl Subjects {
-    /// Takes a list of active faults.
-    pub fn list(&mut self, list: &DataFaults) {
+    /// Processes a list of active faults.
+    pub fn on_list(&mut self, list: &DataFaults) {
         if list.is_down() || (self.modules.len() == MODULES_MAX && !self.modules.contains_key(&list.module)) {
             return;
         }
@@ -54,7 +54,7 @@ impl Subjects {
         known.timestamp = list.timestamp;
     }
 
-    /// The subject of a report; none where no list tells. Of several in one moment each is told once.
+    /// Subject of a report; `None` if no list contains it. Of several with the same instant each is returned once.
     pub fn of(&mut self, error: &Error) -> Option<String> {
         let known = self.modules.get_mut(&error.module).filter(|known| known.timestamp == error.timestamp)?;
         if error.severity == Error::NOTICE {

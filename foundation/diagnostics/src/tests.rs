@@ -13,7 +13,7 @@ fn model() -> Model {
 
 fn say(model: &mut Model, at: Instant, message: impl Into<Message>) {
     let message = message.into();
-    model.hear(at, &message.channel_name(), 40, Some(message));
+    model.receive(at, &message.channel_name(), 40, Some(message));
 }
 
 fn process(phase: i8, state: i8, last_exit: i32) -> DataProcesses {
@@ -72,22 +72,22 @@ fn error(number: i32, severity: i8, message: &str, timestamp: i64) -> Error {
 }
 
 #[test]
-fn the_status_says_first_what_people_must_know_first() {
+fn the_status_shows_the_most_important_cause_first() {
     let mut model = model();
     let word = |model: &Model, now| {
         let Status { word, reason } = model.status(now);
         (word, reason)
     };
-    assert_eq!(word(&model, T0).0, Word::Silent);
+    assert_eq!(word(&model, T0).0, RobotStatus::Silent);
     say(&mut model, T0, process(Process::RUNNING, DataState::RUN, 0));
-    assert_eq!(word(&model, T0), (Word::Fault, "driver_canbus says nothing of the drives".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Fault, "driver_canbus does not report the drives".into()));
     let idle = motion(0.0, "nobody commands the motion", "");
     say(&mut model, T0, holds("driver_canbus", &[(Hold::NobodyCommands, "")]));
     say(&mut model, T0, DataMotion { enabled: false, quick_stop: true, ..idle });
-    assert_eq!(word(&model, T0), (Word::Ready, "it stands; nobody commands it".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Ready, "the robot is at standstill without a command".into()));
     say(&mut model, T0, holds("driver_canbus", &[]));
     say(&mut model, T0, motion(0.4, "", "planner"));
-    assert_eq!(word(&model, T0), (Word::Driving, "0.40 m/s; planner commands".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Driving, "0.40 m/s; commanded by planner".into()));
     say(&mut model, T0, motion(0.0, "", "planner"));
     let goal = DataGoal {
         timestamp: 1,
@@ -98,18 +98,18 @@ fn the_status_says_first_what_people_must_know_first() {
         message: "waits: somebody is in the way".into(),
     };
     say(&mut model, T0, goal);
-    assert_eq!(word(&model, T0), (Word::Waiting, "waits: somebody is in the way".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Waiting, "waits: somebody is in the way".into()));
     say(&mut model, T0, DataMotion { homed: false, ..motion(0.0, "the steering is not homed", "") });
-    assert_eq!(word(&model, T0), (Word::Stopped, "the steering is not homed".into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Stopped, "the steering is not homed".into()));
     say(&mut model, T0, process(Process::TERMINATED, DataState::RUN, 139));
-    let down = "driver_canbus is down: SIGSEGV: it crashed; the robot does not move without it";
-    assert_eq!(word(&model, T0), (Word::Fault, down.into()));
+    let down = "driver_canbus is down: SIGSEGV: crashed; the robot does not move without it";
+    assert_eq!(word(&model, T0), (RobotStatus::Fault, down.into()));
     say(&mut model, T0, EventStop { timestamp: 1, engaged: true, source: "bumper3".into() });
     let paused = "the PAUSE line is engaged by bumper3; release it, then let the robot go on";
-    assert_eq!(word(&model, T0), (Word::Paused, paused.into()));
+    assert_eq!(word(&model, T0), (RobotStatus::Paused, paused.into()));
     assert_eq!(
         word(&model, T0 + Duration::from_millis(2500)),
-        (Word::Silent, "nothing was heard of the robot for 2 s".into())
+        (RobotStatus::Silent, "no message from the robot for 2 s".into())
     );
 }
 
@@ -123,13 +123,13 @@ fn another_sentence_for_the_same_cause_changes_no_status() {
         model.status(T0).word
     };
     for reason in ["nobody commands the motion", "no source commands", ""] {
-        assert_eq!(status(Hold::NobodyCommands, reason), Word::Ready, "{reason:?}");
-        assert_eq!(status(Hold::DriveFault, reason), Word::Stopped, "{reason:?}");
+        assert_eq!(status(Hold::NobodyCommands, reason), RobotStatus::Ready, "{reason:?}");
+        assert_eq!(status(Hold::DriveFault, reason), RobotStatus::Stopped, "{reason:?}");
     }
 }
 
 #[test]
-fn all_that_stands_has_a_row_each_once_the_motion_first() {
+fn each_cause_has_one_row_the_motion_first() {
     let mut model = model();
     let goal = [(Hold::PauseBumper, "bumper2"), (Hold::EstimateLost, "")];
     say(&mut model, T0, holds("planner", &goal));
@@ -148,7 +148,7 @@ fn all_that_stands_has_a_row_each_once_the_motion_first() {
         "words": "PAUSE is engaged by bumper2", "remedy": "Clear what touches bumper 2.", "latched": false, "since": 7
     });
     assert_eq!((&json["holds"][0], &json["holds"][1]["latched"]), (&first, &true.into()));
-    // What nobody repeats is not known to stand any more.
+    // Causes expire if they are not repeated.
     let late = T0 + Duration::from_millis(401);
     assert_eq!(model.hold_rows(late), []);
     let unknown = lowlevel::Hold { code: 9999, subject: "x".into(), latched: false, since: 0 };
@@ -172,7 +172,7 @@ fn a_log_from_before_the_numbers_has_its_text() {
 }
 
 #[test]
-fn what_is_older_than_twice_its_period_is_stale() {
+fn a_value_older_than_twice_its_period_is_stale() {
     let mut model = model();
     assert_eq!(model.motion.freshness(T0), Freshness::Never);
     say(&mut model, T0, motion(0.0, "", ""));
@@ -187,10 +187,10 @@ fn what_is_older_than_twice_its_period_is_stale() {
 }
 
 #[test]
-fn errors_of_a_kind_are_one_group_that_stands_until_its_end() {
+fn reports_of_a_fault_are_one_group_until_it_is_cleared() {
     let mut errors = Errors::default();
     for (n, severity) in [Error::ERROR, Error::ERROR, Error::NOTICE].into_iter().enumerate() {
-        errors.hear(T0, &error(0x201, severity, "lost", n as i64));
+        errors.on_report(T0, &error(0x201, severity, "lost", n as i64));
         let groups = errors.groups(T0);
         assert_eq!((groups.len(), groups[0].standing), (1, severity != Error::NOTICE));
     }
@@ -198,13 +198,13 @@ fn errors_of_a_kind_are_one_group_that_stands_until_its_end() {
     assert_eq!((group.count, group.first, group.last, group.severity), (2, 0, 1, Error::ERROR));
     assert!(errors.of("driver_canbus", T0).is_none());
     for number in 0..1000 {
-        errors.hear(T0 + Duration::from_millis(number as u64), &error(number, Error::WARNING, "x", 0));
+        errors.on_report(T0 + Duration::from_millis(number as u64), &error(number, Error::WARNING, "x", 0));
     }
     assert_eq!((errors.groups(T0).len(), errors.reports().count()), (256, 500));
 }
 
 #[test]
-fn a_channel_has_its_rate_and_there_are_so_many_at_most() {
+fn a_channel_has_its_rate_and_the_table_is_bounded() {
     let mut traffic = Traffic::default();
     for n in 0..200 {
         traffic.hear(T0 + Duration::from_millis(n * 50), "LL_DATA_MOTION", 100);
@@ -221,7 +221,7 @@ fn a_channel_has_its_rate_and_there_are_so_many_at_most() {
 }
 
 #[test]
-fn who_only_announces_himself_is_a_stranger() {
+fn a_module_without_a_watchdog_is_a_stranger() {
     let mut model = model();
     say(&mut model, T0, DataState { timestamp: 1, module: "listen.py".into(), state: DataState::RUN });
     say(&mut model, T0, process(Process::RUNNING, DataState::ERROR, 0));
@@ -231,12 +231,12 @@ fn who_only_announces_himself_is_a_stranger() {
         [("running", false), ("stranger", true)]
     );
     assert_eq!(exit_in_words(0x21), "a device failed (0x21)");
-    assert_eq!(exit_in_words(137), "SIGKILL: it was killed");
+    assert_eq!(exit_in_words(137), "SIGKILL: killed");
     assert_eq!(exit_in_words(128 + 40), "signal 40");
 }
 
 #[test]
-fn an_ellipse_lies_along_what_is_least_known() {
+fn an_ellipse_extends_along_the_largest_uncertainty() {
     let ellipse = Ellipse::of(&[[0.04, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.0001]]).unwrap();
     assert!((ellipse.long - 0.4).abs() < 1e-12 && (ellipse.short - 0.2).abs() < 1e-12 && ellipse.angle == 0.0);
     assert_eq!(Ellipse::of(&[[f64::NAN; 3]; 3]), None);
@@ -262,7 +262,7 @@ fn ms(millis: u64) -> Instant {
     T0 + Duration::from_millis(millis)
 }
 
-/// The groups as (subject, standing, known, count).
+/// Groups as (subject, standing, known, count).
 fn groups(model: &Model, now: Instant) -> Vec<(String, bool, bool, u64)> {
     let groups = model.errors.groups(now).into_iter();
     let mut groups: Vec<_> =
@@ -276,7 +276,7 @@ fn of_two_lost_boards_one_that_comes_back_does_not_clear_the_other() {
     let mut model = model();
     let both = [fault(LOST, "sd1_front", 10), fault(LOST, "sd1_rear", 10)];
     say(&mut model, T0, list(10, "driver_rs485a", &both));
-    // In the other order than the list has.
+    // In an order other than that of the list.
     say(&mut model, T0, lost(10, Error::WARNING, "sd1_rear does not answer"));
     say(&mut model, T0, lost(10, Error::WARNING, "sd1_front does not answer"));
     let stands = |subject: &str, standing, count| (subject.to_owned(), standing, true, count);
@@ -287,7 +287,7 @@ fn of_two_lost_boards_one_that_comes_back_does_not_clear_the_other() {
     assert_eq!(model.errors.of("driver_rs485a", ms(500)).unwrap().subject, "sd1_rear");
     let subjects: Vec<_> = model.errors.reports().map(|report| report.subject.clone().unwrap()).collect();
     assert_eq!(subjects, ["sd1_front", "sd1_front", "sd1_rear"], "the latest first");
-    // It is lost once more: counted, and by its list alone too, where the report is lost on the way.
+    // It is lost once more: counted, also by its list alone, in case the report is lost.
     say(&mut model, ms(600), list(30, "driver_rs485a", &[fault(LOST, "sd1_front", 30), both[1].clone()]));
     assert_eq!(groups(&model, ms(600)), [stands("sd1_front", true, 2), stands("sd1_rear", true, 1)]);
     let view = serde_json::to_value(model.view(ms(600))).unwrap();
@@ -296,7 +296,7 @@ fn of_two_lost_boards_one_that_comes_back_does_not_clear_the_other() {
 }
 
 #[test]
-fn who_joins_late_knows_what_is_active_and_no_more() {
+fn a_late_listener_knows_the_active_faults_only() {
     let mut model = model();
     say(&mut model, T0, list(900, "driver_rs485a", &[fault(LOST, "sd1_front", 10), fault(LOST, "sd1_rear", 20)]));
     say(&mut model, T0, list(900, "planner", &[]));
@@ -308,7 +308,7 @@ fn who_joins_late_knows_what_is_active_and_no_more() {
 }
 
 #[test]
-fn what_nobody_lists_any_more_is_not_known() {
+fn an_expired_list_leaves_faults_unknown() {
     let mut model = model();
     say(&mut model, T0, list(10, "driver_rs485a", &[fault(LOST, "sd1_rear", 10)]));
     let group = |standing, known| vec![("sd1_rear".to_owned(), standing, known, 1)];
@@ -316,29 +316,29 @@ fn what_nobody_lists_any_more_is_not_known() {
     assert_eq!(groups(&model, ms(3001)), group(true, false), "its module is silent");
     say(&mut model, ms(4000), list(20, "driver_rs485a", &[fault(LOST, "sd1_rear", 10)]));
     assert_eq!(groups(&model, ms(4000)), group(true, true), "the same as before, so it is not counted");
-    // It dies: the watchdog says so in its name.
+    // The module dies: the watchdog publishes a list in its name.
     let down = |timestamp| list(timestamp, "driver_rs485a", &[fault(0x0307, "driver_rs485a", 30)]);
     say(&mut model, ms(4100), down(30));
     assert_eq!(groups(&model, ms(4100)), group(true, false));
     assert_eq!(model.errors.knowledge("driver_rs485a", ms(4100)), Knowledge::Unknown);
-    // It is back, and its board with it.
+    // The module is back, and so is its board.
     say(&mut model, ms(4200), list(40, "driver_rs485a", &[]));
     assert_eq!(groups(&model, ms(4200)), group(false, true));
 }
 
 #[test]
-fn who_lists_nothing_is_judged_by_his_reports_and_what_happens_once_is_never_active() {
+fn a_module_without_a_list_is_judged_by_its_reports_and_single_events_are_never_active() {
     let mut model = model();
     say(&mut model, T0, lost(10, Error::WARNING, "a board is lost"));
     let group = |standing, count| vec![(String::new(), standing, true, count)];
     assert_eq!(groups(&model, ms(60_000)), group(true, 1));
-    // The watchdog has the say while it is down, and no longer.
+    // The watchdog's list applies while the module is down, and no longer.
     say(&mut model, ms(60_000), list(15, "driver_rs485a", &[fault(0x0307, "driver_rs485a", 15)]));
     assert_eq!(model.errors.knowledge("driver_rs485a", ms(60_000)), Knowledge::Unknown);
     assert_eq!(model.errors.knowledge("driver_rs485a", ms(63_001)), Knowledge::Reported);
     say(&mut model, ms(64_000), lost(20, Error::NOTICE, "it is back"));
     assert_eq!(groups(&model, ms(64_000)), group(false, 1));
-    // From its first list on that decides.
+    // From its first list on, the list decides.
     say(&mut model, ms(65_000), lost(30, Error::WARNING, "a board is lost"));
     assert_eq!(groups(&model, ms(65_000)), group(true, 2));
     say(&mut model, ms(65_000), list(40, "driver_rs485a", &[]));
@@ -348,7 +348,7 @@ fn who_lists_nothing_is_judged_by_his_reports_and_what_happens_once_is_never_act
 }
 
 #[test]
-fn no_list_takes_memory_without_end() {
+fn all_lists_are_bounded() {
     let mut model = model();
     for n in 0..600 {
         let faults: Vec<Fault> = (0..300).map(|number| fault(number, &format!("{n}"), 1)).collect();
@@ -362,7 +362,7 @@ fn no_list_takes_memory_without_end() {
 }
 
 #[test]
-fn texts_come_the_latest_first_with_their_level() {
+fn texts_are_listed_newest_first_with_their_level() {
     let mut model = model();
     for (n, level) in [EventText::INFO, EventText::ERROR, 77].into_iter().enumerate() {
         let text = EventText { timestamp: n as i64, module: "eye".into(), level, text: format!("line {n}\n") };
@@ -374,7 +374,7 @@ fn texts_come_the_latest_first_with_their_level() {
 }
 
 #[test]
-fn readings_say_what_is_not_known_and_the_view_of_2011_does_where_nothing_better_comes() {
+fn readings_show_unknown_and_fall_back_to_the_view_of_2011() {
     use lowlevel::{DataIrs, DataRanges, DataSrfs, Range, Reading};
     let mut model = model();
     assert_eq!(model.sonar_readings(T0, 0.5), None);

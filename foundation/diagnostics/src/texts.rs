@@ -1,4 +1,4 @@
-//! What modules say to people (`CM_EVENT_TEXT`).
+//! Texts of modules for people (`CM_EVENT_TEXT`).
 
 use base::Level;
 use messages::common::EventText;
@@ -6,38 +6,38 @@ use module::texts::clipped;
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// Maximum number of texts that are kept.
+/// Maximum number of texts.
 const TEXTS_MAX: usize = 500;
 
-/// A text as it is shown.
+/// Text as shown.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ShownText {
-    /// Microseconds since the UNIX epoch.
+    /// Publication, microseconds since the UNIX epoch.
     pub timestamp: i64,
-    /// The module, at most 512 bytes.
+    /// Module, at most 512 bytes.
     pub module: String,
-    /// Values of `event_text_t`.
+    /// Level; values of `event_text_t`.
     pub level: i8,
     /// One line, at most 512 bytes.
     pub text: String,
 }
 
 impl ShownText {
-    /// The level in words; `?` for a value that is no level.
+    /// Name of the level; `?` for an undefined value.
     #[must_use]
     pub fn level(&self) -> &'static str {
         Level::from_value(self.level).map_or("?", Level::name)
     }
 }
 
-/// The latest texts of all modules.
+/// Latest texts of all modules.
 #[derive(Clone, Debug, Default)]
 pub struct Texts {
     texts: VecDeque<ShownText>,
 }
 
 impl Texts {
-    /// Takes a text.
+    /// Adds a text.
     pub fn take(&mut self, text: &EventText) {
         if self.texts.len() == TEXTS_MAX {
             self.texts.pop_front();
@@ -46,7 +46,7 @@ impl Texts {
         self.texts.push_back(ShownText { timestamp: text.timestamp, module, level: text.level, text: line });
     }
 
-    /// The texts, the latest first.
+    /// Texts, the newest first.
     pub fn latest(&self) -> impl Iterator<Item = &ShownText> {
         self.texts.iter().rev()
     }

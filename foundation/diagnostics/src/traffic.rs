@@ -1,32 +1,32 @@
-//! What is said on which channel, how often and how much.
+//! Traffic by channel: rate and bandwidth.
 
 use base::{Duration, Instant};
 use messages::Channel;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Channels that are told apart.
+/// Maximum number of channels in the table.
 const CHANNELS_MAX: usize = 1000;
-/// Rates are those of the last whole seconds.
+/// Number of whole seconds over which rates are averaged.
 const SECONDS: usize = 5;
 const SECOND: Duration = Duration::from_secs(1);
 
-/// A channel.
+/// Channel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChannelRow {
-    /// Its name.
+    /// Name.
     pub channel: String,
-    /// The type of its messages; empty where it is not one of the robot's.
+    /// Type of its messages; empty for a channel that is not one of the robot's.
     pub r#type: &'static str,
-    /// Messages since the model began.
+    /// Number of messages since the model was created.
     pub count: u64,
-    /// Messages a second.
+    /// Messages per second.
     pub rate: f64,
-    /// Bytes a second.
+    /// Bytes per second.
     pub bandwidth: f64,
-    /// Bytes of the last message.
+    /// Size of the last message, bytes.
     pub bytes: usize,
-    /// s since it.
+    /// Age of the last message, s.
     pub age: f64,
 }
 
@@ -35,9 +35,9 @@ struct Count {
     messages: u64,
     bytes: usize,
     last: Instant,
-    /// Messages and bytes of the current second and those before.
+    /// Messages and bytes of the current second and the previous ones.
     seconds: [(u64, u64); SECONDS + 1],
-    /// When the current second began.
+    /// Beginning of the current second.
     began: Instant,
     first: Instant,
 }
@@ -72,8 +72,8 @@ pub struct Traffic {
 }
 
 impl Traffic {
-    /// A message of so many bytes was heard.
-    pub fn hear(&mut self, at: Instant, channel: &str, bytes: usize) {
+    /// Counts a message of `bytes` bytes.
+    pub fn count(&mut self, at: Instant, channel: &str, bytes: usize) {
         if !self.channels.contains_key(channel) {
             if self.channels.len() == CHANNELS_MAX {
                 self.others += 1;
@@ -88,7 +88,7 @@ impl Traffic {
         count.seconds[0].1 += bytes as u64;
     }
 
-    /// The channels in order of their names.
+    /// Channels in order of their names.
     #[must_use]
     pub fn rows(&self, now: Instant) -> Vec<ChannelRow> {
         let row = |(name, count): (&String, &Count)| {
@@ -108,13 +108,13 @@ impl Traffic {
         self.channels.iter().map(row).collect()
     }
 
-    /// Messages on channels that there was no room for.
+    /// Number of messages on channels beyond the table.
     #[must_use]
     pub fn others(&self) -> u64 {
         self.others
     }
 
-    /// When anything was heard last.
+    /// Reception of the last message.
     #[must_use]
     pub fn last(&self) -> Option<Instant> {
         self.channels.values().map(|count| count.last).max()

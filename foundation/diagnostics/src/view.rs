@@ -1,85 +1,85 @@
-//! Everything that is shown, at a moment: what `--json` prints and the web page is sent.
+//! Complete view at one instant: the output of `--json` and the data of the web page.
 
 use crate::{ChannelRow, HoldRow, Model, ModuleRow, Shown, ShownGroup, ShownText, Status};
 use base::Instant;
 use messages::{common, lowlevel, middlelevel, simulation};
 use serde::Serialize;
 
-/// The model at a moment. Fields are as the messages have them (DESIGN 5), each with its age.
+/// Model at one instant. Fields are those of the messages (`docs/design.md` 5), each with its age.
 #[derive(Clone, Debug, Serialize)]
 pub struct View<'a> {
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: &'a str,
-    /// How it is.
+    /// Status.
     pub status: Status,
-    /// How it moves.
+    /// Motion.
     pub motion: Shown<'a, lowlevel::DataMotion>,
-    /// All for which it does not act, the weightiest first.
+    /// Causes that hold the robot, the most important first.
     pub holds: Vec<HoldRow>,
-    /// Who commands the motion.
+    /// Recent motion commands.
     pub commands: Vec<&'a lowlevel::CmdMotion>,
-    /// The PAUSE line.
+    /// PAUSE line.
     pub stop: Shown<'a, lowlevel::EventStop>,
-    /// Where it is.
+    /// Estimated pose.
     pub estimate: Shown<'a, middlelevel::DataEstimate>,
-    /// Where it is to two deviations, around the estimate.
+    /// Ellipse of two standard deviations around the estimate.
     pub ellipse: Option<Ellipse>,
-    /// How its goal fares.
+    /// State of the goal.
     pub goal: Shown<'a, middlelevel::DataGoal>,
-    /// Its way.
+    /// Planned path.
     pub plan: Shown<'a, middlelevel::DataPlan>,
-    /// What stands around it.
+    /// Sensed obstacles.
     pub obstacles: Shown<'a, middlelevel::DataObstacles>,
-    /// The sonars.
+    /// Sonars.
     pub sonars: Shown<'a, lowlevel::DataSrfs>,
-    /// The infrared sensors.
+    /// Infrared sensors.
     pub infrareds: Shown<'a, lowlevel::DataIrs>,
-    /// Sonars and infrared sensors, each at its own instant, and whether its reading is known.
+    /// Sonars and infrared sensors, each at its own instant, with the status of its reading.
     pub ranges: Shown<'a, lowlevel::DataRanges>,
-    /// The beacons that were seen.
+    /// Sighted beacons.
     pub beacons: Shown<'a, lowlevel::DataBeacons>,
-    /// The odometry.
+    /// Odometry.
     pub odometry: Shown<'a, lowlevel::DataOdo>,
-    /// The drives.
+    /// Drives.
     pub axes: Shown<'a, lowlevel::DataAxes>,
     /// Battery and channels.
     pub power: Shown<'a, lowlevel::DataPower>,
     /// Temperatures and fans.
     pub temperatures: Shown<'a, lowlevel::DataTemperature>,
-    /// The gamepad.
+    /// Gamepad.
     pub gamepad: Shown<'a, lowlevel::DataJoydev>,
-    /// The recorder.
+    /// Logger.
     pub log: Shown<'a, common::DataLog>,
-    /// The truth, when simulated.
+    /// True pose, in a simulation.
     pub truth: Shown<'a, simulation::DataTruth>,
-    /// The modules.
+    /// Modules.
     pub modules: Vec<ModuleRow>,
-    /// The buses.
+    /// Buses.
     #[serde(rename = "busses")]
     pub buses: Vec<Shown<'a, lowlevel::DataBus>>,
-    /// What went wrong.
+    /// Faults and reports.
     pub errors: Vec<ShownGroup<'a>>,
-    /// What modules say, the latest first.
+    /// Texts of modules, the newest first.
     pub texts: Vec<&'a ShownText>,
-    /// What is said on the bus.
+    /// Traffic by channel.
     pub channels: Vec<ChannelRow>,
 }
 
-/// An ellipse of two standard deviations.
+/// Ellipse of two standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Ellipse {
-    /// The long half axis, m.
+    /// Semi-major axis, m.
     pub long: f64,
-    /// The short half axis, m.
+    /// Semi-minor axis, m.
     pub short: f64,
-    /// Where the long one points, rad.
+    /// Direction of the major axis, rad.
     pub angle: f64,
-    /// Two deviations of the heading, rad.
+    /// Two standard deviations of the heading, rad.
     pub heading: f64,
 }
 
 impl Ellipse {
-    /// From the covariance of x, y, heading; none where that is none.
+    /// Ellipse of the covariance of x, y, heading; `None` if one of its values is not finite.
     #[must_use]
     pub fn of(covariance: &[[f64; 3]; 3]) -> Option<Self> {
         let (xx, xy, yy) = (covariance[0][0], covariance[0][1], covariance[1][1]);

@@ -1,32 +1,32 @@
-//! What a `.lcm` file says.
+//! Content of a `.lcm` file.
 
 use crate::At;
 
-/// A struct or an enum.
+/// Struct or enum.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Definition {
-    /// The package, `a.b.c`; empty when there is none.
+    /// Package, `a.b.c`; empty without one.
     pub package: String,
-    /// The name without the package.
+    /// Name without the package.
     pub short: String,
-    /// The comment before it, line by line.
+    /// Comment before it, line by line.
     pub doc: Vec<String>,
-    /// What it is.
+    /// Kind with its content.
     pub kind: Kind,
-    /// The file that it stands in, as the caller named it.
+    /// File that contains it, as named by the caller.
     pub file: String,
-    /// Where its name stands.
+    /// Position of its name.
     pub at: At,
 }
 
 impl Definition {
-    /// The name with the package: `common.data_state_t`.
+    /// Name with the package: `common.data_state_t`.
     #[must_use]
     pub fn name(&self) -> String {
         qualified(&self.package, &self.short)
     }
 
-    /// The members of a struct; none for an enum.
+    /// Members of a struct; empty for an enum.
     #[must_use]
     pub fn members(&self) -> &[Member] {
         match &self.kind {
@@ -40,70 +40,70 @@ pub(crate) fn qualified(package: &str, short: &str) -> String {
     if package.is_empty() { short.to_owned() } else { format!("{package}.{short}") }
 }
 
-/// What a definition is.
+/// Kind of a definition.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// `struct`, the usual thing.
+    /// `struct`.
     Struct {
         /// Constants, in order.
         constants: Vec<Constant>,
         /// Members, in order.
         members: Vec<Member>,
     },
-    /// `enum`, a leftover of the language that official tools still accept.
+    /// `enum`, a deprecated construct that official tools still accept.
     Enum {
         /// Values, in order.
         values: Vec<Value>,
     },
 }
 
-/// A value of an enum.
+/// Value of an enum.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Value {
     /// Name.
     pub name: String,
     /// Number.
     pub number: i32,
-    /// The comment before it, line by line.
+    /// Comment before it, line by line.
     pub doc: Vec<String>,
 }
 
-/// A constant of a struct. It takes no part in fingerprint or encoding.
+/// Constant of a struct, which affects neither fingerprint nor encoding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Constant {
     /// Name.
     pub name: String,
     /// Type; never `byte`, `boolean` or `string`.
     pub ty: Primitive,
-    /// The value as written.
+    /// Value as written.
     pub text: String,
-    /// The value.
+    /// Value.
     pub literal: Literal,
-    /// The comment before it, line by line.
+    /// Comment before it, line by line.
     pub doc: Vec<String>,
 }
 
-/// A constant's value, in the range of its type.
+/// Value of a constant, in the range of its type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Literal {
-    /// Of an integer type.
+    /// Value of an integer type.
     Int(i64),
-    /// Of `float` or `double`.
+    /// Value of type `float` or `double`.
     Float(f64),
 }
 
-/// A member of a struct.
+/// Member of a struct.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Member {
     /// Name.
     pub name: String,
-    /// Type, or its elements'.
+    /// Type, or type of the elements.
     pub ty: MemberType,
-    /// Dimensions, outermost first; none for a scalar.
+    /// Dimensions, outermost first; empty for a scalar.
     pub dims: Vec<Dim>,
-    /// The comment before it, line by line.
+    /// Comment before it, line by line.
     pub doc: Vec<String>,
-    /// Where its type stands.
+    /// Position of its type.
     pub at: At,
 }
 
@@ -114,7 +114,7 @@ impl Member {
         self.dims.iter().any(|dim| dim.size == Size::Variable)
     }
 
-    /// Number of elements all dimensions make together; `None` when one is variable.
+    /// Number of elements over all dimensions; `None` if one is variable.
     pub(crate) fn fixed_count(&self) -> Option<usize> {
         self.dims.iter().try_fold(1_usize, |product, dim| match dim.size {
             Size::Fixed(count) => Some(product.saturating_mul(count)),
@@ -123,34 +123,34 @@ impl Member {
     }
 }
 
-/// The type of a member.
+/// Type of a member.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum MemberType {
-    /// One of the language's own.
+    /// Primitive type.
     Primitive(Primitive),
     /// Another definition, by its name with package.
     Named(String),
 }
 
-/// A dimension of an array.
+/// Dimension of an array.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dim {
     /// Number of elements.
     pub size: Size,
-    /// What the fingerprint takes in: a literal or a constant's value as written, or the length member's name.
+    /// Text that enters the fingerprint: a literal or a constant's value as written, or the length member's name.
     pub text: String,
 }
 
-/// Number of elements a dimension has.
+/// Number of elements of a dimension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
-    /// So many.
+    /// Constant number.
     Fixed(usize),
-    /// As many as the member named by [`Dim::text`] says.
+    /// Value of the member named by [`Dim::text`].
     Variable,
 }
 
-/// The language's own types.
+/// Primitive types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "their names say it all")]
 pub enum Primitive {
@@ -166,7 +166,7 @@ pub enum Primitive {
 }
 
 impl Primitive {
-    /// By its name in the language.
+    /// Type of this name in the language.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Some(match name {
@@ -199,7 +199,7 @@ impl Primitive {
         }
     }
 
-    /// Bits of an integer type, the only types that an array's length may have.
+    /// Bits of an integer type, the only types allowed for the length of an array.
     #[must_use]
     pub fn integer_bits(self) -> Option<u32> {
         match self {
@@ -211,7 +211,7 @@ impl Primitive {
         }
     }
 
-    /// Fewest bytes of an encoded value; all but `string` always take so many.
+    /// Minimum size of an encoded value, bytes; the exact size for all types but `string`.
     #[must_use]
     pub fn min_size(self) -> usize {
         match self {

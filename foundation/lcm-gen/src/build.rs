@@ -1,7 +1,7 @@
-//! For build scripts and command lines: reads `.lcm` files and writes Rust files.
+//! Reader of `.lcm` files and writer of Rust files, for build scripts and command lines.
 //!
-//! A crate that has its types in a folder `types` needs this `build.rs`, `lcm-gen` among its build dependencies and
-//! `lcm` (without features it is `no_std`) among its dependencies:
+//! A crate with its types in a folder `types` needs this `build.rs`, `lcm-gen` in its build dependencies and `lcm`
+//! (`no_std` without features) in its dependencies:
 //!
 //! ```no_run
 //! use std::{env, path::Path};
@@ -14,8 +14,8 @@
 //! }
 //! ```
 //!
-//! and where the types shall be, `include!(concat!(env!("OUT_DIR"), "/types.rs"));`. The crate in
-//! `foundation/lcm-gen/examples/sensor` is built so by the tests.
+//! and `include!(concat!(env!("OUT_DIR"), "/types.rs"));` in the module of the types. The tests build the crate in
+//! `foundation/lcm-gen/examples/sensor` this way.
 #![allow(clippy::disallowed_methods, reason = "runs on the builder's machine, not on the robot")]
 
 use std::fmt::Write as _;
@@ -26,10 +26,10 @@ use crate::Schema;
 use crate::rust::{self, Options};
 
 /// Reads every `.lcm` file in and below `folder`, in order of their paths, and writes the Rust code of all of them to
-/// `out`. Tells Cargo to come back when one changes.
+/// `out`. Declares the files to Cargo, so that a change runs the build script again.
 ///
 /// # Errors
-/// One line: what could not be read or written, or what is wrong in which file.
+/// One line: the path that could not be read or written, or the error in a file.
 pub fn generate(folder: impl AsRef<Path>, out: impl AsRef<Path>, options: &Options) -> Result<(), String> {
     println!("cargo::rerun-if-changed={}", folder.as_ref().display());
     let schema = read(&[folder.as_ref()])?;
@@ -37,10 +37,10 @@ pub fn generate(folder: impl AsRef<Path>, out: impl AsRef<Path>, options: &Optio
     write(out.as_ref(), &code)
 }
 
-/// Reads files, and of folders every `.lcm` file in and below them, in order of their paths.
+/// Reads files, and every `.lcm` file in and below folders, in order of their paths.
 ///
 /// # Errors
-/// One line: what could not be read, that a folder has none, or what is wrong in which file.
+/// One line: the path that could not be read, the folder without files, or the error in a file.
 pub fn read(places: &[impl AsRef<Path>]) -> Result<Schema, String> {
     let mut paths = Vec::new();
     for place in places {
@@ -65,7 +65,7 @@ pub fn read(places: &[impl AsRef<Path>]) -> Result<Schema, String> {
 /// reads, with `/` between their parts, and their texts.
 ///
 /// # Errors
-/// One line: what could not be read or written.
+/// One line: the path that could not be read or written.
 pub fn list(folder: impl AsRef<Path>, out: impl AsRef<Path>) -> Result<(), String> {
     let folder = folder.as_ref();
     let mut code = String::from("&[\n");
@@ -90,7 +90,7 @@ fn lcm_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(found)
 }
 
-/// Links to folders are not followed: they may lead in a circle.
+/// Links to folders are not followed: they may form a cycle.
 fn find(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;

@@ -1,12 +1,12 @@
-//! Messages as ROS 2 encodes them: LCM bytes into CDR, without values in between.
+//! Conversion of LCM messages to the encoding of ROS 2 (CDR), without intermediate values.
 //!
-//! A [`Plan`] is compiled once from a type of a [`Schema`]: steps that take so many bytes of the message, turn what is
-//! in them around, and append it where ROS 2 expects it. What comes out is little-endian CDR (OMG CORBA 3.0, 15.3; as
-//! DDS wraps it: `00 01 00 00` in front, which does not count for the alignment) of the type that [`ros2`](crate::ros2)
-//! gives the same name.
+//! A [`Plan`] is compiled once from a type of a [`Schema`]: steps that take a number of bytes of the message, swap
+//! their byte order, and append them where ROS 2 expects them. The output is little-endian CDR (OMG CORBA 3.0, 15.3; in
+//! the encapsulation of DDS: `00 01 00 00` in front, which does not count for the alignment) of the type that
+//! [`ros2`](crate::ros2) gives the same name.
 //!
-//! A message is read as if somebody wanted to harm the reader, exactly as [`dynamic`](crate::dynamic) reads it: what is
-//! refused there is refused here. Nothing is allocated but what the output takes.
+//! Messages are treated as hostile input, exactly as in [`dynamic`](crate::dynamic): whatever is rejected there is
+//! rejected here. Nothing is allocated except for the output.
 //!
 //! ```
 //! use lcm_gen::{Schema, cdr::Plans};
@@ -33,19 +33,19 @@ use plan::Body;
 
 pub use writer::Writer;
 
-/// The longest message that [`Plan::convert`] makes, bytes; as for LCM.
+/// Longest message produced by [`Plan::convert`], bytes; the same as for LCM.
 pub const MESSAGE_MAX: usize = crate::dynamic::MESSAGE_MAX;
 
-/// How many lengths of variable arrays may be in force at once, those of all structs around an element counted. Types
-/// with more have no plan.
+/// Maximum number of lengths of variable arrays in scope at once, including those of all enclosing structs. Types with
+/// more have no plan.
 pub const LENGTHS_MAX: usize = 64;
 
-/// Why bytes do not become CDR.
+/// Reason why a message cannot be converted to CDR.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConvertError {
-    /// They are no message of the type.
+    /// The bytes are not a message of the type.
     Message(DecodeError),
-    /// What comes out would be longer than [`MESSAGE_MAX`].
+    /// The output would be longer than [`MESSAGE_MAX`].
     TooLong,
 }
 
@@ -66,7 +66,7 @@ impl From<DecodeError> for ConvertError {
     }
 }
 
-/// The types of a [`Schema`], made ready for conversion.
+/// Types of a [`Schema`], compiled for conversion.
 #[derive(Clone, Debug, Default)]
 pub struct Plans {
     bodies: Vec<Body>,
@@ -74,15 +74,15 @@ pub struct Plans {
 }
 
 impl Plans {
-    /// All types of the schema.
+    /// Compiles all types of the schema.
     #[must_use]
     pub fn new(schema: &Schema) -> Self {
         let names = schema.definitions().iter().enumerate().map(|(i, definition)| (definition.name(), i));
         Self { bodies: plan::bodies(schema), index: names.collect() }
     }
 
-    /// By LCM's name with package. `None` also for a type that holds itself, at any depth, which ROS 2 does not have,
-    /// and for one beyond [`LENGTHS_MAX`].
+    /// Plan of a type by its LCM name with package. `None` also for a recursive type, which ROS 2 does not support, and
+    /// for one beyond [`LENGTHS_MAX`].
     #[must_use]
     pub fn get(&self, lcm_name: &str) -> Option<Plan<'_>> {
         let body = &self.bodies[*self.index.get(lcm_name)?];
@@ -90,7 +90,7 @@ impl Plans {
     }
 }
 
-/// How messages of one type become CDR.
+/// Conversion of the messages of one type to CDR.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     plans: &'a Plans,
@@ -98,16 +98,16 @@ pub struct Plan<'a> {
 }
 
 impl Plan<'_> {
-    /// What stands in front of the type's messages.
+    /// Fingerprint at the beginning of the type's messages.
     #[must_use]
     pub fn fingerprint(&self) -> u64 {
         self.body.fingerprint
     }
 
-    /// Appends the message as CDR, with what DDS puts in front, to `out`.
+    /// Appends the message as CDR, with the encapsulation header of DDS, to `out`.
     ///
     /// # Errors
-    /// `message` is anything but one message of the type, or becomes too long. `out` is as before then.
+    /// `message` is not exactly one message of the type, or the output becomes too long. `out` is then unchanged.
     pub fn convert(&self, message: &[u8], out: &mut Vec<u8>) -> Result<(), ConvertError> {
         let before = out.len();
         let result = run::message(&self.plans.bodies, self.body, message, out);

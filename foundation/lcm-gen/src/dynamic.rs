@@ -1,8 +1,8 @@
-//! Messages of types that are known from their `.lcm` files only: decoded and encoded without generated code.
+//! Decoding and encoding of messages without generated code, for types known only from their `.lcm` files.
 //!
-//! A message names its type by its fingerprint. [`Types::decode`] holds the bytes against the type, as strictly and
-//! with the same bounds as generated code does, and lends a [`Message`]: a view that is read without any further error,
-//! as a [`Value`] or, with the feature `serde`, straight into any format. [`Type::encode`] is the way back.
+//! A message identifies its type by its fingerprint. [`Types::decode`] validates the bytes, as strictly and with the
+//! same bounds as generated code, and returns a [`Message`]: a view that can be read without further errors, as a
+//! [`Value`] or, with the feature `serde`, directly into any format. [`Type::encode`] is the inverse.
 //!
 //! ```
 //! use lcm_gen::{Schema, dynamic::{Missing, Types, Value}};
@@ -21,8 +21,8 @@
 //! assert_eq!(message.value().get("sensor"), Some(&Value::Text("front".into())));
 //! ```
 //!
-//! Members appear as in generated code: a length member that is the outermost dimension of an array is the array's
-//! length and nothing else, so it is left out.
+//! Members are those of generated code: a length member that is the outermost dimension of an array is only the array's
+//! length, so it is left out.
 
 mod check;
 pub(crate) mod cursor;
@@ -43,14 +43,14 @@ pub use error::{EncodeError, Why};
 pub use lcm::codec::{DecodeError, MAX_DEPTH, MAX_EMPTY};
 pub use value::Value;
 
-/// The longest message that [`Type::encode`] makes, bytes: no receiver takes more (`lcm/lcm_udpm.c`).
+/// Longest message produced by [`Type::encode`], bytes: receivers accept no more (`lcm/lcm_udpm.c`).
 pub const MESSAGE_MAX: usize = 1 << 28;
 
-/// The types of a [`Schema`], made ready for decoding.
+/// Types of a [`Schema`], prepared for decoding.
 #[derive(Clone, Debug, Default)]
 pub struct Types {
     structs: Vec<Struct>,
-    /// Of types that are alike but for their name, which have the same fingerprint, the first.
+    /// Of types that differ only in their name, and so have the same fingerprint, the first.
     by_fingerprint: BTreeMap<u64, usize>,
     by_name: BTreeMap<String, usize>,
 }
@@ -68,36 +68,36 @@ impl Types {
         Self { structs, by_fingerprint, by_name }
     }
 
-    /// By name with package: `common.data_state_t`.
+    /// Type by its name with package: `common.data_state_t`.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<Type<'_>> {
         self.by_name.get(name).map(|&index| Type { types: self, index })
     }
 
-    /// By what stands in front of its messages. Types with the same members in the same order have the same
-    /// fingerprint, whatever their names: the first of them.
+    /// Type by its fingerprint. Types with the same members in the same order have the same fingerprint, whatever their
+    /// names: the first of them is returned.
     #[must_use]
     pub fn by_fingerprint(&self, fingerprint: u64) -> Option<Type<'_>> {
         self.by_fingerprint.get(&fingerprint).map(|&index| Type { types: self, index })
     }
 
-    /// All of them, in order of the schema.
+    /// All types, in order of the schema.
     pub fn iter(&self) -> impl Iterator<Item = Type<'_>> {
         (0..self.structs.len()).map(|index| Type { types: self, index })
     }
 
-    /// Finds the message's type by its fingerprint, and holds the bytes against it. `None`: no type has it, or there is
-    /// none.
+    /// Finds the message's type by its fingerprint and validates the bytes. `None` if no type has the fingerprint, or
+    /// the bytes are too short for one.
     ///
     /// # Errors
-    /// `bytes` are anything but one message of the type.
+    /// `bytes` is not exactly one message of the type.
     pub fn decode<'a>(&'a self, bytes: &'a [u8]) -> Option<Result<Message<'a>, DecodeError>> {
         let fingerprint = u64::from_be_bytes(*bytes.first_chunk()?);
         Some(self.by_fingerprint(fingerprint)?.decode(bytes))
     }
 }
 
-/// One of [`Types`].
+/// Type of [`Types`].
 #[derive(Clone, Copy, Debug)]
 pub struct Type<'a> {
     types: &'a Types,
@@ -109,19 +109,19 @@ impl<'a> Type<'a> {
         &self.types.structs[self.index]
     }
 
-    /// The name with package.
+    /// Name with package.
     #[must_use]
     pub fn name(self) -> &'a str {
         &self.table().name
     }
 
-    /// What stands in front of its messages.
+    /// Fingerprint at the beginning of its messages.
     #[must_use]
     pub fn fingerprint(self) -> u64 {
         self.table().fingerprint
     }
 
-    /// True if it has a member of that name and primitive type, not an array: `("timestamp", Primitive::Int64)`.
+    /// True if it has a scalar member of this name and primitive type: `("timestamp", Primitive::Int64)`.
     #[must_use]
     pub fn has(self, member: &str, ty: crate::Primitive) -> bool {
         let is = |field: &table::Field| {
@@ -130,23 +130,23 @@ impl<'a> Type<'a> {
         self.table().fields.iter().any(is)
     }
 
-    /// Holds a message against the type. Allocates nothing that depends on the message.
+    /// Validates a message. Allocates nothing that depends on the message.
     ///
     /// # Errors
-    /// `bytes` are anything but one message of this type.
+    /// `bytes` is not exactly one message of this type.
     pub fn decode(self, bytes: &'a [u8]) -> Result<Message<'a>, DecodeError> {
         check::body(self.types, self.table(), Reader::of(bytes, self.fingerprint())?)?;
         Ok(Message { ty: self, body: &bytes[8..] })
     }
 
-    /// Appends the message that says `value`, fingerprint and body, to `out`.
+    /// Appends the message with the content of `value`, fingerprint and body, to `out`.
     ///
-    /// Numbers may be integers or floats where they lose nothing; floats also texts (`"nan"`, `"-inf"`) and null, which
-    /// is not a number; enums also their values' names; rows of bytes also texts of hexadecimal digits. Length members
-    /// may be left out.
+    /// Numbers may be integers or floats if the conversion is exact; floats also texts (`"nan"`, `"-inf"`) and null,
+    /// which is NaN; enums also the names of their values; arrays of bytes also texts of hexadecimal digits. Length
+    /// members may be left out.
     ///
     /// # Errors
-    /// The value is not one of this type; where and why. `out` is as before then.
+    /// The value does not match the type; the error has the path and the reason. `out` is then unchanged.
     pub fn encode(self, value: &Value<'_>, missing: Missing, out: &mut Vec<u8>) -> Result<(), EncodeError> {
         let start = out.len();
         out.extend_from_slice(&self.fingerprint().to_be_bytes());
@@ -158,7 +158,7 @@ impl<'a> Type<'a> {
     }
 }
 
-/// A message that is known to be one of its type.
+/// Validated message of a type.
 #[derive(Clone, Copy, Debug)]
 pub struct Message<'a> {
     ty: Type<'a>,
@@ -172,7 +172,7 @@ impl<'a> Message<'a> {
         self.ty
     }
 
-    /// What it says, as a tree; texts and names are borrowed.
+    /// Content as a tree; texts and names are borrowed.
     #[must_use]
     pub fn value(&self) -> Value<'a> {
         value::read(self.ty.types, self.ty.table(), self.body)

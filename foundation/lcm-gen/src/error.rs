@@ -1,8 +1,8 @@
-//! What is wrong with a definition, and where.
+//! Errors in definitions, with their position.
 
 use std::fmt;
 
-/// A place in a text.
+/// Position in a text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct At {
     /// Line, from 1.
@@ -11,14 +11,14 @@ pub struct At {
     pub column: u32,
 }
 
-/// What is wrong with a definition. Shown as `file:line:column: message`.
+/// Error in a definition. Shown as `file:line:column: message`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error {
-    /// The file's name, as the caller gave it.
+    /// Name of the file, as given by the caller.
     pub file: String,
-    /// The place.
+    /// Position.
     pub at: At,
-    /// What is wrong, and what was expected.
+    /// Cause, and what was expected.
     pub message: String,
 }
 

@@ -1,4 +1,4 @@
-//! The hashes that fingerprints are made of (`lcmgen/lcmgen.c`, `lcmgen/emit_c.c`). All arithmetic wraps at 64 bits.
+//! Hashes of fingerprints (`lcmgen/lcmgen.c`, `lcmgen/emit_c.c`). All arithmetic wraps at 64 bits.
 
 use crate::{Definition, Kind, MemberType, Size};
 
@@ -6,12 +6,12 @@ fn step(v: i64, c: i8) -> i64 {
     ((v << 8) ^ (v >> 55)).wrapping_add(i64::from(c))
 }
 
-/// Takes in the length and each byte; both as C's `char`, which is signed where LCM was made.
+/// Hashes the length and each byte; both as `char` in C, which is signed on the platform of LCM's origin.
 fn steps(v: i64, text: &str) -> i64 {
     text.bytes().fold(step(v, text.len() as i8), |v, byte| step(v, byte as i8))
 }
 
-/// The hash of a definition alone. Leaves out the type's own name, the names of compound types, and constants.
+/// Hash of a definition alone, without the type's own name, the names of compound types, and constants.
 pub fn base(definition: &Definition) -> u64 {
     let members = match &definition.kind {
         Kind::Struct { members, .. } => members,
@@ -31,7 +31,7 @@ pub fn base(definition: &Definition) -> u64 {
     v as u64
 }
 
-/// The fingerprint of a struct from its own hash and the sum of its compound members' fingerprints.
+/// Fingerprint of a struct from its own hash and the sum of its compound members' fingerprints.
 pub fn full(base: u64, members: u64) -> u64 {
     base.wrapping_add(members).rotate_left(1)
 }

@@ -1,6 +1,6 @@
-//! The LCM type language: parser, fingerprints, Rust generator.
+//! LCM type language: parser, fingerprints, Rust generator.
 //!
-//! Strings in, strings out: the caller reads the `.lcm` files. Only [`build`], for build scripts, touches files.
+//! Strings in, strings out: the caller reads the `.lcm` files. Only [`build`], for build scripts, accesses files.
 //!
 //! ```
 //! let files = [("point.lcm", "package demo; struct point_t { double x, y, z; }")];
@@ -10,15 +10,15 @@
 //! assert!(code.contains("pub struct Point"));
 //! ```
 //!
-//! Differs from the official `lcm-gen` where that is merely quirky: braces need no white space around them, the package
-//! does not persist from one file to the next, a comment at the end of a line documents what stands on that line.
-//! Refused here and accepted there: names that are no identifiers, `int64_t` constants out of range, arrays of enums
-//! (encoded wrongly in C), types that contain themselves without end or nest deeper than 64 levels, arrays above the
-//! largest message.
+//! Differs from the official `lcm-gen` in its quirks: braces need no white space around them, the package does not
+//! persist from one file to the next, a comment at the end of a line documents the declaration on that line. Rejected
+//! here and accepted there: names that are not identifiers, `int64_t` constants out of range, arrays of enums (encoded
+//! wrongly in C), types that contain themselves without end or nest deeper than 64 levels, arrays above the largest
+//! message.
 //!
 //! - [`Schema`]: definitions, fingerprints, sizes; [`rust`]: code from them; [`build`]: the same for a build script.
-//! - [`dynamic`]: messages without generated code; with the feature `serde` into and out of any format of serde's.
-//! - [`ros2`]: the types as ROS 2 describes them; [`cdr`]: messages as ROS 2 encodes them.
+//! - [`dynamic`]: messages without generated code; with the feature `serde` to and from any serde format.
+//! - [`ros2`]: the types in the language of ROS 2; [`cdr`]: messages in its encoding.
 #![forbid(unsafe_code)]
 
 mod ast;

@@ -1,24 +1,24 @@
-//! One file's definitions.
+//! Parser of one file.
 
 use crate::ast::qualified;
 use crate::token::{Spanned, Token, tokens};
 use crate::{At, Constant, Definition, Dim, Error, Kind, Literal, Member, MemberType, Primitive, Size, Value};
 
-/// What a file says.
+/// Content of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct File {
-    /// The comment before each `package`, with the package's name; that of a file with a single type is the type's.
+    /// Comment before each `package`, with the package's name; in a file with a single type it belongs to the type.
     pub packages: Vec<(String, Vec<String>)>,
     /// Structs and enums, in order.
     pub definitions: Vec<Definition>,
 }
 
-/// Reads the text of a file; `name` is for messages only.
+/// Parses the text of a file; `name` is for messages only.
 ///
 /// Grammar: `docs/content/lcm-type-ref.md` and `lcmgen/lcmgen.c` of LCM 1.5.
 ///
 /// # Errors
-/// The first thing that is wrong.
+/// The first error.
 pub fn parse(name: &str, text: &str) -> Result<File, Error> {
     let tokens = tokens(name, text)?;
     let mut parser = Parser { file: name, tokens, next: 0, package: String::new() };
@@ -159,7 +159,7 @@ impl<'a> Parser<'a> {
         Ok(Kind::Struct { constants, members })
     }
 
-    /// Takes the `;` of a declaration; a comment behind it documents the declaration if none stood before.
+    /// Takes the `;` of a declaration; a comment after it documents the declaration unless one precedes it.
     fn semicolon(&mut self, after: &str, doc: Vec<String>) -> Result<Vec<String>, Error> {
         let trailing = self.peek().after.clone();
         self.expect(';', after)?;
@@ -234,10 +234,10 @@ impl<'a> Parser<'a> {
         let constant = constants.iter().find(|constant| constant.name == word);
         let text = constant.map_or(word, |constant| &constant.text);
         if constant.is_some_and(|constant| matches!(constant.literal, Literal::Float(_))) {
-            return Err(self.error(at, format!("`{word}` is no integer constant and cannot be an array dimension")));
+            return Err(self.error(at, format!("`{word}` is not an integer constant and cannot be an array dimension")));
         }
         if constant.is_some() || !is_name(word) {
-            // What 32 bits do not count is as well too much for a message.
+            // A dimension beyond 32 bits is too large for a message, too.
             let size = integer(text).filter(|&size| size > 0).map(|size| usize::try_from(size).unwrap_or(usize::MAX));
             let wrong = || self.error(at, format!("an array dimension must be an integer above 0, not `{text}`"));
             return Ok(Dim { size: Size::Fixed(size.ok_or_else(wrong)?), text: text.to_owned() });
@@ -249,8 +249,10 @@ impl<'a> Parser<'a> {
             {
                 Ok(Dim { size: Size::Variable, text: word.to_owned() })
             }
-            Some(_) => Err(self.error(at, format!("`{word}` is no scalar integer and cannot be an array dimension"))),
-            None => Err(self.error(at, format!("`{word}` is no constant or member declared before"))),
+            Some(_) => {
+                Err(self.error(at, format!("`{word}` is not a scalar integer and cannot be an array dimension")))
+            }
+            None => Err(self.error(at, format!("`{word}` is not a constant or member declared before"))),
         }
     }
 
@@ -266,7 +268,7 @@ impl<'a> Parser<'a> {
                 let at = self.at();
                 let text = self.word("the value of an enum value")?;
                 let number = integer(text).and_then(|number| i32::try_from(number).ok());
-                number.ok_or_else(|| self.error(at, format!("`{text}` is no 32-bit integer")))?
+                number.ok_or_else(|| self.error(at, format!("`{text}` is not a 32-bit integer")))?
             } else {
                 // lcmgen.c: the largest value so far, at least 0, plus 1.
                 let largest = values.iter().map(|value| value.number).max().unwrap_or(0).max(0);
@@ -284,7 +286,7 @@ fn is_name(word: &str) -> bool {
         && word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// An integer by the rules of C: `0x` is hexadecimal, a leading 0 octal.
+/// Integer by the rules of C: `0x` is hexadecimal, a leading 0 octal.
 fn integer(text: &str) -> Option<i128> {
     let (negative, digits) = match text.strip_prefix('-') {
         Some(digits) => (true, digits),
@@ -303,13 +305,13 @@ fn integer(text: &str) -> Option<i128> {
 fn literal(ty: Primitive, text: &str) -> Result<Literal, String> {
     let out_of_range = || format!("`{text}` is out of the range of {}", ty.name());
     if let Some(bits) = ty.integer_bits() {
-        let value = integer(text).ok_or_else(|| format!("`{text}` is no integer"))?;
+        let value = integer(text).ok_or_else(|| format!("`{text}` is not an integer"))?;
         let limit = 1_i128 << (bits - 1);
         let fits = (-limit..limit).contains(&value);
         return i64::try_from(value).ok().filter(|_| fits).map(Literal::Int).ok_or_else(out_of_range);
     }
     let digits = text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c));
-    let value: f64 = text.parse().ok().filter(|_| digits).ok_or_else(|| format!("`{text}` is no decimal number"))?;
+    let value: f64 = text.parse().ok().filter(|_| digits).ok_or_else(|| format!("`{text}` is not a decimal number"))?;
     let max = if ty == Primitive::Float { f64::from(f32::MAX) } else { f64::MAX };
     if value.abs() <= max { Ok(Literal::Float(value)) } else { Err(out_of_range()) }
 }

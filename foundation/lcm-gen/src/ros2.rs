@@ -1,6 +1,6 @@
-//! The types of a [`Schema`] as ROS 2 names and describes them: `ros2msg` texts, as logs carry them.
+//! ROS 2 names and definitions of the types of a [`Schema`]: `ros2msg` texts, as contained in logs.
 //!
-//! What [`cdr`](crate::cdr) makes of a message is one of the type of the same name here.
+//! A message converted by [`cdr`](crate::cdr) has the type of the same name here.
 //!
 //! | LCM | ROS 2 |
 //! |---|---|
@@ -9,13 +9,13 @@
 //! | `int8_t` .. `int64_t`, `byte`, `boolean` | `int8` .. `int64`, `uint8`, `bool` |
 //! | `float`, `double`, `string` | `float32`, `float64`, `string` |
 //! | `T x[2][3]`, `T x[n]`, `T x[n][3]` | `T[6] x`, `T[] x`, `T[] x`, row by row |
-//! | length members | fields as others |
+//! | length members | ordinary fields |
 //! | `const`, values of an enum | constants |
-//! | enum | a message with the one field `int32 value` |
-//! | struct without members | a message with the field that ROS 2 gives such: `uint8 structure_needs_at_least_one_member` |
+//! | enum | a message with the only field `int32 value` |
+//! | struct without members | a message with ROS 2's placeholder `uint8 structure_needs_at_least_one_member` |
 //!
-//! ROS 2 wants names of fields small, those of constants large, neither with two underscores in a row or one at an end:
-//! names are made so, and what is then alike gets a number. Types that hold themselves ROS 2 does not have.
+//! ROS 2 requires names of fields in lower case and of constants in upper case, without consecutive, leading or
+//! trailing underscores: names are converted, and a number is appended to duplicates. ROS 2 has no recursive types.
 //!
 //! ```
 //! let files = [("scan.lcm", "package demo; struct scan_t { int32_t n; point_t at[n]; } struct point_t { double x; }")];
@@ -32,7 +32,7 @@ use std::fmt::Write as _;
 use crate::rust::words;
 use crate::{Definition, Kind, Literal, Member, MemberType, Primitive, Schema};
 
-/// The types of a schema.
+/// Types of a schema.
 #[derive(Clone, Debug, Default)]
 pub struct Types {
     entries: Vec<Entry>,
@@ -45,11 +45,11 @@ struct Entry {
     short: String,
     /// Own constants and fields.
     text: String,
-    /// What its fields lead to, in order of the schema; `None` when that leads back to one of them.
+    /// Types contained in its fields, in order of the schema; `None` for a recursive type.
     needs: Option<Vec<usize>>,
 }
 
-/// One of [`Types`].
+/// Type of [`Types`].
 #[derive(Clone, Copy, Debug)]
 pub struct Type<'a> {
     types: &'a Types,
@@ -81,7 +81,7 @@ impl Types {
         types
     }
 
-    /// By LCM's name with package: `lowlevel.data_odo_t`. `None` also for a type that holds itself, at any depth.
+    /// Type by its LCM name with package: `lowlevel.data_odo_t`. `None` also for a recursive type.
     #[must_use]
     pub fn get(&self, lcm_name: &str) -> Option<Type<'_>> {
         let entry = &self.entries[*self.index.get(lcm_name)?];
@@ -125,7 +125,7 @@ impl Types {
     fn element(&self, member: &Member) -> String {
         match &member.ty {
             MemberType::Primitive(ty) => primitive(*ty).to_owned(),
-            // The schema knows every name.
+            // The schema has resolved every name.
             MemberType::Named(name) => self.index.get(name).map_or_else(String::new, |&i| self.entries[i].path()),
         }
     }
@@ -138,14 +138,14 @@ impl Entry {
 }
 
 impl Type<'_> {
-    /// The name as schemas carry it: `lowlevel/msg/DataOdo`.
+    /// Name as in schemas: `lowlevel/msg/DataOdo`.
     #[must_use]
     pub fn name(&self) -> String {
         format!("{}/msg/{}", self.entry.package, self.entry.short)
     }
 
-    /// The `ros2msg` text: constants and fields, then those of each type that they lead to, after a line of `=` and one
-    /// with its name.
+    /// `ros2msg` text: constants and fields, then those of each contained type, after a line of `=` and one with its
+    /// name.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = self.entry.text.clone();
@@ -178,7 +178,7 @@ fn array(member: &Member) -> String {
     member.fixed_count().map_or_else(|| "[]".to_owned(), |count| format!("[{count}]"))
 }
 
-/// `a.b` as `a_b`. ROS's own packages of messages are called `something_msgs` and `something_interfaces`.
+/// `a.b` as `a_b`. ROS's own message packages are named `something_msgs` and `something_interfaces`.
 fn package(package: &str) -> String {
     let name = if package.is_empty() { "lcm".to_owned() } else { snake(&package.replace('.', "_"), "p") };
     let of_ros = name.ends_with("_msgs") || name.ends_with("_interfaces");
@@ -195,7 +195,7 @@ fn constant(name: &str) -> String {
     snake(name, "x").to_ascii_uppercase()
 }
 
-/// The name, with a number behind it if that is what it takes to be a new one.
+/// Name, with a number appended if necessary to make it unique.
 fn unique(name: String, join: &str, mut insert: impl FnMut(&str) -> bool) -> String {
     if insert(&name) {
         return name;

@@ -1,11 +1,11 @@
-//! The Rust generator. What it writes needs `lcm::codec`, which is `no_std` with `alloc`, and `serde` if asked for.
+//! Rust generator. Generated code needs `lcm::codec`, which is `no_std` with `alloc`, and `serde` on request.
 //!
 //! - A package is a module; a struct has its LCM name without `_t` in camel case; members keep their names.
 //! - A fixed dimension is an array, a variable one a `Vec`. A length member that is the outermost dimension of an array
-//!   is no field: it is the length of that `Vec`. Encoding checks that arrays which share a length agree.
-//! - On request ([`Options::views`]) a second type, `DataStateRef<'a>`, leaves strings, arrays of bytes and variable
-//!   arrays of what has a fixed size where they stand in the message. Types without such have no second one.
-//! - Constants are associated constants. An enum is a newtype of `i32`, since any number may come over the wire.
+//!   is not a field but the length of that `Vec`. Encoding checks that arrays with a common length agree.
+//! - On request ([`Options::views`]) a second type, `DataStateRef<'a>`, borrows strings, arrays of bytes and variable
+//!   arrays of fixed-size elements from the message. Types without such members have no second one.
+//! - Constants are associated constants. An enum is a newtype of `i32`, since any number may arrive over the wire.
 
 mod body;
 mod definition;
@@ -23,20 +23,20 @@ use module::Module;
 pub(crate) use names::words;
 pub use options::{Options, Serde};
 
-/// The code of all of the schema's types: one nested module for each package, those without one at the top.
+/// Code of all types of the schema: one nested module for each package, types without one at the top.
 ///
 /// # Errors
-/// When two types would get the same name in Rust, or a package one that the code itself needs.
+/// Two types would have the same name in Rust, or a package has a name that the generated code needs.
 pub fn generate(schema: &Schema, options: &Options) -> Result<String, Error> {
     let mut out = String::from(HEADER);
     Module::root(schema, options)?.emit(&mut out, schema, options, 0);
     Ok(out)
 }
 
-/// The same as files of one folder: `mod.rs`, and one for each package at the top, with those below inside.
+/// Code as files of one folder: `mod.rs`, and one file for each top-level package, which includes those below.
 ///
 /// # Errors
-/// As [`generate`]; also when a package is named `mod`.
+/// Those of [`generate`]; also if a package is named `mod`.
 pub fn generate_files(schema: &Schema, options: &Options) -> Result<Vec<(String, String)>, Error> {
     let root = Module::root(schema, options)?;
     let mut list = String::from(HEADER);

@@ -1,30 +1,29 @@
-//! All definitions together: names resolved, fingerprints, sizes.
+//! All definitions together: resolved names, fingerprints, sizes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{Definition, Error, File, Kind, Member, MemberType, Primitive, Size, fingerprint, parse};
 
-/// The greatest message that a receiver takes (`lcm/lcm_udpm.c`: 2^28 bytes).
+/// Longest message that a receiver accepts (`lcm/lcm_udpm.c`: 2^28 bytes).
 const MESSAGE_MAX: usize = 1 << 28;
-/// How deep types may nest, each dimension of an array counted too: decoders follow them on the stack.
+/// Maximum nesting of types, each dimension of an array included: decoders recurse on the stack.
 const NESTING_MAX: usize = 64;
-/// Maximum number of steps all fingerprints may take: types that hold each other cost as many as there are ways through
-/// them.
+/// Maximum number of steps for all fingerprints: mutually recursive types cost as many as there are paths through them.
 const STEPS_MAX: u32 = 1 << 20;
 
-/// Definitions in which every name has a meaning and every type a finite size.
+/// Definitions in which every name is resolved and every type has a finite size.
 #[derive(Clone, Debug, Default)]
 pub struct Schema {
     definitions: Vec<Definition>,
     index: BTreeMap<String, usize>,
     packages: Vec<(String, Vec<String>)>,
-    /// Per definition, those that its members lead to, in any number of steps.
+    /// Definitions reachable from each definition's members.
     reach: Vec<BTreeSet<usize>>,
     min_sizes: Vec<usize>,
     fingerprints: Vec<u64>,
 }
 
-/// What [`Schema::full`] has found on its way.
+/// Intermediate results of [`Schema::full`].
 #[derive(Default)]
 struct Hashes {
     parents: Vec<usize>,
@@ -33,10 +32,10 @@ struct Hashes {
 }
 
 impl Schema {
-    /// Reads all files, given as name (for messages) and text, together.
+    /// Parses all files together, given as name (for messages) and text.
     ///
     /// # Errors
-    /// The first thing that is wrong in any of them, or between them.
+    /// The first error in any of them, or between them.
     pub fn new(files: &[(impl AsRef<str>, impl AsRef<str>)]) -> Result<Self, Error> {
         let mut schema = Self::default();
         for (name, text) in files {
@@ -59,37 +58,37 @@ impl Schema {
         &self.definitions
     }
 
-    /// The comments before `package` lines of files with several types, with the packages' names, in order.
+    /// Comments before `package` lines of files with several types, with the packages' names, in order.
     #[must_use]
     pub fn packages(&self) -> &[(String, Vec<String>)] {
         &self.packages
     }
 
-    /// By name with package.
+    /// Definition by its name with package.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&Definition> {
         self.index.get(name).map(|&i| &self.definitions[i])
     }
 
-    /// The fingerprint of a type, which stands in front of its messages.
+    /// Fingerprint of a type, with which its messages begin.
     #[must_use]
     pub fn fingerprint(&self, name: &str) -> Option<u64> {
         self.index.get(name).map(|&i| self.fingerprints[i])
     }
 
-    /// The hash that `lcm-gen -d` shows: the definition alone, without its compound members' types.
+    /// Hash shown by `lcm-gen -d`: the definition alone, without its compound members' types.
     #[must_use]
     pub fn base_hash(&self, name: &str) -> Option<u64> {
         self.get(name).map(fingerprint::base)
     }
 
-    /// Fewest bytes that a value takes, without a fingerprint.
+    /// Minimum size of a value, without the fingerprint, bytes.
     #[must_use]
     pub fn min_size(&self, name: &str) -> Option<usize> {
         self.index.get(name).map(|&i| self.min_sizes[i])
     }
 
-    /// True if all values take the same number of bytes: no strings, no variable arrays, anywhere inside.
+    /// True if all values have the same size: no strings and no variable arrays, at any depth.
     #[must_use]
     pub fn is_fixed(&self, name: &str) -> bool {
         let mut members = self.parts(name).flat_map(Definition::members);
@@ -97,7 +96,7 @@ impl Schema {
         known && members.all(|member| !member.is_variable() && member.ty != MemberType::Primitive(Primitive::String))
     }
 
-    /// The type of that name, if there is one, and all that its members lead to: what has to be known to read it.
+    /// Definition of this name, if there is one, and all reachable from it: everything needed to decode it.
     pub fn parts(&self, name: &str) -> impl Iterator<Item = &Definition> {
         let parts = self
             .index
@@ -107,7 +106,7 @@ impl Schema {
         parts.map(|&part| &self.definitions[part])
     }
 
-    /// True if values of the type can hold, at any depth, values of the same type.
+    /// True if values of the type can contain values of the same type, at any depth.
     #[must_use]
     pub fn is_recursive(&self, name: &str) -> bool {
         self.index.get(name).is_some_and(|i| self.reach[*i].contains(i))
@@ -135,7 +134,7 @@ impl Schema {
                 };
                 let wrong = |message| Err(Error::new(&definition.file, member.at, message));
                 match self.get(name).map(|definition| &definition.kind) {
-                    None => return wrong(format!("type `{name}` is defined nowhere")),
+                    None => return wrong(format!("type `{name}` is not defined")),
                     Some(Kind::Enum { .. }) if !member.dims.is_empty() => {
                         return wrong(format!("`{name}` is an enum: arrays of enums are encoded differently by C"));
                     }
@@ -146,7 +145,7 @@ impl Schema {
         Ok(())
     }
 
-    /// The definition that a member's type names.
+    /// Definition named by a member's type.
     fn target(&self, member: &Member) -> Option<usize> {
         match &member.ty {
             MemberType::Named(name) => self.index.get(name).copied(),
@@ -167,8 +166,8 @@ impl Schema {
             .collect();
     }
 
-    /// A type's fingerprint depends on its parents only where it leads back to one of them; all others are kept as
-    /// known, or deep hierarchies would take exponential time.
+    /// A type's fingerprint depends on its parents only if it leads back to one of them; all others are cached, because
+    /// deep hierarchies would otherwise take exponential time.
     fn full(&self, i: usize, hashes: &mut Hashes) -> Result<u64, Error> {
         let definition = &self.definitions[i];
         if matches!(definition.kind, Kind::Enum { .. }) {
@@ -183,7 +182,7 @@ impl Schema {
         }
         hashes.steps += 1;
         if hashes.steps > STEPS_MAX || hashes.parents.len() > NESTING_MAX {
-            let message = format!("`{}` is one of too many types that hold each other", definition.name());
+            let message = format!("`{}` is one of too many mutually recursive types", definition.name());
             return Err(Error::new(&definition.file, definition.at, message));
         }
         hashes.parents.push(i);
@@ -197,8 +196,8 @@ impl Schema {
         Ok(full)
     }
 
-    /// How many levels a type has below `parents` others. One that is open already counts none: how deep values of
-    /// types that hold themselves go, decoding bounds.
+    /// Number of levels of a type below `parents` others. A type that is already open counts as zero: decoding limits
+    /// the depth of recursive values.
     fn depth(&self, i: usize, parents: usize, depths: &mut [Option<usize>]) -> Result<usize, Error> {
         if let Some(depth) = depths[i] {
             return Ok(depth);
@@ -207,7 +206,7 @@ impl Schema {
         let (definition, mut depth) = (&self.definitions[i], 1);
         for member in definition.members() {
             let below = match self.target(member) {
-                // Deeper it need not be followed: with this many above it is too deep already.
+                // No need to go deeper: with this many parents it is already too deep.
                 Some(target) if parents < NESTING_MAX => self.depth(target, parents + 1, depths)?,
                 Some(_) => NESTING_MAX,
                 None => 0,
@@ -228,7 +227,7 @@ impl Schema {
             self.find_size(i, &mut Vec::new(), &mut sizes)?;
         }
         self.min_sizes = sizes.into_iter().flatten().collect();
-        // Of arrays that may be empty: whether one element can be received.
+        // For arrays that may be empty: one element must be receivable.
         for definition in &self.definitions {
             for member in definition.members().iter().filter(|member| member.is_variable()) {
                 let element = match member.ty {
@@ -272,8 +271,8 @@ impl Schema {
     }
 }
 
-/// Bytes of a member whose elements take `element` each and whose variable dimensions are 1. An array of empty structs
-/// takes none, but it takes a host's time and is as long.
+/// Size of a member with elements of `element` bytes and variable dimensions of 1. An array of empty structs has no
+/// bytes, but it takes time and memory in the decoder.
 fn array_size(element: usize, member: &Member) -> usize {
     member.dims.iter().fold(element, |size, dim| match dim.size {
         Size::Fixed(n) => size.max(1).saturating_mul(n),
@@ -282,6 +281,6 @@ fn array_size(element: usize, member: &Member) -> usize {
 }
 
 fn too_large(definition: &Definition, member: &Member) -> Error {
-    let message = format!("`{}` makes messages of more than 2^28 bytes, which nobody receives", member.name);
+    let message = format!("`{}` makes messages of more than 2^28 bytes, the limit of receivers", member.name);
     Error::new(&definition.file, member.at, message)
 }

@@ -1,10 +1,10 @@
-//! Words, symbols and the comments around them.
+//! Tokens and the comments around them.
 
 use crate::{At, Error};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Token<'a> {
-    /// A name, a qualified name or a number.
+    /// Name, qualified name or number.
     Word(&'a str),
     /// One of `{ } [ ] ; , =`.
     Symbol(char),
@@ -15,9 +15,9 @@ pub enum Token<'a> {
 pub struct Spanned<'a> {
     pub token: Token<'a>,
     pub at: At,
-    /// The block of comment lines before it.
+    /// Block of comment lines before it.
     pub before: Vec<String>,
-    /// The comment that follows on its line.
+    /// Comment after it on the same line.
     pub after: Vec<String>,
 }
 
@@ -36,7 +36,7 @@ pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> 
                 }
                 _ => {
                     if at.line > last_comment + 1 {
-                        before.clear(); // a blank line parts remarks from documentation
+                        before.clear(); // a blank line separates remarks from documentation
                     }
                     before.extend(comment_lines(comment));
                     last_comment = cursor.at.line;
@@ -52,7 +52,7 @@ pub fn tokens<'a>(file: &str, text: &'a str) -> Result<Vec<Spanned<'a>>, Error> 
     }
 }
 
-/// What a comment says, without its frame of slashes and asterisks.
+/// Text of a comment, without its slashes and asterisks.
 fn comment_lines(comment: &str) -> Vec<String> {
     let frame = |c: char| c.is_whitespace() || c == '*' || c == '/';
     let mut lines: Vec<&str> = comment.lines().map(|line| line.trim_start_matches(frame).trim_end()).collect();

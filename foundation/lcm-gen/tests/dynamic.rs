@@ -1,4 +1,4 @@
-//! Random messages straight from the definitions: a second encoder, which shares nothing with the generated code.
+//! Random messages from the definitions: a second encoder, independent of the generated code.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use lcm_gen::{Dim, Kind, MemberType, Primitive, Schema, Size};
 
 use testing::Random;
 
-/// A valid message of the type, of the one form that encoding gives (booleans 0 or 1).
+/// Valid message of the type, in the form of the encoder (booleans 0 or 1).
 pub fn message(schema: &Schema, name: &str, random: &mut Random) -> Vec<u8> {
     let mut out = schema.fingerprint(name).unwrap().to_be_bytes().to_vec();
     body(schema, name, random, 0, &mut out);

@@ -1,4 +1,4 @@
-//! A reader of CDR that knows nothing but the `ros2msg` text.
+//! CDR reader that uses only the `ros2msg` text.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +41,7 @@ impl<'a> Text<'a> {
         Self(messages)
     }
 
-    /// The whole message; panics when the bytes are anything else.
+    /// Decodes the whole message; panics if the bytes do not match.
     pub fn read(&self, cdr: &[u8]) -> Value<'static> {
         let mut reader = Reader { bytes: cdr.strip_prefix(&[0, 1, 0, 0]).unwrap(), at: 0 };
         let value = self.body("", &mut reader);
@@ -104,7 +104,7 @@ impl Reader<'_> {
     }
 }
 
-/// A name of a field as ROS 2 wants it.
+/// True if ROS 2 accepts the field name.
 fn is_name(name: &str) -> bool {
     let known = |letter: char| letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_';
     name.starts_with(|first: char| first.is_ascii_lowercase())

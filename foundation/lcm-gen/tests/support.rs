@@ -1,4 +1,4 @@
-//! Vectors, types by name, comparison of values.
+//! Test vectors, types by name, comparison of values.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "tests read their own files, which are there")]
 
 #[path = "support/files.rs"]
@@ -14,7 +14,7 @@ use serde_json::Value;
 use crate::own::more;
 use crate::vectors::{Nopkg, NopkgRef, advee, vec};
 
-/// What `vectors.json` holds.
+/// Content of `vectors.json`.
 pub struct Vectors {
     pub types: Vec<Value>,
     pub messages: Vec<Value>,
@@ -33,7 +33,7 @@ pub fn hex(text: &str) -> Vec<u8> {
     (0..text.len()).step_by(2).map(|i| u8::from_str_radix(&text[i..i + 2], 16).unwrap()).collect()
 }
 
-/// Something to do with a type that is known by name only.
+/// Operation on a type known by name only.
 pub trait Visitor {
     type Output;
     fn visit<T: Type + serde::Serialize + serde::de::DeserializeOwned>(self) -> Self::Output;
@@ -86,7 +86,7 @@ types![
     more::r#mod::r#type::Vec,
 ];
 
-/// A message as its type reads it, and as the type's view does, for comparison.
+/// Message decoded by its type and by the type's view, for comparison.
 pub type Readings = (Result<String, DecodeError>, Result<String, DecodeError>);
 
 fn both<'a, V: View<'a, Of: Debug> + Debug>(bytes: &'a [u8]) -> Readings {
@@ -97,7 +97,7 @@ fn both<'a, V: View<'a, Of: Debug> + Debug>(bytes: &'a [u8]) -> Readings {
 
 macro_rules! views {
     ($($type:ty),* $(,)?) => {
-        /// What both kinds of decoding make of a message of the type of that name; `None` when it has no view.
+        /// Results of both decoders of the type of that name; `None` if it has no view.
         pub fn readings(name: &str, bytes: &[u8]) -> Option<Readings> {
             $(if name == <<$type as View>::Of as Type>::NAME {
                 return Some(both::<$type>(bytes));
@@ -123,8 +123,8 @@ views![
     more::r#mod::r#type::VecRef<'_>,
 ];
 
-/// Our value as JSON against that of the vectors, in which lengths are members, bytes are hexadecimal, and floats that
-/// JSON does not know are strings.
+/// Compares a value as JSON with that of the vectors, in which lengths are members, bytes are hexadecimal, and floats
+/// that JSON cannot represent are strings.
 pub fn same(path: &str, ours: &Value, theirs: &Value) {
     match (ours, theirs) {
         (Value::Object(ours), Value::Object(theirs)) => {

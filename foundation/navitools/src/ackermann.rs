@@ -1,13 +1,13 @@
-//! The kinematics of Ackermann steering: rear axle fixed, both front wheels turn about the same centre.
+//! Kinematics of Ackermann steering: fixed rear axle, both front wheels turn about the same centre.
 
 use crate::Motion;
 
-/// The geometry: all wheels roll without slipping about one centre on the rear axle's line.
+/// Geometry: all wheels roll without slipping about one centre on the rear axle's line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ackermann {
-    /// Between the axles, m; above zero.
+    /// Distance between the axles, m; above zero.
     pub wheelbase_m: f64,
-    /// Between the two front wheels' hubs, m; above zero.
+    /// Distance between the hubs of the front wheels, m; above zero.
     pub track_m: f64,
 }
 
@@ -18,27 +18,27 @@ impl Ackermann {
         libm::tan(steering) / self.wheelbase_m
     }
 
-    /// The steering angle, rad, for a curvature, 1/m.
+    /// Steering angle, rad, for a curvature, 1/m.
     #[must_use]
     pub fn steering(&self, curvature: f64) -> f64 {
         libm::atan(self.wheelbase_m * curvature)
     }
 
-    /// The motion at a speed, m/s, of the rear axle's middle and a steering angle, rad.
+    /// Motion at a speed of the rear axle's middle, m/s, and a steering angle, rad.
     #[must_use]
     pub fn motion(&self, speed: f64, steering: f64) -> Motion {
         Motion { translation: speed, rotation: speed * self.curvature(steering) }
     }
 
-    /// Steering angle of a motion; `None` at standstill and for rotation on the spot, which no steering angle gives.
+    /// Steering angle of a motion; `None` at standstill and for rotation on the spot, which no steering angle produces.
     #[must_use]
     pub fn steering_of(&self, motion: Motion) -> Option<f64> {
         (motion.translation != 0.0).then(|| self.steering(motion.rotation / motion.translation))
     }
 
-    /// Ways of the left and the right front hub per way of the rear axle's middle, at a curvature.
+    /// Distances of the left and the right front hub per distance of the rear axle's middle, at a curvature.
     ///
-    /// Both are positive: a wheel is turned to where its hub goes, so it rolls as the robot drives.
+    /// Both are positive: a wheel is turned to where its hub moves, so it rolls as the robot drives.
     #[must_use]
     pub fn hub_ratios(&self, curvature: f64) -> (f64, f64) {
         let across = curvature * self.track_m / 2.0;

@@ -1,10 +1,10 @@
-//! Angles that cannot forget to wrap.
+//! Angles that wrap.
 
 use core::f64::consts::PI;
 use core::fmt;
 use core::ops::{Add, Neg, Sub};
 
-/// The angle in [-π, π) that points where `radians` points; NaN stays NaN.
+/// Angle in [-π, π) with the direction of `radians`; NaN stays NaN.
 #[must_use]
 pub fn wrap(radians: f64) -> f64 {
     if (-PI..PI).contains(&radians) {
@@ -20,21 +20,21 @@ pub fn wrap(radians: f64) -> f64 {
     }
 }
 
-/// An angle in radians, kept in [-π, π); sums and differences wrap.
+/// Angle in radians within [-π, π); sums and differences wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Angle(f64);
 
 impl Angle {
-    /// Along the x axis.
+    /// Direction of the x axis.
     pub const ZERO: Self = Self(0.0);
 
-    /// The angle of any number of radians.
+    /// Creates an angle from any number of radians.
     #[must_use]
     pub fn new(radians: f64) -> Self {
         Self(wrap(radians))
     }
 
-    /// The angle of any number of degrees.
+    /// Creates an angle from any number of degrees.
     #[must_use]
     pub fn from_degrees(degrees: f64) -> Self {
         Self::new(degrees.to_radians())

@@ -1,20 +1,20 @@
-//! Arcs of a circle: what an Ackermann robot drives with a steady steering angle.
+//! Circular arcs: the path of an Ackermann robot with a constant steering angle.
 
 use crate::{Motion, Point, Pose};
 
-/// An arc that begins in the origin along the x axis.
+/// Arc that begins at the origin along the x axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Arc {
-    /// 1/m; to the left above zero.
+    /// Curvature, 1/m; positive to the left.
     pub curvature: f64,
-    /// m; backwards below zero.
+    /// Length, m; negative in reverse.
     pub length: f64,
 }
 
 impl Arc {
-    /// The arc through a point ahead or behind; for one behind the way is backwards. `None` for the origin itself.
+    /// Arc through a point ahead or behind; to a point behind it is driven in reverse. `None` for the origin itself.
     ///
-    /// Points beside the origin have two arcs; this is the one whose tangent turns by no more than half a turn.
+    /// Points beside the origin have two arcs; this is the one whose tangent turns by at most half a turn.
     #[must_use]
     pub fn through(point: Point) -> Option<Self> {
         let square = point.x * point.x + point.y * point.y;
@@ -29,13 +29,13 @@ impl Arc {
         Some(Self { curvature, length: libm::copysign(length, point.x) })
     }
 
-    /// The way along it.
+    /// Motion along the arc.
     #[must_use]
     pub fn motion(self) -> Motion {
         Motion { translation: self.length, rotation: self.curvature * self.length }
     }
 
-    /// The pose at its end.
+    /// Pose at the end.
     #[must_use]
     pub fn end(self) -> Pose {
         Pose::default().along(self.motion())

@@ -2,9 +2,10 @@
 
 use crate::Angle;
 
-/// The mean direction of weighted angles, and how much they agree: 1 when all are the same, 0 when they cancel out.
+/// Mean direction of weighted angles, and their agreement (mean resultant length): 1 if all are equal, 0 if they cancel
+/// out.
 ///
-/// `None` without weight, or when they cancel out so far that no direction is left.
+/// `None` without weight, or if they cancel out so far that no direction remains.
 #[must_use]
 pub fn mean(angles: impl IntoIterator<Item = (Angle, f64)>) -> Option<(Angle, f64)> {
     let (mut x, mut y, mut weight) = (0.0, 0.0, 0.0);
@@ -16,7 +17,7 @@ pub fn mean(angles: impl IntoIterator<Item = (Angle, f64)>) -> Option<(Angle, f6
     (length > 1e-12).then(|| (Angle::new(libm::atan2(y, x)), length))
 }
 
-/// The deviation, rad, of a normal distribution wrapped round the circle whose samples agree this much (0 to 1).
+/// Standard deviation, rad, of a wrapped normal distribution with this agreement (0 to 1).
 #[must_use]
 pub fn deviation(agreement: f64) -> f64 {
     libm::sqrt((-2.0 * libm::log(agreement)).max(0.0))

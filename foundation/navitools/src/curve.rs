@@ -1,8 +1,8 @@
-//! Curves of arcs and straight lines: what a car-like robot can drive.
+//! Curves of arcs and straight lines, drivable by a car-like robot.
 
 use crate::{Arc, Pose};
 
-/// Up to five pieces: a word of Reeds and Shepp, or of Dubins.
+/// Up to five segments: a word of Reeds and Shepp, or of Dubins.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Curve {
     arcs: [Arc; 5],
@@ -10,7 +10,7 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// A curve of these pieces, in the order of driving; at most five, none of length zero is kept.
+    /// Creates a curve from at most five segments in the order of driving; segments of length zero are left out.
     pub(crate) fn new(pieces: impl Iterator<Item = Arc>) -> Self {
         let mut curve = Self::default();
         for piece in pieces.filter(|piece| piece.length != 0.0) {
@@ -20,13 +20,13 @@ impl Curve {
         curve
     }
 
-    /// Pieces in order; a straight line is an arc of curvature 0.
+    /// Segments in order; a straight line is an arc of curvature 0.
     #[must_use]
     pub fn arcs(&self) -> &[Arc] {
         &self.arcs[..usize::from(self.count)]
     }
 
-    /// m, forwards and in reverse together.
+    /// Length, m, forwards and in reverse together.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.arcs().iter().map(|arc| libm::fabs(arc.length)).sum()
@@ -38,7 +38,7 @@ impl Curve {
         self.arcs().windows(2).filter(|pair| (pair[0].length < 0.0) != (pair[1].length < 0.0)).count()
     }
 
-    /// End pose of a curve begun at `start`.
+    /// End pose of the curve from `start`.
     #[must_use]
     pub fn end(&self, start: Pose) -> Pose {
         self.arcs().iter().fold(start, |pose, arc| pose.along(arc.motion()))

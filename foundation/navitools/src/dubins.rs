@@ -1,14 +1,14 @@
-//! The shortest way of a car that drives forwards only: L. E. Dubins, On curves of minimal length with a constraint on
+//! Shortest path of a car that drives forwards only: L. E. Dubins, On curves of minimal length with a constraint on
 //! average curvature, American Journal of Mathematics 79 (1957).
 //!
-//! Six words: two turns about a straight line (LSL, LSR, RSL, RSR) or about a turn of more than π (LRL, RLR). Those that
-//! begin with a right turn are the mirror images of the others. Unit radius inside.
+//! Six words: two turns with a straight line (LSL, LSR, RSL, RSR) or a turn of more than π (LRL, RLR) between them.
+//! Words that begin with a right turn are the mirror images of the others. Unit radius inside.
 
 use crate::curve::Curve;
 use crate::{Arc, Pose};
 use core::f64::consts::PI;
 
-/// The shortest way from one pose to another without driving in reverse, with turns of `radius` m (above zero) or wider.
+/// Shortest path from one pose to another without reversing, with turns of `radius` m (above zero) or wider.
 #[must_use]
 pub fn dubins(from: Pose, to: Pose, radius: f64) -> Curve {
     let (_, turns, lengths) = shortest(from, to, radius);
@@ -17,16 +17,16 @@ pub fn dubins(from: Pose, to: Pose, radius: f64) -> Curve {
     )
 }
 
-/// The length of [`dubins`], m; infinite if a coordinate is not a finite number.
+/// Length of [`dubins`], m; infinite if a coordinate is not a finite number.
 #[must_use]
 pub fn dubins_length(from: Pose, to: Pose, radius: f64) -> f64 {
     shortest(from, to, radius).0 * radius
 }
 
-/// The length leaps by a whole turn where circles touch, or a turn vanishes: what is nearer than this counts as there.
+/// Tolerance at the discontinuities, where circles touch or a turn vanishes and the length jumps by a whole turn.
 const ROUNDING: f64 = 1e-7;
 
-/// Length, senses of the turns, and lengths of the pieces.
+/// Length, senses of the turns, and lengths of the segments.
 type Word = (f64, [f64; 3], [f64; 3]);
 
 fn shortest(from: Pose, to: Pose, radius: f64) -> Word {
@@ -44,9 +44,9 @@ fn shortest(from: Pose, to: Pose, radius: f64) -> Word {
     };
     let (sin, cos) = libm::sincos(phi);
     for left in [1.0, -1.0] {
-        // The mirror image of a word that begins to the left.
+        // Mirror image of a word that begins to the left.
         let (y, sin, phi) = (y * left, sin * left, phi * left);
-        // From the first turn's centre to that of a last turn to the left: LSL and LRL.
+        // From the centre of the first turn to that of a last turn to the left: LSL and LRL.
         let (along, across) = (x - sin, y - 1.0 + cos);
         let (distance, direction) = (libm::hypot(along, across), libm::atan2(across, along));
         take([left, 0.0, left], [turn(direction), distance, turn(phi - direction)]);
@@ -67,7 +67,7 @@ fn shortest(from: Pose, to: Pose, radius: f64) -> Word {
     best
 }
 
-/// The angle in [0, 2π); a full turn by rounding is zero.
+/// Angle in [0, 2π); a full turn due to rounding is zero.
 fn turn(angle: f64) -> f64 {
     let turn = angle - 2.0 * PI * libm::floor(angle / (2.0 * PI));
     if turn > 2.0 * PI - ROUNDING { 0.0 } else { turn }

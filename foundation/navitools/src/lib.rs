@@ -1,7 +1,8 @@
-//! Angles, poses, arcs, curves of Dubins and of Reeds and Shepp, Ackermann kinematics, odometry and resection: pure maths in SI units and radians.
+//! Angles, poses, arcs, Dubins and Reeds-Shepp curves, Ackermann kinematics, odometry and resection: pure mathematics
+//! in SI units and radians.
 //!
-//! Robot frame: x forward, y left, origin in the middle of the rear axle; angles counter-clockwise. Knows no message,
-//! no bus and no clock.
+//! Robot frame: x forward, y left, origin in the middle of the rear axle; angles counter-clockwise. Independent of
+//! messages, buses and clocks.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -24,11 +25,11 @@ pub use dubins::{dubins, dubins_length};
 pub use pose::{Point, Pose};
 pub use reeds_shepp::{reeds_shepp, reeds_shepp_length, reeds_shepp_words};
 
-/// The motion of the rear axle's middle.
+/// Motion of the rear axle's middle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Velocity along the robot's x axis, m/s (or distance, m, of a motion step).
     pub translation: f64,
-    /// Counter-clockwise, rad/s (or rad).
+    /// Angular velocity, counter-clockwise, rad/s (or angle, rad, of a motion step).
     pub rotation: f64,
 }

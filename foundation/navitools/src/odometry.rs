@@ -1,8 +1,8 @@
-//! Speed and yaw rate from the two steered, undriven front wheels, without the steering angle (docs/facts/robot.md 1.2).
+//! Speed and yaw rate from two steered, undriven front wheels, without the steering angle (docs/facts/robot.md 1.2).
 
 use crate::{Ackermann, Motion};
 
-/// A new count's distance from the last one on a wrapping 16-bit counter; right up to ±32767 ticks between polls.
+/// Difference of two counts of a wrapping 16-bit counter; correct for up to ±32767 ticks between polls.
 #[must_use]
 pub fn tick_difference(new: i16, old: i16) -> i32 {
     i32::from(new.wrapping_sub(old))
@@ -22,11 +22,11 @@ impl SteeredWheels {
         Self { geometry: Ackermann { wheelbase_m, track_m } }
     }
 
-    /// The motion that gives the hubs these speeds along their wheels, m/s (or ways, m); the sign is that of the
+    /// Motion that gives the hubs these speeds along their wheels, m/s (or distances, m); the sign is that of the
     /// faster wheel.
     ///
-    /// Exact while the rear axle's turning radius exceeds sqrt(L² + W²/4). Hub speeds that no such turn gives (ticks
-    /// at a standstill, a slipping wheel) are taken as the turn of that radius; opposite signs, as no turn.
+    /// Exact while the turning radius of the rear axle exceeds sqrt(L² + W²/4). Hub speeds that no such turn produces
+    /// (ticks at standstill, a slipping wheel) are treated as the turn of that radius; opposite signs, as no turn.
     #[must_use]
     pub fn motion(&self, left: f64, right: f64) -> Motion {
         if left * right < 0.0 {
@@ -46,20 +46,20 @@ impl SteeredWheels {
     }
 }
 
-/// Ticks (of both wheels together) from which their difference determines the curvature; below it the last curvature is
-/// kept.
+/// Number of ticks, of both wheels together, from which their difference determines the curvature; below it the last
+/// curvature is kept.
 const TICKS_FOR_A_TURN: i32 = 256;
 
 /// Integrates the counts of both wheels to a path and a heading.
 ///
-/// The turn is judged over enough ticks to be told from their quantisation, however often one polls: slow driving
-/// neither shakes the heading nor loses a part of it.
+/// A turn is computed over enough ticks to exceed their quantisation, whatever the polling rate: slow driving neither
+/// adds noise to the heading nor loses a part of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Odometry {
     wheels: SteeredWheels,
     metres_per_tick: f64,
     counts: Option<(i16, i16)>,
-    /// Ticks since the last judged turn.
+    /// Ticks since the last computed turn.
     open: (i32, i32),
     /// Path and heading up to there.
     closed: Motion,
@@ -69,7 +69,7 @@ pub struct Odometry {
 }
 
 impl Odometry {
-    /// At zero; `metres_per_tick` is a wheel's circumference by its counts per turn.
+    /// Creates an odometry at zero; `metres_per_tick` is a wheel's circumference divided by its counts per turn.
     #[must_use]
     pub fn new(wheels: SteeredWheels, metres_per_tick: f64) -> Self {
         Self {
@@ -84,8 +84,8 @@ impl Odometry {
         }
     }
 
-    /// Takes the board's counters; answers the way since the last call. The first call, and the first after
-    /// [`Odometry::lost`], answers no way.
+    /// Processes the board's counters; returns the motion since the last call. The first call, and the first after
+    /// [`Odometry::lost`], returns no motion.
     pub fn update(&mut self, left: i16, right: i16) -> Motion {
         let Some((old_left, old_right)) = self.counts.replace((left, right)) else {
             return Motion::default();
@@ -114,13 +114,13 @@ impl Odometry {
         }
     }
 
-    /// To be called after a loss of the counters (a reset of the board, or silence longer than half a wrap): the next
-    /// ones start again.
+    /// Restarts from the next counters; called after a loss of the counters (a reset of the board, or silence longer
+    /// than half a wrap).
     pub fn lost(&mut self) {
         self.counts = None;
     }
 
-    /// The way since the start: path, m, forward positive, and heading, rad, not wrapped.
+    /// Motion since the start: path, m, positive forwards, and heading, rad, not wrapped.
     #[must_use]
     pub fn path(&self) -> Motion {
         self.path
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_that_wraps_goes_on() {
+    fn a_wrapping_counter_continues() {
         assert_eq!(tick_difference(-32768, 32767), 1);
         assert_eq!(tick_difference(32767, -32768), -1);
         assert_eq!(tick_difference(1000, -1000), 2000);
@@ -186,7 +186,7 @@ mod tests {
         assert_eq!((path.rotation, odometry.ticks()), (0.0, (99 * 1956, 99 * 1956)));
     }
 
-    /// Drives a circle at full lock and polls every `step` metres; answers path and heading seen.
+    /// Drives a circle at full lock and polls every `step` metres; returns the true and the measured path and heading.
     fn circle(step: f64) -> (Motion, Motion) {
         let wheels = advee();
         let curvature = wheels.geometry.curvature(35f64.to_radians());
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_is_measured_alike_however_often_one_polls() {
+    fn a_circle_is_measured_alike_at_any_polling_rate() {
         for step in [0.25, 0.05, 0.01, 0.001, 0.0002] {
             let (seen, true_path) = circle(step);
             assert!(libm::fabs(seen.translation - true_path.translation) < 0.03, "{step}: {seen:?}");
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_counter_starts_anew() {
+    fn a_lost_counter_restarts() {
         let mut odometry = Odometry::new(advee(), METRES_PER_TICK);
         odometry.update(500, 500);
         odometry.update(600, 600);

@@ -3,17 +3,17 @@
 use crate::{Angle, Motion};
 use core::ops::Mul;
 
-/// A point in the plane, m.
+/// Point in the plane, m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Point {
-    /// m.
+    /// Coordinate x, m.
     pub x: f64,
-    /// m.
+    /// Coordinate y, m.
     pub y: f64,
 }
 
 impl Point {
-    /// The distance to another point, m.
+    /// Distance to another point, m.
     #[must_use]
     pub fn distance(self, other: Self) -> f64 {
         libm::hypot(other.x - self.x, other.y - self.y)
@@ -23,39 +23,39 @@ impl Point {
 /// Origin and x axis of a frame in another frame: `world_from_robot`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
-    /// m.
+    /// Coordinate x of the origin, m.
     pub x: f64,
-    /// m.
+    /// Coordinate y of the origin, m.
     pub y: f64,
     /// Direction of the x axis.
     pub theta: Angle,
 }
 
 impl Pose {
-    /// A pose; `theta` is any number of radians.
+    /// Creates a pose; `theta` is any number of radians.
     #[must_use]
     pub fn new(x: f64, y: f64, theta: f64) -> Self {
         Self { x, y, theta: Angle::new(theta) }
     }
 
-    /// Origin.
+    /// Origin of the frame.
     #[must_use]
     pub fn point(self) -> Point {
         Point { x: self.x, y: self.y }
     }
 
-    /// The pose after a way of `way.translation` m on a circle while turning by `way.rotation` rad; exact.
+    /// Pose after `way.translation` m along a circle with a rotation of `way.rotation` rad; exact.
     #[must_use]
     pub fn along(self, way: Motion) -> Self {
         let half = way.rotation / 2.0;
-        // The chord of the arc; the series is exact to the last bit below 1e-4.
+        // Chord of the arc; below 1e-4 the series is exact to the last bit.
         let sinc = if libm::fabs(half) < 1e-4 { 1.0 - half * half / 6.0 } else { libm::sin(half) / half };
         let (sin, cos) = libm::sincos(self.theta.radians() + half);
         let chord = way.translation * sinc;
         Self { x: self.x + chord * cos, y: self.y + chord * sin, theta: self.theta + way.rotation }
     }
 
-    /// The pose of the outer frame seen from the inner one.
+    /// Pose of the outer frame in the inner one.
     #[must_use]
     pub fn inverse(self) -> Self {
         let (sin, cos) = self.theta.sin_cos();
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_times_its_inverse_is_nothing() {
+    fn a_pose_times_its_inverse_is_the_identity() {
         let pose = Pose::new(3.0, -2.0, 2.5);
         assert!(near(pose * pose.inverse(), Pose::default()));
         assert!(near(pose.inverse() * pose, Pose::default()));

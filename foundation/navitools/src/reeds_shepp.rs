@@ -1,19 +1,20 @@
-//! The shortest way of a car that drives forwards and in reverse: J. A. Reeds, L. A. Shepp, Optimal paths for a car that
+//! Shortest path of a car that drives forwards and in reverse: J. A. Reeds, L. A. Shepp, Optimal paths for a car that
 //! goes both forwards and backwards, Pacific Journal of Mathematics 145 (1990), section 8.
 //!
-//! Nine formulas for words that begin with a left turn forwards (8.1 to 8.11) give all 48 by three symmetries: driving
-//! the other way along (`timeflip`), left for right (`reflect`), and end for start (`backwards`). Everything in them
-//! follows from the distances and directions between the centres of the first and the last turning circle; there are but
-//! four such pairs, so each root and each arc function is taken once per pair and not once per word. Unit radius inside.
+//! Nine formulas for words that begin with a left turn forwards (8.1 to 8.11) give all 48 by three symmetries: reversed
+//! direction (`timeflip`), left for right (`reflect`), and end for start (`backwards`). All terms follow from the
+//! distances and directions between the centres of the first and the last turning circle; there are only four such
+//! pairs, so each root and each inverse trigonometric function is evaluated once per pair and not once per word. Unit
+//! radius inside.
 
 use crate::curve::Curve;
 use crate::{Arc, Pose, wrap};
 use core::f64::consts::{FRAC_PI_2, PI};
 
-/// Angles and lengths that rounding has made this much negative are zero.
+/// Angles and lengths that rounding has made negative by less than this are zero.
 const ROUNDING: f64 = 1e-12;
 
-/// Which way a piece turns. The discriminant is the sign of its curvature.
+/// Turning direction of a segment. The discriminant is the sign of its curvature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i8)]
 enum Turn {
@@ -23,13 +24,13 @@ enum Turn {
 }
 use Turn::{Left, Right, Straight};
 
-/// The shortest way from one pose to another with turns of `radius` m (above zero) or wider.
+/// Shortest path from one pose to another with turns of `radius` m (above zero) or wider.
 #[must_use]
 pub fn reeds_shepp(from: Pose, to: Pose, radius: f64) -> Curve {
     let (mut best, mut word) = (f64::INFINITY, Word::NONE);
     each_word(from, to, radius, |candidate| {
         let length = candidate.length();
-        // Equally long words differ by rounding only; the first one wins on every machine.
+        // Equally long words differ by rounding only; the first one is chosen on every machine.
         if length < best - 1e-9 {
             (best, word) = (length, candidate);
         }
@@ -37,13 +38,13 @@ pub fn reeds_shepp(from: Pose, to: Pose, radius: f64) -> Curve {
     word.curve(radius)
 }
 
-/// Calls `visit` with every word that leads from one pose to the other: which is best may depend on more than length.
-/// At most 48; the shortest is among them.
+/// Calls `visit` with every word that leads from one pose to the other, at most 48, for a choice by more than length.
+/// The shortest is among them.
 pub fn reeds_shepp_words(from: Pose, to: Pose, radius: f64, mut visit: impl FnMut(Curve)) {
     each_word(from, to, radius, |word| visit(word.curve(radius)));
 }
 
-/// The length of [`reeds_shepp`], m; infinite if a coordinate is not a finite number.
+/// Length of [`reeds_shepp`], m; infinite if a coordinate is not a finite number.
 #[must_use]
 pub fn reeds_shepp_length(from: Pose, to: Pose, radius: f64) -> f64 {
     let mut best = f64::INFINITY;
@@ -51,7 +52,7 @@ pub fn reeds_shepp_length(from: Pose, to: Pose, radius: f64) -> f64 {
     best * radius
 }
 
-/// Signed lengths of up to five pieces, in radii.
+/// Signed lengths of up to five segments, in radii.
 #[derive(Clone, Copy)]
 struct Word {
     turns: [Turn; 5],
@@ -88,11 +89,11 @@ impl Centres {
 
 /// Terms for circles of the same sense (L…L).
 struct Same {
-    /// 8.1: the straight piece.
+    /// 8.1: straight segment.
     straight: f64,
-    /// 8.3, 8.4: the middle turn, if three turns reach.
+    /// 8.3, 8.4: middle turn, if three turns reach.
     middle: Option<f64>,
-    /// 8.9: the straight piece and an angle, if it fits in.
+    /// 8.9: straight segment and an angle, if it exists.
     fitted: Option<(f64, f64)>,
 }
 
@@ -109,15 +110,15 @@ impl Same {
 
 /// Terms for circles of opposite sense (L…R).
 struct Opposite {
-    /// 8.2: the straight piece and its angle.
+    /// 8.2: straight segment and its angle.
     straight: Option<(f64, f64)>,
-    /// 8.7: the two equal middle turns, and the angle that both formulas call for.
+    /// 8.7: two equal middle turns, and the angle in both formulas.
     unlike: Option<(f64, f64)>,
     /// 8.8: the same for turns of the same direction.
     like: Option<(f64, f64)>,
-    /// 8.10: the straight piece.
+    /// 8.10: straight segment.
     fitted: Option<f64>,
-    /// 8.11: the straight piece between two quarter turns, and its angle.
+    /// 8.11: straight segment between two quarter turns, and its angle.
     quarters: Option<(f64, f64)>,
 }
 
@@ -192,7 +193,7 @@ fn each_word(from: Pose, to: Pose, radius: f64, mut visit: impl FnMut(Word)) {
             let image = Image { timeflip, reflect, backwards: false };
             same_words(&of_same, direction_same, phi, image, &mut visit);
             opposite_words(&of_opposite, direction_opposite, phi, image, &mut visit);
-            // From the end: the centres as the last circle's frame sees them.
+            // From the end: the centres in the frame of the last circle.
             let image = Image { backwards: true, ..image };
             same_words_both_ways(&of_same, phi - direction_same, phi, image, &mut visit);
             // There R…L reads as L…R mirrored once more.
@@ -202,22 +203,22 @@ fn each_word(from: Pose, to: Pose, radius: f64, mut visit: impl FnMut(Word)) {
     }
 }
 
-/// The turn by this angle that is driven on: in [0, π], if there is one.
+/// Forward turn by this angle, in [0, π], if there is one.
 fn onward(angle: f64) -> Option<f64> {
     match wrap(angle) {
-        // Half a turn is the same both ways; rounding decides which one `wrap` has chosen.
+        // Half a turn is the same in both directions; rounding decides which one `wrap` has chosen.
         half if half < -PI + ROUNDING => Some(PI),
         turn if turn >= -ROUNDING => Some(turn),
         _ => None,
     }
 }
 
-/// The turn by this angle that is driven back: in [-π, 0], if there is one.
+/// Reverse turn by this angle, in [-π, 0], if there is one.
 fn back(angle: f64) -> Option<f64> {
     onward(-angle).map(|turn| -turn)
 }
 
-/// 8.1, and those that have an image from their end.
+/// 8.1, and the formulas with an image from their end.
 fn same_words(of: &Same, direction: f64, phi: f64, image: Image, visit: &mut impl FnMut(Word)) {
     if let (Some(t), Some(v)) = (onward(direction), onward(phi - direction)) {
         visit(image.word([Left, Straight, Left], [t, of.straight, v]));
@@ -240,7 +241,7 @@ fn same_words_both_ways(of: &Same, direction: f64, phi: f64, image: Image, visit
     }
 }
 
-/// 8.2, 8.7, 8.8, 8.11, and the one that has an image from its end.
+/// 8.2, 8.7, 8.8, 8.11, and the formula with an image from its end.
 fn opposite_words(of: &Opposite, direction: f64, phi: f64, image: Image, visit: &mut impl FnMut(Word)) {
     if let Some((u, angle)) = of.straight
         && let Some(t) = onward(direction + angle)

@@ -3,23 +3,23 @@
 use crate::{Angle, Point, Pose};
 use core::f64::consts::FRAC_PI_2;
 
-/// Bound of cotangents: beyond it two points are in line with the observer, and the method tolerates the cut.
+/// Bound of cotangents: beyond it two points are in line with the observer, and the method tolerates the bound.
 const COTANGENT_MAX: f64 = 1e8;
 
-/// A pose from three bearings.
+/// Pose from three bearings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
     /// Pose of the frame in which the bearings were measured.
     pub pose: Pose,
-    /// The determinant D, m²: an error of the bearings makes one of the position in proportion to 1/|D|. Zero is the
-    /// circle through the three points, on which there is no solution.
+    /// Determinant D, m²: the position error due to errors of the bearings is proportional to 1/|D|. Zero on the circle
+    /// through the three points, where there is no solution.
     pub d: f64,
 }
 
-/// The pose from which three points are seen at these bearings, in any order and anywhere in the plane.
+/// Pose from which three points have these bearings, in any order and anywhere in the plane.
 ///
-/// `None` when there is none: on the circle (or line) through the three, with two points in one place, with numbers that
-/// are none, and for bearings of which one points away from its point.
+/// `None` without a solution: on the circle (or line) through the three, with two points at one place, with values that
+/// are not finite, and with a bearing that points away from its point.
 #[must_use]
 pub fn three_bearings(points: [Point; 3], bearings: [Angle; 3]) -> Option<Fix> {
     let [one, origin, three] = points;
@@ -28,7 +28,7 @@ pub fn three_bearings(points: [Point; 3], bearings: [Angle; 3]) -> Option<Fix> {
     let t23 = cotangent(bearings[2] - bearings[1]);
     let sum = t12 + t23;
     let t31 = if sum == 0.0 { COTANGENT_MAX } else { ((1.0 - t12 * t23) / sum).clamp(-COTANGENT_MAX, COTANGENT_MAX) };
-    // Centres of the three circles (modified by a common factor), seen from the second point.
+    // Centres of the three circles (modified by a common factor) relative to the second point.
     let (x12, y12) = (x1 + t12 * y1, y1 - t12 * x1);
     let (x23, y23) = (x3 - t23 * y3, y3 + t23 * x3);
     let (x31, y31) = (x3 + x1 + t31 * (y3 - y1), y3 + y1 - t31 * (x3 - x1));
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
     use core::f64::consts::TAU;
 
-    /// Numbers of a sequence that fills [0, 1) evenly.
+    /// Low-discrepancy sequence that fills [0, 1) evenly.
     struct Even(f64);
 
     impl Even {
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn on_the_circle_through_the_points_there_is_no_answer_and_near_it_d_says_so() {
+    fn there_is_no_solution_on_the_circle_through_the_points_and_d_is_small_near_it() {
         let on = |angle: f64, radius: f64| Point { x: radius * libm::cos(angle), y: radius * libm::sin(angle) };
         let points = [on(0.3, 5.0), on(1.9, 5.0), on(4.0, 5.0)];
         let d = |radius: f64| {
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_no_fix() {
+    fn invalid_input_gives_no_fix() {
         let points = [Point { x: 1.0, y: 0.0 }, Point { x: 0.0, y: 1.0 }, Point { x: -1.0, y: -1.0 }];
         let zero = [Angle::ZERO; 3];
         assert_eq!(three_bearings([points[0]; 3], zero), None);

@@ -1,7 +1,8 @@
 //! Configuration files, declared and read strictly: every key is checked, every unknown key is an error, and all errors
-//! are collected, each a line `file:line: key = value: expected …`, before anything is refused.
+//! are collected, each a line `file:line: key = value: expected …`, before the file is rejected.
 //!
-//! A crate declares its tables with [`settings!`]; that gives the types, their reader, and their rows in the docs.
+//! A crate declares its tables with [`settings!`]; the macro generates the types, their reader, and their rows in the
+//! docs.
 #![forbid(unsafe_code)]
 
 mod declare;
@@ -25,7 +26,7 @@ use std::fmt;
 use std::fs;
 use std::path::Path;
 
-/// Everything that is wrong, a line each; never empty.
+/// All errors, one line each; never empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigError(pub Vec<String>);
 
@@ -37,7 +38,7 @@ impl fmt::Display for ConfigError {
 
 impl std::error::Error for ConfigError {}
 
-/// What is said of a key or a value is one line, whatever stands in it.
+/// Escapes control characters, so that a key or a value in an error stays on one line.
 pub(crate) fn one_line(text: String) -> String {
     if !text.contains(char::is_control) {
         return text;
@@ -46,6 +47,9 @@ pub(crate) fn one_line(text: String) -> String {
 }
 
 /// Parses one file.
+///
+/// # Errors
+/// The file cannot be read, or is not TOML.
 pub fn read(path: &Path) -> Result<Node, ConfigError> {
     match fs::read_to_string(path) {
         Ok(text) => Node::parse(path, &text).map_err(ConfigError),
@@ -53,10 +57,10 @@ pub fn read(path: &Path) -> Result<Node, ConfigError> {
     }
 }
 
-/// Reads a file that was parsed as one section.
+/// Reads a parsed file as one section.
 ///
 /// # Errors
-/// A line for each thing that is wrong.
+/// One line for each error.
 pub fn read_as<T: Section>(node: &Node) -> Result<T, ConfigError> {
     let problems = Problems::default();
     let section = Table::root(node, &problems).map(Table::whole);

@@ -1,5 +1,5 @@
-//! Keys that have a new name and are still read under the old one: in files, in overrides, and in a file's text, which
-//! is given the new names.
+//! Renamed keys that are still accepted under their old names: in files, in overrides, and in a file's text, which is
+//! migrated to the new names.
 
 use crate::tree::{Node, Origin, Value};
 use crate::{ConfigError, Row, one_line};
@@ -7,31 +7,31 @@ use std::ops::Range;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
-/// The keys of a declaration that have older names.
+/// Keys of a declaration with old names.
 #[derive(Clone, Debug, Default)]
 pub struct Moves(Vec<Move>);
 
 #[derive(Clone, Debug)]
 struct Move {
-    /// The table of the key, by new names.
+    /// Table of the key, by new names.
     table: Vec<String>,
     old: &'static str,
     new: String,
 }
 
-/// An old name that was found.
+/// Occurrence of an old name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Moved {
-    /// Where.
+    /// Location.
     pub origin: Origin,
-    /// The old name of the key, without its table.
+    /// Old name of the key, without its table.
     pub old: &'static str,
-    /// The new one.
+    /// New name.
     pub new: String,
 }
 
 impl Moves {
-    /// The moves that these rows name.
+    /// Moves named by these rows.
     #[must_use]
     pub fn of(rows: &[Row]) -> Self {
         let moved = |row: &Row| {
@@ -41,7 +41,7 @@ impl Moves {
         Self(rows.iter().filter_map(moved).collect())
     }
 
-    /// Gives each key of a file its new name; what was found is added to `found`.
+    /// Renames each key of a file to its new name; occurrences are added to `found`.
     ///
     /// # Errors
     /// A table has a key under both names.
@@ -49,7 +49,7 @@ impl Moves {
         self.rename_below(node, &[], found)
     }
 
-    /// The same of what stands below the table `path`.
+    /// Renames the keys below the table `path`.
     fn rename_below(&self, node: &mut Node, path: &[&str], found: &mut Vec<Moved>) -> Result<(), ConfigError> {
         let mut twice = Vec::new();
         for known in self.0.iter().filter(|known| starts_with(&known.table, path)) {
@@ -58,10 +58,10 @@ impl Moves {
         if twice.is_empty() { Ok(()) } else { Err(ConfigError(twice)) }
     }
 
-    /// Applies an override `table.key=value`, whose names may be old ones (see [`Node::put`]).
+    /// Applies an override `table.key=value` with new or old names (see [`Node::put`]).
     ///
     /// # Errors
-    /// It is no assignment, or to nothing that can be assigned to.
+    /// The text is not an assignment, or its target cannot be assigned to.
     pub fn set(&self, node: &mut Node, assignment: &str, found: &mut Vec<Moved>) -> Result<(), ConfigError> {
         let refused = |line| ConfigError(vec![one_line(line)]);
         let (mut path, mut value) = Node::assignment(assignment).map_err(refused)?;
@@ -77,15 +77,15 @@ impl Moves {
         node.put(&path, value).map_err(|why| refused(format!("--set {assignment}: {why}")))
     }
 
-    /// The text of a file with the new names; all else stays as it is, and comments stay in their columns.
+    /// Text of a file with the new names; everything else is unchanged, and comments stay in their columns.
     ///
     /// # Errors
-    /// It is no TOML, or has a key under both names.
+    /// The text is not TOML, or has a key under both names.
     pub fn migrate(&self, path: &Path, text: &str) -> Result<String, ConfigError> {
         let mut node = Node::parse(path, text).map_err(ConfigError)?;
         self.rename(&mut node, &mut Vec::new())?;
         let mut text = text.to_owned();
-        // A table may have several headings; each round finds the first that is left.
+        // A table may have several headings; each iteration finds the first remaining one.
         while let Some((known, key, value)) = self.first(&text) {
             let change = known.new.len() as isize - key.len() as isize;
             keep_column(&mut text, value.end, change);
@@ -103,7 +103,7 @@ impl Moves {
     }
 }
 
-/// Whether a step of a declared path is this step of a file's path.
+/// True if a step of a declared path matches this step of a file's path.
 fn fits(declared: &str, step: &str) -> bool {
     declared == "[]" || declared.starts_with('<') || declared == step
 }
@@ -118,7 +118,7 @@ fn rename(node: &mut Node, table: &[String], known: &Move, found: &mut Vec<Moved
         let Some(value) = map.remove(known.old) else { return };
         let (origin, old, new) = (value.origin.clone(), known.old, known.new.clone());
         if map.contains_key(&new) {
-            twice.push(format!("{origin}: {old}: the old name of {new}, which is there, too"));
+            twice.push(format!("{origin}: {old}: the old name of {new}, which is also set"));
         }
         map.entry(new.clone()).or_insert(value);
         found.push(Moved { origin, old, new });
@@ -136,7 +136,7 @@ fn rename(node: &mut Node, table: &[String], known: &Move, found: &mut Vec<Moved
     }
 }
 
-/// Where a key `old` stands in the tables that `path` leads to, and its value.
+/// Spans of a key `old` in the tables at `path`, and of its value.
 fn find(table: &DeTable<'_>, path: &[String], old: &str) -> Option<(Range<usize>, Range<usize>)> {
     let Some((step, rest)) = path.split_first() else {
         let (key, value) = table.iter().find(|(key, _)| key.get_ref() == old)?;
@@ -156,7 +156,7 @@ fn find_in(value: &DeValue<'_>, path: &[String], old: &str) -> Option<(Range<usi
     }
 }
 
-/// Moves the comment that follows a value by taking or giving spaces before it, where there are at least two.
+/// Moves the comment after a value by removing or adding spaces before it, if there are at least two.
 fn keep_column(text: &mut String, value: usize, change: isize) {
     let rest = &text[value..];
     let spaces = rest.len() - rest.trim_start_matches(' ').len();

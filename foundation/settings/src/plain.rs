@@ -1,4 +1,4 @@
-//! Keys that are taken by hand, for what is not declared yet.
+//! Keys read by hand, for tables that are not declared with the macro.
 
 use crate::reader::{Problems, Table};
 use crate::tree::{Node, Value};
@@ -12,7 +12,7 @@ impl<'a> Table<'a> {
         crate::Entry::new(path.into(), node, problems).table()
     }
 
-    /// Notes that `item`, of the list `key`, is not `expected`.
+    /// Rejects `item`, of the list `key`, as not `expected`.
     pub fn refuse_item(&self, key: &str, item: &Node, expected: impl Display) {
         self.problems.add_item(&item.origin, &self.name(key), format!(" = {}: expected {expected}", item.value));
     }
@@ -32,7 +32,7 @@ impl<'a> Table<'a> {
         self.map.get(key)
     }
 
-    /// A number in `range`; an integer counts as one. Without `default` it must be there.
+    /// Reads a number in `range`; an integer counts as one. Mandatory without `default`.
     pub fn number(&mut self, key: &'static str, default: Option<f64>, range: RangeInclusive<f64>) -> f64 {
         let value = match self.node(key).map(|node| &node.value) {
             Some(Value::Float(value)) => Some(*value),
@@ -46,7 +46,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// An integer in `range`. Without `default` it must be there.
+    /// Reads an integer in `range`. Mandatory without `default`.
     pub fn integer<T>(&mut self, key: &'static str, default: Option<T>, range: RangeInclusive<T>) -> T
     where
         T: TryFrom<i64> + PartialOrd + Copy + Display,
@@ -62,7 +62,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// `true` or `false`.
+    /// Reads `true` or `false`.
     pub fn boolean(&mut self, key: &'static str, default: bool) -> bool {
         match self.node(key).map(|node| &node.value) {
             None => default,
@@ -74,7 +74,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// A text that is not empty. Without `default` it must be there.
+    /// Reads a text that is not empty. Mandatory without `default`.
     pub fn text(&mut self, key: &'static str, default: Option<&str>) -> String {
         match self.node(key).map(|node| &node.value) {
             Some(Value::String(value)) if !value.is_empty() => value.clone(),
@@ -86,7 +86,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// One of the named choices. Without `default` it must be there.
+    /// Reads one of the named choices. Mandatory without `default`.
     pub fn choice<T: Copy>(&mut self, key: &'static str, default: Option<T>, choices: &[(&str, T)]) -> T {
         let found = match self.node(key).map(|node| &node.value) {
             Some(Value::String(value)) => choices.iter().find(|(name, _)| name == value).map(|(_, choice)| *choice),
@@ -100,7 +100,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// A list of texts; none when it is not there.
+    /// Reads a list of texts; empty if absent.
     pub fn texts(&mut self, key: &'static str) -> Vec<String> {
         let texts = match self.node(key).map(|node| &node.value) {
             None => return Vec::new(),
@@ -113,7 +113,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// A list of integers in `range`; none when it is not there.
+    /// Reads a list of integers in `range`; empty if absent.
     pub fn integers(&mut self, key: &'static str, range: RangeInclusive<u16>) -> Vec<u16> {
         let number = |node: &Node| match node.value {
             Value::Integer(value) => u16::try_from(value).ok().filter(|value| range.contains(value)),
@@ -130,7 +130,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// A table that must be there.
+    /// Reads a mandatory table.
     pub fn table(&mut self, key: &'static str) -> Option<Table<'a>> {
         let Some(node) = self.node(key) else {
             self.wrong(key, "a table");
@@ -139,13 +139,13 @@ impl<'a> Table<'a> {
         Table::new(node, &self.name(key), self.problems)
     }
 
-    /// A table that may be missing.
+    /// Reads an optional table.
     pub fn table_if_any(&mut self, key: &'static str) -> Option<Table<'a>> {
         let node = self.node(key)?;
         Table::new(node, &self.name(key), self.problems)
     }
 
-    /// All tables of a table whose keys are names that the user chose (`can.main`), in order of the names.
+    /// Reads all tables of a table whose keys are names chosen by the user (`can.main`), in order of the names.
     pub fn named_tables(&mut self, key: &'static str) -> Vec<(String, Table<'a>)> {
         let Some(parent) = self.table_if_any(key) else {
             return Vec::new();
@@ -156,7 +156,7 @@ impl<'a> Table<'a> {
         tables.collect()
     }
 
-    /// A list of tables; none when it is not there.
+    /// Reads a list of tables; empty if absent.
     pub fn tables(&mut self, key: &'static str) -> Vec<Table<'a>> {
         match self.node(key).map(|node| &node.value) {
             None => Vec::new(),

@@ -1,5 +1,5 @@
-//! A strict reader: every key that is taken is checked, every key that is not taken is an error, and all errors are
-//! collected before anything is refused.
+//! Strict reader: every known key is checked, every unknown key is an error, and all errors are collected before the
+//! file is rejected.
 
 use crate::declare::Section;
 use crate::one_line;
@@ -11,19 +11,19 @@ use std::fmt::Display;
 
 const NO_KEYS: &BTreeMap<String, Node> = &BTreeMap::new();
 
-/// What was found wrong so far; of each key the first thing only.
+/// Errors so far; only the first one of each key.
 #[derive(Debug, Default)]
 pub struct Problems(RefCell<Vec<(Origin, String, String)>>);
 
 impl Problems {
-    /// Notes what is wrong with the key `name` at `origin`: `: unknown key`, ` = 3: expected …`.
+    /// Adds an error of the key `name` at `origin`: `: unknown key`, ` = 3: expected …`.
     pub fn add(&self, origin: &Origin, name: &str, what: String) {
         if !self.has(origin, name) {
             self.add_item(origin, name, what);
         }
     }
 
-    /// The same of an item of a list that has no name of its own.
+    /// Adds an error of a list item without a name.
     pub fn add_item(&self, origin: &Origin, name: &str, what: String) {
         self.0.borrow_mut().push((origin.clone(), name.into(), what));
     }
@@ -32,7 +32,7 @@ impl Problems {
         self.0.borrow().iter().any(|(at, noted, _)| noted == name && at == origin)
     }
 
-    /// A line each, in the order of the file.
+    /// One line each, in the order of the file.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let mut found = self.0.borrow().clone();
@@ -41,14 +41,14 @@ impl Problems {
     }
 }
 
-/// The value of a key, and where errors about it go.
+/// Value of a key, with the destination of errors about it.
 #[derive(Debug)]
 pub struct Entry<'a> {
-    /// The name of the key with those of its tables: `rs485.a.nodes[0].address`.
+    /// Name of the key with those of its tables: `rs485.a.nodes[0].address`.
     pub name: String,
-    /// The last part of it.
+    /// Last part of the name.
     pub title: &'a str,
-    /// The value.
+    /// Value.
     pub node: &'a Node,
     problems: &'a Problems,
 }
@@ -58,13 +58,13 @@ impl<'a> Entry<'a> {
         Self { name, title: "", node, problems }
     }
 
-    /// Notes that the value is not `expected`.
+    /// Rejects the value as not `expected`.
     pub fn refuse(&self, expected: impl Display) {
         let what = format!(" = {}: expected {expected}", self.node.value);
         self.problems.add(&self.node.origin, &self.name, what);
     }
 
-    /// The value as a table; anything else is refused.
+    /// Value as a table; anything else is rejected.
     #[must_use]
     pub fn table(&self) -> Option<Table<'a>> {
         let Value::Table(map) = &self.node.value else {
@@ -84,9 +84,9 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// A table that is being read. Each key that is taken is known; [`Table::end`] refuses the others.
+/// Table being read. Each key that is taken is known; [`Table::end`] rejects the others.
 ///
-/// A method that finds something wrong notes it and returns a value in range, so that reading goes on.
+/// A method that finds an error records it and returns a value in range, so that reading continues.
 #[derive(Debug)]
 pub struct Table<'a> {
     path: String,
@@ -98,49 +98,49 @@ pub struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    /// The table of a whole file; anything else is refused.
+    /// Table of a whole file; anything else is rejected.
     #[must_use]
     pub fn root(node: &'a Node, problems: &'a Problems) -> Option<Self> {
         Entry { name: String::new(), title: "", node, problems }.table()
     }
 
-    /// A table without keys.
+    /// Table without keys.
     #[must_use]
     pub fn empty(origin: &'a Origin, problems: &'a Problems) -> Self {
         Self { path: String::new(), title: "", origin, map: NO_KEYS, known: Vec::new(), problems }
     }
 
-    /// The last part of its name: of `[can.main]` `main`.
+    /// Last part of the name: `main` for `[can.main]`.
     #[must_use]
     pub fn title(&self) -> String {
         self.title.into()
     }
 
-    /// Whether the table has this key.
+    /// True if the table has this key.
     #[must_use]
     pub fn has(&self, key: &str) -> bool {
         self.map.contains_key(key)
     }
 
-    /// Whether a value was written for this key, and nothing is wrong with it so far.
+    /// True if the key is present and without an error so far.
     #[must_use]
     pub fn is_good(&self, key: &str) -> bool {
         self.map.get(key).is_some_and(|node| !self.problems.has(&node.origin, &self.name(key)))
     }
 
-    /// Notes that the value of `key` is not `expected`; of a key that is not there nothing is noted.
+    /// Rejects the value of `key` as not `expected`; no effect if the key is absent.
     pub fn refuse(&self, key: &str, expected: impl Display) {
         if let Some(entry) = self.entry(key) {
             entry.refuse(expected);
         }
     }
 
-    /// Notes that `key`, which must be there, is not.
+    /// Records that the mandatory `key` is absent.
     pub fn refuse_missing(&self, key: &str, expected: impl Display) {
         self.problems.add(self.origin, &self.name(key), format!(": missing, expected {expected}"));
     }
 
-    /// Refuses `key` in each table of the list `list` whose value there an earlier one has, too.
+    /// Rejects `key` in each table of the list `list` whose value is a duplicate.
     pub fn unique<T: PartialEq>(&self, list: &str, key: &str, values: &[T], expected: impl Display) {
         let items: Vec<_> = (0..values.len()).map(|n| self.item(list, n)).collect();
         let good = |n: usize| items[n].as_ref().is_some_and(|item| !item.has(key) || item.is_good(key));
@@ -151,21 +151,21 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The table `key`, once more, to refuse what does not fit other tables; none where there is no such table.
+    /// Table `key` once more, for checks against other tables; `None` if there is no such table.
     #[must_use]
     pub fn below(&self, key: &str) -> Option<Table<'a>> {
         let entry = self.entry(key)?;
         matches!(entry.node.value, Value::Table(_)).then(|| entry.table())?
     }
 
-    /// The same of table `n` of the list `list`.
+    /// Table `n` of the list `list` once more.
     #[must_use]
     pub fn item(&self, list: &str, n: usize) -> Option<Table<'a>> {
         let item = self.entry(list)?.item(n)?;
         matches!(item.node.value, Value::Table(_)).then(|| item.table())?
     }
 
-    /// The name of a key of this table in errors.
+    /// Name of a key of this table in errors.
     pub(crate) fn name(&self, key: &str) -> String {
         if self.path.is_empty() { key.into() } else { format!("{}.{key}", self.path) }
     }
@@ -180,7 +180,7 @@ impl<'a> Table<'a> {
         self.entry(key)
     }
 
-    /// A key that must be there.
+    /// Reads a mandatory key.
     pub fn required<T>(&mut self, key: &'static str, rule: &impl Rule<T>) -> T {
         let Some(entry) = self.take(key) else {
             self.refuse_missing(key, rule.expected());
@@ -189,18 +189,18 @@ impl<'a> Table<'a> {
         rule.read(&entry).unwrap_or_else(|| rule.stand_in())
     }
 
-    /// A key that may be left out.
+    /// Reads an optional key.
     pub fn optional<T>(&mut self, key: &'static str, rule: &impl Rule<T>) -> Option<T> {
         let entry = self.take(key)?;
         Some(rule.read(&entry).unwrap_or_else(|| rule.stand_in()))
     }
 
-    /// A key that has a default.
+    /// Reads a key with a default.
     pub fn default<T>(&mut self, key: &'static str, default: T, rule: &impl Rule<T>) -> T {
         self.optional(key, rule).unwrap_or(default)
     }
 
-    /// A table whose keys have their defaults where it is missing.
+    /// Reads a table whose keys have their defaults if it is absent.
     pub fn inner<T: Section>(&mut self, key: &'static str) -> T {
         let missing = Table { path: self.name(key), map: NO_KEYS, known: Vec::new(), ..*self };
         let table = match self.take(key) {
@@ -210,7 +210,7 @@ impl<'a> Table<'a> {
         table.whole()
     }
 
-    /// All tables of a table whose keys are names that the user chose (`can.main`), in order of the names.
+    /// Reads all tables of a table whose keys are names chosen by the user (`can.main`), in order of the names.
     pub fn named<T: Section>(&mut self, key: &'static str) -> Vec<T> {
         let Some(parent) = self.take(key).and_then(|entry| entry.table()) else {
             return Vec::new();
@@ -219,7 +219,7 @@ impl<'a> Table<'a> {
         tables.map(Table::whole).collect()
     }
 
-    /// Reads a section, and refuses every key that is not one of its.
+    /// Reads a section, and rejects all other keys.
     #[must_use]
     pub fn whole<T: Section>(mut self) -> T {
         let section = T::read(&mut self);
@@ -227,7 +227,7 @@ impl<'a> Table<'a> {
         section
     }
 
-    /// Refuses every key that was not taken.
+    /// Rejects every key that was not taken.
     pub fn end(self) {
         for (key, node) in self.map {
             if !self.known.contains(&key.as_str()) {

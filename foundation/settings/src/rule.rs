@@ -1,4 +1,4 @@
-//! What the value of a key may be.
+//! Rules for the values of keys.
 
 use crate::reader::Entry;
 use crate::rows::Rows;
@@ -8,21 +8,21 @@ use std::fmt::{Debug, Display};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// What is allowed as the value of a key.
+/// Rule for the value of a key.
 ///
 /// | rule | for |
 /// |---|---|
 /// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
-/// | `()`, which a declaration leaves out | `bool`, [`String`] and [`PathBuf`] that are not empty, lists of texts, what [`settings!`](crate::settings!) declared, and lists of such tables |
-/// | [`ZeroOr`], [`Off`], [`Bytes`], [`Choice`], [`Parsed`] | as they say |
+/// | `()`, the default | `bool`, [`String`] and [`PathBuf`] (not empty), lists of texts, declared tables, their lists |
+/// | [`ZeroOr`], [`Off`], [`Bytes`], [`Choice`], [`Parsed`] | see there |
 pub trait Rule<T> {
-    /// The value that this is; none when it is not allowed.
+    /// Converts a value; `None` if it is not allowed.
     fn accept(&self, value: &Value) -> Option<T> {
         let _ = value;
         None
     }
 
-    /// Reads the value of a key; one that is not allowed is refused.
+    /// Reads the value of a key; rejects a value that is not allowed.
     fn read(&self, entry: &Entry<'_>) -> Option<T> {
         let value = self.accept(&entry.node.value);
         if value.is_none() {
@@ -31,16 +31,16 @@ pub trait Rule<T> {
         value
     }
 
-    /// What is allowed, for errors and for the docs: `a number from 0 to 1`.
+    /// Allowed values, for errors and for the docs: `a number from 0 to 1`.
     fn expected(&self) -> String;
 
-    /// An allowed value, with which reading goes on after an error.
+    /// Allowed value with which reading continues after an error.
     fn stand_in(&self) -> T;
 
-    /// A value as it is written in a file.
+    /// Value as written in a file.
     fn shown(&self, value: &T) -> String;
 
-    /// Adds the rows of the keys below, where the value is a table.
+    /// Adds the rows of the keys below, if the value is a table.
     fn rows(&self, rows: &mut Rows) {
         let _ = rows;
     }
@@ -229,7 +229,7 @@ where
     }
 }
 
-/// A value of the inner rule; its zero means none.
+/// Value of the inner rule; zero means `None`.
 pub struct Off<R>(pub R);
 
 impl<T: Default + PartialEq, R: Rule<T>> Rule<Option<T>> for Off<R> {
@@ -250,7 +250,7 @@ impl<T: Default + PartialEq, R: Rule<T>> Rule<Option<T>> for Off<R> {
     }
 }
 
-/// A number of bytes, which may be written as `256e6`.
+/// Number of bytes, which may be written as `256e6`.
 pub struct Bytes(pub RangeInclusive<f64>);
 
 macro_rules! bytes {
@@ -277,7 +277,7 @@ macro_rules! bytes {
 
 bytes!(u64, usize);
 
-/// One of some texts, and what each stands for.
+/// One of several texts, each with its value.
 pub struct Choice<T: 'static>(pub &'static [(&'static str, T)]);
 
 impl<T: Clone + PartialEq> Rule<T> for Choice<T> {
@@ -300,7 +300,7 @@ impl<T: Clone + PartialEq> Rule<T> for Choice<T> {
     }
 }
 
-/// A text that stands for a value: how it is read, what is allowed, and how a value that is allowed is written.
+/// Text that represents a value: its parser, the allowed values, and an example of one.
 pub struct Parsed<T>(pub fn(&str) -> Option<T>, pub &'static str, pub &'static str);
 
 impl<T: Display> Rule<T> for Parsed<T> {

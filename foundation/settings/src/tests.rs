@@ -1,4 +1,4 @@
-//! What the macro declares, read from texts.
+//! Declarations of the macro, read from texts.
 
 use crate::{Bytes, Choice, Moves, Need, Node, Off, Parsed, Row, Rows, Section, Table, ZeroOr, read_as, settings};
 use base::Duration;
@@ -176,7 +176,7 @@ fn what_is_written_is_read() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_its_line_and_what_is_allowed() {
+fn errors_name_the_line_and_the_allowed_values() {
     refused(
         "title = \"\"\nsize_bytes = 1\ncolour = \"green\"\nvolume = 1\nletter = \"x\"\ncpus = [8]\nwords = [1]\nloop = 1",
         &[
@@ -215,7 +215,7 @@ fn the_keys_of_a_node_are_those_of_its_driver() {
 }
 
 #[test]
-fn of_each_key_the_first_error_is_told_and_stand_ins_collide_with_nothing() {
+fn the_first_error_of_each_key_is_reported_and_stand_ins_do_not_collide() {
     let node = |id: &str| format!("{{ id = {id}, driver = \"slow\" }},\n");
     refused(
         &format!("[bus.b]\nnodes = [\n{}{}{}{}]", node("0"), node("1"), node("200"), node("1")),
@@ -253,10 +253,10 @@ fn old_names_are_read_in_files_and_overrides() {
 fn a_key_under_both_names_is_refused() {
     let mut node = parse("stick = {}\njoystick = { limit = 1, limit_mps = 2 }");
     let error = moves().rename(&mut node, &mut Vec::new()).unwrap_err();
-    assert_eq!(error.0, ["f.toml:2: joystick: the old name of stick, which is there, too"]);
+    assert_eq!(error.0, ["f.toml:2: joystick: the old name of stick, which is also set"]);
     let mut node = parse("joystick = { limit = 1, limit_mps = 2 }");
     let error = moves().rename(&mut node, &mut Vec::new()).unwrap_err();
-    assert_eq!(error.0, ["f.toml:1: limit: the old name of limit_mps, which is there, too"]);
+    assert_eq!(error.0, ["f.toml:1: limit: the old name of limit_mps, which is also set"]);
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! TOML as a tree in which every value knows where it was written, so that an error can name file and line even after
-//! several files were laid over each other.
+//! TOML as a tree in which every value has its location, so that an error can name file and line even after several
+//! files were merged.
 
 use crate::one_line;
 use std::collections::BTreeMap;
@@ -9,12 +9,12 @@ use std::rc::Rc;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Where a value was written.
+/// Location of a value.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Origin {
-    /// A line of a file, counted from 1.
+    /// Line of a file, from 1.
     File(Rc<str>, usize),
-    /// An override on the command line.
+    /// Override on the command line.
     CommandLine,
 }
 
@@ -27,16 +27,16 @@ impl fmt::Display for Origin {
     }
 }
 
-/// A value and where it was written.
+/// Value with its location.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// Where.
+    /// Location.
     pub origin: Origin,
-    /// What.
+    /// Value.
     pub value: Value,
 }
 
-/// What TOML can say, without dates, which no configuration of ours has.
+/// TOML value, without dates, which no key accepts.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// `true`, `false`.
@@ -66,7 +66,7 @@ impl Value {
 }
 
 impl fmt::Display for Value {
-    /// As an error shows it: short.
+    /// Short form for errors.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Bool(value) => write!(f, "{value}"),
@@ -80,7 +80,10 @@ impl fmt::Display for Value {
 }
 
 impl Node {
-    /// The tree of a file's text; else what is wrong with its syntax, a line each.
+    /// Parses the text of a file.
+    ///
+    /// # Errors
+    /// One line for each syntax error.
     pub fn parse(path: &Path, text: &str) -> Result<Self, Vec<String>> {
         let source = Source { file: path.display().to_string().into(), text };
         let (table, errors) = DeTable::parse_recoverable(text);
@@ -92,7 +95,7 @@ impl Node {
         if problems.is_empty() { Ok(root) } else { Err(problems.into_iter().map(one_line).collect()) }
     }
 
-    /// Lays `over` over this: tables merge key by key, everything else is replaced.
+    /// Merges `over` into this: tables key by key, everything else is replaced.
     pub fn merge(&mut self, over: Self) {
         match (&mut self.value, over.value) {
             (Value::Table(base), Value::Table(over)) => {
@@ -107,10 +110,10 @@ impl Node {
         }
     }
 
-    /// The two sides of an override `table.key=value`. The value is TOML; what is not counts as a string.
+    /// Splits an override `table.key=value`. The value is TOML; otherwise it is taken as a string.
     ///
     /// # Errors
-    /// It is no assignment to a key.
+    /// The text is not an assignment to a key.
     pub fn assignment(text: &str) -> Result<(Vec<&str>, Self), String> {
         let malformed = || format!("--set {text}: expected table.key=value");
         let (path, value) = text.split_once('=').ok_or_else(malformed)?;
@@ -129,10 +132,10 @@ impl Node {
         Ok((path, node))
     }
 
-    /// Applies an override, as [`Self::assignment`] and [`Self::put`].
+    /// Applies an override: [`Self::assignment`], then [`Self::put`].
     ///
     /// # Errors
-    /// Theirs.
+    /// Those of the two.
     pub fn set(&mut self, assignment: &str) -> Result<(), String> {
         let set = |(path, value): (Vec<&str>, Self)| {
             self.put(&path, value).map_err(|why| format!("--set {assignment}: {why}"))
@@ -140,10 +143,10 @@ impl Node {
         Self::assignment(assignment).and_then(set).map_err(one_line)
     }
 
-    /// Lays `value` over what is at `path`. A step may be an item of an array: its `name`, or its place from 0.
+    /// Merges `value` into the node at `path`. A step may be an item of an array: its `name`, or its index from 0.
     ///
     /// # Errors
-    /// A step leads to nothing that has keys.
+    /// A step leads to a value without keys.
     pub fn put(&mut self, path: &[&str], value: Self) -> Result<(), String> {
         let mut node = self;
         for step in path {
@@ -180,7 +183,7 @@ impl Node {
     }
 }
 
-/// A text and its name, to make origins of spans.
+/// Text with its name, to convert spans to locations.
 struct Source<'a> {
     file: Rc<str>,
     text: &'a str,
@@ -194,7 +197,7 @@ impl Source<'_> {
 
     fn table(&self, table: &DeTable<'_>, at: usize, problems: &mut Vec<String>) -> Node {
         let entries = table.iter().filter_map(|(key, value)| {
-            // The key's line, not the value's: for a multi-line array that is where people look.
+            // The key's line, not the value's: people look there for a multi-line array.
             let origin = self.origin(key.span().start);
             let value = self.node(value, problems)?;
             Some((key.get_ref().to_string(), Node { origin, ..value }))

@@ -1,21 +1,21 @@
-//! Where the peers of `make test` lie.
+//! Locations of the peers of `make test`.
 
 use crate::Found;
 use std::net::{Ipv4Addr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The checkout.
+/// Root of the checkout.
 #[must_use]
 pub fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().nth(2).expect("foundation/testing lies two folders below the checkout").into()
 }
 
-/// A Python that has these packages: `.venv`, which `tools/venv` makes, or the one named by `ADVEE_PYTHON`.
+/// Python with these packages: `.venv`, created by `tools/venv`, or the one named by `ADVEE_PYTHON`.
 ///
 /// # Errors
-/// A line with the package that is missing.
+/// One line with the missing package.
 pub fn python(packages: &[&str]) -> Found<PathBuf> {
     let named = std::env::var_os("ADVEE_PYTHON");
     let python = named.map_or_else(|| root().join(".venv/bin/python"), PathBuf::from);
@@ -30,10 +30,10 @@ pub fn python(packages: &[&str]) -> Found<PathBuf> {
     Ok(python)
 }
 
-/// A program of the PATH that answers `option` with success.
+/// Program in the PATH that accepts `option` with success.
 ///
 /// # Errors
-/// A line with its name.
+/// One line with its name.
 pub fn tool(name: &str, option: &str) -> Found<()> {
     let status = Command::new(name).arg(option).stdout(Stdio::null()).stderr(Stdio::null()).status();
     match status {
@@ -43,10 +43,10 @@ pub fn tool(name: &str, option: &str) -> Found<()> {
     }
 }
 
-/// The folder with Debian's LCM 1.3.1: `bin`, `include`, `lib`.
+/// Folder with Debian's LCM 1.3.1: `bin`, `include`, `lib`.
 ///
 /// # Errors
-/// A line: `tools/lcm-1.3.1` has not fetched it.
+/// One line: `tools/lcm-1.3.1` has not fetched it.
 pub fn lcm_1_3_1() -> Found<PathBuf> {
     let prefix = root().join(".peers/lcm-1.3.1");
     match prefix.join("version").exists() {
@@ -55,10 +55,10 @@ pub fn lcm_1_3_1() -> Found<PathBuf> {
     }
 }
 
-/// A route of this machine to a multicast group, which the official LCM needs and ours does without.
+/// Verifies a route of this machine to a multicast group, which the official LCM needs, unlike the LCM of this project.
 ///
 /// # Errors
-/// A line with the reason.
+/// One line with the reason.
 pub fn multicast_route(group: Ipv4Addr, port: u16) -> Found<()> {
     let reached = UdpSocket::bind("0.0.0.0:0").and_then(|socket| socket.connect((group, port)));
     reached.map_err(|error| format!("no route to {group}, which the official LCM needs: {error}"))
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_checkout_is_found_and_what_is_missing_is_named() {
+    fn the_checkout_is_found_and_missing_tools_are_named() {
         assert!(root().join("ARCHITECTURE.md").exists());
         let why = tool("no-such-program-at-all", "--version").expect_err("there is none");
         assert!(why.contains("no-such-program-at-all"), "{why}");

@@ -1,11 +1,11 @@
-//! Random numbers of tests.
+//! Random numbers for tests.
 
-/// A generator (xorshift64*): equal seeds give equal numbers on every machine.
+/// Generator (xorshift64*): equal seeds give equal numbers on every machine.
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
 impl Random {
-    /// A generator; any seed will do.
+    /// Creates a generator from any seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
@@ -20,17 +20,17 @@ impl Random {
         self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
     }
 
-    /// A number in 0..`end`; 0 if `end` is 0.
+    /// Number in 0..`end`; 0 if `end` is 0.
     pub fn below(&mut self, end: u64) -> u64 {
         (self.next() >> 16) % end.max(1)
     }
 
-    /// An index in 0..`len`; 0 if `len` is 0.
+    /// Index in 0..`len`; 0 if `len` is 0.
     pub fn index(&mut self, len: usize) -> usize {
         self.below(len as u64) as usize
     }
 
-    /// True once in `n`.
+    /// True with probability 1/`n`.
     pub fn one_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }
@@ -40,7 +40,7 @@ impl Random {
         (0..len).map(|_| (self.next() >> 32) as u8).collect()
     }
 
-    /// A byte at the edge of its range more often than by chance: 0x00, 0xFF, a single bit, or any.
+    /// Byte at the edge of its range more often than by chance: 0x00, 0xFF, a single bit, or any.
     pub fn edge_byte(&mut self) -> u8 {
         match self.below(4) {
             0 => 0,

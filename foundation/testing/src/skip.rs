@@ -1,13 +1,13 @@
-//! The end of a test that lacks something.
+//! Skips of tests whose peer or machine feature is missing.
 
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::thread;
 
-/// What a test needs, or one line that says what is missing.
+/// Requirement of a test, or one line on what is missing.
 pub type Found<T> = Result<T, String>;
 
-/// A peer that a package registry has.
+/// Requires a peer that a package registry has.
 ///
 /// Returns `None` if it is missing and `ADVEE_PEERS` is not `required`; the test then returns.
 ///
@@ -19,7 +19,7 @@ pub fn peer_or_skip<T>(found: Found<T>) -> Option<T> {
     peer(found, required)
 }
 
-/// A feature of this machine that no package brings: a device, a kernel feature, a privilege.
+/// Requires a feature of this machine that no package provides: a device, a kernel feature, a privilege.
 ///
 /// Returns `None` if it is missing; the test, or the part that needs it, then returns.
 #[track_caller]
@@ -43,7 +43,7 @@ fn peer<T>(found: Found<T>, required: bool) -> Option<T> {
 fn skip(kind: &str, why: &str) {
     let thread = thread::current();
     let test = thread.name().unwrap_or("a test");
-    // Each in one write: other tests print, and append, at the same time.
+    // One write each: other tests print and append at the same time.
     let _ = std::io::stderr().write_all(format!("skipped: {test}: {why}\n").as_bytes());
     if let Some(path) = std::env::var_os("ADVEE_SKIPPED") {
         let file = OpenOptions::new().create(true).append(true).open(path);
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_there_is_handed_on() {
+    fn a_present_peer_is_returned() {
         assert_eq!((peer(Ok(1), true), peer(Ok(2), false), machine_or_skip(Ok(3))), (Some(1), Some(2), Some(3)));
     }
 
@@ -79,7 +79,7 @@ mod tests {
         assert_eq!(text, "machine\tskip::tests::skips_what_no_machine_has\tno  perpetual motion\n");
     }
 
-    /// Run by the test above in a process of its own.
+    /// Run by the test above in a separate process.
     #[test]
     fn skips_what_no_machine_has() {
         if std::env::var_os("ADVEE_SKIPPED").is_some_and(|path| path.to_string_lossy().contains("advee-skipped-")) {

@@ -1,11 +1,11 @@
-//! What waits for the disk, what it is asked, and room on it.
+//! Write queue of the logger: data waiting for the disk, requests to the store, and free space.
 //!
-//! One request at a time: what is appended stands in the order in which it was made, and what failed is asked again as it
-//! was. Pieces that come faster than the disk takes them leave as one.
+//! One request at a time: data is appended in the order in which it was produced, and a failed request is repeated
+//! unchanged. Pieces that arrive faster than the disk accepts them are merged.
 //!
-//! Durability: a piece is synchronized when something in it, or before it, is older than [`SYNC_AGE`], and at the latest
-//! [`SYNC_BY`] after that was heard; so a power cut costs [`SYNC_BY`], what the request takes that is being served then,
-//! and one synchronization.
+//! Durability: a piece is synchronized when it, or one before it, contains a message older than [`SYNC_AGE`], and at
+//! the latest [`SYNC_DEADLINE`] after the message was received. A power cut therefore costs [`SYNC_DEADLINE`], the
+//! duration of the request in progress, and one synchronization.
 
 use crate::names;
 use base::store::{Answer, Entry, Request, Trouble};
@@ -14,46 +14,46 @@ use std::collections::{BTreeSet, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
-/// A piece with something as old as this is synchronized.
+/// Age of a piece's oldest message from which it is synchronized.
 const SYNC_AGE: Duration = Duration::from_millis(150);
-/// What was heard so long ago is synchronized whatever else there is to do.
-const SYNC_BY: Duration = Duration::from_millis(200);
-/// Pieces leave together up to this many bytes.
-const TOGETHER: usize = 1 << 20;
-/// A disk that refused something is asked again after this time.
-const AGAIN: Duration = Duration::from_secs(1);
-/// One that refuses this often in a row for no known reason takes nothing more for this file.
+/// Age of an unsynchronized message after which synchronization takes precedence over other work.
+const SYNC_DEADLINE: Duration = Duration::from_millis(200);
+/// Maximum size of merged pieces, bytes.
+const MERGED_BYTES_MAX: usize = 1 << 20;
+/// Delay before a failed request is repeated.
+const RETRY_DELAY: Duration = Duration::from_secs(1);
+/// Number of consecutive failures without a known cause after which the file is given up.
 const REFUSALS_MAX: u32 = 3;
-/// How often a full disk is looked at.
-const LOOK: Duration = Duration::from_secs(5);
-/// What a full disk must have free beside what waits for it.
-const SPARE: u64 = 1 << 20;
+/// Period at which a full disk is checked.
+const FULL_CHECK_PERIOD: Duration = Duration::from_secs(5);
+/// Free space that a full disk needs beyond the data waiting for it, bytes.
+const SPARE_BYTES: u64 = 1 << 20;
 
-/// What the module learns from an answer.
+/// Result of an answer for the module.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum News {
-    /// What is there is known: a file may be begun.
-    Known,
-    /// The file that was asked for last is there.
-    Begun,
-    /// It cannot be, as it was asked for.
-    NotBegun,
-    /// So much more is in the file.
-    Wrote(u64),
-    /// It takes nothing more for the file that is being written.
-    Lost,
-    /// There is less free than there should be, and nothing more to remove: the file should be brought to its end.
+pub enum DiskEvent {
+    /// The content of the folder is known: a file may be created.
+    Listed,
+    /// The last requested file was created.
+    Created,
+    /// The last requested file cannot be created under its name.
+    NotCreated,
+    /// Number of bytes appended to the file.
+    Written(u64),
+    /// The disk accepts nothing more for the current file.
+    FileLost,
+    /// Free space is below the limit and nothing can be removed: the file should be closed.
     Full,
 }
 
-/// A piece of a file.
+/// Piece of a file.
 #[derive(Clone, Debug)]
 struct Piece {
     bytes: Arc<Vec<u8>>,
-    /// When the oldest message in it was heard.
+    /// Reception of the oldest message in it.
     oldest: Instant,
     messages: u64,
-    /// It is the last of its file: it is synchronized whatever its age.
+    /// True for the last piece of a file, which is synchronized whatever its age.
     last: bool,
 }
 
@@ -63,46 +63,46 @@ enum Job {
     Append(Piece),
 }
 
-/// What was asked and is not answered.
+/// Request in progress.
 #[derive(Clone, Debug)]
-enum Asked {
+enum Pending {
     Job(Job, bool),
     Sync,
     List,
     Remove(String),
 }
 
-/// Whether there is room.
+/// State of the free space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Room {
     Enough,
-    /// Find out what is there; `hard` when the disk has refused something as full.
-    Look {
+    /// List the folder; `hard` if the disk reported that it is full.
+    List {
         hard: bool,
     },
-    /// Remove these, the last first.
+    /// Remove these runs, the last first.
     Remove {
         victims: Vec<String>,
         hard: bool,
     },
-    /// Nothing to be removed; look again then.
+    /// Nothing can be removed; list the folder again at this instant.
     Full {
         until: Instant,
     },
 }
 
-/// The disk.
+/// Queue of requests to the disk.
 #[derive(Debug)]
 pub struct Disk {
     keep_free: u64,
     keep_runs: u64,
     up: bool,
     known: bool,
-    asked: Option<Asked>,
+    asked: Option<Pending>,
     jobs: VecDeque<Job>,
-    /// Bytes that wait, those being appended among them.
+    /// Bytes waiting, including those being appended.
     waiting: usize,
-    /// The oldest message that was appended and may be gone after a power cut.
+    /// Oldest appended message that a power cut may lose.
     unsynced: Option<Instant>,
     held_until: Option<Instant>,
     refusals: u32,
@@ -110,9 +110,9 @@ pub struct Disk {
     room: Room,
     free: u64,
     entries: Vec<Entry>,
-    /// A run that is never removed.
+    /// Run that is never removed.
     always: Option<String>,
-    /// Those that are not removed: this one, the current one, and what could not be.
+    /// Runs that are not removed: the protected one, the current one, and those that could not be removed.
     kept: BTreeSet<String>,
 }
 
@@ -138,12 +138,12 @@ impl Disk {
         }
     }
 
-    /// The folder can be asked.
+    /// The folder is available.
     pub fn up(&mut self) {
-        *self = Self { up: true, room: Room::Look { hard: false }, ..self.emptied() };
+        *self = Self { up: true, room: Room::List { hard: false }, ..self.emptied() };
     }
 
-    /// It cannot: what waited for it is lost. So many messages were in that.
+    /// The folder is unavailable; the data waiting for it is lost. Returns the number of messages lost.
     pub fn down(&mut self) -> u64 {
         let lost = self.abandon();
         *self = self.emptied();
@@ -155,10 +155,10 @@ impl Disk {
         Self { kept: mem::take(&mut self.kept), entries: mem::take(&mut self.entries), free: self.free, ..new }
     }
 
-    /// Gives up what waits for the file; so many messages were in it.
+    /// Discards the data waiting for the file. Returns the number of messages lost.
     pub fn abandon(&mut self) -> u64 {
         let messages = |job: &Job| if let Job::Append(piece) = job { piece.messages } else { 0 };
-        let on_its_way = if let Some(Asked::Job(job, _)) = &self.asked { messages(job) } else { 0 };
+        let on_its_way = if let Some(Pending::Job(job, _)) = &self.asked { messages(job) } else { 0 };
         let lost = self.jobs.iter().map(messages).sum::<u64>() + on_its_way;
         self.jobs.clear();
         self.waiting = 0;
@@ -168,17 +168,17 @@ impl Disk {
         lost
     }
 
-    /// Bytes that wait for the disk.
+    /// Bytes waiting for the disk.
     pub fn waiting(&self) -> usize {
         self.waiting
     }
 
-    /// Bytes that are free, as the disk said last.
+    /// Free bytes, as last reported by the disk.
     pub fn free(&self) -> u64 {
         self.free
     }
 
-    /// Why it takes nothing now, if that is so.
+    /// Reason why the disk accepts nothing at present.
     pub fn trouble(&self) -> Option<&Trouble> {
         match self.room {
             Room::Full { .. } => Some(&Trouble::Full),
@@ -186,7 +186,7 @@ impl Disk {
         }
     }
 
-    /// Whether a file may be begun.
+    /// True if a file may be created.
     pub fn is_ready(&self) -> bool {
         self.up
             && self.known
@@ -196,46 +196,46 @@ impl Disk {
             && self.room == Room::Enough
     }
 
-    /// Whether everything is written that can be.
+    /// True if everything is written that can be.
     pub fn is_idle(&self) -> bool {
         !self.up || self.trouble.is_some() || (self.asked.is_none() && self.jobs.is_empty())
     }
 
-    /// Whether there is anything of that name.
+    /// True if there is an entry of that name.
     pub fn has(&self, name: &str) -> bool {
         self.entries.iter().any(|entry| entry.name == name)
     }
 
-    /// That this run is not removed from now on, and others than the one that never is may be.
+    /// Protects this run from removal instead of the previous current one.
     pub fn keep(&mut self, run: &str) {
         self.kept = self.always.iter().cloned().chain([run.to_owned()]).collect();
     }
 
-    /// A file is to be made, of this run. What is appended before that is done goes there; `awaited` when nothing is.
+    /// Requests a file of this run. Data appended before it exists goes there; `awaited` if there is none.
     pub fn create(&mut self, run: &str, number: u32, awaited: bool) {
         if !self.has(run) {
             self.entries.push(Entry { name: run.into(), bytes: 0 });
         }
         self.jobs.push_back(Job::Create { name: names::file(run, number), awaited });
-        // What is there is known well enough only now and then.
+        // The listing is only recent enough from time to time.
         if self.room == Room::Enough && !awaited {
-            self.room = Room::Look { hard: false };
+            self.room = Room::List { hard: false };
         }
     }
 
-    /// What was appended last is the last of its file.
+    /// Marks the last appended piece as the last of its file.
     pub fn close(&mut self) {
         if let Some(Job::Append(piece)) = self.jobs.back_mut() {
             piece.last = true;
         }
     }
 
-    /// Something is to be appended, with so many messages, the oldest heard at `oldest`.
+    /// Appends data with `messages` messages, the oldest received at `oldest`.
     pub fn append(&mut self, bytes: Vec<u8>, oldest: Instant, messages: u64) {
         self.waiting += bytes.len();
         if let Some(Job::Append(piece)) = self.jobs.back_mut()
-            && piece.bytes.len() + bytes.len() <= TOGETHER
-            // A piece that is asked for again is as it was.
+            && piece.bytes.len() + bytes.len() <= MERGED_BYTES_MAX
+            // A repeated piece must not change.
             && let Some(together) = Arc::get_mut(&mut piece.bytes)
         {
             together.extend_from_slice(&bytes);
@@ -246,51 +246,51 @@ impl Disk {
         self.jobs.push_back(Job::Append(Piece { bytes: Arc::new(bytes), oldest, messages, last: false }));
     }
 
-    /// When something is to be done.
+    /// Next deadline.
     pub fn poll_timeout(&self) -> Option<Instant> {
         if !self.up || self.asked.is_some() {
             return None;
         }
         let look = if let Room::Full { until } = self.room { Some(until) } else { None };
-        let sync = self.unsynced.map(|oldest| oldest + SYNC_BY);
+        let sync = self.unsynced.map(|oldest| oldest + SYNC_DEADLINE);
         self.held_until.or_else(|| look.into_iter().chain(sync).min())
     }
 
-    /// Whether what was appended must be synchronized now, and nothing waits that could be with it: the chunk that is
-    /// open, if there is one, should be closed.
+    /// True if appended data must be synchronized now and no piece waits that could include it: the open chunk, if any,
+    /// should be closed.
     pub fn sync_is_due(&self, now: Instant) -> bool {
-        let due = self.unsynced.is_some_and(|oldest| oldest + SYNC_BY <= now);
+        let due = self.unsynced.is_some_and(|oldest| oldest + SYNC_DEADLINE <= now);
         due && self.up && self.asked.is_none() && self.jobs.is_empty() && self.held_until.is_none()
     }
 
-    /// What is to be asked now, if anything.
+    /// Next request, if any.
     pub fn poll_request(&mut self, now: Instant) -> Option<Request> {
         if !self.up || self.asked.is_some() {
             return None;
         }
         let asked = self.next(now)?;
         let request = match &asked {
-            Asked::Job(Job::Create { name, .. }, _) => Request::Create { name: name.clone() },
-            Asked::Job(Job::Append(piece), sync) => Request::Append { bytes: piece.bytes.clone(), sync: *sync },
-            Asked::Sync => Request::Append { bytes: Arc::default(), sync: true },
-            Asked::List => Request::List,
-            Asked::Remove(name) => Request::Remove { name: name.clone() },
+            Pending::Job(Job::Create { name, .. }, _) => Request::Create { name: name.clone() },
+            Pending::Job(Job::Append(piece), sync) => Request::Append { bytes: piece.bytes.clone(), sync: *sync },
+            Pending::Sync => Request::Append { bytes: Arc::default(), sync: true },
+            Pending::List => Request::List,
+            Pending::Remove(name) => Request::Remove { name: name.clone() },
         };
         self.asked = Some(asked);
         Some(request)
     }
 
-    fn next(&mut self, now: Instant) -> Option<Asked> {
+    fn next(&mut self, now: Instant) -> Option<Pending> {
         if self.held_until.is_some_and(|until| now < until) {
             return None;
         }
         self.held_until = None;
         match &mut self.room {
-            Room::Look { .. } => return Some(Asked::List),
-            Room::Full { until } if *until <= now => return Some(Asked::List),
+            Room::List { .. } => return Some(Pending::List),
+            Room::Full { until } if *until <= now => return Some(Pending::List),
             Room::Remove { victims, .. } => {
                 if let Some(victim) = victims.pop() {
-                    return Some(Asked::Remove(victim));
+                    return Some(Pending::Remove(victim));
                 }
             }
             Room::Enough | Room::Full { .. } => {}
@@ -299,15 +299,15 @@ impl Disk {
             Some(Job::Append(piece)) => {
                 let oldest = self.unsynced.map_or(piece.oldest, |unsynced| unsynced.min(piece.oldest));
                 let sync = piece.last || oldest + SYNC_AGE <= now;
-                Some(Asked::Job(Job::Append(piece), sync))
+                Some(Pending::Job(Job::Append(piece), sync))
             }
-            Some(job) => Some(Asked::Job(job, false)),
-            None => self.sync_is_due(now).then_some(Asked::Sync),
+            Some(job) => Some(Pending::Job(job, false)),
+            None => self.sync_is_due(now).then_some(Pending::Sync),
         }
     }
 
-    /// Takes the answer to what was asked.
-    pub fn answered(&mut self, now: Instant, answer: &Answer) -> Option<News> {
+    /// Processes the answer to the request in progress.
+    pub fn answered(&mut self, now: Instant, answer: &Answer) -> Option<DiskEvent> {
         let asked = self.asked.take()?;
         match answer {
             Answer::Done { free } => self.done(now, asked, *free),
@@ -316,83 +316,83 @@ impl Disk {
         }
     }
 
-    fn done(&mut self, now: Instant, asked: Asked, free: u64) -> Option<News> {
+    fn done(&mut self, now: Instant, asked: Pending, free: u64) -> Option<DiskEvent> {
         self.free = free;
-        if !matches!(asked, Asked::Remove(_)) {
+        if !matches!(asked, Pending::Remove(_)) {
             self.trouble = None;
             self.refusals = 0;
         }
         let news = match asked {
-            Asked::Job(Job::Create { awaited, .. }, _) => {
+            Pending::Job(Job::Create { awaited, .. }, _) => {
                 self.unsynced = None;
-                awaited.then_some(News::Begun)
+                awaited.then_some(DiskEvent::Created)
             }
-            Asked::Job(Job::Append(piece), sync) => {
+            Pending::Job(Job::Append(piece), sync) => {
                 self.waiting = self.waiting.saturating_sub(piece.bytes.len());
                 let oldest = self.unsynced.map_or(piece.oldest, |unsynced| unsynced.min(piece.oldest));
                 self.unsynced = (!sync).then_some(oldest);
-                Some(News::Wrote(piece.bytes.len() as u64))
+                Some(DiskEvent::Written(piece.bytes.len() as u64))
             }
-            Asked::Sync => {
+            Pending::Sync => {
                 self.unsynced = None;
                 None
             }
-            Asked::Remove(name) => {
+            Pending::Remove(name) => {
                 self.entries.retain(|entry| entry.name != name);
                 return self.removed(now);
             }
-            Asked::List => None,
+            Pending::List => None,
         };
         if self.free < self.keep_free && self.room == Room::Enough {
-            self.room = Room::Look { hard: false };
+            self.room = Room::List { hard: false };
         }
         news
     }
 
-    /// After something was removed, or could not be.
-    fn removed(&mut self, now: Instant) -> Option<News> {
+    /// After an entry was removed or could not be.
+    fn removed(&mut self, now: Instant) -> Option<DiskEvent> {
         let Room::Remove { victims, hard } = &self.room else { return None };
         if !victims.is_empty() {
             return None;
         }
-        // One that is full by its own word is asked again; else what is free now decides.
+        // A disk that reported full is asked again; otherwise the free space decides.
         let full = !hard && self.free < self.keep_free;
-        self.room = if full { Room::Full { until: now + LOOK } } else { Room::Enough };
-        full.then_some(News::Full)
+        self.room = if full { Room::Full { until: now + FULL_CHECK_PERIOD } } else { Room::Enough };
+        full.then_some(DiskEvent::Full)
     }
 
-    fn listed(&mut self, now: Instant, entries: &[Entry], free: u64) -> Option<News> {
+    fn listed(&mut self, now: Instant, entries: &[Entry], free: u64) -> Option<DiskEvent> {
         (self.entries, self.free) = (entries.to_vec(), free);
         let first = !mem::replace(&mut self.known, true);
         if self.jobs.is_empty() {
             self.trouble = None;
         }
-        let hard = self.room == (Room::Look { hard: true });
-        // Who has stopped for want of room goes on only when that lasts a while.
-        let margin = if matches!(self.room, Room::Full { .. }) { self.keep_free / 10 + SPARE } else { 0 };
+        let hard = self.room == (Room::List { hard: true });
+        // After a stop for lack of space, recording continues only with a reserve.
+        let margin = if matches!(self.room, Room::Full { .. }) { self.keep_free / 10 + SPARE_BYTES } else { 0 };
         let wanted = self.keep_free.saturating_add(margin);
         let victims = self.victims(wanted, hard);
         let short = free < wanted || (hard && victims.is_empty());
         self.room = match (victims.is_empty(), short) {
             (false, _) => Room::Remove { victims, hard },
-            (true, true) => Room::Full { until: now + LOOK },
+            (true, true) => Room::Full { until: now + FULL_CHECK_PERIOD },
             (true, false) => Room::Enough,
         };
         match self.room {
-            // What is refused as full with nothing to remove will not be taken.
-            Room::Full { .. } if hard => Some(News::Lost),
-            Room::Full { .. } => Some(News::Full),
-            _ => first.then_some(News::Known),
+            // A write refused as full with nothing to remove will not succeed.
+            Room::Full { .. } if hard => Some(DiskEvent::FileLost),
+            Room::Full { .. } => Some(DiskEvent::Full),
+            _ => first.then_some(DiskEvent::Listed),
         }
     }
 
-    /// Runs that must go, the oldest last.
+    /// Runs to remove, the oldest last.
     fn victims(&self, wanted: u64, hard: bool) -> Vec<String> {
         let mut runs: Vec<&Entry> = self.entries.iter().filter(|entry| names::place(&entry.name).is_some()).collect();
         runs.sort_by_key(|entry| names::place(&entry.name));
         let mut total: u64 = runs.iter().fold(0, |sum, entry| sum.saturating_add(entry.bytes));
-        // Beside the floor what waits must find room, too.
-        let spare = if hard { self.waiting as u64 + SPARE } else { 0 };
+        // The waiting data needs space beyond the limit, too.
+        let spare = if hard { self.waiting as u64 + SPARE_BYTES } else { 0 };
         let (mut free, wanted) = (self.free, wanted.max(spare));
         let mut victims = Vec::new();
         for run in runs.into_iter().filter(|run| !self.kept.contains(&run.name)) {
@@ -408,31 +408,31 @@ impl Disk {
         victims
     }
 
-    fn failed(&mut self, now: Instant, asked: Asked, trouble: &Trouble) -> Option<News> {
-        if let Asked::Remove(name) = asked {
-            // It is not tried for ever.
+    fn failed(&mut self, now: Instant, asked: Pending, trouble: &Trouble) -> Option<DiskEvent> {
+        if let Pending::Remove(name) = asked {
+            // Not attempted again.
             self.kept.insert(name);
             return self.removed(now);
         }
         self.trouble = Some(trouble.clone());
-        self.held_until = Some(now + AGAIN);
-        let awaited = matches!(asked, Asked::Job(Job::Create { awaited: true, .. }, _));
+        self.held_until = Some(now + RETRY_DELAY);
+        let awaited = matches!(asked, Pending::Job(Job::Create { awaited: true, .. }, _));
         match asked {
-            Asked::Job(job, _) if !awaited => self.jobs.push_front(job),
-            Asked::List => return None,
+            Pending::Job(job, _) if !awaited => self.jobs.push_front(job),
+            Pending::List => return None,
             _ => {}
         }
         match trouble {
             Trouble::Full => {
                 self.held_until = None;
-                self.room = Room::Look { hard: true };
-                awaited.then_some(News::NotBegun)
+                self.room = Room::List { hard: true };
+                awaited.then_some(DiskEvent::NotCreated)
             }
-            _ if awaited => Some(News::NotBegun),
+            _ if awaited => Some(DiskEvent::NotCreated),
             Trouble::ReadOnly => None,
             Trouble::Other(_) => {
                 self.refusals += 1;
-                (self.refusals >= REFUSALS_MAX).then_some(News::Lost)
+                (self.refusals >= REFUSALS_MAX).then_some(DiskEvent::FileLost)
             }
         }
     }

@@ -1,4 +1,4 @@
-//! One MCAP file, made in memory and taken out piece by piece: each piece ends with a whole chunk.
+//! MCAP file, built in memory and taken out in pieces: each piece ends with a whole chunk.
 
 use crate::config::{Compression, Config};
 use crate::ros::{Kind, TOPICS_MAX, Topic};
@@ -11,66 +11,66 @@ use std::collections::BTreeMap;
 use std::io;
 use std::rc::Rc;
 
-/// A chunk is closed when it has this many bytes.
+/// Size at which a chunk is closed, bytes.
 pub const CHUNK_BYTES: u64 = 256 << 10;
-/// Channels of the bus in a file; messages of others are dropped.
+/// Maximum number of bus channels in a file; messages on others are dropped.
 pub const CHANNELS_MAX: usize = 4096;
-/// Channels that a file has in all forms and types.
+/// Maximum number of MCAP channels in a file, over all encodings and types.
 const IDS_MAX: usize = TOPICS_MAX + 2 * CHANNELS_MAX;
-/// Places of channels in chunks that the index of a file may have; in memory each takes some 25 bytes.
-const INDEX_MAX: u64 = 250_000;
-/// Notes and marks in a file: its index has them all.
+/// Maximum number of channel entries in a file's chunk indexes; each takes about 25 bytes of memory.
+const INDEX_ENTRIES_MAX: u64 = 250_000;
+/// Maximum number of notes and marks in a file, as its index holds them all.
 const NOTES_MAX: u32 = 10_000;
-/// The writer keeps room for the largest chunk that it had: after one as large as this a file ends.
-const LARGE: u64 = 16 << 20;
-/// A record of a message has this many bytes beside the message.
-const RECORD: u64 = 31;
+/// Chunk size after which a file ends, bytes: the writer keeps a buffer for its largest chunk.
+const LARGE_CHUNK_BYTES: u64 = 16 << 20;
+/// Size of a message record beyond the message itself, bytes.
+const RECORD_OVERHEAD_BYTES: u64 = 31;
 
-/// What stands at the beginning of a file.
+/// Data at the beginning of a file.
 #[derive(Clone, Copy, Debug)]
-pub struct Beginning<'a> {
-    /// Whose it is, and what it carries.
+pub struct FileHeader<'a> {
+    /// Configuration of the robot, and of the file's content.
     pub config: &'a Config,
-    /// The run.
+    /// Name of the run.
     pub run: &'a str,
-    /// Now, on the scale of log times: nanoseconds since the UNIX epoch.
+    /// Current log time, ns since the UNIX epoch.
     pub time: u64,
-    /// The same on the monotonic scale, nanoseconds.
+    /// Current monotonic time, ns.
     pub monotonic: u64,
 }
 
-/// When a message came and was made, and which of a run it is.
+/// Times and sequence number of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Stamp {
-    /// Nanoseconds since the UNIX epoch.
+    /// Reception, ns since the UNIX epoch.
     pub log_time: u64,
-    /// Nanoseconds since the UNIX epoch.
+    /// Publication, ns since the UNIX epoch.
     pub publish_time: u64,
-    /// Counts the messages of a run as they were on the bus.
+    /// Number of the message in the run, in order of the bus.
     pub sequence: u32,
 }
 
-/// What is being written.
+/// File being written.
 pub struct File {
     writer: Writer<NoSeek<Sink>>,
     sink: Sink,
     channels: BTreeMap<Box<str>, Slot>,
-    /// By the number of a topic.
+    /// Channel ids by topic number.
     topics: Vec<Option<u16>>,
     ids: usize,
     notes: u32,
-    /// Bytes that were taken out.
+    /// Bytes taken out.
     taken: u64,
-    /// Bytes of the chunk that is open, before compression, and of the largest so far.
+    /// Uncompressed size of the open chunk, and of the largest so far, bytes.
     chunk: u64,
     largest: u64,
-    /// Of each channel the last chunk that it is in.
+    /// Last chunk of each channel.
     seen: Vec<u64>,
     chunks: u64,
     index: u64,
 }
 
-/// A channel of the bus: the fingerprint that it had last, and its ids by type; none is the one without a type.
+/// Bus channel: its last fingerprint, and its ids by type; `None` is the id without a type.
 #[derive(Debug)]
 struct Slot {
     last: (u64, u16),
@@ -78,12 +78,12 @@ struct Slot {
 }
 
 impl File {
-    /// A file with all that stands before its messages.
+    /// Creates a file with everything that precedes its messages.
     ///
     /// # Errors
-    /// When the format has no room for that.
-    pub fn new(beginning: &Beginning<'_>) -> McapResult<Self> {
-        let Beginning { config, run, time, monotonic } = *beginning;
+    /// The format's limits are exceeded.
+    pub fn new(header: &FileHeader<'_>) -> McapResult<Self> {
+        let FileHeader { config, run, time, monotonic } = *header;
         let sink = Sink::default();
         let options = options(config).profile("ros2").library(format!("advee {}", config.version));
         let mut writer = options.create(NoSeek::new(sink.clone()))?;
@@ -122,10 +122,10 @@ impl File {
         })
     }
 
-    /// Writes a message of the bus as it is, of this type if anybody knows that.
+    /// Writes a bus message unchanged, with its type if known.
     ///
     /// # Errors
-    /// When the file has no room for its channel.
+    /// The file has no free channel.
     pub fn raw(&mut self, channel: &str, kind: Option<&Kind>, data: &[u8], stamp: Stamp) -> McapResult<()> {
         let fingerprint = data.first_chunk().map_or(0, |bytes| u64::from_be_bytes(*bytes));
         let id = match self.channels.get(channel) {
@@ -135,7 +135,7 @@ impl File {
         self.message(id, data, stamp)
     }
 
-    /// The id of a channel on which something of another type is said than before.
+    /// Id of a channel whose message type has changed.
     fn channel(&mut self, channel: &str, kind: Option<&Kind>, fingerprint: u64) -> McapResult<u16> {
         let key = kind.map(|_| fingerprint);
         let known = self.channels.get_mut(channel).and_then(|slot| {
@@ -167,10 +167,10 @@ impl File {
         if self.ids < IDS_MAX { Ok(()) } else { Err(McapError::TooManyChannels) }
     }
 
-    /// Writes a message as ROS 2 has it.
+    /// Writes a message in its ROS 2 form.
     ///
     /// # Errors
-    /// When the file has no room for its topic.
+    /// The file has no free channel.
     pub fn ros(&mut self, topic: &Topic, data: &[u8], stamp: Stamp) -> McapResult<()> {
         let place = usize::from(topic.id);
         if self.topics.len() <= place {
@@ -193,7 +193,7 @@ impl File {
     fn message(&mut self, channel_id: u16, data: &[u8], stamp: Stamp) -> McapResult<()> {
         let Stamp { log_time, publish_time, sequence } = stamp;
         self.writer.write_to_known_channel(&MessageHeader { channel_id, sequence, log_time, publish_time }, data)?;
-        self.chunk += data.len() as u64 + RECORD;
+        self.chunk += data.len() as u64 + RECORD_OVERHEAD_BYTES;
         let place = usize::from(channel_id);
         if self.seen.len() <= place {
             self.seen.resize(place + 1, 0);
@@ -205,28 +205,28 @@ impl File {
         Ok(())
     }
 
-    /// Puts a note into the metadata; what would be one too many is left out.
+    /// Adds a note to the metadata; beyond the maximum number it is left out.
     ///
     /// # Errors
-    /// None in practice: the file is in memory.
+    /// Not expected: the file is in memory.
     pub fn note<const N: usize>(&mut self, name: &str, entries: [(&str, String); N]) -> McapResult<()> {
         if self.notes < NOTES_MAX {
             self.notes += 1;
-            // The writer ends the chunk for it.
+            // The writer closes the chunk for it.
             self.end_chunk();
             self.writer.write_metadata(&metadata(name, entries))?;
         }
         Ok(())
     }
 
-    /// Whether the chunk that is open is long enough.
+    /// True if the open chunk has reached its size.
     pub fn chunk_is_full(&self) -> bool {
         self.chunk >= CHUNK_BYTES
     }
 
-    /// Whether this file is long enough.
+    /// True if the file has reached its size.
     pub fn is_full(&self, max_bytes: u64) -> bool {
-        self.taken >= max_bytes || self.index >= INDEX_MAX || self.largest >= LARGE
+        self.taken >= max_bytes || self.index >= INDEX_ENTRIES_MAX || self.largest >= LARGE_CHUNK_BYTES
     }
 
     fn end_chunk(&mut self) {
@@ -235,10 +235,10 @@ impl File {
         self.chunk = 0;
     }
 
-    /// Ends the chunk, and takes what was not taken yet.
+    /// Closes the chunk and takes the bytes not taken yet.
     ///
     /// # Errors
-    /// None in practice: the file is in memory.
+    /// Not expected: the file is in memory.
     pub fn take(&mut self) -> McapResult<Vec<u8>> {
         self.end_chunk();
         self.writer.flush()?;
@@ -247,10 +247,10 @@ impl File {
         Ok(bytes)
     }
 
-    /// Ends the file with its summary, and takes the rest.
+    /// Ends the file with its summary and takes the remaining bytes.
     ///
     /// # Errors
-    /// None in practice: the file is in memory.
+    /// Not expected: the file is in memory.
     pub fn finish(mut self) -> McapResult<Vec<u8>> {
         self.writer.finish()?;
         Ok(self.sink.take())
@@ -263,7 +263,7 @@ fn options(config: &Config) -> WriteOptions {
         Compression::Lz4 => Some(mcap::Compression::Lz4),
         Compression::Zstd => Some(mcap::Compression::Zstd),
     };
-    // Threads are the host's alone.
+    // Only the host starts threads.
     let options = WriteOptions::new().compression(compression).compression_threads(0).compression_level(1);
     options.chunk_size(Some(2 * CHUNK_BYTES)).disable_seeking(true)
 }
@@ -273,7 +273,7 @@ fn metadata<const N: usize>(name: &str, entries: [(&str, String); N]) -> Metadat
     Metadata { name: name.into(), metadata }
 }
 
-/// What the writer has written and nobody has taken yet.
+/// Bytes written by the writer and not taken yet.
 #[derive(Clone, Debug, Default)]
 struct Sink(Rc<RefCell<Vec<u8>>>);
 
@@ -294,12 +294,12 @@ impl io::Write for Sink {
     }
 }
 
-/// The text of a raw channel's type, as its channel carries it. It is no schema: readers for ROS 2 alone, `rosbags` among them,
-/// refuse a file with a schema in a language that they do not know.
+/// Text of a raw channel's type, as its channel's metadata contains it. Not a schema: readers for ROS 2 only, such as
+/// `rosbags`, reject a file with a schema in an unknown language.
 #[must_use]
 pub fn types(kind: Option<&Kind>) -> BTreeMap<String, String> {
     kind.map(|kind| (TYPES.into(), kind.lcm.to_string())).into_iter().collect()
 }
 
-/// Under this name.
+/// Key of the type's text in a channel's metadata.
 pub const TYPES: &str = "lcm";

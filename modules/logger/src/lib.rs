@@ -1,6 +1,6 @@
-//! Logs of a run: MCAP files in which each message of the bus stands as it was and as ROS 2 has it (`docs/logs.md`).
+//! Logs of a run: MCAP files that contain each bus message unchanged and in its ROS 2 form (`docs/logs.md`).
 //!
-//! [`Logger`] is the module that writes them. Works on any reader and writer; opens nothing, knows no clock.
+//! [`Logger`] is the module that writes them. Works on any reader and writer; opens no file and reads no clock.
 #![forbid(unsafe_code)]
 
 mod config;

@@ -1,17 +1,17 @@
-//! The module: overhears the bus, and writes what it hears.
+//! Logger module: records all bus messages.
 //!
-//! Takes    everything that is said; `CM_CMD_LOG` begins and ends recording and puts marks in
-//! Gives    MCAP through the port of the folder of logs; `CM_DATA_LOG` each second and on change
-//! Silence  while nothing is recorded, wanted or not, the last seconds are kept: they come first in what is then written
-//! Trouble  a disk that is slow, full, read-only or gone costs messages, which are counted, and nothing else: faults
-//!          `LogLost` and `LogRefused`; it is tried again
-//! States   in STOP the file is closed and nothing recorded; in PAUSE it goes on
+//! Input    all messages; `CM_CMD_LOG` starts and stops recording and adds marks
+//! Output   MCAP through the port of the log folder; `CM_DATA_LOG` each second and on change
+//! Silence  without recording, wanted or not, the last seconds are kept and written first when recording starts
+//! Trouble  a disk that is slow, full, read-only or missing costs messages, which are counted, and nothing else: faults
+//!          `LogLost` and `LogRefused`; writing is retried
+//! States   in STOP the file is closed and nothing is recorded; in PAUSE recording continues
 //! Memory   `pretrigger_bytes` and `buffer_bytes`, a chunk of 256 KiB, the compressor's window, 6 MB of index; and five
-//!          times the largest message while that is on its way
+//!          times the largest message while it is processed
 
 use crate::config::Config;
-use crate::disk::{Disk, News};
-use crate::file::{Beginning, File, Stamp};
+use crate::disk::{Disk, DiskEvent};
+use crate::file::{File, FileHeader, Stamp};
 use crate::names;
 use crate::ring::Ring;
 use crate::ros::Translator;
@@ -22,22 +22,22 @@ use messages::common::{CmdLog, DataLog};
 use messages::{Channel, Message};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "logger";
 const PORT: PortId = PortId(0);
 const PERIOD: Duration = Duration::from_secs(1);
-/// A chunk is closed this long after its first message was heard.
-const CHUNK_FOR: Duration = Duration::from_millis(200);
-/// That messages are lost is over when none was for so long.
-const LOSSES_OVER: Duration = Duration::from_secs(5);
-/// Marks that wait for a recording to begin, and bytes of each one's text.
+/// Time after its first message at which a chunk is closed.
+const CHUNK_AGE_MAX: Duration = Duration::from_millis(200);
+/// Time without losses after which the fault is cleared.
+const LOSSES_CLEAR_AFTER: Duration = Duration::from_secs(5);
+/// Maximum number of marks waiting for a recording, and maximum length of a mark's text, bytes.
 const MARKS_MAX: usize = 64;
 const MARK_BYTES: usize = 4096;
 
 base::deadlines! {
-    /// What the logger waits for; what the disk waits for is in [`Disk`].
+    /// Deadlines of the logger; those of the disk are in [`Disk`].
     enum Timer {
-        /// The open chunk is closed: [`CHUNK_FOR`] after its oldest message. Set while a chunk is open.
+        /// The open chunk is closed: [`CHUNK_AGE_MAX`] after its oldest message. Set while a chunk is open.
         Chunk,
         /// The loss of messages is over. Set while it is reported.
         Losses,
@@ -46,36 +46,36 @@ base::deadlines! {
     }
 }
 
-/// The module.
+/// Logger module.
 pub struct Logger {
     config: Config,
     ports: [PortSpec; 1],
     translator: Translator,
     disk: Disk,
     ring: Ring,
-    /// Whether operators want it to record, and whether its state lets it.
+    /// True if operators want recording, and true if the module's state allows it.
     wanted: bool,
     allowed: bool,
     run: Option<Run>,
     file: Option<File>,
     deadlines: Deadlines<Timer>,
-    /// Messages in the open chunk.
+    /// Number of messages in the open chunk.
     chunk_messages: u64,
     marks: Vec<(u64, String)>,
-    /// Messages that are missing in the file, and from which log time on; to be noted in it.
+    /// Messages missing in the file: number, and log time of the first; to be noted in it.
     gap: Option<(u64, u64)>,
-    /// Whether messages are dropped until half of what waits is written.
-    choked: bool,
+    /// True while messages are dropped, until half of the waiting data is written.
+    dropping: bool,
     log_time: u64,
     told: Option<(bool, String)>,
     refused: bool,
 }
 
-/// A run: a folder of files.
+/// Run: a folder of files.
 #[derive(Clone, Debug)]
 struct Run {
     name: String,
-    /// The next file's number.
+    /// Number of the next file.
     next: u32,
     sequence: u32,
     bytes: u64,
@@ -83,7 +83,7 @@ struct Run {
 }
 
 impl Logger {
-    /// A module that has not started; `translator` makes of messages what ROS 2 has for them.
+    /// Creates the module; `translator` converts messages to their ROS 2 form.
     #[must_use]
     pub fn new(config: Config, translator: Translator) -> Self {
         Self {
@@ -99,7 +99,7 @@ impl Logger {
             chunk_messages: 0,
             marks: Vec::new(),
             gap: None,
-            choked: false,
+            dropping: false,
             log_time: 0,
             told: None,
             refused: false,
@@ -107,31 +107,32 @@ impl Logger {
         }
     }
 
-    /// The log time of a message: never before that of the last.
+    /// Log time of a message: never before that of the previous one.
     fn next_time(&mut self, epoch: Epoch, at: Instant) -> u64 {
         self.log_time = self.log_time.max(unix(epoch, at));
         self.log_time
     }
 
-    fn on_heard(&mut self, now: Instant, at: Instant, channel: &str, data: &[u8], out: &mut Actions) {
+    fn on_raw_message(&mut self, now: Instant, at: Instant, channel: &str, data: &[u8], out: &mut Actions) {
         if self.file.is_none() {
             let gone = self.ring.push(at, channel, data);
             if gone > 0 && self.wanted && self.allowed {
-                self.lose(now, unix(out.epoch(), at), gone, out);
+                self.count_lost(now, unix(out.epoch(), at), gone, out);
             }
             return;
         }
         let waiting = self.disk.waiting();
-        self.choked = waiting >= self.config.buffer_bytes || (self.choked && waiting >= self.config.buffer_bytes / 2);
-        if self.choked {
-            self.lose(now, unix(out.epoch(), at), 1, out);
+        self.dropping =
+            waiting >= self.config.buffer_bytes || (self.dropping && waiting >= self.config.buffer_bytes / 2);
+        if self.dropping {
+            self.count_lost(now, unix(out.epoch(), at), 1, out);
         } else {
             self.record(now, at, channel, data, out);
         }
     }
 
-    /// Messages are lost; `time` is when the first of them was heard.
-    fn lose(&mut self, now: Instant, time: u64, messages: u64, out: &mut Actions) {
+    /// Counts lost messages; `time` is the log time of the first.
+    fn count_lost(&mut self, now: Instant, time: u64, messages: u64, out: &mut Actions) {
         if messages == 0 {
             return;
         }
@@ -140,26 +141,26 @@ impl Logger {
             run.dropped += messages;
         }
         let first = !self.deadlines.is_set(Timer::Losses);
-        self.deadlines.set(Timer::Losses, now + LOSSES_OVER);
+        self.deadlines.set(Timer::Losses, now + LOSSES_CLEAR_AFTER);
         if first {
-            let why = "messages are lost: the disk takes them too slowly, or not at all";
+            let why = "messages are lost: the disk is too slow, or accepts no data";
             out.raise(Severity::Warning, Fault::LogLost, "log", why);
         }
     }
 
-    /// Messages that were lost and are not noted.
+    /// Number of lost messages that are not noted yet.
     fn missing(&self) -> u64 {
         self.gap.map_or(0, |(messages, _)| messages)
     }
 
-    /// Writes a message into the file, which there is.
+    /// Writes a message to the open file.
     fn record(&mut self, now: Instant, at: Instant, channel: &str, data: &[u8], out: &mut Actions) {
         let log_time = self.next_time(out.epoch(), at);
         if let (Some(file), Some((messages, since))) = (&mut self.file, self.gap.take()) {
             let entries =
                 [("messages", messages.to_string()), ("since", since.to_string()), ("until", log_time.to_string())];
             let noted = file.note("gap", entries);
-            self.broken(noted, out);
+            self.on_format_error(noted, out);
         }
         let (Some(file), Some(run)) = (&mut self.file, &mut self.run) else { return };
         let kind = self.translator.kind(channel, data);
@@ -170,14 +171,14 @@ impl Logger {
             Ok(()) => run.sequence = run.sequence.wrapping_add(1),
             Err(McapError::TooManyChannels) => {
                 run.dropped += 1;
-                let why = "more channels than a log holds: messages of further ones are left out";
+                let why = "more channels than a log can hold: messages on further ones are left out";
                 out.raise(Severity::Warning, Fault::LogCrowded, "log", why);
                 return;
             }
-            Err(error) => return self.broken(Err(error), out),
+            Err(error) => return self.on_format_error(Err(error), out),
         }
         let mut written = Ok(());
-        // What has no form in ROS 2 is kept as it is, and so is what finds no room in another form.
+        // A message without a ROS 2 form, or without room for it, is still recorded unchanged.
         let _ = self.translator.translate(channel, data, &mut |topic, cdr| match file.ros(topic, cdr, stamp) {
             Ok(()) | Err(McapError::TooManyChannels) => {}
             Err(error) => written = Err(error),
@@ -185,7 +186,7 @@ impl Logger {
         let full = file.chunk_is_full();
         self.open_chunk(at);
         self.chunk_messages += 1;
-        self.broken(written, out);
+        self.on_format_error(written, out);
         if full {
             self.cut(now, out);
         }
@@ -194,11 +195,11 @@ impl Logger {
     /// Opens a chunk whose oldest message was received at `at`, unless one is open.
     fn open_chunk(&mut self, at: Instant) {
         if !self.deadlines.is_set(Timer::Chunk) {
-            self.deadlines.set(Timer::Chunk, at + CHUNK_FOR);
+            self.deadlines.set(Timer::Chunk, at + CHUNK_AGE_MAX);
         }
     }
 
-    /// Ends the chunk and hands it to the disk; begins the next file where this one is long enough.
+    /// Closes the chunk and hands it to the disk; begins the next file if this one has reached its size.
     fn cut(&mut self, now: Instant, out: &mut Actions) {
         let Some(file) = &mut self.file else { return };
         let taken = file.take();
@@ -211,17 +212,17 @@ impl Logger {
     }
 
     fn hand_over(&mut self, now: Instant, taken: McapResult<Vec<u8>>, out: &mut Actions) {
-        let oldest = self.deadlines.get(Timer::Chunk).map_or(now, |due| due - CHUNK_FOR);
+        let oldest = self.deadlines.get(Timer::Chunk).map_or(now, |due| due - CHUNK_AGE_MAX);
         self.deadlines.clear(Timer::Chunk);
         let messages = std::mem::take(&mut self.chunk_messages);
         match taken {
             Ok(bytes) => self.disk.append(bytes, oldest, messages),
-            Err(error) => self.broken(Err(error), out),
+            Err(error) => self.on_format_error(Err(error), out),
         }
     }
 
-    /// The format refuses what no format should: the file is given up.
-    fn broken(&mut self, result: McapResult<()>, out: &mut Actions) {
+    /// Gives the file up after an unexpected error of the format.
+    fn on_format_error(&mut self, result: McapResult<()>, out: &mut Actions) {
         if let Err(error) = result {
             out.note(format!("the file is given up: {error}"));
             self.file = None;
@@ -240,10 +241,10 @@ impl Logger {
     fn end(&mut self, now: Instant, out: &mut Actions) {
         self.finish(now, out);
         self.run = None;
-        self.choked = false;
+        self.dropping = false;
     }
 
-    /// Begins a file of the run, or of a new one. One that is awaited is opened when it is there.
+    /// Begins a file of the run, or of a new one. An awaited file is opened once it exists.
     fn begin_file(&mut self, now: Instant, awaited: bool, out: &mut Actions) {
         if self.run.is_none() {
             let second = unix(out.epoch(), now) / 1_000_000_000;
@@ -260,20 +261,20 @@ impl Logger {
         }
     }
 
-    /// Opens the file that was begun.
+    /// Opens the created file.
     fn open(&mut self, now: Instant, out: &mut Actions) {
         let time = unix(out.epoch(), now);
         let Some(run) = &self.run else { return };
-        let beginning = Beginning { config: &self.config, run: &run.name, time, monotonic: now.as_nanos() };
-        match File::new(&beginning) {
+        let header = FileHeader { config: &self.config, run: &run.name, time, monotonic: now.as_nanos() };
+        match File::new(&header) {
             Ok(file) => self.file = Some(file),
-            Err(error) => self.broken(Err(error), out),
+            Err(error) => self.on_format_error(Err(error), out),
         }
-        // What stands before the first message is worth a place on the disk at once.
-        self.deadlines.set(Timer::Chunk, now + CHUNK_FOR);
+        // The data before the first message is written to the disk at once.
+        self.deadlines.set(Timer::Chunk, now + CHUNK_AGE_MAX);
     }
 
-    /// The file that was waited for is there: it begins with what was heard last.
+    /// The awaited file exists: it begins with the messages kept in the ring.
     fn on_begun(&mut self, now: Instant, out: &mut Actions) {
         if !(self.wanted && self.allowed) {
             self.run = None;
@@ -284,7 +285,7 @@ impl Logger {
         let (heard, dropped) = self.ring.take(now);
         let first = heard.front().map_or(now, |heard| heard.at);
         if self.gap.is_some() {
-            self.lose(now, unix(out.epoch(), first), dropped, out);
+            self.count_lost(now, unix(out.epoch(), first), dropped, out);
         }
         for heard in heard {
             self.record(now, heard.at, &heard.channel, &heard.data, out);
@@ -314,40 +315,40 @@ impl Logger {
                 }
             }
             _ => {
-                let why = format!("CM_CMD_LOG: {} is no action", command.action);
+                let why = format!("CM_CMD_LOG: {} is not an action", command.action);
                 out.report(Severity::Warning, Fault::CommandForbidden, "log", why);
             }
         }
     }
 
-    /// Notes a mark. As a message it is in the file already.
+    /// Notes a mark. As a message it is already in the file.
     fn mark(&mut self, now: Instant, time: u64, text: &str, out: &mut Actions) {
         if let Some(file) = &mut self.file {
             let marked = file.note("mark", [("time", time.to_string()), ("text", text.to_owned())]);
             self.open_chunk(now);
-            self.broken(marked, out);
+            self.on_format_error(marked, out);
         }
     }
 
     fn on_answer(&mut self, now: Instant, answer: &Answer, out: &mut Actions) {
         match self.disk.answered(now, answer) {
-            Some(News::Begun) => self.on_begun(now, out),
-            // A run that has a file keeps its name. One that has none gets another: where others have made the folder, an
-            // earlier life of ours may have been.
-            Some(News::NotBegun) => self.run = self.run.take().filter(|run| run.next > 1),
-            Some(News::Wrote(bytes)) => {
+            Some(DiskEvent::Created) => self.on_begun(now, out),
+            // A run with a file keeps its name. A run without one gets another name: a folder made by others may be
+            // that of an earlier instance of this module.
+            Some(DiskEvent::NotCreated) => self.run = self.run.take().filter(|run| run.next > 1),
+            Some(DiskEvent::Written(bytes)) => {
                 if let Some(run) = &mut self.run {
                     run.bytes += bytes;
                 }
             }
-            Some(News::Lost) => self.give_up(now, out),
-            Some(News::Full) => self.finish(now, out),
-            Some(News::Known) | None => {}
+            Some(DiskEvent::FileLost) => self.abandon_file(now, out),
+            Some(DiskEvent::Full) => self.finish(now, out),
+            Some(DiskEvent::Listed) | None => {}
         }
     }
 
-    /// What waits for the disk will not come there.
-    fn give_up(&mut self, now: Instant, out: &mut Actions) {
+    /// Discards the data waiting for the disk.
+    fn abandon_file(&mut self, now: Instant, out: &mut Actions) {
         let lost = self.disk.abandon();
         self.forget(now, lost, out);
     }
@@ -357,11 +358,11 @@ impl Logger {
         self.deadlines.clear(Timer::Chunk);
         let lost = lost + std::mem::take(&mut self.chunk_messages);
         let time = self.log_time;
-        self.lose(now, time, lost, out);
+        self.count_lost(now, time, lost, out);
     }
 
-    /// Does what is due.
-    fn go_on(&mut self, now: Instant, out: &mut Actions) {
+    /// Does the work that is due.
+    fn run_due(&mut self, now: Instant, out: &mut Actions) {
         let sync = self.deadlines.is_set(Timer::Chunk) && self.disk.sync_is_due(now);
         if self.deadlines.is_due(Timer::Chunk, now) || sync {
             self.cut(now, out);
@@ -371,8 +372,8 @@ impl Logger {
             self.begin_file(now, true, out);
             self.ask(now, out);
         }
-        self.judge(now, out);
-        self.tell(now, out);
+        self.update_faults(now, out);
+        self.publish_status(now, out);
     }
 
     fn ask(&mut self, now: Instant, out: &mut Actions) {
@@ -381,10 +382,10 @@ impl Logger {
         }
     }
 
-    /// Faults begin and end.
-    fn judge(&mut self, now: Instant, out: &mut Actions) {
+    /// Raises and clears faults.
+    fn update_faults(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Losses, now) {
-            let why = format!("no message lost for {} s", LOSSES_OVER.as_secs());
+            let why = format!("no message lost for {} s", LOSSES_CLEAR_AFTER.as_secs());
             out.clear(Fault::LogLost, "log", why);
         }
         match (self.disk.trouble(), self.refused) {
@@ -395,7 +396,7 @@ impl Logger {
                 self.refused = true;
             }
             (None, true) => {
-                out.clear(Fault::LogRefused, "log", "the disk takes what is recorded");
+                out.clear(Fault::LogRefused, "log", "the disk accepts data again");
                 out.working();
                 self.refused = false;
             }
@@ -403,7 +404,7 @@ impl Logger {
         }
     }
 
-    fn tell(&mut self, now: Instant, out: &mut Actions) {
+    fn publish_status(&mut self, now: Instant, out: &mut Actions) {
         let name = self.run.as_ref().map_or("", |run| &*run.name);
         let changed =
             self.told.as_ref().is_none_or(|(recording, run)| *recording != self.file.is_some() || run != name);
@@ -426,12 +427,12 @@ impl Logger {
     fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) {
         match input {
             Input::Up => {
-                out.clear(Fault::PortDown, self.config.bus.as_str(), "the folder of logs is there");
+                out.clear(Fault::PortDown, self.config.bus.as_str(), "the log folder is available");
                 self.disk.up();
                 out.working();
             }
             Input::Down(why) => {
-                let message = format!("the folder of logs is not there: {why}; tried again");
+                let message = format!("the log folder is not available: {why}; tried again");
                 out.raise(Severity::Error, Fault::PortDown, self.config.bus.as_str(), message);
                 let lost = self.disk.down();
                 self.forget(now, lost, out);
@@ -450,12 +451,12 @@ impl Logger {
     }
 }
 
-/// A moment in nanoseconds since the UNIX epoch.
+/// Instant in nanoseconds since the UNIX epoch.
 fn unix(epoch: Epoch, at: Instant) -> u64 {
     u64::try_from(i128::from(epoch.offset_us) * 1000 + i128::from(at.as_nanos())).unwrap_or(0)
 }
 
-/// The beginning of a mark's text that is kept.
+/// Beginning of a mark's text, within the maximum length.
 fn shortened(text: &str) -> &str {
     let mut end = text.len().min(MARK_BYTES);
     while !text.is_char_boundary(end) {
@@ -480,13 +481,13 @@ impl Module for Logger {
     fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         match event {
             Event::Start => self.deadlines.set(Timer::Publish, now),
-            Event::Heard { at, channel, data } => self.on_heard(now, at, channel, data, out),
+            Event::Heard { at, channel, data } => self.on_raw_message(now, at, channel, data, out),
             Event::Message { at, message: Message::CmCmdLog(command) } => self.on_command(now, at, command, out),
             Event::Port { input, .. } => self.on_port(now, &input, out),
             Event::State(state) => self.on_state(now, state, out),
             Event::Message { .. } | Event::Timer | Event::Process(_) => {}
         }
-        self.go_on(now, out);
+        self.run_due(now, out);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {

@@ -1,13 +1,13 @@
 //! Names of runs and of their files.
 
-/// Seconds of the last name that has four digits for its year: 9999-12-31 23:59:59.
+/// Last second whose year has four digits: 9999-12-31 23:59:59.
 const LAST: u64 = 253_402_300_799;
 
-/// The name of a run that begins in this second since the UNIX epoch: `YYYY_MM_DD_HH_MM_SS`, in UTC.
+/// Name of a run that begins in this second since the UNIX epoch: `YYYY_MM_DD_HH_MM_SS`, in UTC.
 pub fn run(second: u64) -> String {
     let second = second.min(LAST);
     let (days, time) = (second / 86_400, second % 86_400);
-    // The calendar in years that begin with March, so that the leap day comes last; eras of 400 years repeat.
+    // Calendar with years that begin in March, so that the leap day comes last; eras of 400 years repeat.
     let days = days + 719_468;
     let (era, day) = (days / 146_097, days % 146_097);
     let year = (day - day / 1_460 + day / 36_524 - day / 146_096) / 365;
@@ -19,18 +19,18 @@ pub fn run(second: u64) -> String {
     format!("{year:04}_{month:02}_{day:02}_{hour:02}_{minute:02}_{second:02}")
 }
 
-/// The same, or with `_2`, `_3` … where there is one of that name.
+/// Name of a run that is not taken yet, with `_2`, `_3`, … if necessary.
 pub fn free_run(second: u64, taken: impl Fn(&str) -> bool) -> String {
     let name = run(second);
     if !taken(&name) {
         return name;
     }
     let mut further = (2_u64..).map(|number| format!("{name}_{number}"));
-    // There are as many as there are numbers.
+    // There is always a free number.
     further.find(|name| !taken(name)).unwrap_or(name)
 }
 
-/// Where a run stands among others, if that is the name of one: its second, and which of that second's it is.
+/// Order of a run among others: its second and its number within it; `None` if the name is not that of a run.
 pub fn place(name: &str) -> Option<(&str, u64)> {
     let (second, behind) = name.split_at_checked(19)?;
     let pattern = |(place, byte): (usize, u8)| match place {
@@ -49,7 +49,7 @@ pub fn place(name: &str) -> Option<(&str, u64)> {
     }
 }
 
-/// The file of a run with this number.
+/// File of a run with this number.
 pub fn file(run: &str, number: u32) -> String {
     format!("{run}/log_{number:03}.mcap")
 }
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_are_told_from_what_else_is_there_and_stand_in_order() {
+    fn runs_are_distinguished_from_other_entries_and_ordered() {
         let mut names = ["2026_11_22_09_24_06_10", "2026_11_22_09_24_06", "2026_11_22_09_24_06_2"];
         names.sort_by_key(|name| place(name));
         assert_eq!(names, ["2026_11_22_09_24_06", "2026_11_22_09_24_06_2", "2026_11_22_09_24_06_10"]);

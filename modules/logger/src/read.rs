@@ -1,8 +1,8 @@
-//! Reading MCAP files: ours, cut or damaged ones, and those of others.
+//! Reader for MCAP files: of this logger and of others, truncated or damaged.
 //!
-//! [`Index`] says what is in a file, from its summary where that holds, else by going through all of it.
-//! [`Messages`] gives the messages of one or several files in order of time, holding as many chunks as overlap.
-//! What is wrong in a file is skipped, counted and told: only the reader's own failure is an error.
+//! [`Index`] lists the content of a file, from its summary if that is intact, else by a scan. [`Messages`] returns the
+//! messages of one or several files in order of time; it holds as many chunks as overlap. Damage is skipped, counted
+//! and reported: only a failure of the underlying reader is an error.
 //!
 //! Source: MCAP format specification, version 0. Chunks without compression, with zstd and with lz4.
 
@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 pub const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 /// Bytes of a record before its content: opcode and length.
 pub(crate) const HEAD: u64 = 9;
-/// Longest record, and longest content of a chunk, that is taken for one: two forms of the longest LCM message.
+/// Longest plausible record, and longest content of a chunk: two forms of the longest LCM message.
 pub const RECORD_MAX: u64 = 1 << 30;
 
 pub(crate) mod op {
@@ -44,92 +44,92 @@ pub(crate) mod op {
     pub const METADATA_INDEX: u8 = 0x0D;
     pub const SUMMARY_OFFSET: u8 = 0x0E;
     pub const DATA_END: u8 = 0x0F;
-    /// From here on records are anybody's.
+    /// First opcode of private records.
     pub const PRIVATE: u8 = 0x80;
 }
 
-/// A message type.
+/// Message type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Schema {
-    /// `lowlevel.data_odo_t`, `sensor_msgs/msg/Range`.
+    /// Name, such as `lowlevel.data_odo_t` or `sensor_msgs/msg/Range`.
     pub name: String,
-    /// How `data` says it: `lcm`, `ros2msg`, `jsonschema`, …
+    /// Language of `data`: `lcm`, `ros2msg`, `jsonschema`, …
     pub encoding: String,
-    /// The definition.
+    /// Definition.
     pub data: Vec<u8>,
 }
 
 impl Schema {
-    /// Stands for a type whose definition is lost.
+    /// Placeholder for a type whose definition is lost.
     #[must_use]
     pub fn lost(id: u16) -> Self {
         Self { name: format!("lost_{id}"), encoding: String::new(), data: Vec::new() }
     }
 }
 
-/// A channel of messages of one type.
+/// Channel of messages of one type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Channel {
-    /// Of its [`Schema`]; 0: none.
+    /// Id of its [`Schema`]; 0 without one.
     pub schema_id: u16,
-    /// Its name.
+    /// Name.
     pub topic: String,
-    /// How messages are encoded: `lcm`, `cdr`, `json`, …
+    /// Encoding of the messages: `lcm`, `cdr`, `json`, …
     pub encoding: String,
-    /// Anything.
+    /// Additional metadata.
     pub metadata: BTreeMap<String, String>,
 }
 
 impl Channel {
-    /// Stands for a channel whose definition is lost: its messages have no name and no type.
+    /// Placeholder for a channel whose definition is lost: its messages have no name and no type.
     #[must_use]
     pub fn lost(id: u16) -> Self {
         Self { schema_id: 0, topic: format!("lost_{id}"), encoding: String::new(), metadata: BTreeMap::new() }
     }
 }
 
-/// A file in a file.
+/// File attached to a log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attachment {
-    /// Nanoseconds since the epoch.
+    /// Log time, ns since the epoch.
     pub log_time: u64,
-    /// Nanoseconds since the epoch; 0: not known.
+    /// Creation, ns since the epoch; 0 if unknown.
     pub create_time: u64,
-    /// Its name.
+    /// Name of the file.
     pub name: String,
-    /// `text/plain`, …
+    /// Media type: `text/plain`, …
     pub media_type: String,
-    /// Where its record begins, and the whole record's bytes.
+    /// Offset and length of the whole record.
     pub(crate) offset: u64,
     pub(crate) length: u64,
-    /// Where its content begins.
+    /// Offset of the content.
     pub data_offset: u64,
-    /// Bytes of its content.
+    /// Length of the content, bytes.
     pub data_len: u64,
 }
 
-/// Named texts.
+/// Named set of texts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Metadata {
-    /// What they are about.
+    /// Name of the set.
     pub name: String,
-    /// The texts.
+    /// Texts.
     pub values: BTreeMap<String, String>,
     pub(crate) offset: u64,
     pub(crate) length: u64,
 }
 
-/// A message as it stands in a file.
+/// Message as stored in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Message<'a> {
-    /// The number of its channel in this file.
+    /// Number of its channel in this file.
     pub channel: u16,
-    /// Its number; in our logs of all raw messages of the run.
+    /// Sequence number; in logs of this project over all raw messages of the run.
     pub sequence: u32,
-    /// When it was received, ns since the epoch.
+    /// Reception, ns since the epoch.
     pub log_time: u64,
-    /// When it was made, ns since the epoch.
+    /// Publication, ns since the epoch.
     pub publish_time: u64,
-    /// What it says.
+    /// Encoded message.
     pub data: &'a [u8],
 }

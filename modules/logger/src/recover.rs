@@ -1,9 +1,10 @@
-//! Gives a file that was cut off, or damaged, an index again.
+//! Restores the index of a truncated or damaged file.
 //!
-//! [`seal`] adds the index to a file that was only cut off: what is in it stays where it is. [`recover`] writes a new file
-//! with all that is whole in any file: each chunk whose check holds as it stands, attachments, metadata, messages outside
-//! of chunks. What is not whole is counted with its place. Definitions that were lost with a damaged chunk come from the
-//! file's summary, or are stood in for ([`Channel::lost`](crate::read::Channel::lost)), so that every reader opens the file.
+//! [`seal`] adds the index to a file that was only truncated: its content stays in place. [`recover`] writes a new file
+//! with everything intact in any file: each chunk with a right checksum unchanged, attachments, metadata, messages
+//! outside chunks. Damage is counted with its position. Definitions lost with a damaged chunk come from the file's
+//! summary or are replaced by placeholders ([`Channel::lost`](crate::read::Channel::lost)), so that every reader opens
+//! the file.
 
 mod tail;
 
@@ -12,43 +13,43 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use tail::{Out, Summary, message_indexes};
 
-/// How much is copied at once.
-const BLOCK: usize = 1 << 20;
+/// Number of bytes copied at a time.
+const BLOCK_BYTES: usize = 1 << 20;
 
-/// Told how far it is: bytes done, bytes in all.
+/// Callback for the progress: bytes done, bytes in total.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
 
-/// What was kept.
+/// Content of the restored file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
-    /// Whole chunks.
+    /// Number of intact chunks.
     pub chunks: u64,
-    /// Messages, in chunks and outside of them.
+    /// Number of messages, in chunks and outside them.
     pub messages: u64,
-    /// Files in the file.
+    /// Number of attached files.
     pub attachments: u64,
-    /// Named texts.
+    /// Number of metadata records.
     pub metadata: u64,
     /// Bytes of the file that was read.
     pub read: u64,
-    /// Bytes of the file as it is now.
+    /// Bytes of the restored file.
     pub written: u64,
-    /// What was wrong.
+    /// Damage.
     pub damage: Damage,
 }
 
-/// What became of a file in its place.
+/// Result of [`seal`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sealed {
-    /// It has its index; nothing was written.
+    /// The file has its index; nothing was written.
     Whole,
-    /// It has its index now. The caller cuts the file to [`Report::written`] bytes.
+    /// The index was added. The caller truncates the file to [`Report::written`] bytes.
     Sealed(Report),
     /// There is damage inside, which only [`recover`] can leave out; nothing was written.
     Damaged(Damage),
 }
 
-/// Writes all that is whole in `input` to `output`, with an index. Goes through `input` twice.
+/// Writes everything intact in `input` to `output`, with an index. Reads `input` twice.
 ///
 /// # Errors
 /// Reading or writing failed.
@@ -96,10 +97,10 @@ pub fn recover<R: Read + Seek, W: Write>(mut input: R, output: W, progress: Prog
     Ok(report(&copy.summary, size, copy.out.at, index.damage.clone()))
 }
 
-/// Adds its index to a file that was cut off.
+/// Adds the index to a truncated file.
 ///
 /// # Errors
-/// Reading or writing failed. What was in the file before is there still, and it can be tried again.
+/// Reading or writing failed. The previous content of the file is still there; the call can be repeated.
 pub fn seal<F: Read + Write + Seek>(mut file: F, progress: Progress<'_>) -> io::Result<Sealed> {
     if Index::read_summary(&mut file)?.is_some() {
         return Ok(Sealed::Whole);
@@ -115,10 +116,10 @@ pub fn seal<F: Read + Write + Seek>(mut file: F, progress: Progress<'_>) -> io::
             progress(at, size);
         }
     }
-    let Walk { builder, chunks, mut summary, end, well, .. } = walk;
+    let Walk { builder, chunks, mut summary, end, intact, .. } = walk;
     let index = builder.finish();
     let Damage { sealed, lost_channels, lost_types, redefined, .. } = index.damage;
-    if !well || [sealed, lost_channels, lost_types, redefined] != [0; 4] {
+    if !intact || [sealed, lost_channels, lost_types, redefined] != [0; 4] {
         return Ok(Sealed::Damaged(index.damage));
     }
     drop(scanner);
@@ -154,7 +155,7 @@ fn report(summary: &Summary, read: u64, written: u64, damage: Damage) -> Report 
     }
 }
 
-/// Tells the summary of a chunk's messages.
+/// Adds a chunk's messages to the summary.
 fn count(records: &[u8], summary: &mut Summary) {
     let messages = Records::new(records).flatten().filter(|record| record.opcode == op::MESSAGE);
     for message in messages.filter_map(|record| fields::message(record.content)) {
@@ -162,14 +163,14 @@ fn count(records: &[u8], summary: &mut Summary) {
     }
 }
 
-/// Which definitions stand in the new file so far.
+/// Definitions already in the new file.
 #[derive(Default)]
 struct Known {
     schemas: BTreeSet<u16>,
     channels: BTreeSet<u16>,
 }
 
-/// The way from one file into another.
+/// Copy from one file to another.
 struct Copy<'a, W> {
     index: &'a Index,
     out: Out<W>,
@@ -193,12 +194,12 @@ impl<W: Write> Copy<'_, W> {
                 self.out.record(opcode, content)
             }
             op::PRIVATE.. => self.out.record(opcode, content),
-            // Definitions are written before what needs them, the rest anew.
+            // Definitions are written before the records that need them, the others at the end.
             _ => Ok(()),
         }
     }
 
-    /// Writes the chunk as it is; before it what it needs and has not, behind it its message indexes.
+    /// Writes the chunk unchanged, after any missing definitions and before its message indexes.
     fn chunk(&mut self, head: &Head, content: &[u8], records: &[u8]) -> io::Result<()> {
         let mut here = Known::default();
         for record in Records::new(records).flatten() {
@@ -253,9 +254,9 @@ impl<W: Write> Copy<'_, W> {
 
     fn raw<R: Read + Seek>(&mut self, input: &mut R, offset: u64, length: u64) -> io::Result<()> {
         input.seek(SeekFrom::Start(offset))?;
-        let (mut left, mut block) = (length, vec![0; BLOCK]);
+        let (mut left, mut block) = (length, vec![0; BLOCK_BYTES]);
         while left > 0 {
-            let part = usize::try_from(left).unwrap_or(BLOCK).min(BLOCK);
+            let part = usize::try_from(left).unwrap_or(BLOCK_BYTES).min(BLOCK_BYTES);
             input.read_exact(&mut block[..part])?;
             self.out.put(&block[..part])?;
             left -= part as u64;
@@ -264,32 +265,32 @@ impl<W: Write> Copy<'_, W> {
     }
 }
 
-/// A chunk that stays where it is.
+/// Chunk that stays in place.
 struct Kept {
     offset: u64,
     length: u64,
     head: Head,
-    /// Its message indexes as they must be, and where in them each channel's begins; the bytes of the last chunk only.
+    /// Expected message indexes, and the offset of each channel's; the bytes of the last chunk only.
     indexes: Vec<u8>,
     expected: BTreeMap<u16, u64>,
-    /// As they are behind it.
+    /// Offsets of the message indexes found after it.
     found: BTreeMap<u16, u64>,
     found_len: u64,
 }
 
-/// Goes through a file that stays as it is.
+/// Walk over a file whose content stays in place.
 #[derive(Default)]
 struct Walk {
     builder: Builder,
     chunks: Vec<Kept>,
     summary: Summary,
-    /// Where the data ends.
+    /// End of the data.
     end: u64,
-    /// The end of the data was said; what follows is a summary.
+    /// True once the end of the data was reached; a summary follows.
     ended: bool,
-    /// It begins as a file does, and nothing was met that cannot stay.
-    well: bool,
-    /// The last that was met is damage: good at the end only, where a power cut leaves such.
+    /// True if the file begins properly and everything so far can stay.
+    intact: bool,
+    /// True if the last part was damage, which is acceptable only at the end, where a power cut leaves it.
     damaged: bool,
 }
 
@@ -297,14 +298,14 @@ impl Walk {
     fn take(&mut self, found: &Found<'_>) {
         self.builder.take(found);
         if !matches!(found, Found::Damage { .. } | Found::Cut { .. }) {
-            self.well &= !self.damaged;
+            self.intact &= !self.damaged;
         }
         match found {
-            Found::Magic { offset: 0 } => (self.well, self.end) = (true, 8),
-            Found::Magic { .. } => self.well &= self.ended,
+            Found::Magic { offset: 0 } => (self.intact, self.end) = (true, 8),
+            Found::Magic { .. } => self.intact &= self.ended,
             Found::Record { opcode, offset, content } => self.record(*opcode, *offset, content),
             Found::Chunk { offset, head, content, records } => {
-                self.well &= !self.ended;
+                self.intact &= !self.ended;
                 if let Some(before) = self.chunks.last_mut() {
                     before.indexes = Vec::new();
                 }
@@ -316,7 +317,7 @@ impl Walk {
                 count(records, &mut self.summary);
             }
             Found::Attachment(attachment) => {
-                self.well &= !self.ended;
+                self.intact &= !self.ended;
                 self.summary.attachment(attachment.offset, attachment);
                 self.end = attachment.offset + attachment.length;
             }
@@ -335,7 +336,7 @@ impl Walk {
                 self.ended = true;
                 return;
             }
-            // Those of the last chunk may be missing in part: they are written again.
+            // The indexes of the last chunk may be incomplete: they are written again.
             op::MESSAGE_INDEX => {
                 let channel = fields::Fields(content).u16();
                 if let (Some(chunk), Some(channel)) = (self.chunks.last_mut(), channel) {

@@ -1,15 +1,16 @@
-//! Messages of the bus as ROS 2 has them, for people and their tools (`docs/logs.md`, section "ROS 2 types").
+//! Bus messages in their ROS 2 form, for people and their tools (`docs/logs.md`, section "ROS 2 types").
 //!
-//! [`Translator::translate`] gives of each message its own type, on the topic `/CHANNEL`, and of what ROS 2 has a standard
-//! type for, that one. A topic keeps its type for good.
+//! [`Translator::translate`] returns for each message its own type, on the topic `/CHANNEL`, and the corresponding ROS
+//! 2 standard type if there is one. A topic never changes its type.
 //!
-//! A message's type is known by its fingerprint. Where a type of the robot's and a foreign one have the same members, so
-//! that both fit, the channel decides: those of the robot's table carry the robot's. The topic `/CHANNEL` is of the type
-//! that the table names, on other channels of the one that was heard first; what else is heard on the channel goes to
-//! `/CHANNEL/package/Type`. A channel whose topic would be one of the standard ones (`pose`) has `/lcm/` in front.
+//! The type of a message follows from its fingerprint. If a type of the robot and a foreign one have the same members,
+//! so that both match, the channel decides: those of the robot's table carry the robot's types. The topic `/CHANNEL`
+//! has the type of the table, on other channels the type received first; other types on the channel go to
+//! `/CHANNEL/package/Type`. A channel whose topic would have the name of a standard one (`pose`) is prefixed with
+//! `/lcm/`.
 //!
-//! Feeds on what strangers send: each topic and sensor that somebody makes up has its place in a bounded table, or is
-//! left out and counted.
+//! Input may come from any sender: each new topic and sensor gets a place in a bounded table, or is left out and
+//! counted.
 
 mod kinds;
 mod robot;
@@ -35,19 +36,19 @@ pub use kinds::Kind;
 pub use robot::{Beacon, RobotScene, Sensor};
 pub use topics::{Sink, TOPICS_MAX, Topic};
 
-/// Why a message has no form in ROS 2. It is to be kept as it is.
+/// Reason why a message has no ROS 2 form. The message itself is still recorded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Untranslated {
-    /// No type has the fingerprint that it begins with, or it is too short for one.
+    /// The message is too short for a fingerprint, or no type has its fingerprint.
     Unknown,
-    /// Its type holds itself, which ROS 2 does not have, or more variable arrays in each other than anybody would want.
+    /// The type is recursive, which ROS 2 does not support, or nests too many variable arrays.
     NoSuchType {
-        /// The type's name as LCM has it.
+        /// LCM name of the type.
         name: Arc<str>,
     },
-    /// It is no message of its type.
+    /// The message does not match its type.
     Malformed(ConvertError),
-    /// There are [`TOPICS_MAX`] topics, and it would take another.
+    /// A new topic would exceed [`TOPICS_MAX`].
     TooManyTopics,
 }
 
@@ -57,25 +58,25 @@ impl fmt::Display for Untranslated {
             Self::Unknown => write!(f, "no type has its fingerprint"),
             Self::NoSuchType { name } => write!(f, "ROS 2 has no types like {name}"),
             Self::Malformed(error) => error.fmt(f),
-            Self::TooManyTopics => write!(f, "{TOPICS_MAX} topics and no more"),
+            Self::TooManyTopics => write!(f, "there are {TOPICS_MAX} topics already"),
         }
     }
 }
 
 impl std::error::Error for Untranslated {}
 
-/// The longest message that is given in standard types as well, bytes: some take seven times as much there.
+/// Longest message that is also converted to standard types, bytes: some take seven times the space there.
 pub const STANDARD_MAX: usize = 1 << 20;
 
-/// How much memory is kept from one message to the next, bytes.
-const BUFFER_KEPT: usize = 1 << 20;
+/// Memory kept from one message to the next, bytes.
+const BUFFER_BYTES_KEPT: usize = 1 << 20;
 
-/// Translates messages; knows which topics there are.
+/// Translator of messages, with the table of topics.
 #[derive(Clone, Debug)]
 pub struct Translator {
     scene: Scene,
     kinds: Kinds,
-    /// Of each channel the types that were heard there: place among the kinds, and topic.
+    /// Types received on each channel: index among the kinds, and topic.
     channels: BTreeMap<String, Vec<(usize, u16)>>,
     topics: Topics,
     state: State,
@@ -83,17 +84,17 @@ pub struct Translator {
 }
 
 impl Translator {
-    /// Knows the types of this robot's.
+    /// Creates a translator with the robot's types.
     #[must_use]
     pub fn new(scene: RobotScene) -> Self {
         Self::build(scene, Kinds::new())
     }
 
-    /// Knows those of foreign `.lcm` files besides, given as name (for messages) and text. All types that they lead to are
-    /// among them; they may be other versions of the robot's.
+    /// Creates a translator with additional foreign `.lcm` files, given as name (for messages) and text. All types that
+    /// they refer to are among them; they may differ from the robot's versions.
     ///
     /// # Errors
-    /// What is wrong in which file.
+    /// A file is invalid; the error has its name and the cause.
     pub fn with_types(scene: RobotScene, files: &[(impl AsRef<str>, impl AsRef<str>)]) -> Result<Self, lcm_gen::Error> {
         Ok(Self::build(scene, Kinds::with(files)?))
     }
@@ -109,29 +110,29 @@ impl Translator {
         }
     }
 
-    /// The type of a message on a channel: what a log says of the message as it is. `None`: nobody knows it.
+    /// Type of a message on a channel, as recorded with the message; `None` if unknown.
     #[must_use]
     pub fn kind(&self, channel: &str, data: &[u8]) -> Option<&Kind> {
         self.kinds.find(Channel::from_name(channel), data).map(|place| &self.kinds[place])
     }
 
-    /// All topics so far; the place of each is its `id`.
+    /// All topics so far, indexed by `id`.
     #[must_use]
     pub fn topics(&self) -> &[Topic] {
         self.topics.all()
     }
 
-    /// How many messages of standard types were left out: too many topics, sensors or thermometers, or made of a message
-    /// beyond [`STANDARD_MAX`].
+    /// Number of messages of standard types left out: too many topics, sensors or thermometers, or beyond
+    /// [`STANDARD_MAX`].
     #[must_use]
     pub fn left_out(&self) -> u64 {
         self.topics.left_out()
     }
 
-    /// Gives a message of the bus as ROS 2 has it: its own type, then standard ones.
+    /// Converts a bus message to ROS 2: its own type, then standard ones.
     ///
     /// # Errors
-    /// The message has no form in ROS 2; nothing was given to `sink`.
+    /// The message has no ROS 2 form; `sink` was not called.
     pub fn translate(&mut self, channel: &str, data: &[u8], sink: &mut Sink<'_>) -> Result<(), Untranslated> {
         let listed = Channel::from_name(channel);
         let place = self.kinds.find(listed, data).ok_or(Untranslated::Unknown)?;
@@ -156,7 +157,7 @@ impl Translator {
         if let Some(listed) = listed.filter(|_| own) {
             self.standard(listed, data, sink);
         }
-        if self.buffer.capacity() > BUFFER_KEPT {
+        if self.buffer.capacity() > BUFFER_BYTES_KEPT {
             self.buffer = Vec::new();
         }
         Ok(())
@@ -174,8 +175,8 @@ impl Translator {
         }
     }
 
-    /// Gives a mark that somebody set into the run at `timestamp`, µs since the epoch. [`translate`](Self::translate) does
-    /// so for those that come over the bus.
+    /// Converts a mark set at `timestamp`, µs since the epoch. [`translate`](Self::translate) does so for marks
+    /// received over the bus.
     pub fn mark(&mut self, timestamp: i64, text: &str, sink: &mut Sink<'_>) {
         let mut to = write::To { topics: &mut self.topics, buffer: &mut self.buffer, sink };
         state::mark(&self.scene.robot.name, timestamp, text, &mut to);

@@ -1,6 +1,6 @@
-//! How the folder of a run is named.
+//! Names of the folders of runs.
 
-/// The name of a second since the UNIX epoch.
+/// Name of a second since the UNIX epoch.
 #[must_use]
 pub fn run_name(second: u64) -> String {
     let (mut days, time) = (second / 86_400, second % 86_400);

@@ -1,4 +1,4 @@
-//! The module on a disk that the test moves.
+//! Logger on a disk that the test controls.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cuts;
@@ -19,15 +19,15 @@ fn config() -> Config {
 }
 
 #[test]
-fn what_is_heard_stands_in_the_file_with_all_that_explains_it() {
+fn received_messages_are_in_the_file_with_their_types() {
     let attachment = Attachment { name: "robot.toml".into(), media_type: "text/plain".into(), data: b"[robot]".into() };
     let mut rig = Rig::new(Config { attachments: vec![attachment], ..config() });
     rig.odo(1);
     rig.ms(3);
-    rig.hear("SOMETHING_ELSE", b"not of LCM");
+    rig.receive("SOMETHING_ELSE", b"not of LCM");
     rig.ms(300);
     rig.odo(2);
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(50);
     assert_eq!(rig.names(), [FIRST]);
     let file = rig.file(FIRST);
@@ -65,7 +65,7 @@ fn a_folder_that_the_run_has_is_used_once() {
     let mut rig = Rig::new(shared.clone());
     rig.ms(300);
     assert_eq!(rig.names(), ["2026_11_22_10_00_00/log_000.mcap"]);
-    // A logger that was started again finds its own file there.
+    // A restarted logger finds its own file there.
     let mut rig = Rig::on(rig.store, shared);
     rig.odo(5);
     rig.ms(2000);
@@ -81,13 +81,13 @@ fn the_last_seconds_come_first_when_a_mark_is_made() {
         rig.ms(100);
     }
     assert!(rig.names().is_empty() && !rig.told.iter().any(|told| told.recording));
-    rig.order(CmdLog::MARK, "there it was");
+    rig.command(CmdLog::MARK, "there it was");
     rig.ms(30);
     let told = rig.told.last().unwrap();
     assert!(told.recording && told.run == "1970_01_01_00_00_20" && told.dropped == 0);
     rig.odo(200);
     rig.ms(1000);
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(50);
     let name = "1970_01_01_00_00_20/log_000.mcap";
     let messages = raw(rig.file(name));
@@ -111,10 +111,10 @@ fn a_file_that_is_long_enough_is_followed_by_the_next() {
         let mut random = noise(1);
         for _ in 0..300 {
             let data: Vec<u8> = std::iter::repeat_with(|| random() as u8).take(10_000).collect();
-            rig.hear("NOISE", &data);
+            rig.receive("NOISE", &data);
             rig.ms(2);
         }
-        rig.order(CmdLog::STOP, "");
+        rig.command(CmdLog::STOP, "");
         rig.ms(50);
         let names: Vec<String> = rig.names().into_iter().map(String::from).collect();
         assert_eq!(names.len(), 3, "{names:?}");
@@ -141,7 +141,7 @@ fn log_times_never_go_back_and_the_order_is_that_of_the_bus() {
     for at in [100, 90, 95, 110] {
         rig.bench.event(Event::Heard { at: Instant::from_millis(at), channel: "A", data: b"" });
     }
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(50);
     let times: Vec<u64> = raw(rig.file(FIRST)).iter().map(|message| message.log_time / 1_000_000).collect();
     assert_eq!(times, [100, 100, 100, 110, 120]);
@@ -152,12 +152,12 @@ fn a_channel_whose_type_changes_has_both() {
     let mut rig = Rig::new(config());
     let data = |channel: Channel| channel.fingerprint().to_be_bytes();
     for _ in 0..2 {
-        rig.hear("X", &data(Channel::LlDataOdo));
-        rig.hear("X", &data(Channel::LlDataSrfs));
-        rig.hear("X", &[7; 8]);
-        rig.hear("X", &[]);
+        rig.receive("X", &data(Channel::LlDataOdo));
+        rig.receive("X", &data(Channel::LlDataSrfs));
+        rig.receive("X", &[7; 8]);
+        rig.receive("X", &[]);
     }
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(50);
     let summary = mcap::Summary::read(rig.file(FIRST)).unwrap().unwrap();
     let raw: Vec<_> = summary.channels.values().filter(|channel| channel.topic == "X").collect();
@@ -169,35 +169,35 @@ fn a_channel_whose_type_changes_has_both() {
 }
 
 #[test]
-fn a_hundred_thousand_channels_are_too_many_and_that_is_told_once() {
+fn a_hundred_thousand_channels_are_too_many_and_reported_once() {
     let mut rig = Rig::new(config());
     for number in 0..100_000 {
-        rig.hear(&format!("CHANNEL_{number}"), &[1; 16]);
+        rig.receive(&format!("CHANNEL_{number}"), &[1; 16]);
         if number % 1000 == 0 {
             rig.ms(10);
         }
     }
     rig.odo(1);
     assert_eq!(rig.faults(Fault::LogCrowded), (1, 0));
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(1100);
     assert_eq!(raw(rig.file(FIRST)).len(), 4096);
     let dropped = rig.told.iter().map(|told| told.dropped).max().unwrap();
     assert!(dropped > 90_000, "{dropped}");
     // The next file has room.
-    rig.order(CmdLog::START, "");
+    rig.command(CmdLog::START, "");
     rig.ms(50);
     assert_eq!(rig.faults(Fault::LogCrowded), (1, 1));
 }
 
 #[test]
-fn a_message_of_a_hundred_megabytes_fits_and_leaves_no_room_behind() {
+fn a_message_of_a_hundred_megabytes_fits_and_its_memory_is_released() {
     let mut rig = Rig::new(config());
     let large = vec![3; 100_000_000];
-    rig.hear("LARGE", &large);
+    rig.receive("LARGE", &large);
     rig.odo(1);
     rig.ms(3000);
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(100);
     let names: Vec<String> = rig.names().into_iter().map(String::from).collect();
     assert_eq!(names.len(), 2, "the file ended after it: {names:?}");
@@ -227,7 +227,7 @@ fn it_ends_when_everything_is_on_the_disk() {
     assert_eq!(rig.bench.shell.state(), State::Terminate);
 }
 
-/// Numbers without an order.
+/// Random numbers.
 fn noise(seed: u64) -> impl FnMut() -> u64 {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     move || {

@@ -1,94 +1,94 @@
-//! Where the robot was told to go.
+//! Goals as commanded by `ML_CMD_GOAL`.
 
 use messages::middlelevel::{CmdGoal, DataGoal};
 use navitools::{Point, Pose};
 
-/// More waypoints are refused.
+/// Maximum number of waypoints.
 const WAYPOINTS_MAX: usize = 1000;
-/// Coordinates are within this, m, as a world's are.
-const FAR: f64 = 1e4;
-/// Without a tolerance, or with a finer one than the estimate can tell, this counts as reached, m.
-const TOLERANCE: f64 = 0.15;
-/// A heading is reached within this, rad.
-pub const TURNED: f64 = 0.2;
+/// Largest absolute coordinate, m; the same as in a world.
+const COORDINATE_MAX_M: f64 = 1e4;
+/// Distance that counts as reached without a tolerance, or with one below the accuracy of the estimate, m.
+const TOLERANCE_DEFAULT_M: f64 = 0.15;
+/// Deviation from a heading that counts as reached, rad.
+pub const HEADING_TOLERANCE_RAD: f64 = 0.2;
 
-/// A point on the way.
+/// Waypoint of a goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Waypoint {
-    /// m.
+    /// Position in the map, m.
     pub at: Point,
-    /// Heading on arrival, rad; none: any.
+    /// Heading on arrival, rad; `None` for any.
     pub heading: Option<f64>,
-    /// How near counts as reached, m.
+    /// Distance that counts as reached, m.
     pub tolerance: f64,
 }
 
 impl Waypoint {
-    /// Whether a robot here has reached it.
+    /// True if a robot at this pose has reached the waypoint.
     #[must_use]
     pub fn is_reached(&self, robot: Pose) -> bool {
         let turned = self.heading.map_or(0.0, |heading| navitools::wrap(robot.theta.radians() - heading).abs());
-        robot.point().distance(self.at) <= self.tolerance && turned <= TURNED
+        robot.point().distance(self.at) <= self.tolerance && turned <= HEADING_TOLERANCE_RAD
     }
 }
 
-/// A goal: waypoints, once or for ever.
+/// Goal: waypoints to be driven once or in a loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
-    /// The number that its sender chose.
+    /// Number chosen by the sender.
     pub id: i32,
-    /// In order; at least one.
+    /// Waypoints in order; at least one.
     pub waypoints: Vec<Waypoint>,
-    /// For ever.
+    /// True if the goal is repeated without end.
     pub looped: bool,
-    /// The waypoint that is driven to.
+    /// Waypoint that is driven to.
     pub next: usize,
 }
 
 impl Goal {
-    /// The goal of a command; none: the one before it is cancelled.
+    /// Goal of a command; `None` if the command cancels the goal.
     ///
     /// # Errors
-    /// In words, when no robot can be sent there.
+    /// The command is invalid; the text names the waypoint and the value.
     pub fn of(command: &CmdGoal) -> Result<Option<Self>, String> {
         if command.waypoints.len() > WAYPOINTS_MAX {
             return Err(format!("{} waypoints; at most {WAYPOINTS_MAX}", command.waypoints.len()));
         }
         let mut waypoints = Vec::with_capacity(command.waypoints.len());
         for (number, waypoint) in command.waypoints.iter().enumerate() {
-            let within = |value: f64| value.abs() <= FAR;
+            let within = |value: f64| value.abs() <= COORDINATE_MAX_M;
             if !within(waypoint.x) || !within(waypoint.y) {
-                return Err(format!("waypoint {number} at {}, {}: no place within ±10 km", waypoint.x, waypoint.y));
+                return Err(format!("waypoint {number} at {}, {}: not within ±10 km", waypoint.x, waypoint.y));
             }
             if waypoint.heading && !waypoint.theta.is_finite() {
-                return Err(format!("waypoint {number} with heading {}: no angle", waypoint.theta));
+                return Err(format!("waypoint {number} with heading {}: not an angle", waypoint.theta));
             }
-            if !(0.0..=FAR).contains(&waypoint.tolerance) {
-                return Err(format!("waypoint {number} with tolerance {}: no distance", waypoint.tolerance));
+            if !(0.0..=COORDINATE_MAX_M).contains(&waypoint.tolerance) {
+                return Err(format!("waypoint {number} with tolerance {}: not a distance", waypoint.tolerance));
             }
             waypoints.push(Waypoint {
                 at: Point { x: waypoint.x, y: waypoint.y },
                 heading: waypoint.heading.then(|| navitools::wrap(waypoint.theta)),
-                tolerance: waypoint.tolerance.max(TOLERANCE),
+                tolerance: waypoint.tolerance.max(TOLERANCE_DEFAULT_M),
             });
         }
         let goal = Self { id: command.id, waypoints, looped: command.r#loop, next: 0 };
         Ok((!goal.waypoints.is_empty()).then_some(goal))
     }
 
-    /// The waypoint after `number`; none after the last.
+    /// Waypoint after `number`; `None` after the last.
     #[must_use]
     pub fn after(&self, number: usize) -> Option<usize> {
         match number + 1 {
             next if next < self.waypoints.len() => Some(next),
-            // A loop of one waypoint is there already.
+            // A loop of one waypoint is already at its end.
             _ if self.looped && self.waypoints.len() > 1 => Some(0),
             _ => None,
         }
     }
 
-    /// The heading with which a waypoint is best passed on the way to the one after it; none where it is the last, or
-    /// the robot must turn back there.
+    /// Heading for passing a waypoint on the way to the next; `None` at the last waypoint, or where the robot must
+    /// reverse.
     #[must_use]
     pub fn passing(&self, from: Point, number: usize) -> Option<f64> {
         let here = self.waypoints[number].at;
@@ -103,22 +103,22 @@ impl Goal {
     }
 }
 
-/// How it fares, in a word.
+/// Status of a goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(i8)]
 pub enum Status {
-    /// There is no goal.
+    /// No goal.
     #[default]
     Idle = DataGoal::IDLE,
-    /// On the way, or about to be.
+    /// Driving, or about to drive.
     Driving = DataGoal::DRIVING,
-    /// There.
+    /// Reached.
     Reached = DataGoal::REACHED,
-    /// Something is in the way.
+    /// Blocked by an obstacle.
     Blocked = DataGoal::BLOCKED,
-    /// Given up.
+    /// Failed.
     Failed = DataGoal::FAILED,
-    /// Taken back.
+    /// Cancelled.
     Cancelled = DataGoal::CANCELLED,
 }
 
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_robot_can_reach_is_refused_in_words() {
+    fn invalid_waypoints_are_refused_with_a_reason() {
         for bad in [f64::NAN, f64::INFINITY, 1e5] {
             let why = Goal::of(&command(&[(0.0, 0.0), (bad, 0.0)], false)).unwrap_err();
             assert!(why.starts_with("waypoint 1 at "), "{why}");
@@ -147,15 +147,15 @@ mod tests {
         turned.waypoints[0].theta = f64::NAN;
         assert!(Goal::of(&turned).is_ok(), "a heading that does not matter");
         turned.waypoints[0].heading = true;
-        assert_eq!(Goal::of(&turned).unwrap_err(), "waypoint 0 with heading NaN: no angle");
+        assert_eq!(Goal::of(&turned).unwrap_err(), "waypoint 0 with heading NaN: not an angle");
         let mut near = command(&[(0.0, 0.0)], false);
         near.waypoints[0].tolerance = -1.0;
-        assert_eq!(Goal::of(&near).unwrap_err(), "waypoint 0 with tolerance -1: no distance");
+        assert_eq!(Goal::of(&near).unwrap_err(), "waypoint 0 with tolerance -1: not a distance");
         assert!(Goal::of(&command(&[(0.0, 0.0); 1001], false)).is_err());
     }
 
     #[test]
-    fn a_loop_goes_on_with_its_first_waypoint() {
+    fn a_loop_continues_with_its_first_waypoint() {
         let once = Goal::of(&command(&[(0.0, 0.0), (1.0, 0.0)], false)).unwrap().unwrap();
         assert_eq!((once.after(0), once.after(1)), (Some(1), None));
         let looped = Goal { looped: true, ..once };
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_is_passed_halfway_turned() {
+    fn a_corner_is_passed_with_half_the_turn() {
         let goal = Goal::of(&command(&[(2.0, 0.0), (2.0, 2.0), (0.0, 2.0)], false)).unwrap().unwrap();
         let heading = goal.passing(Point { x: 0.0, y: 0.0 }, 0).unwrap();
         assert!((heading.to_degrees() - 45.0).abs() < 1e-9, "{heading}");
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_counts_when_it_was_asked_for() {
+    fn a_heading_counts_if_it_is_required() {
         let waypoint = Waypoint { at: Point { x: 1.0, y: 0.0 }, heading: Some(3.1), tolerance: 0.15 };
         assert!(waypoint.is_reached(Pose::new(1.1, 0.0, -3.1)), "across the cut");
         assert!(!waypoint.is_reached(Pose::new(1.1, 0.0, 0.0)));

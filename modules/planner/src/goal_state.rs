@@ -1,8 +1,7 @@
-//! How a goal fares: each state with its figures, its status on the wire, its text for people, and the cause for which
-//! the robot stands in it.
+//! State of a goal: each with its figures, its status on the wire, its text, and the cause that holds the robot in it.
 
 use crate::goal::Status;
-use crate::search::NoWay;
+use crate::search::SearchError;
 use messages::Hold;
 use navitools::Point;
 use std::fmt;
@@ -11,72 +10,72 @@ use std::fmt;
 pub const FRONT: &str = "front";
 const REAR: &str = "rear";
 
-/// How a goal fares. Waypoints count from 0 here, from 1 in texts.
+/// State of a goal. Waypoints count from 0 here, from 1 in texts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum GoalState {
-    /// No goal was given since the start.
+    /// No goal received since the start.
     #[default]
     NoGoal,
-    /// Taken back by an operator.
+    /// Cancelled by an operator.
     Cancelled,
-    /// Not a goal that a robot can be sent to, and why.
+    /// Rejected as invalid, with the reason.
     Refused(String),
     /// The first path is being searched.
     Planning,
-    /// On the way.
+    /// Driving.
     Driving {
         /// Waypoint that is driven to.
         to: usize,
         /// Number of waypoints.
         of: usize,
-        /// Begins again after the last one.
+        /// True if the goal begins again after the last waypoint.
         looped: bool,
     },
-    /// Stopped for what stands on the path, there in the map frame.
+    /// Stopped by an obstacle on the path, at this point of the map.
     InTheWay(Point),
-    /// Stopped for what stands near.
+    /// Stopped by an obstacle near the robot.
     SomebodyNear,
-    /// Stopped because nothing is known of the sonars that look where it drives.
+    /// Stopped because the state of all sonars in the direction of travel is unknown.
     Blind {
-        /// At the front, else at the rear.
+        /// True at the front, false at the rear.
         forward: bool,
     },
-    /// No path, tried again.
+    /// Without a path; planning is repeated.
     NoPath {
         /// Waypoint without a path.
         to: usize,
-        /// Why.
+        /// Reason.
         why: Hindrance,
     },
-    /// Drives back a little, to look for another path from there.
+    /// Backing out, to search another path from there.
     BackingOut,
-    /// The last waypoint was reached.
+    /// Last waypoint reached.
     Reached(usize),
-    /// Stands at the only waypoint of a loop.
+    /// At the only waypoint of a loop.
     AtLoop,
-    /// Ended: as the map is there never will be a path to this waypoint.
+    /// Failed: on this map there is no path to the waypoint.
     CannotReach(usize, Hindrance),
-    /// Ended: all attempts at this waypoint failed.
+    /// Failed: all attempts at this waypoint failed.
     GaveUp(usize, Hindrance),
 }
 
-/// What keeps the robot from a waypoint.
+/// Reason why the robot does not reach a waypoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Hindrance {
     /// The search found no path.
-    Search(NoWay),
+    Search(SearchError),
     /// Without a map: start and waypoint are too far apart.
     FloorTooLarge,
-    /// Commanded to drive, it stood.
+    /// No motion although motion was commanded.
     NotMoving,
-    /// It came to a stop this far beside it, m.
+    /// Stopped at this distance from the waypoint, m.
     Beside(f64),
-    /// Something stands in the way and does not leave.
+    /// Blocked by an obstacle that does not leave.
     InTheWay,
 }
 
 impl GoalState {
-    /// The status in `ML_DATA_GOAL`.
+    /// Status in `ML_DATA_GOAL`.
     #[must_use]
     pub const fn status(&self) -> Status {
         match self {
@@ -91,7 +90,7 @@ impl GoalState {
         }
     }
 
-    /// The cause for which the robot does not drive to its goal, with its subject; `None` while it drives.
+    /// Cause, with its subject, for which the robot does not drive to its goal; `None` while it drives.
     #[must_use]
     pub fn hold(&self) -> Option<(Hold, String)> {
         match self {
@@ -113,7 +112,7 @@ impl GoalState {
     }
 }
 
-/// The text of `ML_DATA_GOAL`.
+/// Text of `ML_DATA_GOAL`.
 impl fmt::Display for GoalState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -143,11 +142,11 @@ impl fmt::Display for GoalState {
 impl Hindrance {
     const fn hold(self) -> Hold {
         match self {
-            Self::Search(NoWay::GoalBlocked) => Hold::GoalBlocked,
-            Self::Search(NoWay::StartBlocked) => Hold::StartBlocked,
-            Self::Search(NoWay::Unreachable) => Hold::Unreachable,
-            Self::Search(NoWay::Budget) => Hold::SearchExhausted,
-            Self::Search(NoWay::Invalid) => Hold::GoalInvalid,
+            Self::Search(SearchError::GoalBlocked) => Hold::GoalBlocked,
+            Self::Search(SearchError::StartBlocked) => Hold::StartBlocked,
+            Self::Search(SearchError::Unreachable) => Hold::Unreachable,
+            Self::Search(SearchError::Budget) => Hold::SearchExhausted,
+            Self::Search(SearchError::Invalid) => Hold::GoalInvalid,
             Self::FloorTooLarge => Hold::FloorTooLarge,
             Self::NotMoving => Hold::NotMoving,
             Self::Beside(_) => Hold::StoppedBeside,
@@ -168,7 +167,7 @@ impl fmt::Display for Hindrance {
     }
 }
 
-/// A place as texts have it, to 0.1 m.
+/// Position as in texts, to 0.1 m.
 fn place(at: Point) -> String {
     format!("{:.1}, {:.1}", at.x, at.y)
 }
@@ -177,11 +176,11 @@ fn place(at: Point) -> String {
 mod tests {
     use super::*;
 
-    /// The texts of `ML_DATA_GOAL` are a contract: programs outside print them.
+    /// The texts of `ML_DATA_GOAL` are a contract: other programs print them.
     #[test]
     fn each_state_has_its_text_its_status_and_its_cause() {
         let point = Point { x: 5.52, y: 5.7 };
-        let unreachable = Hindrance::Search(NoWay::Unreachable);
+        let unreachable = Hindrance::Search(SearchError::Unreachable);
         for (state, text, status, hold) in [
             (GoalState::NoGoal, "there is no goal", Status::Idle, Some((601, ""))),
             (GoalState::Cancelled, "cancelled: there is no goal", Status::Cancelled, Some((601, ""))),
@@ -237,7 +236,13 @@ mod tests {
 
     #[test]
     fn each_hindrance_is_the_sentence_of_its_cause() {
-        let search = [NoWay::GoalBlocked, NoWay::StartBlocked, NoWay::Unreachable, NoWay::Budget, NoWay::Invalid];
+        let search = [
+            SearchError::GoalBlocked,
+            SearchError::StartBlocked,
+            SearchError::Unreachable,
+            SearchError::Budget,
+            SearchError::Invalid,
+        ];
         let others = [Hindrance::FloorTooLarge, Hindrance::InTheWay];
         for why in search.map(Hindrance::Search).into_iter().chain(others) {
             assert_eq!(why.hold().words("3"), format!("no way to waypoint 3: {why}"));

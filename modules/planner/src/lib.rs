@@ -1,4 +1,4 @@
-//! From goals to motion: obstacles, planning, following.
+//! From goals to motion: obstacles, path planning, path following.
 #![forbid(unsafe_code)]
 
 mod config;

@@ -1,7 +1,7 @@
-//! The map: a grid of cells that are free, occupied or unknown; drawn from walls, or read from a picture.
+//! Map: a grid of cells that are free, occupied or unknown, drawn from walls or read from a picture.
 //!
-//! Knows no file: [`pgm`] and [`yaml`] read bytes and text that the host has opened. Distances to what is occupied are
-//! [`Field`]'s.
+//! No file access: [`pgm`] and [`yaml`] parse bytes and text that the host has read. [`Field`] has the distances to
+//! occupied cells.
 
 mod draw;
 mod field;
@@ -12,55 +12,55 @@ pub use field::{Field, Obstacle, Unknown};
 
 use std::fmt;
 
-/// At most so many cells: a picture of 4096 × 4096.
+/// Maximum number of cells: a picture of 4096 × 4096.
 pub const CELLS_MAX: usize = 1 << 24;
 
-/// Resolutions are within this, m.
+/// Range of the resolution, m.
 pub const RESOLUTION: std::ops::RangeInclusive<f64> = 1e-3..=10.0;
 
-/// The origin is within this of zero, m.
+/// Largest absolute coordinate of the origin, m.
 pub const ORIGIN_MAX: f64 = 1e6;
 
-/// What is known of a cell.
+/// State of a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Cell {
-    /// Nothing is there.
+    /// Known to be free.
     #[default]
     Free,
-    /// Something is there.
+    /// Known to be occupied.
     Occupied,
-    /// Nobody has looked.
+    /// Not observed.
     Unknown,
 }
 
-/// Where a grid lies and how fine it is.
+/// Position, resolution and size of a grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// The outer corner of the first cell, m.
+    /// Outer corner of the first cell, x, m.
     pub x: f64,
-    /// m.
+    /// Outer corner of the first cell, y, m.
     pub y: f64,
-    /// A cell's side, m.
+    /// Side of a cell, m.
     pub resolution: f64,
-    /// Cells along x.
+    /// Number of cells along x.
     pub width: usize,
-    /// Cells along y.
+    /// Number of cells along y.
     pub height: usize,
 }
 
-/// Why a grid cannot be.
+/// Reason why a grid is invalid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FrameError {
-    /// The resolution is no number within [`RESOLUTION`].
+    /// Resolution not a number within [`RESOLUTION`].
     Resolution(f64),
-    /// The origin is no number within ±[`ORIGIN_MAX`].
+    /// Origin not a number within ±[`ORIGIN_MAX`].
     Origin(f64, f64),
     /// No cell, or more than [`CELLS_MAX`].
     Size {
-        /// Cells along x.
+        /// Number of cells along x.
         width: usize,
-        /// Cells along y.
+        /// Number of cells along y.
         height: usize,
     },
 }
@@ -78,10 +78,10 @@ impl fmt::Display for FrameError {
 impl std::error::Error for FrameError {}
 
 impl Frame {
-    /// Checks it.
+    /// Validates the frame.
     ///
     /// # Errors
-    /// A number is none or out of range.
+    /// The size, resolution or origin is not a number or is out of range.
     pub fn check(&self) -> Result<(), FrameError> {
         let Self { x, y, resolution, width, height } = *self;
         if !RESOLUTION.contains(&resolution) {
@@ -96,7 +96,7 @@ impl Frame {
         }
     }
 
-    /// The cell of a point; `None` outside of the grid, and for what is no number.
+    /// Cell that contains a point; `None` outside the grid and for NaN.
     #[must_use]
     pub fn cell(&self, x: f64, y: f64) -> Option<(usize, usize)> {
         let (column, row) = ((x - self.x) / self.resolution, (y - self.y) / self.resolution);
@@ -104,7 +104,7 @@ impl Frame {
         inside.then_some((column as usize, row as usize))
     }
 
-    /// The middle of a cell, m.
+    /// Middle of a cell, m.
     #[must_use]
     pub fn centre(&self, column: usize, row: usize) -> (f64, f64) {
         (self.x + (column as f64 + 0.5) * self.resolution, self.y + (row as f64 + 0.5) * self.resolution)
@@ -123,44 +123,44 @@ pub struct Map {
 }
 
 impl Map {
-    /// A map on which everything is free.
+    /// Creates a map with all cells free.
     ///
     /// # Errors
-    /// The frame is none.
+    /// The frame is invalid (size, resolution or origin out of range).
     pub fn new(frame: Frame) -> Result<Self, FrameError> {
         frame.check()?;
         Ok(Self { frame, cells: vec![Cell::Free; frame.width * frame.height] })
     }
 
-    /// An empty map that holds the rectangle between two corners, m.
+    /// Creates an empty map that contains the rectangle between two corners, m.
     ///
     /// # Errors
-    /// The frame is none.
+    /// The frame is invalid (size, resolution or origin out of range).
     pub fn around(low: (f64, f64), high: (f64, f64), resolution: f64) -> Result<Self, FrameError> {
         let cells = |span: f64| libm::ceil(span / resolution - 1e-9).clamp(0.0, CELLS_MAX as f64 + 1.0) as usize;
         let (width, height) = (cells(high.0 - low.0), cells(high.1 - low.1));
         Self::new(Frame { x: low.0, y: low.1, resolution, width, height })
     }
 
-    /// Where it lies.
+    /// Position, resolution and size.
     #[must_use]
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// The cells, row by row from the lowest y.
+    /// Cells, row by row from the lowest y.
     #[must_use]
     pub fn cells(&self) -> &[Cell] {
         &self.cells
     }
 
-    /// What is known of a point; outside of the map `None`.
+    /// State of the cell at a point; `None` outside the map.
     #[must_use]
     pub fn at(&self, x: f64, y: f64) -> Option<Cell> {
         self.frame.cell(x, y).map(|(column, row)| self.cells[self.frame.index(column, row)])
     }
 
-    /// Sets a cell; outside of the map nothing happens.
+    /// Sets a cell; no effect outside the map.
     pub fn set(&mut self, column: usize, row: usize, cell: Cell) {
         if column < self.frame.width && row < self.frame.height {
             let index = self.frame.index(column, row);

@@ -1,15 +1,16 @@
-//! What to do about a goal: look for a way, drive it, wait for who stands in it, look for a way around, back out.
+//! Execution of a goal: search a path, drive it, wait for obstacles, search a path around them, back out.
 //!
-//! A way is first looked for on the map alone, as people leave; what the sonars hear stops the robot on it. When nobody
-//! leaves, a way around what is heard is looked for, then one after backing out, then the robot waits longer. A goal
-//! that is driven once fails after so many attempts; a loop waits on, and goes on to its next waypoint where it can.
+//! A path is first searched on the map alone, because people move away; echoes stop the robot on it. If an obstacle
+//! remains, a path around it is searched, then another one after backing out, then the robot waits longer. A goal that
+//! is driven once fails after a maximum number of attempts; a loop continues, with its next waypoint where that is
+//! possible.
 
 use crate::config::Config;
 use crate::goal::{Goal, Waypoint};
 use crate::goal_state::{GoalState, Hindrance};
 use crate::guard::{self, Ahead};
 use crate::obstacles::Obstacles;
-use crate::route::{Progress, Route, Ways};
+use crate::route::{PlanningSpace, Progress, Route};
 use crate::track::{Motion, Track};
 use base::{Duration, Instant};
 use messages::Hold;
@@ -17,98 +18,98 @@ use navitools::Pose;
 use std::collections::VecDeque;
 use std::mem;
 
-/// The next leg is looked for when less than this is left of the one that is driven, m.
-const AHEAD: f64 = 3.0;
-/// What was in the way must be gone for so long.
-const GONE: Duration = Duration::from_millis(100);
-/// It sets out when it may drive faster than this, m/s.
-const WORTH: f64 = 0.08;
-/// Backing out ends when something is in the way for so long.
-const HINDERED: Duration = Duration::from_millis(900);
-/// The robot stands, m/s.
-const STANDING: f64 = 0.03;
-/// Further off the path it looks for a new one, m and rad.
-const OFF: (f64, f64) = (0.30, 0.6);
-/// So far off it, m, it looks whether it comes to something, m ahead of where it can stand.
-const ASTRAY: f64 = 0.06;
-const STEP_AHEAD: f64 = 0.05;
-/// It was told to drive for so long and stood.
-const STUCK: Duration = Duration::from_secs(4);
-/// Where the robot has driven is remembered for backing out: this far, m, in steps of
-const TRACE: f64 = 2.0;
-const TRACE_STEP: f64 = 0.05;
-/// It backs out so far, m.
-const BACK: f64 = 0.9;
-/// Less is not worth backing out, m.
-const BACK_LEAST: f64 = 0.25;
-/// Ways of a loop are driven again from a start as near as this, m and rad.
-const AGAIN: (f64, f64) = (0.12, 0.12);
-/// Ways of so many waypoints are kept.
-const KEPT: usize = 64;
-/// So much nearer to the waypoint than ever before, m, and old troubles are forgotten.
-const FORGIVEN: f64 = 1.0;
-/// Longest wait between attempts, in patiences.
-const WAITS_MAX: u32 = 3;
+/// Remaining length of the current leg below which the next one is planned, m.
+const PLAN_AHEAD_M: f64 = 3.0;
+/// Time for which the path must be clear before the robot starts again.
+const CLEAR_FOR: Duration = Duration::from_millis(100);
+/// Allowed speed above which the robot starts, m/s.
+const START_SPEED_MIN_MPS: f64 = 0.08;
+/// Time for which backing out may be blocked before it ends.
+const BACKING_OUT_BLOCKED_MAX: Duration = Duration::from_millis(900);
+/// Speed below which the robot is at standstill, m/s.
+const STANDSTILL_MPS: f64 = 0.03;
+/// Deviation from the path above which a new path is searched, m and rad.
+const DEVIATION_MAX: (f64, f64) = (0.30, 0.6);
+/// Lateral deviation above which the motion is checked against the map, and the margin beyond the stopping distance, m.
+const MAP_CHECK_DEVIATION_M: f64 = 0.06;
+const MAP_CHECK_MARGIN_M: f64 = 0.05;
+/// Time of commanded motion at standstill after which the robot is stuck.
+const STUCK_AFTER: Duration = Duration::from_secs(4);
+/// Length of the driven path that is kept for backing out, and distance of its poses, m.
+const TRACE_LENGTH_M: f64 = 2.0;
+const TRACE_STEP_M: f64 = 0.05;
+/// Distance to back out, m.
+const BACK_OUT_M: f64 = 0.9;
+/// Shortest useful distance to back out, m.
+const BACK_OUT_MIN_M: f64 = 0.25;
+/// Distance from the start of a stored path of a loop at which the path is driven again, m and rad.
+const STORED_PATH_START_MAX: (f64, f64) = (0.12, 0.12);
+/// Largest number of waypoints for which paths are stored.
+const STORED_PATHS_MAX: usize = 64;
+/// Progress towards the waypoint that resets the number of attempts, m.
+const PROGRESS_RESETS_ATTEMPTS_M: f64 = 1.0;
+/// Longest wait between attempts, as a multiple of `patience`.
+const WAIT_MAX_PATIENCE_MULTIPLE: u32 = 3;
 
-/// What a step needs to know.
-pub struct Sight<'a> {
-    /// The time.
+/// Inputs of a step.
+pub struct StepInput<'a> {
+    /// Current time.
     pub now: Instant,
-    /// Where the robot is.
+    /// Pose of the robot in the map.
     pub robot: Pose,
-    /// How it moves.
+    /// Speed and steering angle of the robot.
     pub motion: Motion,
-    /// What the sonars say.
+    /// Obstacles sensed by the sonars.
     pub obstacles: &'a Obstacles,
-    /// How to drive.
+    /// Configuration.
     pub config: &'a Config,
 }
 
-/// What the robot is about.
-enum Doing {
-    Nothing,
-    /// It stands while a way is looked for; around what is heard or on the map alone.
-    Thinking {
+/// Phase of the mission.
+enum Phase {
+    Idle,
+    /// At standstill while a path is searched, around sensed obstacles or on the map alone.
+    Planning {
         route: Route,
         around: bool,
     },
-    /// It drives, and the way to a waypoint further on is looked for.
+    /// Driving, while the path to the next waypoint is searched.
     Driving {
         next: Option<(Route, usize)>,
     },
-    /// Something is in the way.
+    /// Blocked by an obstacle.
     Waiting {
         since: Instant,
         gone: Option<Instant>,
     },
-    /// Back on where it came from.
-    Backing {
+    /// Driving back along the path that it came from.
+    BackingOut {
         blocked: Option<Instant>,
     },
 }
 
-/// The goal and how it fares.
+/// Goal and its progress.
 pub struct Mission {
     goal: Option<Goal>,
-    doing: Doing,
+    phase: Phase,
     track: Track,
     ahead: Ahead,
-    /// The path is to be looked along before it is driven.
-    unseen: bool,
+    /// True if the path must be checked for obstacles before it is driven.
+    unchecked: bool,
     trace: VecDeque<(Pose, bool)>,
-    /// Ways between waypoints that were found on the map alone, by the waypoint that they lead to.
-    kept: Vec<Option<Vec<(Pose, bool)>>>,
+    /// Paths between waypoints that were found on the map alone, by the waypoint at their end.
+    stored: Vec<Option<Vec<(Pose, bool)>>>,
     attempts: u32,
-    /// The nearest to the waypoint so far, m, when the troubles were last forgotten.
+    /// Smallest distance to the waypoint when the number of attempts was last reset, m.
     nearest: f64,
-    /// Told to drive, and stands, since.
+    /// Instant since which motion is commanded at standstill.
     stuck: Option<Instant>,
-    /// It touched somebody with the end that it drives with: it goes back before it goes on.
+    /// True after a contact at the leading end: the robot backs out before it continues.
     bumped: bool,
     id: i32,
     waypoint: usize,
     state: GoalState,
-    /// The track is another one.
+    /// True if the track was replaced.
     replanned: bool,
 }
 
@@ -116,12 +117,12 @@ impl Default for Mission {
     fn default() -> Self {
         Self {
             goal: None,
-            doing: Doing::Nothing,
+            phase: Phase::Idle,
             track: Track::default(),
             ahead: Ahead::default(),
-            unseen: false,
+            unchecked: false,
             trace: VecDeque::new(),
-            kept: Vec::new(),
+            stored: Vec::new(),
             attempts: 0,
             nearest: f64::INFINITY,
             stuck: None,
@@ -135,202 +136,204 @@ impl Default for Mission {
 }
 
 impl Mission {
-    /// A goal in the place of the one before.
+    /// Replaces the goal.
     pub fn begin(&mut self, goal: Goal) {
-        let kept = if goal.waypoints.len() <= KEPT { vec![None; goal.waypoints.len()] } else { Vec::new() };
+        let stored =
+            if goal.waypoints.len() <= STORED_PATHS_MAX { vec![None; goal.waypoints.len()] } else { Vec::new() };
         let (trace, bumped) = (mem::take(&mut self.trace), self.bumped);
-        *self = Self { id: goal.id, kept, trace, bumped, goal: Some(goal), replanned: true, ..Self::default() };
+        *self = Self { id: goal.id, stored, trace, bumped, goal: Some(goal), replanned: true, ..Self::default() };
         self.state = GoalState::Planning;
     }
 
-    /// There is no goal any more, and why.
+    /// Ends the goal with its final state.
     pub fn end(&mut self, id: i32, state: GoalState) {
         let waypoint = self.waypoint;
         let trace = mem::take(&mut self.trace);
         *self = Self { id, waypoint, trace, state, replanned: true, ..Self::default() };
     }
 
-    /// The robot was stopped by others, or put elsewhere: a way is looked for anew when it may drive.
+    /// Interrupts driving after a stop by another party or a jump of the pose: a path is planned again when the robot
+    /// may drive.
     pub fn interrupt(&mut self) {
-        self.doing = Doing::Nothing;
+        self.phase = Phase::Idle;
         self.stuck = None;
         self.replanned |= !self.track.ahead().is_empty();
         self.track = Track::default();
     }
 
-    /// A bumper in front, or behind, was pressed.
+    /// Notes a pressed bumper, at the front or at the rear.
     pub fn bump(&mut self, front: bool) {
         self.bumped = self.trace.back().is_some_and(|(_, forward)| *forward == front);
     }
 
-    /// The robot was put elsewhere: it has not come from where it came from.
+    /// Clears the driven path after a jump of the pose.
     pub fn forget_trace(&mut self) {
         self.trace.clear();
         self.bumped = false;
     }
 
-    /// Whether there is a goal to drive to.
+    /// True if there is a goal to drive to.
     #[must_use]
     pub fn has_goal(&self) -> bool {
         self.goal.is_some()
     }
 
-    /// The goal's number, the waypoint, and how it fares.
+    /// Number of the goal, the waypoint, and the state.
     #[must_use]
     pub fn status(&self) -> (i32, usize, &GoalState) {
         (self.id, self.waypoint, &self.state)
     }
 
-    /// The cause for which a robot that may drive does not, with its subject; `None` while it drives.
+    /// Cause, with its subject, for which a robot that may drive does not; `None` while it drives.
     #[must_use]
     pub fn hold(&self) -> Option<(Hold, String)> {
-        let stands = matches!(self.doing, Doing::Nothing | Doing::Thinking { .. });
+        let stands = matches!(self.phase, Phase::Idle | Phase::Planning { .. });
         self.state.hold().or_else(|| stands.then_some((Hold::Planning, String::new())))
     }
 
-    /// The way to the last waypoint, m; NaN when there is none, or it is not known.
+    /// Remaining distance to the last waypoint, m; NaN without one or if it is unknown.
     #[must_use]
     pub fn remaining(&self) -> f64 {
         let Some(goal) = self.goal.as_ref().filter(|goal| !goal.looped) else { return f64::NAN };
         let Some(to) = self.track.leads_to() else { return f64::NAN };
-        // Backing out leads to no waypoint.
+        // A track for backing out leads to no waypoint.
         let Some(rest) = goal.waypoints.get(to..) else { return f64::NAN };
         let rest = rest.windows(2).map(|pair| pair[0].at.distance(pair[1].at));
         self.track.remaining() + rest.sum::<f64>()
     }
 
-    /// The path, for people.
+    /// Path for display.
     #[must_use]
     pub fn path(&self) -> (Vec<f64>, Vec<f64>) {
         self.track.points(100)
     }
 
-    /// Whether the path is another one than at the last call.
+    /// True if the path was replaced since the last call.
     pub fn take_replanned(&mut self) -> bool {
         mem::take(&mut self.replanned)
     }
 
-    /// The sonars have spoken: what is on the path ahead?
-    pub fn look(&mut self, now: Instant, obstacles: &Obstacles, config: &Config) {
-        self.ahead = Ahead::look(now, self.track.ahead(), obstacles, config);
-        self.unseen = false;
+    /// Checks the path ahead for obstacles after a round of the sonars.
+    pub fn check_ahead(&mut self, now: Instant, obstacles: &Obstacles, config: &Config) {
+        self.ahead = Ahead::check(now, self.track.ahead(), obstacles, config);
+        self.unchecked = false;
     }
 
-    fn say_driving(&mut self) {
+    fn set_driving(&mut self) {
         if let Some(goal) = &self.goal {
             self.waypoint = goal.next;
             self.state = GoalState::Driving { to: goal.next, of: goal.waypoints.len(), looped: goal.looped };
         }
     }
 
-    /// What to command now, of a robot that may drive. To be called at 20 Hz.
-    pub fn step(&mut self, sight: &Sight<'_>, ways: &mut Ways) -> Motion {
-        let stand = Motion { speed: 0.0, steering: sight.motion.steering };
+    /// Computes the command of a robot that may drive. Called at 20 Hz.
+    pub fn step(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace) -> Motion {
+        let stand = Motion { speed: 0.0, steering: input.motion.steering };
         if self.goal.is_none() {
             return stand;
         }
-        self.remember(sight);
-        if self.unseen {
-            self.look(sight.now, sight.obstacles, sight.config);
+        self.record_trace(input);
+        if self.unchecked {
+            self.check_ahead(input.now, input.obstacles, input.config);
         }
-        match mem::replace(&mut self.doing, Doing::Nothing) {
-            Doing::Nothing => {
-                if mem::take(&mut self.bumped) && self.back_out(sight, ways) {
+        match mem::replace(&mut self.phase, Phase::Idle) {
+            Phase::Idle => {
+                if mem::take(&mut self.bumped) && self.back_out(input, space) {
                     return stand;
                 }
-                self.think(sight, ways, false);
+                self.begin_planning(input, space, false);
                 stand
             }
-            Doing::Thinking { route, around } => {
-                self.thinking(sight, ways, route, around);
+            Phase::Planning { route, around } => {
+                self.continue_planning(input, space, route, around);
                 stand
             }
-            Doing::Driving { next } => self.drive(sight, ways, next),
-            Doing::Waiting { since, gone } => {
-                self.wait(sight, ways, since, gone);
+            Phase::Driving { next } => self.drive(input, space, next),
+            Phase::Waiting { since, gone } => {
+                self.wait(input, space, since, gone);
                 stand
             }
-            Doing::Backing { blocked } => self.back(sight, ways, blocked),
+            Phase::BackingOut { blocked } => self.back_up(input, space, blocked),
         }
     }
 
-    /// Looks for a way from here to the next waypoint.
-    fn think(&mut self, sight: &Sight<'_>, ways: &mut Ways, around: bool) {
+    /// Begins to search a path from here to the next waypoint.
+    fn begin_planning(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, around: bool) {
         let Some(goal) = &self.goal else { return };
         let to = goal.waypoints[goal.next];
-        if to.is_reached(sight.robot) && sight.motion.speed.abs() < STANDING {
+        if to.is_reached(input.robot) && input.motion.speed.abs() < STANDSTILL_MPS {
             return self.reached(goal.next);
         }
         self.track = Track::default();
         if around {
-            ways.sense(sight.obstacles, sight.robot, &sight.config.body);
+            space.set_obstacles(input.obstacles, input.robot, &input.config.body);
         }
-        if let Some(poses) = self.kept_way(goal.next, sight.robot).filter(|_| !around) {
-            return self.set_out(poses, sight);
+        if let Some(poses) = self.stored_path(goal.next, input.robot).filter(|_| !around) {
+            return self.start_driving(poses, input);
         }
-        let heading = to.heading.or_else(|| goal.passing(sight.robot.point(), goal.next));
-        let route = Route::begin(ways, sight.robot, &to, heading, around);
-        self.doing = Doing::Thinking { route, around };
+        let heading = to.heading.or_else(|| goal.passing(input.robot.point(), goal.next));
+        let route = Route::begin(space, input.robot, &to, heading, around);
+        self.phase = Phase::Planning { route, around };
     }
 
-    fn thinking(&mut self, sight: &Sight<'_>, ways: &mut Ways, mut route: Route, around: bool) {
-        match route.advance(ways) {
-            Progress::Going => self.doing = Doing::Thinking { route, around },
+    fn continue_planning(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, mut route: Route, around: bool) {
+        match route.advance(space) {
+            Progress::Searching => self.phase = Phase::Planning { route, around },
             Progress::Found(poses) => {
                 if let Some(goal) = self.goal.as_ref().filter(|_| !around) {
                     let to = goal.next;
-                    self.keep_way(to, &poses);
+                    self.store_path(to, &poses);
                 }
-                self.set_out(poses, sight);
+                self.start_driving(poses, input);
             }
-            Progress::NoWay { why, forever } => self.no_way(sight, ways, why, forever && !around),
+            Progress::NoPath { why, forever } => self.on_no_path(input, space, why, forever && !around),
         }
     }
 
-    fn set_out(&mut self, poses: Vec<(Pose, bool)>, sight: &Sight<'_>) {
+    fn start_driving(&mut self, poses: Vec<(Pose, bool)>, input: &StepInput<'_>) {
         let Some(goal) = &self.goal else { return };
-        let Config { body, limits, manners, .. } = sight.config;
+        let Config { body, limits, manners, .. } = input.config;
         self.track = Track::new(&poses, Some(goal.next), body, limits, manners);
-        (self.replanned, self.unseen, self.stuck) = (true, true, None);
-        self.doing = Doing::Driving { next: None };
-        self.say_driving();
+        (self.replanned, self.unchecked, self.stuck) = (true, true, None);
+        self.phase = Phase::Driving { next: None };
+        self.set_driving();
     }
 
-    /// A way that was found before from about here to this waypoint.
-    fn kept_way(&self, to: usize, from: Pose) -> Option<Vec<(Pose, bool)>> {
-        let way = self.kept.get(to)?.as_ref()?;
-        let (start, _) = *way.first()?;
-        let near =
-            start.point().distance(from.point()) < AGAIN.0 && (start.theta - from.theta).radians().abs() < AGAIN.1;
-        near.then(|| way.clone())
+    /// Stored path to this waypoint that begins near `from`.
+    fn stored_path(&self, to: usize, from: Pose) -> Option<Vec<(Pose, bool)>> {
+        let path = self.stored.get(to)?.as_ref()?;
+        let (start, _) = *path.first()?;
+        let near = start.point().distance(from.point()) < STORED_PATH_START_MAX.0
+            && (start.theta - from.theta).radians().abs() < STORED_PATH_START_MAX.1;
+        near.then(|| path.clone())
     }
 
-    fn keep_way(&mut self, to: usize, way: &[(Pose, bool)]) {
-        if let Some(kept) = self.kept.get_mut(to) {
-            *kept = Some(way.to_vec());
+    fn store_path(&mut self, to: usize, path: &[(Pose, bool)]) {
+        if let Some(stored) = self.stored.get_mut(to) {
+            *stored = Some(path.to_vec());
         }
     }
 
-    fn no_way(&mut self, sight: &Sight<'_>, ways: &Ways, why: Hindrance, forever: bool) {
+    fn on_no_path(&mut self, input: &StepInput<'_>, space: &PlanningSpace, why: Hindrance, forever: bool) {
         let Some(goal) = &self.goal else { return };
         let (id, to) = (goal.id, goal.next);
         if forever {
             return self.end(id, GoalState::CannotReach(to, why));
         }
-        if self.is_enough(sight, why) {
+        if self.count_attempt(input, why) {
             return;
         }
-        if !self.attempts.is_multiple_of(2) && self.back_out(sight, ways) {
+        if !self.attempts.is_multiple_of(2) && self.back_out(input, space) {
             return;
         }
         self.state = GoalState::NoPath { to, why };
-        self.doing = Doing::Waiting { since: sight.now, gone: None };
+        self.phase = Phase::Waiting { since: input.now, gone: None };
     }
 
-    /// One more attempt. Whether it was the last: then a goal has failed; a loop goes on with its next waypoint.
-    fn is_enough(&mut self, sight: &Sight<'_>, why: Hindrance) -> bool {
+    /// Counts an attempt. Returns true if the goal has failed with it; a loop continues with its next waypoint instead.
+    fn count_attempt(&mut self, input: &StepInput<'_>, why: Hindrance) -> bool {
         self.attempts += 1;
-        let Some(goal) = self.goal.as_mut().filter(|_| self.attempts >= sight.config.manners.attempts) else {
+        let Some(goal) = self.goal.as_mut().filter(|_| self.attempts >= input.config.manners.attempts) else {
             return false;
         };
         if goal.looped {
@@ -343,102 +346,102 @@ impl Mission {
         true
     }
 
-    fn drive(&mut self, sight: &Sight<'_>, ways: &mut Ways, next: Option<(Route, usize)>) -> Motion {
-        let Config { body, limits, .. } = sight.config;
-        let allowed = self.allowed(sight);
-        let command = self.track.follow(sight.robot, sight.motion, allowed, body, limits);
+    fn drive(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, next: Option<(Route, usize)>) -> Motion {
+        let Config { body, limits, .. } = input.config;
+        let allowed = self.allowed(input);
+        let command = self.track.follow(input.robot, input.motion, allowed, body, limits);
         while let Some(passed) = self.track.passed() {
             self.pass(passed);
         }
         let (aside, turned) = self.track.error();
-        let stands = sight.motion.speed.abs() < STANDING;
-        if aside.abs() > OFF.0 || turned.abs() > OFF.1 || self.leaves_the_floor(sight, ways) {
-            self.doing = Doing::Nothing;
+        let stands = input.motion.speed.abs() < STANDSTILL_MPS;
+        if aside.abs() > DEVIATION_MAX.0 || turned.abs() > DEVIATION_MAX.1 || self.would_collide(input, space) {
+            self.phase = Phase::Idle;
             return Motion { speed: 0.0, ..command };
         }
         if self.track.is_done() {
             match stands {
-                true => self.arrive(sight, ways),
-                false => self.doing = Doing::Driving { next: None },
+                true => self.arrive(input, space),
+                false => self.phase = Phase::Driving { next: None },
             }
             return Motion { speed: 0.0, ..command };
         }
         if allowed <= 0.0 && stands {
-            self.say_blocked(sight);
-            self.doing = Doing::Waiting { since: sight.now, gone: None };
+            self.set_blocked(input);
+            self.phase = Phase::Waiting { since: input.now, gone: None };
             return Motion { speed: 0.0, ..command };
         }
-        if self.is_stuck(sight, command) {
-            self.no_way(sight, ways, Hindrance::NotMoving, false);
+        if self.is_stuck(input, command) {
+            self.on_no_path(input, space, Hindrance::NotMoving, false);
             return Motion { speed: 0.0, ..command };
         }
-        let next = self.think_ahead(sight, ways, next);
-        self.doing = Doing::Driving { next };
+        let next = self.plan_ahead(input, space, next);
+        self.phase = Phase::Driving { next };
         command
     }
 
-    /// Off its path the robot would come to something that the map has before it can stand.
-    fn leaves_the_floor(&self, sight: &Sight<'_>, ways: &Ways) -> bool {
-        let Config { body, limits, manners, .. } = sight.config;
+    /// True if the robot, off its path, would reach a mapped obstacle before it can stop.
+    fn would_collide(&self, input: &StepInput<'_>, space: &PlanningSpace) -> bool {
+        let Config { body, limits, manners, .. } = input.config;
         let (aside, _) = self.track.error();
-        if aside.abs() < ASTRAY || self.track.is_done() {
+        if aside.abs() < MAP_CHECK_DEVIATION_M || self.track.is_done() {
             return false;
         }
-        let speed = sight.motion.speed.abs();
-        let way = speed * manners.reaction + speed * speed / (2.0 * limits.deceleration) + STEP_AHEAD;
-        let way = if self.track.forward().unwrap_or(true) { way } else { -way };
-        let rotation = way * libm::tan(sight.motion.steering) / body.wheelbase;
-        let there = sight.robot.along(navitools::Motion { translation: way, rotation });
-        ways.is_free(sight.robot) && !ways.is_free(there)
+        let speed = input.motion.speed.abs();
+        let distance = speed * manners.reaction + speed * speed / (2.0 * limits.deceleration) + MAP_CHECK_MARGIN_M;
+        let distance = if self.track.forward().unwrap_or(true) { distance } else { -distance };
+        let rotation = distance * libm::tan(input.motion.steering) / body.wheelbase;
+        let there = input.robot.along(navitools::Motion { translation: distance, rotation });
+        space.is_free(input.robot) && !space.is_free(there)
     }
 
-    /// What the sonars allow in the direction of travel.
-    fn allowed(&self, sight: &Sight<'_>) -> f64 {
+    /// Speed that the sonars allow in the direction of travel, m/s.
+    fn allowed(&self, input: &StepInput<'_>) -> f64 {
         let forward = self.track.forward().unwrap_or(true);
-        let sudden = guard::sudden(sight.now, forward, sight.obstacles, sight.config);
-        let meeting = guard::meeting(sight.now, self.track.ahead(), sight.obstacles, sight.config);
-        self.ahead.speed(self.track.way(), sight.config).min(sudden).min(meeting)
+        let echoes = guard::echo_speed_limit(input.now, forward, input.obstacles, input.config);
+        let people = guard::person_speed_limit(input.now, self.track.ahead(), input.obstacles, input.config);
+        self.ahead.speed(self.track.distance(), input.config).min(echoes).min(people)
     }
 
-    fn is_stuck(&mut self, sight: &Sight<'_>, command: Motion) -> bool {
-        if command.speed == 0.0 || sight.motion.speed.abs() >= STANDING / 2.0 {
+    fn is_stuck(&mut self, input: &StepInput<'_>, command: Motion) -> bool {
+        if command.speed == 0.0 || input.motion.speed.abs() >= STANDSTILL_MPS / 2.0 {
             self.stuck = None;
             return false;
         }
-        sight.now.since(*self.stuck.get_or_insert(sight.now)) >= STUCK
+        input.now.since(*self.stuck.get_or_insert(input.now)) >= STUCK_AFTER
     }
 
-    /// Looks for the leg after this one while this one is driven, so that waypoints are passed without a stop.
-    fn think_ahead(
+    /// Plans the next leg while this one is driven, so that waypoints are passed without a stop.
+    fn plan_ahead(
         &mut self,
-        sight: &Sight<'_>,
-        ways: &mut Ways,
+        input: &StepInput<'_>,
+        space: &mut PlanningSpace,
         next: Option<(Route, usize)>,
     ) -> Option<(Route, usize)> {
-        let Config { body, limits, manners, .. } = sight.config;
+        let Config { body, limits, manners, .. } = input.config;
         let goal = self.goal.as_ref()?;
         let (end, _) = self.track.end()?;
         let Some((mut route, to)) = next else {
-            let to = goal.after(self.track.leads_to()?).filter(|_| self.track.remaining() < AHEAD)?;
+            let to = goal.after(self.track.leads_to()?).filter(|_| self.track.remaining() < PLAN_AHEAD_M)?;
             let at = goal.waypoints[to];
-            if let Some(poses) = self.kept_way(to, end) {
+            if let Some(poses) = self.stored_path(to, end) {
                 self.track.extend(&poses, Some(to), body, limits, manners);
-                (self.unseen, self.replanned) = (true, true);
+                (self.unchecked, self.replanned) = (true, true);
                 return None;
             }
             let heading = at.heading.or_else(|| goal.passing(end.point(), to));
-            return Some((Route::begin(ways, end, &at, heading, false), to));
+            return Some((Route::begin(space, end, &at, heading, false), to));
         };
-        match route.advance(ways) {
-            Progress::Going => Some((route, to)),
+        match route.advance(space) {
+            Progress::Searching => Some((route, to)),
             Progress::Found(poses) => {
-                self.keep_way(to, &poses);
+                self.store_path(to, &poses);
                 self.track.extend(&poses, Some(to), body, limits, manners);
-                (self.unseen, self.replanned) = (true, true);
+                (self.unchecked, self.replanned) = (true, true);
                 None
             }
-            // Asked again, and answered, when the robot has come to the end of this one.
-            Progress::NoWay { .. } => Some((route, to)),
+            // Planned again, with its result reported, at the end of this leg.
+            Progress::NoPath { .. } => Some((route, to)),
         }
     }
 
@@ -448,7 +451,7 @@ impl Mission {
         {
             goal.next = next;
             (self.attempts, self.nearest) = (0, f64::INFINITY);
-            self.say_driving();
+            self.set_driving();
         }
     }
 
@@ -458,8 +461,8 @@ impl Mission {
             Some(next) => {
                 goal.next = next;
                 (self.attempts, self.nearest) = (0, f64::INFINITY);
-                self.doing = Doing::Nothing;
-                self.say_driving();
+                self.phase = Phase::Idle;
+                self.set_driving();
             }
             None if goal.looped => self.state = GoalState::AtLoop,
             None => {
@@ -469,112 +472,113 @@ impl Mission {
         }
     }
 
-    /// The robot stands at the end of the track.
-    fn arrive(&mut self, sight: &Sight<'_>, ways: &Ways) {
+    /// Handles standstill at the end of the track.
+    fn arrive(&mut self, input: &StepInput<'_>, space: &PlanningSpace) {
         let Some(goal) = &self.goal else { return };
         let Waypoint { at, .. } = goal.waypoints[goal.next];
-        if goal.waypoints[goal.next].is_reached(sight.robot) {
+        if goal.waypoints[goal.next].is_reached(input.robot) {
             return self.reached(goal.next);
         }
-        let off = at.distance(sight.robot.point());
-        self.no_way(sight, ways, Hindrance::Beside(off), false);
+        let off = at.distance(input.robot.point());
+        self.on_no_path(input, space, Hindrance::Beside(off), false);
     }
 
-    fn say_blocked(&mut self, sight: &Sight<'_>) {
+    fn set_blocked(&mut self, input: &StepInput<'_>) {
         let forward = self.track.forward().unwrap_or(true);
         self.state = match self.ahead.first() {
-            _ if sight.obstacles.is_blind(sight.now, forward, &sight.config.body) => GoalState::Blind { forward },
+            _ if input.obstacles.is_blind(input.now, forward, &input.config.body) => GoalState::Blind { forward },
             Some((_, at)) => GoalState::InTheWay(at),
             None => GoalState::SomebodyNear,
         };
     }
 
-    fn wait(&mut self, sight: &Sight<'_>, ways: &mut Ways, since: Instant, gone: Option<Instant>) {
-        let waited = sight.now.since(since).as_secs_f64();
-        let drives = !self.track.is_done() && self.allowed(sight) > WORTH;
-        let gone = drives.then(|| gone.unwrap_or(sight.now));
-        if gone.is_some_and(|gone| sight.now.since(gone) >= GONE) {
-            self.doing = Doing::Driving { next: None };
-            return self.say_driving();
+    fn wait(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, since: Instant, gone: Option<Instant>) {
+        let waited = input.now.since(since).as_secs_f64();
+        let drives = !self.track.is_done() && self.allowed(input) > START_SPEED_MIN_MPS;
+        let gone = drives.then(|| gone.unwrap_or(input.now));
+        if gone.is_some_and(|gone| input.now.since(gone) >= CLEAR_FOR) {
+            self.phase = Phase::Driving { next: None };
+            return self.set_driving();
         }
-        let patience = sight.config.manners.patience * f64::from((1 + self.attempts / 2).min(WAITS_MAX));
+        let patience =
+            input.config.manners.patience * f64::from((1 + self.attempts / 2).min(WAIT_MAX_PATIENCE_MULTIPLE));
         if waited >= patience && gone.is_none() {
-            if self.is_enough(sight, Hindrance::InTheWay) {
+            if self.count_attempt(input, Hindrance::InTheWay) {
                 return;
             }
-            // A way around may begin nearer to somebody than the robot goes: then it makes room first.
-            if self.attempts.is_multiple_of(2) && self.back_out(sight, ways) {
+            // A path around may begin closer to a person than the robot is allowed to go: it backs out first.
+            if self.attempts.is_multiple_of(2) && self.back_out(input, space) {
                 return;
             }
-            return self.think(sight, ways, true);
+            return self.begin_planning(input, space, true);
         }
-        self.doing = Doing::Waiting { since, gone };
+        self.phase = Phase::Waiting { since, gone };
     }
 
-    /// Turns to where the robot came from; when it came from nowhere, straight back or forward, where the map is free.
-    fn back_out(&mut self, sight: &Sight<'_>, ways: &Ways) -> bool {
-        let steps = (BACK / TRACE_STEP) as usize;
+    /// Backs out along the path that the robot came from; without one, straight back or forward where the map is free.
+    fn back_out(&mut self, input: &StepInput<'_>, space: &PlanningSpace) -> bool {
+        let steps = (BACK_OUT_M / TRACE_STEP_M) as usize;
         let came = self.trace.back().map(|(_, forward)| *forward);
         let back = self.trace.iter().rev().take_while(|(_, was)| Some(*was) == came).take(steps);
         let back: Vec<(Pose, bool)> = back.map(|(pose, was)| (*pose, !was)).collect();
         let straight = |forward: bool| {
-            let step = if forward { TRACE_STEP } else { -TRACE_STEP };
-            let pose = move |n: usize| sight.robot * Pose::new(step * n as f64, 0.0, 0.0);
-            let free = (0..=steps).map(pose).take_while(|pose| ways.is_free(*pose));
+            let step = if forward { TRACE_STEP_M } else { -TRACE_STEP_M };
+            let pose = move |n: usize| input.robot * Pose::new(step * n as f64, 0.0, 0.0);
+            let free = (0..=steps).map(pose).take_while(|pose| space.is_free(*pose));
             free.map(|pose| (pose, forward)).collect::<Vec<_>>()
         };
-        [back, straight(false), straight(true)].iter().any(|poses| self.retreat(sight, poses))
+        [back, straight(false), straight(true)].iter().any(|poses| self.begin_backing_out(input, poses))
     }
 
-    fn retreat(&mut self, sight: &Sight<'_>, poses: &[(Pose, bool)]) -> bool {
-        let Config { body, limits, manners, .. } = sight.config;
+    fn begin_backing_out(&mut self, input: &StepInput<'_>, poses: &[(Pose, bool)]) -> bool {
+        let Config { body, limits, manners, .. } = input.config;
         self.track = Track::new(poses, None, body, limits, manners);
-        self.look(sight.now, sight.obstacles, sight.config);
-        if self.track.remaining() < BACK_LEAST || self.allowed(sight) <= WORTH {
+        self.check_ahead(input.now, input.obstacles, input.config);
+        if self.track.remaining() < BACK_OUT_MIN_M || self.allowed(input) <= START_SPEED_MIN_MPS {
             self.track = Track::default();
             return false;
         }
         self.state = GoalState::BackingOut;
         (self.replanned, self.stuck) = (true, None);
-        self.doing = Doing::Backing { blocked: None };
+        self.phase = Phase::BackingOut { blocked: None };
         true
     }
 
-    fn back(&mut self, sight: &Sight<'_>, ways: &mut Ways, blocked: Option<Instant>) -> Motion {
-        let Config { body, limits, .. } = sight.config;
-        let allowed = self.allowed(sight);
-        let command = self.track.follow(sight.robot, sight.motion, allowed, body, limits);
-        let stands = sight.motion.speed.abs() < STANDING;
-        let blocked = (allowed <= 0.0).then(|| blocked.unwrap_or(sight.now));
-        let gives_up = blocked.is_some_and(|since| sight.now.since(since) >= HINDERED);
-        if (self.track.is_done() || gives_up || self.is_stuck(sight, command)) && stands {
+    fn back_up(&mut self, input: &StepInput<'_>, space: &mut PlanningSpace, blocked: Option<Instant>) -> Motion {
+        let Config { body, limits, .. } = input.config;
+        let allowed = self.allowed(input);
+        let command = self.track.follow(input.robot, input.motion, allowed, body, limits);
+        let stands = input.motion.speed.abs() < STANDSTILL_MPS;
+        let blocked = (allowed <= 0.0).then(|| blocked.unwrap_or(input.now));
+        let gives_up = blocked.is_some_and(|since| input.now.since(since) >= BACKING_OUT_BLOCKED_MAX);
+        if (self.track.is_done() || gives_up || self.is_stuck(input, command)) && stands {
             self.trace.clear();
-            self.think(sight, ways, true);
+            self.begin_planning(input, space, true);
             return Motion { speed: 0.0, ..command };
         }
-        self.doing = Doing::Backing { blocked };
+        self.phase = Phase::BackingOut { blocked };
         command
     }
 
-    /// Where the robot drives, for backing out; and that it does.
-    fn remember(&mut self, sight: &Sight<'_>) {
+    /// Records the driven path, for backing out, and the progress towards the waypoint.
+    fn record_trace(&mut self, input: &StepInput<'_>) {
         let last = self.trace.back().map(|(pose, _)| *pose);
-        let step = last.map_or(TRACE_STEP, |last| last.point().distance(sight.robot.point()));
-        if step < TRACE_STEP || sight.motion.speed.abs() < STANDING {
+        let step = last.map_or(TRACE_STEP_M, |last| last.point().distance(input.robot.point()));
+        if step < TRACE_STEP_M || input.motion.speed.abs() < STANDSTILL_MPS {
             return;
         }
-        if step > 4.0 * TRACE_STEP {
+        if step > 4.0 * TRACE_STEP_M {
             self.trace.clear();
         }
-        if !matches!(self.doing, Doing::Backing { .. }) {
-            self.trace.push_back((sight.robot, sight.motion.speed > 0.0));
+        if !matches!(self.phase, Phase::BackingOut { .. }) {
+            self.trace.push_back((input.robot, input.motion.speed > 0.0));
         }
-        if self.trace.len() > (TRACE / TRACE_STEP) as usize {
+        if self.trace.len() > (TRACE_LENGTH_M / TRACE_STEP_M) as usize {
             self.trace.pop_front();
         }
         let Some(goal) = &self.goal else { return };
-        let distance = goal.waypoints[goal.next].at.distance(sight.robot.point());
-        if distance < self.nearest - FORGIVEN {
+        let distance = goal.waypoints[goal.next].at.distance(input.robot.point());
+        if distance < self.nearest - PROGRESS_RESETS_ATTEMPTS_M {
             (self.attempts, self.nearest) = (0, distance);
         }
     }

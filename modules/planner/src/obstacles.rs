@@ -1,70 +1,72 @@
-//! What the sonars say stands around the robot: cells of 5 cm, in the frame of the map.
+//! Obstacle map around the robot from sonar readings: cells of 5 cm in the map frame.
 //!
-//! Each reading counts from the instant at which its sonar fired, once, however often it is sent; one that is not known
-//! frees nothing and suspects nothing. A sonar hears the nearest echo in its cone, not where in the cone it came from. So an echo puts an arc of suspicion
-//! at its distance, less what other cones have just found free; space nearer than the echo is free. Silence frees only
-//! what even a leg would have been heard in, and only within the specular limit (docs/facts/robot.md 2.1, 4.3). A cell
-//! counts when it was suspected twice within about a second: one crosstalk is no obstacle. What is not heard again is
-//! forgotten. Clothes swallow sound: beyond a metre that a cone did not hear somebody says little.
+//! A reading counts once, at the instant at which its sonar fired, however often it is sent; an unknown reading neither
+//! frees nor marks anything. A sonar measures the nearest echo in its cone, but not its direction. An echo therefore
+//! marks an arc at its distance as suspected, except for cells that other cones have just found free; the space nearer
+//! than the echo is free. Silence frees only the space in which even a leg would return an echo, within the specular
+//! limit (docs/facts/robot.md 2.1, 4.3). A cell counts as an obstacle after two suspicions within about a second: a
+//! single crosstalk echo is not one. Cells without new echoes expire. Clothes absorb sound, so silence beyond a metre
+//! is weak evidence.
 
 use crate::config::Body;
-use crate::people::{Heard, People, Person};
-use crate::ranges::{self, BELIEVED, Mount, SONARS_MAX, Sounding};
+use crate::people::{People, Person, Reading};
+use crate::ranges::{self, Mount, READING_VALID_FOR, SONARS_MAX, Sounding};
 use base::{Duration, Instant};
 use navitools::{Point, Pose};
 use std::mem;
 
-/// Edge of a cell, m.
-pub const CELL: f64 = 0.05;
-/// Cells along an edge of the grid, which goes with the robot: 8 m.
-const SIDE: i32 = 160;
-/// A leg is heard to here, m; what is farther is no news for the next stop.
-const REACH: f64 = 2.5;
-/// Silence frees to here, m: a leg would have been heard.
-const SILENT_REACH: f64 = 2.0;
-/// The specular limit, 25°, rad: within it of the axis a smooth wall that stands square to the sound would be heard.
-const SPECULAR: f64 = 0.4363;
-/// Of what a cone frees, this share of its width was seen.
-const SEEN_SHARE: f64 = 0.9;
-/// A cone carves the arc of another that was fired within this time.
-const TOGETHER: Duration = Duration::from_millis(300);
-/// Two readings of a sonar are of one thing, and say how fast it comes nearer, when they follow within this time, s.
-const FOLLOWS: (f64, f64) = (0.05, 0.6);
-/// An echo's distance is known to this, m: noise, a reading's age and the pose.
-const BLUR: f64 = 0.10;
-/// What a suspicion counts, and how much makes an obstacle: two.
-const SUSPICION: u8 = 4;
-const CONFIRMED: u8 = 6;
-/// More is not counted, so that what has left is forgotten soon.
+/// Side of a cell, m.
+pub const CELL_M: f64 = 0.05;
+/// Number of cells along a side of the grid (8 m), which moves with the robot.
+const SIDE_CELLS: i32 = 160;
+/// Range within which a leg returns an echo, m; anything farther does not matter for the next stop.
+const LEG_RANGE_M: f64 = 2.5;
+/// Range up to which silence frees space, m: a leg would return an echo.
+const SILENCE_RANGE_M: f64 = 2.0;
+/// Specular limit, 25°, rad: within this angle of the axis a smooth wall perpendicular to the beam returns an echo.
+const SPECULAR_LIMIT_RAD: f64 = 0.4363;
+/// Share of a cone's width that counts as observed.
+const OBSERVED_SHARE: f64 = 0.9;
+/// Longest time between two firings for which a cone frees cells of the other's arc.
+const CARVE_WITHIN: Duration = Duration::from_millis(300);
+/// Time between two readings of a sonar within which they give the closing speed of one obstacle, s: minimum and
+/// maximum.
+const CLOSING_INTERVAL_S: (f64, f64) = (0.05, 0.6);
+/// Accuracy of an echo's position, m: noise, age of the reading, and pose.
+const ECHO_ACCURACY_M: f64 = 0.10;
+/// Weight of a suspicion, and the sum that makes an obstacle: two suspicions.
+const SUSPICION_WEIGHT: u8 = 4;
+const OBSTACLE_EVIDENCE: u8 = 6;
+/// Upper bound of the evidence, so that an obstacle that has left expires soon.
 const EVIDENCE_MAX: u8 = 12;
-/// What a round counts in which a cone found it free: near, and where it may just not have heard.
-const FREE_NEAR: u8 = 3;
-const FREE_FAR: u8 = 1;
-/// Near is up to here, m.
-const NEAR: f64 = 1.0;
-/// A cell that was not suspected for this long is free.
-const DECAY: Duration = Duration::from_secs(5);
-/// The second suspicion must come within this time.
+/// Decrease per round in which a cone is free: near, and where the echo may have been missed.
+const FREE_WEIGHT_NEAR: u8 = 3;
+const FREE_WEIGHT_FAR: u8 = 1;
+/// Limit of the near range, m.
+const NEAR_M: f64 = 1.0;
+/// Time without a suspicion after which a cell is free.
+const CELL_LIFETIME: Duration = Duration::from_secs(5);
+/// Time within which the second suspicion must follow.
 const CONFIRM_WITHIN: Duration = Duration::from_secs(1);
-/// Edge of a patch of space that was seen, m.
-const PATCH: f64 = 0.25;
-/// Patches along an edge.
-const PATCHES: i32 = 32;
-/// Suspected cells that are remembered.
+/// Side of a patch of observed space, m.
+const PATCH_M: f64 = 0.25;
+/// Number of patches along a side.
+const PATCHES_PER_SIDE: i32 = 32;
+/// Maximum number of suspected cells.
 const HITS_MAX: usize = 2000;
-/// Nobody walks faster, m/s (ISO 13855).
-const WALKING: f64 = 1.6;
-/// Echoes of a sonar that differ by less, m, are of one thing.
-const SAME: f64 = 0.7;
-/// Slower than this nobody comes nearer: the jitter of a reading's age, m/s.
-const CLOSING_LEAST: f64 = 0.3;
+/// Fastest walking speed, m/s (ISO 13855).
+const WALKING_SPEED_MAX_MPS: f64 = 1.6;
+/// Difference of two echoes of a sonar below which they belong to one obstacle, m.
+const SAME_ECHO_M: f64 = 0.7;
+/// Closing speed below which a change is jitter of the readings' age, m/s.
+const CLOSING_SPEED_MIN_MPS: f64 = 0.3;
 
-/// A cell where something stands.
+/// Occupied cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Its middle, m.
+    /// Middle of the cell in the map, m.
     pub at: Point,
-    /// How fast it comes nearer by itself, m/s; 0 when it stands.
+    /// Closing speed of the obstacle itself, m/s; 0 if it is stationary.
     pub closing: f64,
 }
 
@@ -72,98 +74,98 @@ pub struct Hit {
 struct Cell {
     place: (i32, i32),
     evidence: u8,
-    heard: Instant,
+    suspected: Instant,
     closing: f64,
 }
 
-/// What one sonar heard last.
+/// Last reading of one sonar.
 #[derive(Clone, Copy, Debug, Default)]
 struct Echo {
-    /// Its number.
+    /// Number of the sonar.
     sonar: i32,
-    /// When it fired; none: nothing has been known of it.
+    /// Firing instant; `None` without a known reading.
     at: Option<Instant>,
-    /// m; none: nothing.
+    /// Distance, m; `None` for silence.
     distance: Option<f64>,
     closing: f64,
     mount: Mount,
-    /// The map says what was heard.
+    /// True if the map explains the echo.
     mapped: bool,
-    /// The reading before was about the same.
-    again: bool,
-    /// Where the reading before found something of the map, that this one did not find, m.
-    held: Option<f64>,
+    /// True if the previous reading was about the same.
+    repeated: bool,
+    /// Distance of a mapped obstacle in the previous reading that this one missed, m.
+    missed_wall: Option<f64>,
 }
 
-/// An echo in a direction.
+/// Echo in a direction of travel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Echoed {
-    /// From the end of the body that drives there, m.
+pub struct DirectedEcho {
+    /// Distance from the leading end of the body, m.
     pub distance: f64,
-    /// How fast it comes nearer by itself, m/s.
+    /// Closing speed of the obstacle itself, m/s.
     pub closing: f64,
-    /// It stands where the map has something.
+    /// True if the map explains the echo.
     pub mapped: bool,
-    /// The reading before was of it too: it is no crosstalk.
-    pub again: bool,
+    /// True if the previous reading confirms it, so that it is not crosstalk.
+    pub repeated: bool,
 }
 
-/// Where a sonar was when it fired.
+/// Reading with the motion of the robot when the sonar fired.
 #[derive(Clone, Copy, Debug)]
 pub struct Fired {
-    /// What it measured.
+    /// Reading.
     pub sounding: Sounding,
-    /// Where the robot was.
+    /// Pose of the robot.
     pub robot: Pose,
-    /// How fast the robot went, m/s.
+    /// Speed of the robot, m/s.
     pub speed: f64,
 }
 
-/// The cone of a sonar's last reading.
+/// Cone of a sonar's last reading.
 #[derive(Debug)]
 struct Cone {
     sonar: i32,
     at: Instant,
-    /// It has not been counted before.
+    /// True if the reading was not processed before.
     is_new: bool,
     from: Point,
     cos: f64,
     sin: f64,
     half_beam: f64,
-    /// Of its opening where it frees: cos², and the tangent.
+    /// Half of the opening angle within which the cone frees space: cos², and the tangent.
     clear: (f64, f64),
     echo: Option<f64>,
-    /// Free up to here, m.
+    /// Range up to which the cone is free, m.
     free: f64,
     closing: f64,
 }
 
 impl Cone {
-    /// How sure it is that `point` is free; 0: it is not.
+    /// Weight of the evidence that `point` is free; 0 outside the cone.
     fn frees(&self, point: Point) -> u8 {
         let (dx, dy) = (point.x - self.from.x, point.y - self.from.y);
         let along = dx * self.cos + dy * self.sin;
         let d2 = dx * dx + dy * dy;
         let frees = along > 0.0 && d2 < self.free * self.free && along * along >= self.clear.0 * d2;
         match frees {
-            true if d2 < NEAR * NEAR => FREE_NEAR,
-            true => FREE_FAR,
+            true if d2 < NEAR_M * NEAR_M => FREE_WEIGHT_NEAR,
+            true => FREE_WEIGHT_FAR,
             false => 0,
         }
     }
 }
 
-/// The obstacles that were sensed.
+/// Sensed obstacles.
 #[derive(Debug)]
 pub struct Obstacles {
     cells: Vec<Cell>,
-    /// By place modulo [`SIDE`]: the number of a cell plus one, or 0.
+    /// Index of a cell plus one, or 0, by its coordinates modulo [`SIDE_CELLS`].
     index: Vec<u16>,
-    /// By place modulo [`PATCHES`]: which patch, and when it was last seen free.
+    /// Patch, and the instant at which it was last observed free, by its coordinates modulo [`PATCHES_PER_SIDE`].
     seen: Vec<((i32, i32), Instant)>,
     echoes: Vec<Echo>,
     people: People,
-    /// Of the round that is taken: kept for its memory.
+    /// Cones of the current round; a reused buffer.
     cones: Vec<Cone>,
     round: Vec<Heard>,
 }
@@ -172,8 +174,8 @@ impl Default for Obstacles {
     fn default() -> Self {
         Self {
             cells: Vec::new(),
-            index: vec![0; (SIDE * SIDE) as usize],
-            seen: vec![((i32::MAX, i32::MAX), Instant::ZERO); (PATCHES * PATCHES) as usize],
+            index: vec![0; (SIDE_CELLS * SIDE_CELLS) as usize],
+            seen: vec![((i32::MAX, i32::MAX), Instant::ZERO); (PATCHES_PER_SIDE * PATCHES_PER_SIDE) as usize],
             echoes: Vec::new(),
             people: People::default(),
             cones: Vec::with_capacity(SONARS_MAX),
@@ -183,20 +185,20 @@ impl Default for Obstacles {
 }
 
 impl Obstacles {
-    /// Nothing heard.
+    /// Creates an empty obstacle map.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What is around has changed altogether: the robot was put elsewhere.
-    pub fn forget(&mut self) {
+    /// Clears everything, after a jump of the pose.
+    pub fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// Takes a round of the sonars at `now`; a reading that was taken before is not taken again. `robot` is where the
-    /// robot was when the last of them fired; `footprint(point)` tells points of the robot's frame that it covers,
-    /// `mapped(point)` those of the map near which an echo is no news.
+    /// Processes a round of readings at `now`; a reading that was processed before is ignored. `robot` is the pose when
+    /// the last sonar fired; `footprint(point)` is true for points of the robot's frame that its body covers,
+    /// `mapped(point)` for points of the map at which the map explains an echo.
     pub fn update(
         &mut self,
         now: Instant,
@@ -205,24 +207,24 @@ impl Obstacles {
         footprint: impl Fn(Point) -> bool,
         mapped: impl Fn(Point) -> bool,
     ) {
-        self.listen(&round[..round.len().min(SONARS_MAX)]);
+        self.process(&round[..round.len().min(SONARS_MAX)]);
         let cones = mem::take(&mut self.cones);
         let new = || cones.iter().filter(|cone| cone.is_new);
         let inverse = robot.inverse();
-        let near = CELL * f64::from(SIDE) / 2.0 - CELL;
+        let near = CELL_M * f64::from(SIDE_CELLS) / 2.0 - CELL_M;
         self.keep(|cell| {
             let at = middle(cell.place);
-            let limit = if cell.evidence < CONFIRMED { CONFIRM_WITHIN } else { DECAY };
+            let limit = if cell.evidence < OBSTACLE_EVIDENCE { CONFIRM_WITHIN } else { CELL_LIFETIME };
             let freed = new().map(|cone| cone.frees(at)).max().unwrap_or(0);
             cell.evidence = cell.evidence.saturating_sub(freed);
             let inside = (at.x - robot.x).abs() < near && (at.y - robot.y).abs() < near;
-            cell.evidence > 0 && now.since(cell.heard) < limit && inside && !footprint(inverse * at)
+            cell.evidence > 0 && now.since(cell.suspected) < limit && inside && !footprint(inverse * at)
         });
         self.round.clear();
         for cone in new() {
-            self.look(cone);
-            let mapped = self.suspect(cone, &cones, |point| footprint(inverse * point), &mapped);
-            self.round.push(Heard {
+            self.mark_observed(cone);
+            let mapped = self.mark_arc(cone, &cones, |point| footprint(inverse * point), &mapped);
+            self.round.push(Reading {
                 at: cone.at,
                 from: cone.from,
                 axis: (cone.cos, cone.sin),
@@ -231,56 +233,60 @@ impl Obstacles {
                 mapped,
             });
         }
-        self.round.sort_by_key(|heard| heard.at);
+        self.round.sort_by_key(|reading| reading.at);
         self.people.update(&self.round, |point| footprint(inverse * point));
         self.cones = cones;
     }
 
-    fn listen(&mut self, round: &[Fired]) {
+    fn process(&mut self, round: &[Fired]) {
         let is_there = |sonar: i32| round.iter().any(|fired| fired.sounding.id == sonar);
         self.echoes.retain(|echo| is_there(echo.sonar));
         self.cones.retain(|cone| is_there(cone.sonar));
         self.cones.iter_mut().for_each(|cone| cone.is_new = false);
         for Fired { sounding, robot, speed } in round {
-            let Sounding { id: sonar, at, mount, heard } = *sounding;
+            let Sounding { id: sonar, at, mount, measurement } = *sounding;
             let number = self.echoes.iter().position(|echo| echo.sonar == sonar).unwrap_or_else(|| {
                 self.echoes.push(Echo { sonar, ..Echo::default() });
                 self.echoes.len() - 1
             });
             let last = &mut self.echoes[number];
             last.mount = mount;
-            let distance = match heard {
-                ranges::Heard::Echo(distance) => Some(distance),
-                ranges::Heard::Silent | ranges::Heard::NoEcho => None,
-                ranges::Heard::Unknown => continue,
+            let distance = match measurement {
+                ranges::Measurement::Echo(distance) => Some(distance),
+                ranges::Measurement::Silent | ranges::Measurement::NoEcho => None,
+                ranges::Measurement::Unknown => continue,
             };
             if last.at.is_some_and(|last| at <= last) {
                 continue;
             }
             let dt = last.at.map_or(f64::INFINITY, |last| at.since(last).as_secs_f64());
             let closing = match (last.distance, distance) {
-                (Some(before), Some(after)) if dt > FOLLOWS.0 && dt < FOLLOWS.1 => {
+                (Some(before), Some(after)) if dt > CLOSING_INTERVAL_S.0 && dt < CLOSING_INTERVAL_S.1 => {
                     let closing = (before - after) / dt - speed * libm::cos(mount.theta);
-                    // A jump is another thing that is heard, not one that runs.
-                    if (CLOSING_LEAST..2.0 * WALKING).contains(&closing) { closing.min(WALKING) } else { 0.0 }
+                    // A jump is an echo of another obstacle, not a fast one.
+                    if (CLOSING_SPEED_MIN_MPS..2.0 * WALKING_SPEED_MAX_MPS).contains(&closing) {
+                        closing.min(WALKING_SPEED_MAX_MPS)
+                    } else {
+                        0.0
+                    }
                 }
                 _ => 0.0,
             };
-            let same = |(before, after): (f64, f64)| (before - after).abs() < SAME;
-            let again = dt < FOLLOWS.1 && last.distance.zip(distance).is_some_and(same);
-            // Walls do not go away: one that a single reading misses is still there, and the robot nearer to it.
+            let same = |(before, after): (f64, f64)| (before - after).abs() < SAME_ECHO_M;
+            let repeated = dt < CLOSING_INTERVAL_S.1 && last.distance.zip(distance).is_some_and(same);
+            // Walls do not move: a wall missed by a single reading is still there, and the robot has come closer to it.
             let nearer = |before: f64| before - speed * libm::cos(mount.theta) * dt;
-            let held = last.distance.filter(|_| last.mapped && dt < FOLLOWS.1).map(nearer);
-            *last = Echo { sonar, at: Some(at), distance, closing, mount, mapped: false, again, held };
+            let missed_wall = last.distance.filter(|_| last.mapped && dt < CLOSING_INTERVAL_S.1).map(nearer);
+            *last = Echo { sonar, at: Some(at), distance, closing, mount, mapped: false, repeated, missed_wall };
             let pose = *robot * Pose::new(mount.at.x, mount.at.y, mount.theta);
             let (sin, cos) = pose.theta.sin_cos();
             let half_beam = mount.beam / 2.0;
-            let clear = half_beam.min(SPECULAR);
+            let clear = half_beam.min(SPECULAR_LIMIT_RAD);
             let clear = (libm::cos(clear) * libm::cos(clear), libm::tan(clear));
-            let free = match heard {
-                ranges::Heard::Echo(distance) => (distance - BLUR).min(REACH),
-                ranges::Heard::Silent => SILENT_REACH,
-                ranges::Heard::NoEcho | ranges::Heard::Unknown => 0.0,
+            let free = match measurement {
+                ranges::Measurement::Echo(distance) => (distance - ECHO_ACCURACY_M).min(LEG_RANGE_M),
+                ranges::Measurement::Silent => SILENCE_RANGE_M,
+                ranges::Measurement::NoEcho | ranges::Measurement::Unknown => 0.0,
             };
             let (from, echo) = (pose.point(), distance);
             let cone = Cone { sonar, at, is_new: true, from, cos, sin, half_beam, clear, echo, free, closing };
@@ -291,16 +297,16 @@ impl Obstacles {
         }
     }
 
-    /// The space that a cone found free was seen when it fired.
-    fn look(&mut self, cone: &Cone) {
+    /// Marks the space that a cone found free as observed at its firing instant.
+    fn mark_observed(&mut self, cone: &Cone) {
         for share in [-1.0, -0.5, 0.0, 0.5, 1.0] {
-            let tan = share * SEEN_SHARE * cone.clear.1;
-            let steps = if cone.free > 0.0 { (cone.free / PATCH) as i32 } else { -1 };
+            let tan = share * OBSERVED_SHARE * cone.clear.1;
+            let steps = if cone.free > 0.0 { (cone.free / PATCH_M) as i32 } else { -1 };
             for step in 0..=steps {
-                let along = f64::from(step) * PATCH;
+                let along = f64::from(step) * PATCH_M;
                 let (x, y) = (along * (cone.cos - tan * cone.sin), along * (cone.sin + tan * cone.cos));
-                let patch = place(Point { x: cone.from.x + x, y: cone.from.y + y }, PATCH);
-                let seen = &mut self.seen[slot(patch, PATCHES)];
+                let patch = place(Point { x: cone.from.x + x, y: cone.from.y + y }, PATCH_M);
+                let seen = &mut self.seen[slot(patch, PATCHES_PER_SIDE)];
                 if seen.0 != patch || seen.1 < cone.at {
                     *seen = (patch, cone.at);
                 }
@@ -308,16 +314,16 @@ impl Obstacles {
         }
     }
 
-    /// Suspects the arc that an echo may have come from; true if the map says what it came from.
-    fn suspect(
+    /// Marks the arc of an echo as suspected; true if the map explains the echo.
+    fn mark_arc(
         &mut self,
         cone: &Cone,
         cones: &[Cone],
         footprint: impl Fn(Point) -> bool,
         mapped: &impl Fn(Point) -> bool,
     ) -> bool {
-        let Some(distance) = cone.echo.filter(|distance| *distance <= REACH) else { return false };
-        let count = libm::ceil(cone.half_beam * distance / CELL).max(1.0) as i32;
+        let Some(distance) = cone.echo.filter(|distance| *distance <= LEG_RANGE_M) else { return false };
+        let count = libm::ceil(cone.half_beam * distance / CELL_M).max(1.0) as i32;
         let point = |step: i32| {
             let (sin, cos) = libm::sincos(f64::from(step) * cone.half_beam / f64::from(count));
             let (along, across) = (distance * cos, distance * sin);
@@ -332,12 +338,12 @@ impl Obstacles {
             }
             return true;
         }
-        let other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < TOGETHER;
+        let other = |other: &&Cone| other.sonar != cone.sonar && apart(other.at, cone.at) < CARVE_WITHIN;
         let mut last = None;
         for step in -count..=count {
             let at = point(step);
-            let cell = place(at, CELL);
-            let carved = cones.iter().filter(other).any(|cone| cone.frees(at) == FREE_NEAR);
+            let cell = place(at, CELL_M);
+            let carved = cones.iter().filter(other).any(|cone| cone.frees(at) == FREE_WEIGHT_NEAR);
             if last == Some(cell) || carved || footprint(at) {
                 continue;
             }
@@ -347,23 +353,23 @@ impl Obstacles {
         false
     }
 
-    /// Who is around at `now`.
+    /// Tracked people, extrapolated to `now`.
     pub fn people(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
         self.people.around(now)
     }
 
-    fn add(&mut self, heard: Instant, place: (i32, i32), closing: f64) {
-        let slot = slot(place, SIDE);
+    fn add(&mut self, suspected: Instant, place: (i32, i32), closing: f64) {
+        let slot = slot(place, SIDE_CELLS);
         match self.index[slot].checked_sub(1) {
             Some(number) => {
                 let cell = &mut self.cells[usize::from(number)];
                 if cell.place == place {
-                    let evidence = (cell.evidence + SUSPICION).min(EVIDENCE_MAX);
-                    *cell = Cell { evidence, heard: heard.max(cell.heard), closing, ..*cell };
+                    let evidence = (cell.evidence + SUSPICION_WEIGHT).min(EVIDENCE_MAX);
+                    *cell = Cell { evidence, suspected: suspected.max(cell.suspected), closing, ..*cell };
                 }
             }
             None if self.cells.len() < HITS_MAX => {
-                self.cells.push(Cell { place, evidence: SUSPICION, heard, closing });
+                self.cells.push(Cell { place, evidence: SUSPICION_WEIGHT, suspected, closing });
                 self.index[slot] = self.cells.len() as u16;
             }
             None => {}
@@ -378,68 +384,74 @@ impl Obstacles {
                 continue;
             }
             let gone = self.cells.swap_remove(number);
-            self.index[slot(gone.place, SIDE)] = 0;
+            self.index[slot(gone.place, SIDE_CELLS)] = 0;
             if let Some(moved) = self.cells.get(number) {
-                self.index[slot(moved.place, SIDE)] = number as u16 + 1;
+                self.index[slot(moved.place, SIDE_CELLS)] = number as u16 + 1;
             }
         }
     }
 
-    /// The cells where something stands.
+    /// Occupied cells.
     pub fn hits(&self) -> impl Iterator<Item = Hit> + '_ {
-        let confirmed = self.cells.iter().filter(|cell| cell.evidence >= CONFIRMED);
+        let confirmed = self.cells.iter().filter(|cell| cell.evidence >= OBSTACLE_EVIDENCE);
         confirmed.map(|cell| Hit { at: middle(cell.place), closing: cell.closing })
     }
 
-    /// Whether the space at `point` was found free within the last `age`.
+    /// True if the space at `point` was observed free within the last `age`.
     #[must_use]
     pub fn seen_within(&self, now: Instant, point: Point, age: Duration) -> bool {
-        let patch = place(point, PATCH);
-        let (which, at) = self.seen[slot(patch, PATCHES)];
+        let patch = place(point, PATCH_M);
+        let (which, at) = self.seen[slot(patch, PATCHES_PER_SIDE)];
         which == patch && now.since(at) <= age
     }
 
-    /// What sonars that look where the robot's front drives, or its rear, heard as long as that is believed. One reading
-    /// is enough here: who is near is braked for at once.
-    pub fn echoes(&self, now: Instant, forward: bool, body: &Body) -> impl Iterator<Item = Echoed> + '_ {
+    /// Valid echoes of the sonars that cover the path before the front, or the rear. A single reading is enough here:
+    /// the robot brakes at once for anything that close.
+    pub fn echoes(&self, now: Instant, forward: bool, body: &Body) -> impl Iterator<Item = DirectedEcho> + '_ {
         let body = *body;
-        let fresh = move |echo: &&Echo| echo.is_believed(now) && echo.mount.looks(forward, &body);
-        let told = move |echo: &Echo| {
-            let Echo { distance, closing, mapped, again, held, mount, .. } = *echo;
-            let behind = mount.behind(forward, &body);
-            let heard = distance.map(|distance| Echoed { distance: distance - behind, closing, mapped, again });
-            let held = held.map(|held| Echoed { distance: held - behind, closing: 0.0, mapped: true, again: true });
-            [heard, held]
+        let fresh = move |echo: &&Echo| echo.is_valid(now) && echo.mount.covers(forward, &body);
+        let both = move |echo: &Echo| {
+            let Echo { distance, closing, mapped, repeated, missed_wall, mount, .. } = *echo;
+            let behind = mount.setback(forward, &body);
+            let current =
+                distance.map(|distance| DirectedEcho { distance: distance - behind, closing, mapped, repeated });
+            let missed_wall = missed_wall.map(|wall| DirectedEcho {
+                distance: wall - behind,
+                closing: 0.0,
+                mapped: true,
+                repeated: true,
+            });
+            [current, missed_wall]
         };
-        self.echoes.iter().filter(fresh).flat_map(told).flatten()
+        self.echoes.iter().filter(fresh).flat_map(both).flatten()
     }
 
-    /// True if there are sonars that look where the robot's front drives, or its rear, and nothing is known of any.
+    /// True if sonars cover the path before the front, or the rear, and the state of all of them is unknown.
     #[must_use]
     pub fn is_blind(&self, now: Instant, forward: bool, body: &Body) -> bool {
-        let mut looking = self.echoes.iter().filter(|echo| echo.mount.looks(forward, body)).peekable();
-        looking.peek().is_some() && !looking.any(|echo| echo.is_believed(now))
+        let mut looking = self.echoes.iter().filter(|echo| echo.mount.covers(forward, body)).peekable();
+        looking.peek().is_some() && !looking.any(|echo| echo.is_valid(now))
     }
 }
 
 impl Echo {
-    fn is_believed(&self, now: Instant) -> bool {
-        self.at.is_some_and(|at| now.since(at) < BELIEVED)
+    fn is_valid(&self, now: Instant) -> bool {
+        self.at.is_some_and(|at| now.since(at) < READING_VALID_FOR)
     }
 }
 
-/// Time between two instants.
+/// Absolute difference of two instants.
 fn apart(a: Instant, b: Instant) -> Duration {
     a.since(b).max(b.since(a))
 }
 
 fn place(point: Point, size: f64) -> (i32, i32) {
-    // Casts saturate: what is not on the grid is far from the robot.
+    // Casts saturate: a point outside the grid is far from the robot.
     (libm::floor(point.x / size) as i32, libm::floor(point.y / size) as i32)
 }
 
 fn middle(place: (i32, i32)) -> Point {
-    Point { x: (f64::from(place.0) + 0.5) * CELL, y: (f64::from(place.1) + 0.5) * CELL }
+    Point { x: (f64::from(place.0) + 0.5) * CELL_M, y: (f64::from(place.1) + 0.5) * CELL_M }
 }
 
 fn slot((x, y): (i32, i32), side: i32) -> usize {
@@ -459,34 +471,34 @@ mod tests {
 
     const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
 
-    fn echo(distance: f64) -> ranges::Heard {
-        if distance.is_nan() { ranges::Heard::Silent } else { ranges::Heard::Echo(distance) }
+    fn echo(distance: f64) -> ranges::Measurement {
+        if distance.is_nan() { ranges::Measurement::Silent } else { ranges::Measurement::Echo(distance) }
     }
 
-    /// Readings of the three front sonars of a robot that stands at the origin.
-    fn fired(at: Instant, heard: [ranges::Heard; 3]) -> Vec<Fired> {
-        let fired = |(id, ((x, y, theta), heard)): (usize, ((f64, f64, f64), ranges::Heard))| {
+    /// Readings of the three front sonars of a robot at the origin.
+    fn fired(at: Instant, measured: [ranges::Measurement; 3]) -> Vec<Fired> {
+        let fired = |(id, ((x, y, theta), measurement)): (usize, ((f64, f64, f64), ranges::Measurement))| {
             let mount = Mount { at: Point { x, y }, theta, beam: 0.96 };
-            Fired { sounding: Sounding { id: id as i32, at, mount, heard }, robot: Pose::default(), speed: 0.0 }
+            Fired { sounding: Sounding { id: id as i32, at, mount, measurement }, robot: Pose::default(), speed: 0.0 }
         };
-        FRONT.into_iter().zip(heard).enumerate().map(fired).collect()
+        FRONT.into_iter().zip(measured).enumerate().map(fired).collect()
     }
 
     struct Bench(Obstacles, Instant);
 
     impl Bench {
-        fn hear(&mut self, distances: [f64; 3]) {
+        fn receive(&mut self, distances: [f64; 3]) {
             self.take(distances.map(echo));
         }
 
-        fn take(&mut self, heard: [ranges::Heard; 3]) {
+        fn take(&mut self, measured: [ranges::Measurement; 3]) {
             self.1 += Duration::from_millis(250);
-            self.again(heard);
+            self.again(measured);
         }
 
         /// Without a new measurement.
-        fn again(&mut self, heard: [ranges::Heard; 3]) {
-            self.0.update(self.1, Pose::default(), &fired(self.1, heard), covers, |point| point.x > 4.0);
+        fn again(&mut self, measured: [ranges::Measurement; 3]) {
+            self.0.update(self.1, Pose::default(), &fired(self.1, measured), covers, |point| point.x > 4.0);
         }
 
         fn count(&self) -> usize {
@@ -499,11 +511,11 @@ mod tests {
     }
 
     #[test]
-    fn one_echo_is_no_obstacle_and_two_are() {
+    fn one_echo_is_not_an_obstacle_and_two_are() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         assert_eq!(bench.count(), 0);
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         assert!(bench.count() > 0);
         for Hit { at, .. } in bench.0.hits() {
             assert!((at.distance(Point { x: 0.75, y: 0.0 }) - 1.0).abs() < 0.06, "{at:?}");
@@ -512,11 +524,11 @@ mod tests {
     }
 
     #[test]
-    fn echoes_of_two_rounds_that_are_far_apart_in_time_are_no_obstacle() {
+    fn echoes_far_apart_in_time_are_not_an_obstacle() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         bench.1 += Duration::from_secs(2);
-        bench.hear([f64::NAN, 1.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.0, f64::NAN]);
         assert_eq!(bench.count(), 0);
     }
 
@@ -525,8 +537,8 @@ mod tests {
         let mut alone = bench();
         let mut carved = bench();
         for _ in 0..2 {
-            alone.hear([0.85, 0.8, 0.85]);
-            carved.hear([2.5, 0.8, 2.5]);
+            alone.receive([0.85, 0.8, 0.85]);
+            carved.receive([2.5, 0.8, 2.5]);
         }
         let near = |hit: &Hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 0.86;
         let width = |bench: &Bench| bench.0.hits().filter(near).map(|hit| hit.at.y.abs()).fold(0.0, f64::max);
@@ -534,42 +546,42 @@ mod tests {
     }
 
     #[test]
-    fn who_has_left_is_forgotten_as_the_space_is_seen_free() {
+    fn a_person_who_has_left_is_removed_as_the_space_is_observed_free() {
         let mut bench = bench();
         for _ in 0..8 {
-            bench.hear([2.0, 1.0, 2.0]);
+            bench.receive([2.0, 1.0, 2.0]);
         }
         assert!(bench.count() > 0);
         let before = bench.count();
         for _ in 0..6 {
-            bench.hear([2.5, 2.4, 2.5]);
+            bench.receive([2.5, 2.4, 2.5]);
         }
         let old = |bench: &Bench| bench.0.hits().filter(|hit| hit.at.distance(Point { x: 0.75, y: 0.0 }) < 1.5).count();
         assert!(old(&bench) * 4 < before, "but for the arc's ends: {} of {before}", old(&bench));
         for _ in 0..15 {
-            bench.hear([2.5, 2.4, 2.5]);
+            bench.receive([2.5, 2.4, 2.5]);
         }
-        assert_eq!(old(&bench), 0, "not heard for 5 s");
+        assert_eq!(old(&bench), 0, "without an echo for 5 s");
     }
 
     #[test]
-    fn silence_frees_no_more_than_what_a_leg_would_be_heard_in() {
+    fn silence_frees_only_the_space_in_which_a_leg_would_echo() {
         let mut bench = bench();
         for _ in 0..3 {
-            bench.hear([2.4, 2.3, 2.4]);
+            bench.receive([2.4, 2.3, 2.4]);
         }
         let before = bench.count();
         assert!(before > 0);
-        bench.hear([f64::NAN; 3]);
+        bench.receive([f64::NAN; 3]);
         assert_eq!(bench.count(), before);
         for _ in 0..21 {
-            bench.hear([f64::NAN; 3]);
+            bench.receive([f64::NAN; 3]);
         }
-        assert_eq!(bench.count(), 0, "not heard for 5 s");
+        assert_eq!(bench.count(), 0, "without an echo for 5 s");
     }
 
     #[test]
-    fn an_echo_of_the_map_is_no_obstacle() {
+    fn a_mapped_echo_is_not_an_obstacle() {
         let mut bench = Bench(Obstacles::new(), Instant::from_millis(1000));
         for _ in 0..4 {
             bench.1 += Duration::from_millis(250);
@@ -581,12 +593,14 @@ mod tests {
     }
 
     #[test]
-    fn a_sonar_of_which_nothing_is_known_frees_nothing_and_sees_nothing() {
-        let silent = ranges::Heard::Silent;
-        for (unknown, kept) in [(ranges::Heard::Unknown, true), (ranges::Heard::NoEcho, true), (silent, false)] {
+    fn an_unknown_reading_frees_and_marks_nothing() {
+        let silent = ranges::Measurement::Silent;
+        for (unknown, kept) in
+            [(ranges::Measurement::Unknown, true), (ranges::Measurement::NoEcho, true), (silent, false)]
+        {
             let mut bench = bench();
-            bench.hear([f64::NAN, 1.0, f64::NAN]);
-            bench.hear([f64::NAN, 1.0, f64::NAN]);
+            bench.receive([f64::NAN, 1.0, f64::NAN]);
+            bench.receive([f64::NAN, 1.0, f64::NAN]);
             let before = bench.count();
             for _ in 0..6 {
                 bench.take([unknown; 3]);
@@ -594,16 +608,16 @@ mod tests {
             assert!(before > 0 && (bench.count() == before) == kept, "{unknown:?}: {} of {before}", bench.count());
             let ahead = Point { x: 2.0, y: 0.1 };
             assert_eq!(bench.0.seen_within(bench.1, ahead, Duration::from_secs(1)), !kept, "{unknown:?}");
-            assert_eq!(bench.0.is_blind(bench.1, true, &BODY), unknown == ranges::Heard::Unknown);
+            assert_eq!(bench.0.is_blind(bench.1, true, &BODY), unknown == ranges::Measurement::Unknown);
             assert!(!bench.0.is_blind(bench.1, false, &BODY), "no sonar looks back");
         }
     }
 
     #[test]
-    fn what_was_heard_last_is_braked_for_while_nothing_newer_is_known() {
+    fn the_last_echo_limits_the_speed_until_a_newer_reading() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 0.5, f64::NAN]);
-        bench.take([ranges::Heard::Unknown; 3]);
+        bench.receive([f64::NAN, 0.5, f64::NAN]);
+        bench.take([ranges::Measurement::Unknown; 3]);
         assert_eq!(bench.0.echoes(bench.1, true, &BODY).map(|echo| echo.distance).next(), Some(0.5));
         assert!(!bench.0.is_blind(bench.1, true, &BODY));
         bench.1 += Duration::from_secs(1);
@@ -612,27 +626,27 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_that_is_sent_again_is_no_second_one() {
+    fn a_repeated_reading_does_not_count_twice() {
         let mut bench = bench();
-        let heard = [f64::NAN, 1.0, f64::NAN].map(echo);
-        bench.take(heard);
+        let measured = [f64::NAN, 1.0, f64::NAN].map(echo);
+        bench.take(measured);
         for _ in 0..5 {
-            bench.again(heard);
+            bench.again(measured);
         }
         assert_eq!(bench.count(), 0, "one echo is no obstacle");
-        assert!(bench.0.echoes(bench.1, true, &BODY).all(|echo| !echo.again));
-        bench.take(heard);
+        assert!(bench.0.echoes(bench.1, true, &BODY).all(|echo| !echo.repeated));
+        bench.take(measured);
         assert!(bench.count() > 0);
     }
 
     #[test]
-    fn a_narrow_beam_suspects_and_frees_no_more_than_itself() {
+    fn a_narrow_beam_marks_and_frees_only_its_own_width() {
         let width = |beam: f64| {
             let mut bench = bench();
             for _ in 0..2 {
                 bench.1 += Duration::from_millis(250);
                 let mount = Mount { at: Point { x: 0.75, y: 0.0 }, theta: 0.0, beam };
-                let sounding = Sounding { id: 0, at: bench.1, mount, heard: ranges::Heard::Echo(2.0) };
+                let sounding = Sounding { id: 0, at: bench.1, mount, measurement: ranges::Measurement::Echo(2.0) };
                 let fired = [Fired { sounding, robot: Pose::default(), speed: 0.0 }];
                 bench.0.update(bench.1, Pose::default(), &fired, covers, |_| false);
             }
@@ -646,19 +660,19 @@ mod tests {
     }
 
     #[test]
-    fn who_walks_towards_the_robot_is_known_by_the_readings() {
+    fn a_person_walking_towards_the_robot_has_a_closing_speed() {
         let mut bench = bench();
-        bench.hear([f64::NAN, 2.0, f64::NAN]);
-        bench.hear([f64::NAN, 1.75, f64::NAN]);
+        bench.receive([f64::NAN, 2.0, f64::NAN]);
+        bench.receive([f64::NAN, 1.75, f64::NAN]);
         let echo = bench.0.echoes(bench.1, true, &BODY).next().unwrap();
         assert!((echo.distance - 1.75).abs() < 1e-9 && (echo.closing - 1.0).abs() < 1e-9, "{echo:?}");
         assert_eq!(bench.0.echoes(bench.1, false, &BODY).next(), None);
     }
 
     #[test]
-    fn space_is_seen_for_a_while() {
+    fn observed_space_expires() {
         let mut bench = bench();
-        bench.hear([2.0, 2.0, 2.0]);
+        bench.receive([2.0, 2.0, 2.0]);
         let (second, now) = (Duration::from_secs(1), bench.1);
         assert!(bench.0.seen_within(now, Point { x: 2.0, y: 0.1 }, second));
         assert!(!bench.0.seen_within(now, Point { x: 3.2, y: 0.0 }, second), "behind the echo");
@@ -667,7 +681,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_in_a_message_does_no_harm() {
+    fn invalid_values_in_a_message_do_no_harm() {
         let mut bench = bench();
         let wild = [f64::NAN, f64::INFINITY, -1.0, 0.0, 1e300, 1e-300, 2.0];
         for x in wild {

@@ -1,21 +1,21 @@
-//! A planned way.
+//! Planned path.
 
 use navitools::{Arc, Pose};
 
-/// A pose on the way, and how it goes on from there to the next one.
+/// Pose on a path, and the motion from there to the next one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
-    /// Of the rear axle's middle, in the map's frame.
+    /// Pose of the rear axle's middle in the map.
     pub pose: Pose,
-    /// 1/m, to the left positive, up to the next point; the last point has that of the one before.
+    /// Curvature up to the next point, 1/m, positive to the left; the last point has that of the previous one.
     pub curvature: f64,
-    /// Driven in reverse up to the next point; the last point has that of the one before.
+    /// True if driven in reverse up to the next point; the last point has the value of the previous one.
     pub reverse: bool,
-    /// The way so far, m, forwards and in reverse together.
+    /// Distance driven so far, m, forwards and in reverse together.
     pub s: f64,
 }
 
-/// A way of arcs and straight lines from the start to the goal; no curvature is above the limit.
+/// Path of arcs and straight lines from the start to the goal; the curvature is within the limit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Path {
     pub(crate) points: Vec<PathPoint>,
@@ -25,42 +25,42 @@ pub struct Path {
 }
 
 impl Path {
-    /// Its poses, the start first, at most 5 cm apart. Two at least, or one: the start is the goal.
+    /// Poses, the start first, at most 5 cm apart. At least two, or one if the start is the goal.
     #[must_use]
     pub fn points(&self) -> &[PathPoint] {
         &self.points
     }
 
-    /// Its pieces, from the start.
+    /// Segments, from the start.
     #[must_use]
     pub fn arcs(&self) -> &[Arc] {
         &self.arcs
     }
 
-    /// m, forwards and in reverse together.
+    /// Length, m, forwards and in reverse together.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.points.last().map_or(0.0, |last| last.s)
     }
 
-    /// Where the direction changes: indices of the points that are the last of one direction and the first of the next.
+    /// Cusps: indices of the points at which the direction changes.
     pub fn cusps(&self) -> impl Iterator<Item = usize> {
         self.points.windows(2).enumerate().filter(|(_, pair)| pair[0].reverse != pair[1].reverse).map(|(at, _)| at + 1)
     }
 
-    /// The least distance of the footprint from anything on the way, m, to half a cell; in a collision 0.
+    /// Smallest distance of the footprint from an obstacle on the path, m, to half a cell; 0 in a collision.
     #[must_use]
     pub fn clearance(&self) -> f64 {
         self.clearance
     }
 
-    /// What the search took for its cost: metres, weighted.
+    /// Cost in the search: weighted metres.
     #[must_use]
     pub fn cost(&self) -> f32 {
         self.cost
     }
 
-    /// Fills in points and their kin from `start` and the arcs.
+    /// Fills in points and their derived values from `start` and the arcs.
     pub(crate) fn lay(&mut self, start: Pose, spacing: f64) {
         self.points.clear();
         let (mut pose, mut s) = (start, 0.0);

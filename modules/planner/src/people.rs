@@ -1,179 +1,184 @@
-//! Who is around: somebody is where echoes agree that the map does not explain.
+//! Tracker of people: finds them in sonar echoes that the map does not explain.
 //!
-//! A Kalman filter for each: place and velocity on the floor. An echo tells the distance well and the direction as badly as
-//! the beam is wide; what has a sonar's beam on it and is not heard is less likely there, the more so the nearer it is, as
-//! clothes swallow sound beyond a metre (docs/facts/robot.md 2.1). One echo is nobody yet: crosstalk and noise make some
-//! in every round. Whoever is not heard any more is forgotten within seconds, and where he may have gone grows.
+//! Each track is a Kalman filter over position and velocity on the floor, with an existence probability. An echo is
+//! precise in distance and as imprecise in direction as the beam is wide. A sonar that covers a track without an echo
+//! lowers its existence probability, more at close range, because clothes absorb sound beyond a metre
+//! (docs/facts/robot.md 2.1). A single echo does not confirm a track: crosstalk and noise cause false ones in every
+//! round. A track without echoes is deleted within seconds, and its position uncertainty grows meanwhile.
 
-use crate::ranges::BELIEVED;
+use crate::ranges::READING_VALID_FOR;
 use base::Instant;
 use navitools::Point;
 
-/// As many are followed.
-const MOST: usize = 24;
-/// A leg is heard to here, m.
-const REACH: f64 = 2.5;
-/// From the leg that is heard to the middle of whoever stands on it, m.
-const INSIDE: f64 = 0.12;
-/// Deviation of a distance: noise, which leg it was, and a reading's age while he walks, m.
-const ALONG: f64 = 0.13;
-/// Deviation of the place across the beam as a share of half the beam's width there, and at least, m.
-const ACROSS: f64 = 0.4226;
-const ACROSS_LEAST: f64 = 0.08;
-/// How people change their velocity: its variance grows by so much a second, m²/s³.
-const RESTLESS: f64 = 0.6;
-/// Deviation of the velocity of whom nothing is known, m/s.
-const WALKS: f64 = 0.65;
-/// An echo is of somebody when its squared deviations are less.
+/// Maximum number of tracks.
+const TRACKS_MAX: usize = 24;
+/// Range within which a leg returns an echo, m.
+const LEG_RANGE_M: f64 = 2.5;
+/// Distance from the leg that returns the echo to the middle of the person, m.
+const LEG_TO_MIDDLE_M: f64 = 0.12;
+/// Standard deviation of a distance, m: noise, which of the two legs it was, and the age of the reading while the
+/// person walks.
+const DISTANCE_SIGMA_M: f64 = 0.13;
+/// Standard deviation across the beam: share of half the beam's width at that distance, and lower bound in m.
+const ACROSS_SIGMA_SHARE: f64 = 0.4226;
+const ACROSS_SIGMA_MIN_M: f64 = 0.08;
+/// Spectral density of the acceleration: growth of the velocity's variance, m²/s³.
+const ACCELERATION_NOISE: f64 = 0.6;
+/// Initial standard deviation of the velocity, m/s.
+const VELOCITY_SIGMA_MPS: f64 = 0.65;
+/// Association gate: an echo belongs to a track if its squared Mahalanobis distance is below this.
 const GATE: f64 = 9.0;
-/// Echoes of nobody, for each metre of distance and reading: short and random readings.
-const CLUTTER: f64 = 0.02;
-/// How likely somebody is at a single echo that the map does not explain.
-const NEW: f64 = 0.25;
-/// Whoever is less likely is forgotten, and whoever is more likely is somebody.
-const FORGOTTEN: f64 = 0.04;
-const SOMEBODY: f64 = 0.7;
-/// Who was somebody is so until he is less likely.
-const DOUBTED: f64 = 0.3;
-/// Whoever is likelier than this may be there: one echo.
-const MAYBE: f64 = 0.2;
-/// A sonar that is well and has somebody on its axis hears him so surely: within a metre, and beyond.
-const HEARD: (f64, f64) = (0.75, 0.38);
-/// Somebody who has not been heard for so long, s, is half as likely.
-const HALF_LIFE: f64 = 2.0;
-/// Two that are nearer to each other are one, m.
-const ONE: f64 = 0.30;
-/// Where somebody may be is known no better than this: forgotten, m.
-const ANYWHERE: f64 = 1.0;
-/// A round comes at least so often, or time is not followed, s.
-const LATE: f64 = 1.0;
+/// False alarms per metre of distance and reading: short and random readings.
+const FALSE_ALARMS_PER_M: f64 = 0.02;
+/// Initial existence probability of a track, from one echo that the map does not explain.
+const EXISTENCE_INITIAL: f64 = 0.25;
+/// Existence probabilities below which a track is deleted and above which it is confirmed.
+const DELETE_BELOW: f64 = 0.04;
+const CONFIRM_ABOVE: f64 = 0.7;
+/// Existence probability below which a confirmed track loses its confirmation.
+const UNCONFIRM_BELOW: f64 = 0.3;
+/// Existence probability above which a track is reported; a single echo is enough.
+const REPORT_ABOVE: f64 = 0.2;
+/// Probability that a working sonar detects a person on its axis: within a metre, and beyond.
+const DETECTION_PROBABILITY: (f64, f64) = (0.75, 0.38);
+/// Time without an echo after which the existence probability is halved, s.
+const EXISTENCE_HALF_LIFE_S: f64 = 2.0;
+/// Tracks closer to each other than this are merged, m.
+const MERGE_DISTANCE_M: f64 = 0.30;
+/// Position uncertainty above which a track is deleted, m.
+const SIGMA_MAX_M: f64 = 1.0;
+/// Longest gap between two rounds; all tracks are deleted after a longer one, s.
+const ROUND_GAP_MAX_S: f64 = 1.0;
 
-/// What one sonar heard in a round.
+/// Reading of one sonar in a round.
 #[derive(Clone, Copy, Debug)]
-pub struct Heard {
-    /// When it fired.
+pub struct Reading {
+    /// Instant at which the sonar fired.
     pub at: Instant,
-    /// Where it was.
+    /// Position of the sonar in the map, m.
     pub from: Point,
-    /// Where it looked: cosine and sine.
+    /// Direction of the beam's axis in the map: cosine and sine.
     pub axis: (f64, f64),
-    /// Tangent of half the beam's opening.
+    /// Tangent of half the beam's opening angle.
     pub spread: f64,
-    /// m; none: nothing.
+    /// Measured distance, m; `None` without an echo.
     pub echo: Option<f64>,
-    /// The map says what was heard.
+    /// True if the map explains the echo.
     pub mapped: bool,
 }
 
-/// Somebody at a moment.
+/// Person at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Person {
-    /// His middle, m.
+    /// Middle of the person in the map, m.
     pub at: Point,
-    /// m/s.
+    /// Velocity in the map, m/s.
     pub velocity: (f64, f64),
-    /// Deviation of the place, m.
+    /// Standard deviation of the position, m.
     pub sigma: f64,
-    /// Deviation of the velocity, m/s.
-    pub restless: f64,
-    /// He has been heard well enough; else it may be nobody.
-    pub sure: bool,
+    /// Standard deviation of the velocity, m/s.
+    pub velocity_sigma: f64,
+    /// True if the track is confirmed; otherwise it may be a false alarm.
+    pub confirmed: bool,
 }
 
-/// Place and velocity, x y vx vy, with their covariance.
+/// Position and velocity (x, y, vx, vy) with their covariance.
 #[derive(Clone, Copy, Debug)]
 struct Track {
     mean: [f64; 4],
     covariance: [[f64; 4]; 4],
-    likely: f64,
-    /// He was likelier than [`SOMEBODY`], and has not become less likely than [`DOUBTED`] since.
-    sure: bool,
+    existence: f64,
+    /// True once the existence probability exceeds [`CONFIRM_ABOVE`], until it falls below [`UNCONFIRM_BELOW`].
+    confirmed: bool,
 }
 
-/// Everybody around.
+/// All tracks.
 #[derive(Debug)]
 pub struct People {
     tracks: Vec<Track>,
-    /// When the last sonar fired.
+    /// Firing instant of the last sonar.
     at: Instant,
 }
 
 impl Default for People {
     fn default() -> Self {
-        Self { tracks: Vec::with_capacity(MOST), at: Instant::ZERO }
+        Self { tracks: Vec::with_capacity(TRACKS_MAX), at: Instant::ZERO }
     }
 }
 
 impl People {
-    /// A round of the sonars, in order of their instants; `covered` tells where the robot itself stands.
-    pub fn update(&mut self, round: &[Heard], covered: impl Fn(Point) -> bool) {
-        for heard in round {
-            self.go_on(heard.at);
-            self.hear(heard);
+    /// Processes a round of readings, ordered by instant. `covered` is true for points under the robot itself.
+    pub fn update(&mut self, round: &[Reading], covered: impl Fn(Point) -> bool) {
+        for reading in round {
+            self.predict(reading.at);
+            self.process(reading);
         }
-        self.tracks.retain(|track| track.likely >= FORGOTTEN && track.sigma() <= ANYWHERE && !covered(track.at()));
-        self.unite();
+        self.tracks
+            .retain(|track| track.existence >= DELETE_BELOW && track.sigma() <= SIGMA_MAX_M && !covered(track.at()));
+        self.merge();
         for track in &mut self.tracks {
-            track.sure = track.likely >= if track.sure { DOUBTED } else { SOMEBODY };
+            track.confirmed = track.existence >= if track.confirmed { UNCONFIRM_BELOW } else { CONFIRM_ABOVE };
         }
     }
 
-    /// Everybody goes on as he goes until `at`, and is less likely there the longer that is.
-    fn go_on(&mut self, at: Instant) {
+    /// Predicts all tracks to `at` and lets their existence probabilities decay.
+    fn predict(&mut self, at: Instant) {
         let dt = at.since(self.at).as_secs_f64();
         if dt <= 0.0 {
             return;
         }
         self.at = at;
-        if dt > LATE {
+        if dt > ROUND_GAP_MAX_S {
             self.tracks.clear();
         }
-        let fade = libm::exp2(-dt / HALF_LIFE);
+        let fade = libm::exp2(-dt / EXISTENCE_HALF_LIFE_S);
         for track in &mut self.tracks {
-            track.go_on(dt);
-            track.likely *= fade;
+            track.predict(dt);
+            track.existence *= fade;
         }
     }
 
-    /// What one sonar says of everybody; and of one who was not known.
-    fn hear(&mut self, heard: &Heard) {
-        let echo = heard.echo.filter(|distance| !heard.mapped && *distance <= REACH);
+    /// Updates all tracks with one reading, and starts a new track if the echo belongs to none of them.
+    fn process(&mut self, reading: &Reading) {
+        let echo = reading.echo.filter(|distance| !reading.mapped && *distance <= LEG_RANGE_M);
         let nearest = |(number, track): (usize, &Track)| {
-            let echo = echo.map(|distance| Echo::of(heard, distance, track))?;
+            let echo = echo.map(|distance| Echo::of(reading, distance, track))?;
             (echo.off < GATE).then_some((number, echo))
         };
         let found = self.tracks.iter().enumerate().filter_map(nearest).min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()));
         for (number, track) in self.tracks.iter_mut().enumerate() {
             match found {
-                Some((of, echo)) if of == number => track.is_heard(heard, &echo),
-                _ => track.is_not_heard(heard),
+                Some((of, echo)) if of == number => track.detect(reading, &echo),
+                _ => track.miss(reading),
             }
         }
         if let (None, Some(distance)) = (found, echo) {
-            self.add(Track::new(heard, distance));
+            self.add(Track::new(reading, distance));
         }
     }
 
     fn add(&mut self, track: Track) {
-        if self.tracks.len() < MOST {
+        if self.tracks.len() < TRACKS_MAX {
             return self.tracks.push(track);
         }
-        let least = self.tracks.iter_mut().min_by(|a, b| a.likely.total_cmp(&b.likely));
-        if let Some(least) = least.filter(|least| least.likely < track.likely) {
+        let least = self.tracks.iter_mut().min_by(|a, b| a.existence.total_cmp(&b.existence));
+        if let Some(least) = least.filter(|least| least.existence < track.existence) {
             *least = track;
         }
     }
 
-    /// Of two in one place the likelier stays.
-    fn unite(&mut self) {
+    /// Merges tracks at one place: the more probable one remains.
+    fn merge(&mut self) {
         let mut number = 0;
         while number < self.tracks.len() {
             let one = self.tracks[number];
-            let same = |other: &Track| other.at().distance(one.at()) < ONE;
-            let likelier = |(n, other): (usize, &Track)| {
-                n != number && same(other) && (other.likely > one.likely || (other.likely == one.likely && n < number))
+            let same = |other: &Track| other.at().distance(one.at()) < MERGE_DISTANCE_M;
+            let more_probable = |(n, other): (usize, &Track)| {
+                n != number
+                    && same(other)
+                    && (other.existence > one.existence || (other.existence == one.existence && n < number))
             };
-            if self.tracks.iter().enumerate().any(likelier) {
+            if self.tracks.iter().enumerate().any(more_probable) {
                 self.tracks.swap_remove(number);
             } else {
                 number += 1;
@@ -181,41 +186,47 @@ impl People {
         }
     }
 
-    /// Everybody who is there, or may be, as he is at `now`.
+    /// People who are present, or may be, extrapolated to `now`.
     pub fn around(&self, now: Instant) -> impl Iterator<Item = Person> + '_ {
         let late = now.since(self.at);
-        let (fresh, late) = (late <= BELIEVED, late.as_secs_f64());
-        let likely = move |track: &&Track| fresh && track.likely >= MAYBE;
-        self.tracks.iter().filter(likely).map(move |track| {
+        let (fresh, late) = (late <= READING_VALID_FOR, late.as_secs_f64());
+        let probable = move |track: &&Track| fresh && track.existence >= REPORT_ABOVE;
+        self.tracks.iter().filter(probable).map(move |track| {
             let mut track = *track;
-            track.go_on(late);
+            track.predict(late);
             let [.., vx, vy] = track.mean;
-            let restless = libm::sqrt((track.covariance[2][2] + track.covariance[3][3]) / 2.0);
-            Person { at: track.at(), velocity: (vx, vy), sigma: track.sigma(), restless, sure: track.sure }
+            let velocity_sigma = libm::sqrt((track.covariance[2][2] + track.covariance[3][3]) / 2.0);
+            Person {
+                at: track.at(),
+                velocity: (vx, vy),
+                sigma: track.sigma(),
+                velocity_sigma,
+                confirmed: track.confirmed,
+            }
         })
     }
 }
 
-/// An echo as it would be of somebody: how far off him it is, along the beam and across it, m.
+/// Echo relative to a track: deviation along the beam and across it, m.
 #[derive(Clone, Copy, Debug)]
 struct Echo {
     distance: f64,
     along: f64,
     across: f64,
-    /// Variances of both.
+    /// Variances along and across, m².
     spread: (f64, f64),
-    /// The squared deviations.
+    /// Squared Mahalanobis distance.
     off: f64,
 }
 
 impl Echo {
-    fn of(heard: &Heard, distance: f64, track: &Track) -> Self {
-        let (cos, sin) = heard.axis;
-        let middle = distance + INSIDE;
-        let dx = heard.from.x + middle * cos - track.mean[0];
-        let dy = heard.from.y + middle * sin - track.mean[1];
+    fn of(reading: &Reading, distance: f64, track: &Track) -> Self {
+        let (cos, sin) = reading.axis;
+        let middle = distance + LEG_TO_MIDDLE_M;
+        let dx = reading.from.x + middle * cos - track.mean[0];
+        let dy = reading.from.y + middle * sin - track.mean[1];
         let (along, across) = (dx * cos + dy * sin, dy * cos - dx * sin);
-        let (near, wide) = noise(distance, heard.spread);
+        let (near, wide) = noise(distance, reading.spread);
         let spread = (track.variance(cos, sin) + near, track.variance(-sin, cos) + wide);
         Self { distance, along, across, spread, off: along * along / spread.0 + across * across / spread.1 }
     }
@@ -225,26 +236,26 @@ impl Echo {
     }
 }
 
-/// Variances of a place that was heard, along the beam and across it, m².
+/// Measurement variances along the beam and across it, m².
 fn noise(distance: f64, spread: f64) -> (f64, f64) {
-    let across = ACROSS_LEAST + ACROSS * spread * distance;
-    (ALONG * ALONG, across * across)
+    let across = ACROSS_SIGMA_MIN_M + ACROSS_SIGMA_SHARE * spread * distance;
+    (DISTANCE_SIGMA_M * DISTANCE_SIGMA_M, across * across)
 }
 
 impl Track {
-    fn new(heard: &Heard, distance: f64) -> Self {
-        let (cos, sin) = heard.axis;
-        let middle = distance + INSIDE;
-        let mean = [heard.from.x + middle * cos, heard.from.y + middle * sin, 0.0, 0.0];
-        let (near, wide) = noise(distance, heard.spread);
+    fn new(reading: &Reading, distance: f64) -> Self {
+        let (cos, sin) = reading.axis;
+        let middle = distance + LEG_TO_MIDDLE_M;
+        let mean = [reading.from.x + middle * cos, reading.from.y + middle * sin, 0.0, 0.0];
+        let (near, wide) = noise(distance, reading.spread);
         let mut covariance = [[0.0; 4]; 4];
         covariance[0][0] = near * cos * cos + wide * sin * sin;
         covariance[1][1] = near * sin * sin + wide * cos * cos;
         covariance[0][1] = (near - wide) * sin * cos;
         covariance[1][0] = covariance[0][1];
-        covariance[2][2] = WALKS * WALKS;
-        covariance[3][3] = WALKS * WALKS;
-        Self { mean, covariance, likely: NEW, sure: false }
+        covariance[2][2] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
+        covariance[3][3] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
+        Self { mean, covariance, existence: EXISTENCE_INITIAL, confirmed: false }
     }
 
     fn at(&self) -> Point {
@@ -255,13 +266,13 @@ impl Track {
         libm::sqrt((self.covariance[0][0] + self.covariance[1][1]) / 2.0)
     }
 
-    /// Variance of the place in a direction.
+    /// Variance of the position along a unit vector.
     fn variance(&self, x: f64, y: f64) -> f64 {
         let p = &self.covariance;
         p[0][0] * x * x + 2.0 * p[0][1] * x * y + p[1][1] * y * y
     }
 
-    fn go_on(&mut self, dt: f64) {
+    fn predict(&mut self, dt: f64) {
         let p = &mut self.covariance;
         for axis in 0..2 {
             self.mean[axis] += dt * self.mean[axis + 2];
@@ -275,14 +286,14 @@ impl Track {
             row[1] += dt * row[3];
         }
         for axis in 0..2 {
-            p[axis][axis] += RESTLESS * dt * dt * dt / 3.0;
-            p[axis][axis + 2] += RESTLESS * dt * dt / 2.0;
-            p[axis + 2][axis] += RESTLESS * dt * dt / 2.0;
-            p[axis + 2][axis + 2] += RESTLESS * dt;
+            p[axis][axis] += ACCELERATION_NOISE * dt * dt * dt / 3.0;
+            p[axis][axis + 2] += ACCELERATION_NOISE * dt * dt / 2.0;
+            p[axis + 2][axis] += ACCELERATION_NOISE * dt * dt / 2.0;
+            p[axis + 2][axis + 2] += ACCELERATION_NOISE * dt;
         }
     }
 
-    /// The place is off by `off` m in a direction, by a measurement of this variance.
+    /// Kalman update with a position deviation of `off` m along a unit vector and the variance of the measurement, m².
     fn correct(&mut self, (x, y): (f64, f64), off: f64, variance: f64) {
         let p = self.covariance;
         let gain = p.map(|row| row[0] * x + row[1] * y);
@@ -295,42 +306,42 @@ impl Track {
         }
     }
 
-    fn is_heard(&mut self, heard: &Heard, echo: &Echo) {
-        let (cos, sin) = heard.axis;
-        let (near, wide) = noise(echo.distance, heard.spread);
+    fn detect(&mut self, reading: &Reading, echo: &Echo) {
+        let (cos, sin) = reading.axis;
+        let (near, wide) = noise(echo.distance, reading.spread);
         self.correct((cos, sin), echo.along, near);
         self.correct((-sin, cos), echo.across, wide);
-        // How much likelier such an echo is of him than of nobody.
+        // Likelihood ratio of the echo: this person against a false alarm.
         let density = libm::exp(-echo.along * echo.along / (2.0 * echo.spread.0))
             / libm::sqrt(core::f64::consts::TAU * echo.spread.0);
-        let sure = sure(echo.distance) * density / CLUTTER;
-        self.likely = self.likely * sure / (self.likely * sure + 1.0 - self.likely);
+        let ratio = detection_probability(echo.distance) * density / FALSE_ALARMS_PER_M;
+        self.existence = self.existence * ratio / (self.existence * ratio + 1.0 - self.existence);
     }
 
-    /// A sonar that would have heard him is a word against him.
-    fn is_not_heard(&mut self, heard: &Heard) {
-        let (cos, sin) = heard.axis;
-        let (dx, dy) = (self.mean[0] - heard.from.x, self.mean[1] - heard.from.y);
+    /// Lowers the existence probability if the sonar should have detected the person.
+    fn miss(&mut self, reading: &Reading) {
+        let (cos, sin) = reading.axis;
+        let (dx, dy) = (self.mean[0] - reading.from.x, self.mean[1] - reading.from.y);
         let (along, across) = (dx * cos + dy * sin, dy * cos - dx * sin);
-        let hidden = heard.echo.is_some_and(|distance| distance + INSIDE < along);
-        if along <= 0.0 || along > REACH || hidden {
+        let hidden = reading.echo.is_some_and(|distance| distance + LEG_TO_MIDDLE_M < along);
+        if along <= 0.0 || along > LEG_RANGE_M || hidden {
             return;
         }
-        let off = across / (heard.spread * along);
+        let off = across / (reading.spread * along);
         if off.abs() >= 1.0 {
             return;
         }
-        // Less so where it is not known whether he is in the beam.
-        let wide = (heard.spread * along) * (heard.spread * along);
+        // Weighted by the probability that the person is within the beam at all.
+        let wide = (reading.spread * along) * (reading.spread * along);
         let within = wide / (wide + self.variance(-sin, cos));
-        let miss = 1.0 - within * (1.0 - 0.5 * off * off) * sure(along - INSIDE);
-        self.likely = self.likely * miss / (self.likely * miss + 1.0 - self.likely);
+        let miss = 1.0 - within * (1.0 - 0.5 * off * off) * detection_probability(along - LEG_TO_MIDDLE_M);
+        self.existence = self.existence * miss / (self.existence * miss + 1.0 - self.existence);
     }
 }
 
-/// How surely somebody on the axis is heard at this distance.
-fn sure(distance: f64) -> f64 {
-    if distance <= 1.0 { HEARD.0 } else { HEARD.1 }
+/// Detection probability of a person on the beam's axis at this distance.
+fn detection_probability(distance: f64) -> f64 {
+    if distance <= 1.0 { DETECTION_PROBABILITY.0 } else { DETECTION_PROBABILITY.1 }
 }
 
 #[cfg(test)]
@@ -339,23 +350,23 @@ mod tests {
     use super::*;
     use base::Duration;
 
-    /// A sonar at the origin that heard nothing.
-    fn heard(at: Instant, axis: (f64, f64)) -> Heard {
-        Heard { at, from: Point::default(), axis, spread: 0.52, echo: None, mapped: false }
+    /// Sonar at the origin without an echo.
+    fn silent(at: Instant, axis: (f64, f64)) -> Reading {
+        Reading { at, from: Point::default(), axis, spread: 0.52, echo: None, mapped: false }
     }
 
-    /// Three sonars that look ahead, side by side, and what they hear of somebody at a place.
-    fn round(now: Instant, at: Option<Point>) -> Vec<Heard> {
+    /// Readings of three sonars side by side, looking ahead, with a person at `at`.
+    fn round(now: Instant, at: Option<Point>) -> Vec<Reading> {
         let sonar = |angle: f64| {
             let (sin, cos) = libm::sincos(angle);
             let within = at.filter(|at| (libm::atan2(at.y, at.x) - angle).abs() < 0.48);
-            let echo = within.map(|at| libm::hypot(at.x, at.y) - INSIDE);
-            Heard { echo, ..heard(now, (cos, sin)) }
+            let echo = within.map(|at| libm::hypot(at.x, at.y) - LEG_TO_MIDDLE_M);
+            Reading { echo, ..silent(now, (cos, sin)) }
         };
         [-0.44, 0.0, 0.44].map(sonar).to_vec()
     }
 
-    /// Rounds four times a second of somebody who starts at `at`.
+    /// Four rounds per second with a person who starts at `at`.
     fn follow(people: &mut People, at: Point, (vx, vy): (f64, f64), rounds: u64) -> Instant {
         let mut now = Instant::from_millis(10_000);
         for n in 0..rounds {
@@ -367,45 +378,45 @@ mod tests {
     }
 
     #[test]
-    fn one_echo_may_be_of_nobody_and_two_are_of_somebody() {
+    fn one_echo_is_unconfirmed_and_two_confirm_a_person() {
         let mut people = People::default();
         let now = Instant::from_millis(10_000);
         let then = now + Duration::from_millis(250);
-        people.update(&[Heard { echo: Some(1.5), ..heard(now, (1.0, 0.0)) }], |_| false);
-        assert!(!people.around(now).next().unwrap().sure);
-        people.update(&[Heard { echo: Some(1.4), ..heard(then, (1.0, 0.0)) }], |_| false);
+        people.update(&[Reading { echo: Some(1.5), ..silent(now, (1.0, 0.0)) }], |_| false);
+        assert!(!people.around(now).next().unwrap().confirmed);
+        people.update(&[Reading { echo: Some(1.4), ..silent(then, (1.0, 0.0)) }], |_| false);
         let person = people.around(then).next().unwrap();
-        assert!(person.sure && (person.at.x - 1.5).abs() < 0.25, "{person:?}");
+        assert!(person.confirmed && (person.at.x - 1.5).abs() < 0.25, "{person:?}");
     }
 
     #[test]
-    fn what_the_map_has_is_nobody() {
+    fn a_mapped_echo_is_not_a_person() {
         let mut people = People::default();
         let now = Instant::from_millis(10_000);
-        let wall = Heard { echo: Some(1.0), mapped: true, ..heard(now, (1.0, 0.0)) };
+        let wall = Reading { echo: Some(1.0), mapped: true, ..silent(now, (1.0, 0.0)) };
         people.update(&[wall; 4], |_| false);
         assert_eq!(people.around(now).count(), 0);
     }
 
     #[test]
-    fn who_walks_has_a_velocity_and_who_stands_has_none() {
+    fn a_walking_person_has_a_velocity_and_a_standing_one_has_none() {
         let mut people = People::default();
         let now = follow(&mut people, Point { x: 2.4, y: 0.0 }, (-1.0, 0.0), 6);
-        let person = people.around(now).find(|person| person.sure).unwrap();
+        let person = people.around(now).find(|person| person.confirmed).unwrap();
         assert!((person.velocity.0 + 1.0).abs() < 0.3 && person.velocity.1.abs() < 0.3, "{person:?}");
         let now = follow(&mut people, Point { x: 1.2, y: 0.2 }, (0.0, 0.0), 12);
-        let person = people.around(now).find(|person| person.sure).unwrap();
+        let person = people.around(now).find(|person| person.confirmed).unwrap();
         assert!(libm::hypot(person.velocity.0, person.velocity.1) < 0.2 && person.sigma < 0.2, "{person:?}");
         assert!(person.at.distance(Point { x: 1.2, y: 0.2 }) < 0.2, "{person:?}");
     }
 
     #[test]
-    fn who_is_not_heard_near_is_soon_forgotten_and_far_later() {
+    fn a_track_without_echoes_is_deleted_sooner_at_close_range() {
         let left = |x: f64| {
             let mut people = People::default();
             let mut now = follow(&mut people, Point { x, y: 0.0 }, (0.0, 0.0), 8);
             let mut rounds = 0;
-            while people.around(now).any(|person| person.sure) {
+            while people.around(now).any(|person| person.confirmed) {
                 now += Duration::from_millis(250);
                 people.update(&round(now, None), |_| false);
                 rounds += 1;
@@ -417,19 +428,19 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_and_crowds_are_bounded() {
+    fn invalid_values_and_crowds_are_bounded() {
         let mut people = People::default();
         let mut now = Instant::from_millis(10_000);
         for n in 0..200 {
             now += Duration::from_millis(250);
-            let heard = |k: usize| {
+            let reading = |k: usize| {
                 let (sin, cos) = libm::sincos((n * 7 + k * 31) as f64);
                 let from = Point { x: (k % 5) as f64 - 2.0, y: (k % 3) as f64 - 1.0 };
-                Heard { from, echo: Some(0.1 + (k % 24) as f64 / 10.0), ..super::tests::heard(now, (cos, sin)) }
+                Reading { from, echo: Some(0.1 + (k % 24) as f64 / 10.0), ..silent(now, (cos, sin)) }
             };
-            let round: Vec<Heard> = (0..32).map(heard).collect();
+            let round: Vec<Reading> = (0..32).map(reading).collect();
             people.update(&round, |_| false);
-            assert!(people.tracks.len() <= MOST);
+            assert!(people.tracks.len() <= TRACKS_MAX);
             assert!(people.around(now).all(|person| person.at.x.is_finite() && person.sigma.is_finite()));
         }
     }

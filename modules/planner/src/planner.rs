@@ -1,13 +1,13 @@
-//! The module around it: what it hears, when it acts, what it says.
+//! Planner module: subscriptions, control loop, published messages.
 
 use crate::config::Config;
 use crate::goal::Goal;
 use crate::goal_state::GoalState;
-use crate::mission::{Mission, Sight};
+use crate::mission::{Mission, StepInput};
 use crate::obstacles::{Fired, Obstacles};
 use crate::ranges::{self, Sounding};
-use crate::route::Ways;
-use crate::senses::{Senses, Taken, Wait};
+use crate::route::PlanningSpace;
+use crate::senses::{EstimateCheck, Senses, Wait};
 use crate::track::Motion;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use messages::lowlevel::CmdMotion;
@@ -15,22 +15,22 @@ use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataObstacles, Data
 use messages::{Channel, Message, StopSource};
 use module::{Actions, Event, Holds, Module, Standing, State};
 
-/// The module's name, and the source of its motion.
+/// Name of the module, and the source of its motion commands.
 pub const NAME: &str = "planner";
 
-/// Motion is commanded this often.
-const CONTROL: Duration = Duration::from_millis(50);
-/// How the goal fares is told at least this often.
-const TELL: Duration = Duration::from_millis(200);
-/// What stands around is told this often, and the path at least so.
-const SHOW: Duration = Duration::from_secs(1);
-/// After the last motion zero is commanded so often before it falls silent: one may be lost.
-const ZEROS: u32 = 10;
+/// Period of motion commands.
+const CONTROL_PERIOD: Duration = Duration::from_millis(50);
+/// Longest period of `ML_DATA_GOAL`.
+const GOAL_PERIOD_MAX: Duration = Duration::from_millis(200);
+/// Period of `ML_DATA_OBSTACLES`, and longest period of `ML_DATA_PLAN`.
+const SCENE_PERIOD: Duration = Duration::from_secs(1);
+/// Number of zero commands after the last motion, in case some are lost.
+const ZERO_COMMANDS: u32 = 10;
 
 base::deadlines! {
     /// Periodic work, from the start on.
     enum Timer {
-        /// A turn of the control loop.
+        /// Step of the control loop.
         Control,
         /// `ML_DATA_GOAL` is published.
         Goal,
@@ -39,46 +39,46 @@ base::deadlines! {
     }
 }
 
-/// The module.
+/// Planner module.
 pub struct Planner {
     config: Config,
-    ways: Ways,
+    space: PlanningSpace,
     senses: Senses,
     obstacles: Obstacles,
     mission: Mission,
-    /// What was commanded last.
+    /// Last motion command.
     command: Motion,
-    /// Zeros that are still to be sent.
+    /// Number of zero commands still to be sent.
     zeros: u32,
-    /// The last estimate was no number, or its time ran backwards.
-    bad: bool,
-    /// It drove by itself at the last step.
-    drove: bool,
-    /// Why it does not drive, the weightiest first.
+    /// True if the last estimate was not a number, or its time ran backwards.
+    estimate_bad: bool,
+    /// True if the planner drove the robot in the last step.
+    was_driving: bool,
+    /// Causes that hold the robot, the most important one first.
     waits: Vec<Wait>,
     holds: Holds,
-    /// Goal, waypoint, status and text as published last.
-    told: (i32, usize, i8, String),
+    /// Goal, waypoint, status and text as last published.
+    published: (i32, usize, i8, String),
     deadlines: Deadlines<Timer>,
 }
 
 impl Planner {
-    /// The module.
+    /// Creates the module.
     #[must_use]
     pub fn new(config: Config) -> Self {
         Self {
-            ways: Ways::new(&config),
+            space: PlanningSpace::new(&config),
             config,
             senses: Senses::default(),
             obstacles: Obstacles::new(),
             mission: Mission::default(),
             command: Motion::default(),
             zeros: 0,
-            bad: false,
-            drove: false,
+            estimate_bad: false,
+            was_driving: false,
             waits: Vec::new(),
             holds: Holds::default(),
-            told: (0, 0, DataGoal::IDLE, String::new()),
+            published: (0, 0, DataGoal::IDLE, String::new()),
             deadlines: Deadlines::new(),
         }
     }
@@ -109,24 +109,24 @@ impl Planner {
     }
 
     fn on_estimate(&mut self, at: Instant, estimate: &DataEstimate, out: &mut Actions) {
-        let taken = self.senses.on_estimate(at, estimate);
-        let bad = matches!(taken, Taken::Nonsense | Taken::Backwards);
-        if self.bad && !bad {
-            out.clear(Fault::EstimateBad, "", "the estimate can be driven by again");
+        let check = self.senses.on_estimate(at, estimate);
+        let bad = matches!(check, EstimateCheck::NotFinite | EstimateCheck::OutOfOrder);
+        if self.estimate_bad && !bad {
+            out.clear(Fault::EstimateBad, "", "the estimate is valid again");
         }
-        self.bad = bad;
-        match taken {
-            Taken::Well => {}
-            Taken::Jumped => {
-                self.obstacles.forget();
+        self.estimate_bad = bad;
+        match check {
+            EstimateCheck::Ok => {}
+            EstimateCheck::Jumped => {
+                self.obstacles.clear();
                 self.mission.interrupt();
                 self.mission.forget_trace();
             }
-            Taken::Nonsense => {
-                out.raise(Severity::Error, Fault::EstimateBad, "", "the estimate is no number: the robot stands");
+            EstimateCheck::NotFinite => {
+                out.raise(Severity::Error, Fault::EstimateBad, "", "the estimate is not a number: the robot stops");
             }
-            Taken::Backwards => {
-                let why = "the estimate's time runs backwards: the robot stands";
+            EstimateCheck::OutOfOrder => {
+                let why = "the estimate's time runs backwards: the robot stops";
                 out.raise(Severity::Error, Fault::EstimateBad, "", why);
             }
         }
@@ -142,13 +142,13 @@ impl Planner {
         let known = soundings.iter().filter(|sounding| sounding.is_known());
         let newest = known.map(|sounding| sounding.at).max().unwrap_or(now);
         let Some(last) = self.senses.when_fired(newest) else { return };
-        let (body, ways) = (&self.config.body, &self.ways);
-        // The pose may be off by so much to either side.
+        let (body, space) = (&self.config.body, &self.space);
+        // Accuracy of the pose, m, to either side.
         let slack = 0.10 + 2.0 * last.sigma.min(0.2);
         let robot = last.pose;
-        let mapped = |point| ways.is_mapped(point, slack);
+        let mapped = |point| space.is_mapped(point, slack);
         self.obstacles.update(now, robot, &round, |point| body.covers(point, 0.0), mapped);
-        self.mission.look(now, &self.obstacles, &self.config);
+        self.mission.check_ahead(now, &self.obstacles, &self.config);
     }
 
     fn on_goal(&mut self, command: &CmdGoal, out: &mut Actions) {
@@ -162,34 +162,34 @@ impl Planner {
         }
     }
 
-    /// There is anything to command, or to wait for.
+    /// True if there is anything to command or to wait for.
     fn is_busy(&self) -> bool {
         self.mission.has_goal() || self.zeros > 0
     }
 
-    /// One turn of the control loop.
+    /// One step of the control loop.
     fn control(&mut self, now: Instant, out: &mut Actions) {
         let wants = self.mission.has_goal() && self.senses.state == Some(State::Run);
         let located = self.senses.located(now);
-        // Blind ahead it does not drive back either: from there it could not go on.
+        // Without readings ahead the robot does not back out either: from there it could not continue.
         let blind = self.obstacles.is_blind(now, true, &self.config.body);
         self.waits = self.senses.waits(now, NAME, blind);
         let drives = wants && self.waits.is_empty();
-        if self.drove && !drives {
+        if self.was_driving && !drives {
             self.mission.interrupt();
         }
-        self.drove = drives;
+        self.was_driving = drives;
         let aim = match located {
             Some(located) if drives => {
                 let motion = self.senses.motion();
                 let Self { obstacles, config, .. } = self;
-                let sight = Sight { now, robot: located.pose, motion, obstacles, config };
-                self.mission.step(&sight, &mut self.ways)
+                let input = StepInput { now, robot: located.pose, motion, obstacles, config };
+                self.mission.step(&input, &mut self.space)
             }
             _ => Motion { speed: 0.0, steering: self.senses.motion().steering },
         };
-        // With or without a goal, what was begun is ended by a zero that is heard.
-        self.zeros = if wants { ZEROS } else { self.zeros };
+        // With or without a goal, a motion ends with a zero command that is received.
+        self.zeros = if wants { ZERO_COMMANDS } else { self.zeros };
         if self.zeros == 0 {
             return;
         }
@@ -200,18 +200,18 @@ impl Planner {
         out.publish(CmdMotion { timestamp, speed, steering, priority: CmdMotion::PLANNER, source: NAME.into() });
     }
 
-    /// What the drives can follow until the next turn. To slower it goes at once.
+    /// Command that the drives can follow until the next step. Decelerations take effect at once.
     fn reachable(&self, aim: Motion) -> Motion {
         let limits = &self.config.limits;
-        let period = CONTROL.as_secs_f64();
+        let period = CONTROL_PERIOD.as_secs_f64();
         let (last, now) = (self.command.speed, self.senses.motion().speed);
         let step = limits.acceleration * period;
-        // A new direction begins from standing, and a start from how fast it really goes.
+        // A new direction begins at standstill, and a start at the measured speed.
         let from = if last * aim.speed < 0.0 { 0.0 } else { last };
         let from = if from.abs() > now.abs() + 0.2 { now } else { from };
         let faster = from.abs() + step;
         let speed = aim.speed.clamp(-faster, faster).clamp(-limits.speed, limits.speed);
-        // Not twice as fast as the wheels turn.
+        // At most twice the steering rate.
         let turn = 2.0 * limits.steering_rate * period;
         let steering = aim.steering.clamp(self.command.steering - turn, self.command.steering + turn);
         let steering = steering.clamp(-limits.steering, limits.steering);
@@ -219,7 +219,7 @@ impl Planner {
         if sane { Motion { speed, steering } } else { Motion { speed: 0.0, steering: 0.0 } }
     }
 
-    /// What keeps a goal from being driven to.
+    /// Causes that prevent driving to a goal.
     fn waits(&self) -> &[Wait] {
         if self.mission.has_goal() { &self.waits } else { &[] }
     }
@@ -227,7 +227,7 @@ impl Planner {
     fn publish_holds(&mut self, now: Instant, out: &mut Actions) {
         let mut holds = std::mem::take(&mut self.holds);
         let waits = self.waits();
-        // Of a goal that nothing keeps from being driven to, the mission knows what it does about it.
+        // Without such a cause, the mission has the cause for which it does not drive.
         let own = self.mission.hold().filter(|_| waits.is_empty());
         let own = own.as_ref().map(|(hold, subject)| Standing::new(*hold, subject));
         let waits =
@@ -236,19 +236,19 @@ impl Planner {
         self.holds = holds;
     }
 
-    fn tell(&mut self, now: Instant, out: &mut Actions) {
+    fn publish_goal(&mut self, now: Instant, out: &mut Actions) {
         self.publish_holds(now, out);
         let (id, waypoint, state) = self.mission.status();
         let message = self.waits().first().map_or_else(|| state.to_string(), |wait| wait.message(NAME));
-        let told = (id, waypoint, state.status() as i8, message);
-        let changed = told != self.told;
-        if !(self.deadlines.tick(Timer::Goal, now, TELL) | changed) {
+        let current = (id, waypoint, state.status() as i8, message);
+        let changed = current != self.published;
+        if !(self.deadlines.tick(Timer::Goal, now, GOAL_PERIOD_MAX) | changed) {
             return;
         }
         if changed {
-            self.told = told;
+            self.published = current;
         }
-        let (id, waypoint, status, message) = &self.told;
+        let (id, waypoint, status, message) = &self.published;
         out.publish(DataGoal {
             timestamp: out.timestamp(now),
             id: *id,
@@ -259,15 +259,15 @@ impl Planner {
         });
     }
 
-    fn show(&mut self, now: Instant, out: &mut Actions) {
-        let due = self.deadlines.tick(Timer::Scene, now, SHOW);
+    fn publish_scene(&mut self, now: Instant, out: &mut Actions) {
+        let due = self.deadlines.tick(Timer::Scene, now, SCENE_PERIOD);
         if self.mission.take_replanned() | due {
             let (x, y) = self.mission.path();
             out.publish(DataPlan { timestamp: out.timestamp(now), x, y });
         }
         if due {
             let (x, y) = self.obstacles.hits().map(|hit| (hit.at.x, hit.at.y)).unzip();
-            out.publish(DataObstacles { timestamp: out.timestamp(now), size: crate::obstacles::CELL, x, y });
+            out.publish(DataObstacles { timestamp: out.timestamp(now), size: crate::obstacles::CELL_M, x, y });
         }
     }
 }
@@ -298,16 +298,16 @@ impl Module for Planner {
             Event::State(state) => self.senses.state = Some(state),
             Event::Timer | Event::Port { .. } | Event::Heard { .. } | Event::Process(_) => {}
         }
-        if self.deadlines.tick(Timer::Control, now, CONTROL) && self.is_busy() {
+        if self.deadlines.tick(Timer::Control, now, CONTROL_PERIOD) && self.is_busy() {
             self.control(now, out);
         }
-        self.tell(now, out);
-        self.show(now, out);
+        self.publish_goal(now, out);
+        self.publish_scene(now, out);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
         let mut due = self.deadlines;
-        // While there is nothing to control the loop keeps its grid, and wakes nobody.
+        // While there is nothing to control, the timer keeps its phase without waking the module.
         if !self.is_busy() {
             due.clear(Timer::Control);
         }

@@ -1,21 +1,21 @@
-//! Readings of the sonars as the planner takes them: from `LL_DATA_RANGES`, or where only that comes, from
-//! `LL_DATA_SRFS`, the view of 2011, which has one time for all and cannot tell silence from a dead sensor.
+//! Sonar readings of the planner, from `LL_DATA_RANGES`, or as a fallback from `LL_DATA_SRFS`, the view of 2011, which
+//! has one timestamp for all and cannot distinguish silence from a dead sensor.
 
 use crate::config::Body;
 use base::{Duration, Instant};
 use messages::lowlevel::{DataRanges, DataSrfs, Reading};
 use navitools::{Point, wrap};
 
-/// Readings are believed this long after their sonars fired: people move (docs/facts/robot.md 4.3).
-pub const BELIEVED: Duration = Duration::from_secs(1);
-/// Sonars of a message that are taken.
+/// Time for which a reading is valid after its sonar fired: people move (docs/facts/robot.md 4.3).
+pub const READING_VALID_FOR: Duration = Duration::from_secs(1);
+/// Maximum number of sonars in a message.
 pub const SONARS_MAX: usize = 32;
-/// Beams are taken as no wider than this, rad.
-const BEAM_MAX: f64 = 3.0;
-/// A sonar whose beam reaches the width of the body at this distance before an end looks where that end drives, m.
-const LANE: f64 = 0.8;
+/// Upper bound of the beam's opening angle, rad.
+const BEAM_MAX_RAD: f64 = 3.0;
+/// Distance before an end of the body at which a beam must reach the body's width to cover that direction of travel, m.
+const LANE_M: f64 = 0.8;
 
-/// Where a sonar sits and looks, in the robot's frame.
+/// Mounting of a sonar in the robot's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mount {
     /// Position, m.
@@ -27,16 +27,16 @@ pub struct Mount {
 }
 
 impl Mount {
-    /// `None` where that is no place on a robot, or no beam.
+    /// Mounting; `None` if the position or the beam is invalid.
     fn of(x: f64, y: f64, theta: f64, beam: f64) -> Option<Self> {
         let sits = [x, y, theta].iter().all(|value| value.is_finite() && value.abs() <= 10.0);
-        (sits && beam >= 0.0).then(|| Self { at: Point { x, y }, theta, beam: beam.min(BEAM_MAX) })
+        (sits && beam >= 0.0).then(|| Self { at: Point { x, y }, theta, beam: beam.min(BEAM_MAX_RAD) })
     }
 
-    /// True if it would hear what stands before the robot's front, or its rear, in the width of the body.
+    /// True if the beam covers the body's width before the robot's front, or its rear.
     #[must_use]
-    pub fn looks(&self, forward: bool, body: &Body) -> bool {
-        let x = if forward { body.front + LANE } else { -body.rear - LANE };
+    pub fn covers(&self, forward: bool, body: &Body) -> bool {
+        let x = if forward { body.front + LANE_M } else { -body.rear - LANE_M };
         let bearing = |y: f64| libm::atan2(y - self.at.y, x - self.at.x);
         // From the middle of the lane to its corners, and to the beam.
         let middle = bearing(0.0);
@@ -45,54 +45,54 @@ impl Mount {
         axis - half <= corners[0].max(corners[1]) && axis + half >= corners[0].min(corners[1])
     }
 
-    /// How far the robot reaches beyond the sonar towards its front, or its rear, m.
+    /// Distance by which the body extends beyond the sonar towards its front, or its rear, m.
     #[must_use]
-    pub fn behind(&self, forward: bool, body: &Body) -> f64 {
+    pub fn setback(&self, forward: bool, body: &Body) -> f64 {
         (if forward { body.front - self.at.x } else { body.rear + self.at.x }).max(0.0)
     }
 }
 
-/// What a sonar measured.
+/// Result of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Heard {
-    /// Not known: nothing is free for it.
+pub enum Measurement {
+    /// Unknown; frees no space.
     Unknown,
-    /// The view of 2011 has no echo there: the sonar may have measured silence, or nothing at all. Nothing is free for it.
+    /// No echo in the view of 2011: silence or a failed measurement. Frees no space.
     NoEcho,
-    /// It measured, and nothing returned an echo.
+    /// Measured, without an echo.
     Silent,
     /// Distance of the nearest echo, m; above 0.
     Echo(f64),
 }
 
-/// A reading of one sonar.
+/// Reading of one sonar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sounding {
-    /// The sonar's number.
+    /// Number of the sonar.
     pub id: i32,
-    /// When it fired.
+    /// Firing instant.
     pub at: Instant,
-    /// Where it sits and looks.
+    /// Mounting.
     pub mount: Mount,
-    /// What it measured.
-    pub heard: Heard,
+    /// Result.
+    pub measurement: Measurement,
 }
 
 impl Sounding {
     /// True if the sonar measured, as far as the message can tell.
     #[must_use]
     pub fn is_known(&self) -> bool {
-        self.heard != Heard::Unknown
+        self.measurement != Measurement::Unknown
     }
 
-    fn of(id: i32, at: Instant, mount: Mount, heard: Heard) -> Self {
-        let sane = !matches!(heard, Heard::Echo(distance) if !(distance > 0.0 && distance.is_finite()));
-        Self { id, at, mount, heard: if sane { heard } else { Heard::Unknown } }
+    fn of(id: i32, at: Instant, mount: Mount, measurement: Measurement) -> Self {
+        let sane = !matches!(measurement, Measurement::Echo(distance) if !(distance > 0.0 && distance.is_finite()));
+        Self { id, at, mount, measurement: if sane { measurement } else { Measurement::Unknown } }
     }
 }
 
-/// The sonars of a message that was received at `received`. The instants of its readings count by their age in it, so
-/// that the sender's clock does not matter.
+/// Readings of a message received at `received`. Their instants follow from their age in the message, independent of
+/// the sender's clock.
 #[must_use]
 pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
     let sonars = message.readings.iter().filter(|reading| reading.kind == Reading::SONAR);
@@ -100,25 +100,25 @@ pub fn of_ranges(received: Instant, message: &DataRanges) -> Vec<Sounding> {
         let mount = Mount::of(reading.x, reading.y, reading.theta, reading.beam)?;
         let age = u64::try_from(message.timestamp.saturating_sub(reading.timestamp)).unwrap_or(0);
         let age = Duration::from_micros(age);
-        let heard = match reading.status {
-            _ if age > BELIEVED => Heard::Unknown,
-            Reading::SILENT => Heard::Silent,
-            Reading::MEASURED => Heard::Echo(reading.distance),
-            _ => Heard::Unknown,
+        let measurement = match reading.status {
+            _ if age > READING_VALID_FOR => Measurement::Unknown,
+            Reading::SILENT => Measurement::Silent,
+            Reading::MEASURED => Measurement::Echo(reading.distance),
+            _ => Measurement::Unknown,
         };
-        Some(Sounding::of(reading.id, received - age, mount, heard))
+        Some(Sounding::of(reading.id, received - age, mount, measurement))
     };
     sonars.take(SONARS_MAX).filter_map(sounding).collect()
 }
 
-/// The sonars of a message as in 2011 that was received at `received`: its readings count from then, and have this beam,
-/// rad.
+/// Readings of an `LL_DATA_SRFS` message received at `received`, which is taken as their instant, with this opening
+/// angle, rad.
 #[must_use]
 pub fn of_srfs(received: Instant, message: &DataSrfs, beam: f64) -> Vec<Sounding> {
     let sounding = |range: &messages::lowlevel::Range| {
         let mount = Mount::of(range.x, range.y, range.theta, beam)?;
-        let heard = if range.valid { Heard::Echo(range.distance) } else { Heard::NoEcho };
-        Some(Sounding::of(range.id, received, mount, heard))
+        let measurement = if range.valid { Measurement::Echo(range.distance) } else { Measurement::NoEcho };
+        Some(Sounding::of(range.id, received, mount, measurement))
     };
     message.srfs.iter().take(SONARS_MAX).filter_map(sounding).collect()
 }
@@ -134,28 +134,29 @@ mod tests {
     }
 
     #[test]
-    fn who_looks_ahead_is_known_from_where_it_sits_and_how_wide_it_hears() {
-        let looks = |x, y, degrees, beam| [true, false].map(|forward| mount(x, y, degrees, beam).looks(forward, &BODY));
-        // The reference robot's: three of five in front, three of five behind.
+    fn the_direction_that_a_sonar_covers_follows_from_its_mounting_and_beam() {
+        let covers =
+            |x, y, degrees, beam| [true, false].map(|forward| mount(x, y, degrees, beam).covers(forward, &BODY));
+        // The reference robot's: three of five at the front, three of five at the rear.
         for (y, degrees) in [(0.15, 25.0), (0.0, 0.0), (-0.15, -25.0)] {
-            assert_eq!(looks(0.75, y, degrees, 0.96), [true, false], "{degrees}");
-            assert_eq!(looks(-0.15, y, 180.0 - degrees, 0.96), [false, true], "{degrees}");
+            assert_eq!(covers(0.75, y, degrees, 0.96), [true, false], "{degrees}");
+            assert_eq!(covers(-0.15, y, 180.0 - degrees, 0.96), [false, true], "{degrees}");
         }
         for side in [1.0, -1.0] {
-            assert_eq!(looks(0.73, side * 0.28, side * 60.0, 0.96), [false, false]);
-            assert_eq!(looks(0.60, side * 0.30, side * 90.0, 0.96), [false, false]);
-            assert_eq!(looks(-0.13, side * 0.28, side * 120.0, 0.96), [false, false]);
+            assert_eq!(covers(0.73, side * 0.28, side * 60.0, 0.96), [false, false]);
+            assert_eq!(covers(0.60, side * 0.30, side * 90.0, 0.96), [false, false]);
+            assert_eq!(covers(-0.13, side * 0.28, side * 120.0, 0.96), [false, false]);
         }
-        // A narrow beam, turned out: past who stands before the robot. And one turned in from a corner.
-        assert_eq!(looks(0.75, 0.15, 40.0, 0.3), [false, false]);
-        assert_eq!(looks(0.75, 0.30, -20.0, 0.3), [true, false]);
+        // A narrow beam turned outwards misses the path before the robot. And a beam turned inwards from a corner.
+        assert_eq!(covers(0.75, 0.15, 40.0, 0.3), [false, false]);
+        assert_eq!(covers(0.75, 0.30, -20.0, 0.3), [true, false]);
     }
 
     #[test]
-    fn a_distance_counts_from_the_end_that_drives() {
-        assert_eq!(mount(0.75, 0.0, 0.0, 1.0).behind(true, &BODY), 0.0);
-        assert!((mount(0.30, 0.0, 0.0, 1.0).behind(true, &BODY) - 0.45).abs() < 1e-12);
-        assert!((mount(0.30, 0.0, 180.0, 1.0).behind(false, &BODY) - 0.45).abs() < 1e-12);
+    fn a_distance_counts_from_the_leading_end() {
+        assert_eq!(mount(0.75, 0.0, 0.0, 1.0).setback(true, &BODY), 0.0);
+        assert!((mount(0.30, 0.0, 0.0, 1.0).setback(true, &BODY) - 0.45).abs() < 1e-12);
+        assert!((mount(0.30, 0.0, 180.0, 1.0).setback(false, &BODY) - 0.45).abs() < 1e-12);
     }
 
     #[test]
@@ -181,23 +182,23 @@ mod tests {
         ];
         let message = DataRanges { timestamp: 5_000_000, readings };
         let received = Instant::from_millis(9000);
-        let found: Vec<_> = of_ranges(received, &message).iter().map(|s| (s.id, s.at, s.heard)).collect();
+        let found: Vec<_> = of_ranges(received, &message).iter().map(|s| (s.id, s.at, s.measurement)).collect();
         let at = Instant::from_millis;
         assert_eq!(
             found,
             [
-                (0, at(8825), Heard::Echo(1.5)),
-                (1, at(8895), Heard::Silent),
-                (2, at(8895), Heard::Unknown),
-                (3, at(7800), Heard::Unknown),
-                (4, at(9000), Heard::Unknown),
-                (7, at(9000), Heard::Unknown),
+                (0, at(8825), Measurement::Echo(1.5)),
+                (1, at(8895), Measurement::Silent),
+                (2, at(8895), Measurement::Unknown),
+                (3, at(7800), Measurement::Unknown),
+                (4, at(9000), Measurement::Unknown),
+                (7, at(9000), Measurement::Unknown),
             ]
         );
     }
 
     #[test]
-    fn the_view_of_2011_does_not_say_what_is_free() {
+    fn the_view_of_2011_frees_nothing() {
         let range = |id, distance: f64| messages::lowlevel::Range {
             id,
             distance,
@@ -206,7 +207,7 @@ mod tests {
         };
         let message = DataSrfs { timestamp: 0, srfs: vec![range(0, 1.5), range(1, f64::NAN)] };
         let found = of_srfs(Instant::from_millis(9000), &message, 0.96);
-        assert_eq!([found[0].heard, found[1].heard], [Heard::Echo(1.5), Heard::NoEcho]);
+        assert_eq!([found[0].measurement, found[1].measurement], [Measurement::Echo(1.5), Measurement::NoEcho]);
         assert!(found.iter().all(|sounding| sounding.at == Instant::from_millis(9000) && sounding.is_known()));
         assert_eq!(found[0].mount.beam, 0.96);
     }

@@ -1,15 +1,15 @@
-//! Hybrid A*: a drivable way for the footprint of an Ackermann robot, forwards and in reverse.
+//! Hybrid A*: drivable path for the footprint of an Ackermann robot, forwards and in reverse.
 //!
 //! D. Dolgov, S. Thrun, M. Montemerlo, J. Diebel, Practical search techniques in path planning for autonomous driving
-//! (2008). States are cells of the map and 72 headings, each with the exact pose of the way that reached it; steps are
-//! arcs of nought, half and the whole curvature limit. Two estimates of the cost to go are combined: a way for a round
-//! robot around all obstacles ([`reach`]) and, near the goal, the way of a car without obstacles (Reeds and Shepp), which
-//! also ends the search where it is free. Then parts of the way are replaced by better curves ([`smooth`]).
+//! (2008). States are cells of the map and 72 headings, each with the exact pose of the path that reached it; steps are
+//! arcs with curvatures of zero, half and the whole limit. Two heuristics are combined: a path for a round robot around
+//! all obstacles ([`reach`]) and, near the goal, the path of a car without obstacles (Reeds and Shepp), which also ends
+//! the search where it is free. Then parts of the path are replaced by better curves ([`smooth`]).
 //!
-//! An engine: it owns no clock. [`Search::begin`], then [`Search::advance`] as often as one likes; the budget is work, an
-//! expanded state or what takes as long (a few microseconds), so that the same request has the same answer on every
-//! machine. The first way found may be driven while the search looks for a better one. Buffers are kept: from the second
-//! search of a kind on nothing is allocated.
+//! An engine without a clock: [`Search::begin`], then [`Search::advance`] repeatedly. The budget counts work, in
+//! expanded states or operations of equal duration (a few microseconds), so that a request has the same result on every
+//! machine. The first path may be driven while the search improves it. Buffers are reused: later searches of the same
+//! kind allocate nothing.
 
 mod footprint;
 mod lattice;
@@ -21,12 +21,12 @@ mod shot;
 mod smooth;
 
 pub use footprint::Footprint;
-pub use request::{Budget, Costs, Goal, Limits, NoWay, Status};
+pub use request::{Budget, Costs, Goal, Limits, SearchError, Status};
 
 use crate::map::Field;
 use crate::path::Path;
 use footprint::Body;
-use lattice::{HEADINGS, Lattice, Sample, Toll};
+use lattice::{HEADINGS, Lattice, ProximityCost, Sample};
 use navitools::{Arc, Pose, reeds_shepp_length};
 use open::{NONE, Node, Open};
 use reach::Reach;
@@ -34,22 +34,22 @@ use ruler::Ruler;
 use shot::Shot;
 use smooth::Smoothing;
 
-/// How greedy the search is, pass after pass: the weight of the estimate; and how many cells and headings, each way, are
-/// one state. A coarse look finds most ways with an eighth of the states; what it misses the next pass finds.
+/// Passes of the search: weight of the heuristic, and number of cells and headings, in each dimension, that form one
+/// state. The coarse pass finds most paths with an eighth of the states; the next pass finds the rest.
 const PASSES: [(f32, usize); 4] = [(2.0, 2), (1.5, 1), (1.2, 1), (1.0, 1)];
-/// Steps of [`Reach`] that take as long as a state.
-const POPS: u32 = 16;
-/// A state may send [`Reach`] so far.
-const POPS_MAX: u32 = 400;
-/// Nearer than so many radii the way of a car is asked for too.
-const NEAR_RADII: f64 = 4.0;
-/// In an obstacle the robot may drive so far to get out, m.
-const ESCAPE_M: f32 = 2.0;
+/// Number of steps of [`Reach`] that take as long as one state.
+const REACH_STEPS_PER_STATE: u32 = 16;
+/// Maximum number of steps of [`Reach`] per state.
+const REACH_STEPS_MAX: u32 = 400;
+/// Distance, in turning radii, below which the path of a car is evaluated too.
+const CAR_PATH_RADII: f64 = 4.0;
+/// Longest path inside an obstacle to get out of it, m.
+const ESCAPE_MAX_M: f32 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Idle,
-    /// The estimate goes from the goal to the start.
+    /// The heuristic is computed from the goal to the start.
     Reach,
     Search,
     /// `last`: the search is over.
@@ -57,40 +57,40 @@ enum Phase {
         last: bool,
     },
     Found,
-    NoWay(NoWay),
+    NoPath(SearchError),
 }
 
-/// A search, with its buffers.
+/// Search with its buffers.
 #[derive(Debug)]
 pub struct Search {
     limits: Limits,
     phase: Phase,
     start: Pose,
     goal: Goal,
-    /// Where exactly to end: a pose, or a point with any heading.
+    /// Exact end: a pose, or a point with any heading.
     target: Result<Pose, (f64, f64)>,
     budget: Budget,
-    /// Work done, and how much of it before the first way.
+    /// Work done, and the part of it before the first path.
     work: u32,
     first: u32,
     expansions: u32,
     pass: usize,
-    /// Expansions until the next try to end with a curve.
+    /// Expansions until the next attempt to end with a curve.
     until_shot: u32,
-    /// How deep the robot stands in something, m, and whether it has got out.
+    /// Penetration of the footprint into obstacles at the start, m, and true once the path has left them.
     depth: f64,
     escaped: bool,
-    /// What the buffers are for: a resolution; a goal and a field.
+    /// Parameters for which the buffers are valid: a resolution; a goal and a field.
     lattice_for: f64,
     reach_for: Option<(Goal, u64)>,
     body: Body,
-    toll: Toll,
+    toll: ProximityCost,
     lattice: Lattice,
     reach: Reach,
     open: Open,
     shot: Shot,
     smoothing: Smoothing,
-    /// The best way of the search, and the best one smoothed.
+    /// Best path of the search, and the best smoothed path.
     raw: Vec<Arc>,
     raw_cost: f32,
     path: Path,
@@ -98,8 +98,8 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search for a robot. The limits' numbers are finite and above zero where they say so, else every search ends with
-    /// [`NoWay::Invalid`].
+    /// Creates a search for a robot. With limits that are not finite or not positive where required, every search ends
+    /// with [`SearchError::Invalid`].
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -119,7 +119,7 @@ impl Search {
             lattice_for: 0.0,
             reach_for: None,
             body: Body::default(),
-            toll: Toll::default(),
+            toll: ProximityCost::default(),
             lattice: Lattice::default(),
             reach: Reach::default(),
             open: Open::default(),
@@ -132,7 +132,7 @@ impl Search {
         }
     }
 
-    /// The limits it was made with.
+    /// Limits of the robot.
     #[must_use]
     pub fn limits(&self) -> &Limits {
         &self.limits
@@ -144,28 +144,28 @@ impl Search {
         self.work
     }
 
-    /// States expanded since [`Search::begin`].
+    /// Number of states expanded since [`Search::begin`].
     #[must_use]
     pub fn expansions(&self) -> u32 {
         self.expansions
     }
 
-    /// Plans in one go.
+    /// Plans in one call.
     ///
     /// # Errors
-    /// There is no way, and why.
-    pub fn plan(&mut self, field: &Field, start: Pose, goal: Goal, budget: Budget) -> Result<&Path, NoWay> {
+    /// There is no path; the error has the reason.
+    pub fn plan(&mut self, field: &Field, start: Pose, goal: Goal, budget: Budget) -> Result<&Path, SearchError> {
         self.begin(field, start, goal, budget);
         while matches!(self.phase, Phase::Reach | Phase::Search | Phase::Smooth { .. }) {
             self.advance(field, u32::MAX);
         }
         match self.phase {
-            Phase::NoWay(why) => Err(why),
+            Phase::SearchError(why) => Err(why),
             _ => Ok(&self.path),
         }
     }
 
-    /// Begins a search; the last one's path is gone. What is learnt of the goal stays while goal and field do.
+    /// Begins a search and clears the last path. Results for the goal are kept as long as goal and field do not change.
     pub fn begin(&mut self, field: &Field, start: Pose, goal: Goal, budget: Budget) {
         self.start = start;
         self.goal = goal;
@@ -175,11 +175,11 @@ impl Search {
         self.raw.clear();
         self.phase = match self.prepare(field) {
             Ok(()) => Phase::Reach,
-            Err(why) => Phase::NoWay(why),
+            Err(why) => Phase::SearchError(why),
         };
     }
 
-    fn prepare(&mut self, field: &Field) -> Result<(), NoWay> {
+    fn prepare(&mut self, field: &Field) -> Result<(), SearchError> {
         let Limits { footprint, margin_m, radius_m, costs, .. } = self.limits;
         let Footprint { length_m, width_m, rear_m } = footprint;
         let sizes = [length_m, width_m, radius_m, costs.keep_m];
@@ -191,7 +191,7 @@ impl Search {
             && parts.iter().all(|part| (0.0..=1e3).contains(part))
             && places.iter().all(|place| place.is_finite());
         if !sensible {
-            return Err(NoWay::Invalid);
+            return Err(SearchError::Invalid);
         }
         let body = Body::new(footprint.grown(margin_m), field);
         let resolution = field.frame().resolution;
@@ -201,13 +201,13 @@ impl Search {
             self.reach_for = None;
         }
         self.lattice.turn_to(theta.radians());
-        self.toll = Toll::new(body.inner, &costs);
+        self.toll = ProximityCost::new(body.inner, &costs);
         self.body = body;
         self.find_target(field)
     }
 
-    /// Where to end, and from where the estimate begins.
-    fn find_target(&mut self, field: &Field) -> Result<(), NoWay> {
+    /// Finds the end of the path and the start of the heuristic.
+    fn find_target(&mut self, field: &Field) -> Result<(), SearchError> {
         let key = (self.goal, field.identity());
         let known = self.reach_for == Some(key);
         self.reach_for = Some(key);
@@ -236,11 +236,11 @@ impl Search {
             }
         }
         self.reach_for = None;
-        Err(NoWay::GoalBlocked)
+        Err(SearchError::GoalBlocked)
     }
 
-    /// Works on for about `work` units. The field is the one of [`Search::begin`]; if its obstacles have changed the
-    /// path may touch them: begin again.
+    /// Continues for about `work` units. The field must be the one of [`Search::begin`]; if its obstacles have changed,
+    /// the path may touch them: begin again.
     pub fn advance(&mut self, field: &Field, work: u32) -> Status<'_> {
         let until = self.work.saturating_add(work);
         while self.work < until {
@@ -248,18 +248,18 @@ impl Search {
                 Phase::Reach => self.reach_start(field),
                 Phase::Search => self.expand(field),
                 Phase::Smooth { last } => self.smooth(field, last),
-                Phase::Idle | Phase::Found | Phase::NoWay(_) => break,
+                Phase::Idle | Phase::Found | Phase::SearchError(_) => break,
             }
         }
         self.status()
     }
 
-    /// How far it has come.
+    /// Progress of the search.
     #[must_use]
     pub fn status(&self) -> Status<'_> {
         match self.phase {
             Phase::Found => Status::Found(&self.path),
-            Phase::NoWay(why) => Status::NoWay(why),
+            Phase::SearchError(why) => Status::NoPath(why),
             _ if self.has_path => Status::Improving(&self.path),
             _ => Status::Searching,
         }
@@ -271,19 +271,19 @@ impl Search {
         let (sin, cos) = theta.sin_cos();
         self.depth = body.depth(field, x, y, sin, cos);
         if self.depth > body.half_width() {
-            self.phase = Phase::NoWay(NoWay::StartBlocked);
+            self.phase = Phase::SearchError(SearchError::StartBlocked);
             return;
         }
-        let mut pops = POPS_MAX;
+        let mut pops = REACH_STEPS_MAX;
         let cost = self.reach.cost(field, &self.toll, x + body.ahead * cos, y + body.ahead * sin, &mut pops);
-        self.work += 1 + (POPS_MAX - pops) / POPS;
+        self.work += 1 + (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let known = pops > 0;
         if known && cost == f32::INFINITY && self.depth == 0.0 {
-            self.phase = Phase::NoWay(NoWay::Unreachable);
+            self.phase = Phase::SearchError(SearchError::Unreachable);
         } else if known {
             self.begin_pass(field);
         } else if self.work > self.budget.first {
-            self.phase = Phase::NoWay(NoWay::Budget);
+            self.phase = Phase::SearchError(SearchError::Budget);
         }
     }
 
@@ -296,7 +296,7 @@ impl Search {
         self.until_shot = 0;
         self.phase = Phase::Search;
         let Some((column, row)) = field.frame().cell(x, y) else {
-            self.phase = Phase::NoWay(NoWay::StartBlocked);
+            self.phase = Phase::SearchError(SearchError::StartBlocked);
             return;
         };
         let key = self.key(field, column, row, 0);
@@ -305,22 +305,22 @@ impl Search {
             .push(Node { x, y, g: 0.0, h, parent: NONE, key, heading: 0, step: u8::MAX, closed: false, touching }, h);
     }
 
-    /// What is one state in this pass.
+    /// Key of the state in this pass.
     fn key(&self, field: &Field, column: usize, row: usize, heading: usize) -> u32 {
         let (_, coarse) = PASSES[self.pass];
         (field.frame().index(column / coarse, row / coarse) * HEADINGS + heading / coarse) as u32
     }
 
-    /// The cost to go from a pose.
+    /// Heuristic: estimated cost from a pose to the goal.
     fn estimate(&mut self, field: &Field, at: Sample, heading: usize) -> f32 {
-        let mut pops = POPS_MAX;
+        let mut pops = REACH_STEPS_MAX;
         let (x, y) = (at.x + self.body.ahead * at.cos, at.y + self.body.ahead * at.sin);
         let around = self.reach.cost(field, &self.toll, x, y, &mut pops);
-        self.work += (POPS_MAX - pops) / POPS;
+        self.work += (REACH_STEPS_MAX - pops) / REACH_STEPS_PER_STATE;
         let around = (around - self.goal.tolerance_m as f32).max(0.0);
         let radius = self.limits.radius_m;
         match self.target {
-            Ok(target) if f64::from(around) < NEAR_RADII * radius => {
+            Ok(target) if f64::from(around) < CAR_PATH_RADII * radius => {
                 let pose = Pose::new(at.x, at.y, self.lattice.angle(heading));
                 let car = reeds_shepp_length(pose, target, radius) - self.goal.tolerance_m;
                 around.max(car as f32)
@@ -333,16 +333,16 @@ impl Search {
     fn expand(&mut self, field: &Field) {
         self.work += 1;
         let (weight, _) = PASSES[self.pass];
-        let exhausted = if self.escaped { NoWay::Unreachable } else { NoWay::StartBlocked };
+        let exhausted = if self.escaped { SearchError::Unreachable } else { SearchError::StartBlocked };
         let Some((index, f)) = self.open.pop() else {
             return self.end_pass(field, exhausted);
         };
-        // Nothing that is left is better by more than the weight.
+        // No remaining state can improve the result by more than the weight.
         if f >= self.raw_cost {
             return self.end_pass(field, exhausted);
         }
         if self.work > self.allowed() || self.open.len() >= self.limits.states_max as usize {
-            return self.end_pass(field, NoWay::Budget);
+            return self.end_pass(field, SearchError::Budget);
         }
         self.expansions += 1;
         let node = self.open.node(index);
@@ -357,14 +357,14 @@ impl Search {
         }
         self.until_shot = self.until_shot.saturating_sub(1);
         if self.first == 0 && self.raw_cost.is_finite() {
-            return self.end_pass(field, NoWay::Unreachable);
+            return self.end_pass(field, SearchError::Unreachable);
         }
         for step in 0..self.lattice.steps.len() {
             self.follow(field, index, &node, step, weight);
         }
     }
 
-    /// Takes a step from a state; where it leads to is a state, if it is free and nothing better is known.
+    /// Takes a step from a state and adds its end if it is free and improves on the known cost.
     fn follow(&mut self, field: &Field, parent: u32, node: &Node, step: usize, weight: f32) {
         let body = self.body;
         let heading = usize::from(node.heading);
@@ -392,7 +392,8 @@ impl Search {
         let mut touching = node.touching;
         let mut g = g;
         if touching {
-            // Out of an obstacle: not deeper in than half a cell, which turning away may take, and not for long.
+            // Out of an obstacle: not deeper than half a cell, which turning away may take, and only for a limited
+            // length.
             let deepest = self.depth + 0.5 * field.frame().resolution;
             for at in samples {
                 let depth = body.depth(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
@@ -402,12 +403,12 @@ impl Search {
                 touching = depth > 0.0;
             }
             g += 2.0 * taken.cost;
-            if touching && g > ESCAPE_M * 3.0 * (1.0 + costs.near as f32) {
+            if touching && g > ESCAPE_MAX_M * 3.0 * (1.0 + costs.near as f32) {
                 return;
             }
         } else {
             let free = |at: &Sample| body.is_free(field, node.x + at.x, node.y + at.y, at.sin, at.cos);
-            // The end first: where it is not free, nothing in between matters.
+            // The end first: if it is not free, the poses in between do not matter.
             if !samples.iter().rev().all(free) {
                 return;
             }
@@ -421,14 +422,14 @@ impl Search {
         self.open.push(node, g + weight * h);
     }
 
-    /// True if a pose is as good as the goal.
+    /// True if a pose satisfies the goal.
     fn is_there(&self, pose: Pose) -> bool {
         let Goal { x, y, heading, tolerance_m } = self.goal;
         let turned = heading.map_or(0.0, |heading| libm::fabs(navitools::wrap(heading - pose.theta.radians())));
         tolerance_m > 0.0 && libm::hypot(x - pose.x, y - pose.y) <= tolerance_m && turned <= 5f64.to_radians()
     }
 
-    /// Tries to end with a curve to the goal.
+    /// Attempts to end with a curve to the goal.
     fn shoot(&mut self, field: &Field, index: u32, pose: Pose) {
         let node = self.open.node(index);
         let before = self.lattice.steps.get(usize::from(node.step)).map(|step| step.arc);
@@ -441,14 +442,14 @@ impl Search {
         }
     }
 
-    /// A way is found that ends with a state.
+    /// Records a path that ends with this state.
     fn take(&mut self, index: u32, arcs: &[Arc], cost: f32) {
         self.raw_cost = cost;
         self.open.trace(index, &self.lattice, &mut self.raw);
         arcs.iter().for_each(|arc| append(&mut self.raw, *arc));
     }
 
-    /// The work allowed in all.
+    /// Total work allowed.
     fn allowed(&self) -> u32 {
         match self.first {
             0 => self.budget.first,
@@ -456,16 +457,16 @@ impl Search {
         }
     }
 
-    fn end_pass(&mut self, field: &Field, why: NoWay) {
+    fn end_pass(&mut self, field: &Field, why: SearchError) {
         let found = self.raw_cost.is_finite();
         if found && self.first == 0 {
             self.first = self.work;
         }
         self.pass += 1;
         if !found {
-            // What a coarse look does not find may still be there.
-            let again = why != NoWay::Budget && PASSES[self.pass - 1].1 > 1;
-            return if again { self.begin_pass(field) } else { self.phase = Phase::NoWay(why) };
+            // A path missed by the coarse pass may still exist.
+            let again = why != SearchError::Budget && PASSES[self.pass - 1].1 > 1;
+            return if again { self.begin_pass(field) } else { self.phase = Phase::SearchError(why) };
         }
         let last = self.pass >= PASSES.len() || self.work > self.allowed();
         self.smoothing.begin(self.start, &self.raw);
@@ -497,7 +498,7 @@ impl Search {
     }
 }
 
-/// Adds an arc to a way; what goes on as before is one arc.
+/// Appends an arc to a path, merged with the last one if it continues it.
 fn append(arcs: &mut Vec<Arc>, arc: Arc) {
     match arcs.last_mut() {
         Some(last)
@@ -510,7 +511,7 @@ fn append(arcs: &mut Vec<Arc>, arc: Arc) {
     }
 }
 
-/// Places about the goal within the tolerance, from the inside out; at most 8 around.
+/// Offsets from the goal within the tolerance, from the inside out; at most 8 per ring.
 fn offsets(tolerance: f64, resolution: f64) -> impl Iterator<Item = (f64, f64)> {
     let rings = libm::ceil(tolerance / resolution).clamp(0.0, 8.0);
     let ring = move |ring: u32| {

@@ -1,7 +1,7 @@
-//! What the planner knows of the robot from others: where it is, how it moves, and what stands against driving.
+//! State of the robot as other modules report it: pose, motion, and the causes that hold the robot.
 
 use crate::goal_state::FRONT;
-use crate::ranges::{BELIEVED, Sounding};
+use crate::ranges::{READING_VALID_FOR, Sounding};
 use base::{Duration, Instant};
 use messages::lowlevel::{DataHold, DataMotion, EventStop};
 use messages::middlelevel::DataEstimate;
@@ -10,87 +10,87 @@ use module::State;
 use navitools::{Motion as Moved, Pose};
 use std::collections::VecDeque;
 
-/// An estimate that is older is none: the same as `driver_canbus` has.
-const ESTIMATE_OLD: Duration = Duration::from_millis(200);
-/// `LL_DATA_MOTION` comes at 20 Hz, `LL_DATA_HOLD` at 5 Hz.
-const MOTION_OLD: Duration = Duration::from_millis(500);
-/// Poses are kept longer than readings of the sonars are believed.
-const HISTORY: Duration = Duration::from_millis(1200);
-/// `LL_DATA_SRFS` is not listened to for this long after `LL_DATA_RANGES`, which comes at least each second.
-const RANGES_GONE: Duration = Duration::from_millis(1500);
-/// An estimator whose time went back for this long was started anew.
-const STARTED_ANEW: Duration = Duration::from_secs(1);
-/// The estimate has jumped: the robot was put elsewhere, or found itself; m and rad.
-const JUMP: (f64, f64) = (0.5, 0.5);
+/// Maximum age of an estimate; the same limit as in `driver_canbus`.
+const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
+/// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
+const MOTION_AGE_MAX: Duration = Duration::from_millis(500);
+/// Time for which poses are kept: longer than sonar readings stay valid.
+const POSES_KEPT_FOR: Duration = Duration::from_millis(1200);
+/// Time after the last `LL_DATA_RANGES` (at least 1 Hz) during which `LL_DATA_SRFS` is ignored.
+const RANGES_TIMEOUT: Duration = Duration::from_millis(1500);
+/// An estimator whose timestamps run backwards for this long has restarted.
+const RESTART_AFTER: Duration = Duration::from_secs(1);
+/// Change between two estimates that counts as a jump (kidnapped robot, or first fix), m and rad.
+const JUMP_MIN: (f64, f64) = (0.5, 0.5);
 
-/// Where the robot was.
+/// Pose of the robot at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct Located {
-    /// When that was received.
+    /// Instant at which the pose was received.
     pub at: Instant,
-    /// Where.
+    /// Pose in the map, m and rad.
     pub pose: Pose,
-    /// How it moved.
+    /// Velocity, m/s and rad/s.
     pub moved: Moved,
-    /// Deviation of the position, m.
+    /// Standard deviation of the position, m.
     pub sigma: f64,
 }
 
-/// What came of an estimate.
+/// Result of the check of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Taken {
-    /// It goes on from the one before.
-    Well,
-    /// It is somewhere else altogether.
+pub enum EstimateCheck {
+    /// Continues the previous estimate.
+    Ok,
+    /// Accepted, but far from the previous estimate.
     Jumped,
-    /// It is not a number.
-    Nonsense,
-    /// It is older than the one before.
-    Backwards,
+    /// Rejected: not finite or out of range.
+    NotFinite,
+    /// Rejected: older than the previous estimate.
+    OutOfOrder,
 }
 
-/// Everything heard that the driving depends on.
+/// Received state that driving depends on.
 #[derive(Debug, Default)]
 pub struct Senses {
-    /// The module's own state.
+    /// State of the planner's own module.
     pub state: Option<State>,
     estimates: VecDeque<Located>,
     quality: Option<i8>,
-    /// Of the last estimate that was taken, and when.
+    /// Timestamp of the last accepted estimate, and the instant of its reception.
     stamp: Option<(i64, Instant)>,
     motion: Option<(Instant, DataMotion)>,
-    /// What stands against motion, by `driver_canbus`.
+    /// Causes reported by `driver_canbus` that hold the robot.
     holds: Option<(Instant, DataHold)>,
-    /// Source of PAUSE, with its name as it was reported.
+    /// Source of an engaged PAUSE line, with its name as reported.
     paused: Option<(StopSource, String)>,
-    /// When the newest reading of a sonar was fired.
+    /// Firing instant of the newest sonar reading.
     sonars: Option<Instant>,
-    /// When `LL_DATA_RANGES` came last.
+    /// Reception of the last `LL_DATA_RANGES`.
     ranges: Option<Instant>,
 }
 
 impl Senses {
-    /// An estimate.
-    pub fn on_estimate(&mut self, at: Instant, estimate: &DataEstimate) -> Taken {
+    /// Processes `ML_DATA_ESTIMATE`.
+    pub fn on_estimate(&mut self, at: Instant, estimate: &DataEstimate) -> EstimateCheck {
         let DataEstimate { x, y, theta, speed, rotation, covariance, .. } = *estimate;
         let within = [x, y, theta].iter().all(|value| value.abs() < 1e5);
         let [[sxx, ..], [_, syy, _], _] = covariance;
         let moves = speed.abs() < 10.0 && rotation.abs() < 10.0;
         if !(within && moves && (sxx + syy).is_finite()) {
             self.estimates.clear();
-            return Taken::Nonsense;
+            return EstimateCheck::NotFinite;
         }
-        if let Some((last, heard)) = self.stamp
+        if let Some((last, received)) = self.stamp
             && estimate.timestamp <= last
-            && at.since(heard) < STARTED_ANEW
+            && at.since(received) < RESTART_AFTER
         {
-            return Taken::Backwards;
+            return EstimateCheck::OutOfOrder;
         }
         self.stamp = Some((estimate.timestamp, at));
         self.quality = Some(estimate.quality);
         if estimate.quality < DataEstimate::COARSE {
             self.estimates.clear();
-            return Taken::Well;
+            return EstimateCheck::Ok;
         }
         let sigma = libm::sqrt((sxx + syy).max(0.0) / 2.0);
         let moved = Moved { translation: speed, rotation };
@@ -98,65 +98,65 @@ impl Senses {
         let expected = self.estimates.back().map(|last| last.pose_at(at));
         let jumped = expected.is_none_or(|expected| {
             let turned = (now.pose.theta - expected.theta).radians().abs();
-            expected.point().distance(now.pose.point()) > JUMP.0 || turned > JUMP.1
+            expected.point().distance(now.pose.point()) > JUMP_MIN.0 || turned > JUMP_MIN.1
         });
-        while self.estimates.front().is_some_and(|old| at.since(old.at) > HISTORY) {
+        while self.estimates.front().is_some_and(|old| at.since(old.at) > POSES_KEPT_FOR) {
             self.estimates.pop_front();
         }
         self.estimates.push_back(now);
-        if jumped { Taken::Jumped } else { Taken::Well }
+        if jumped { EstimateCheck::Jumped } else { EstimateCheck::Ok }
     }
 
-    /// The drives.
+    /// Processes `LL_DATA_MOTION`.
     pub fn on_motion(&mut self, at: Instant, motion: &DataMotion) {
         let sane = motion.speed.is_finite() && motion.steering.is_finite();
         self.motion = sane.then(|| (at, motion.clone()));
     }
 
-    /// What stands against motion.
+    /// Processes `LL_DATA_HOLD`.
     pub fn on_hold(&mut self, at: Instant, holds: &DataHold) {
         if holds.is_of_motion() {
             self.holds = Some((at, holds.clone()));
         }
     }
 
-    /// The PAUSE line.
+    /// Processes `LL_EVENT_STOP`: state of the PAUSE line.
     pub fn on_stop(&mut self, stop: &EventStop) {
         self.paused = stop.engaged.then(|| (StopSource::from_name(&stop.source), stop.source.clone()));
     }
 
-    /// Readings of the sonars.
+    /// Processes sonar readings.
     pub fn on_soundings(&mut self, soundings: &[Sounding]) {
         let newest = soundings.iter().filter(|sounding| sounding.is_known()).map(|sounding| sounding.at).max();
         self.sonars = self.sonars.max(newest);
     }
 
-    /// `LL_DATA_RANGES` came.
+    /// Notes the reception of `LL_DATA_RANGES`.
     pub fn on_ranges(&mut self, at: Instant) {
         self.ranges = Some(at);
     }
 
-    /// True if `LL_DATA_RANGES` does not come, and the view of 2011 has to do.
+    /// True if `LL_DATA_RANGES` is missing, so that `LL_DATA_SRFS` (the view of 2011) must be used.
     #[must_use]
     pub fn lacks_ranges(&self, at: Instant) -> bool {
-        self.ranges.is_none_or(|last| at.since(last) >= RANGES_GONE)
+        self.ranges.is_none_or(|last| at.since(last) >= RANGES_TIMEOUT)
     }
 
-    /// Where the robot is at `now`.
+    /// Pose extrapolated to `now`; `None` without a recent estimate.
     #[must_use]
     pub fn located(&self, now: Instant) -> Option<Located> {
-        let last = self.estimates.back().filter(|last| now.since(last.at) < ESTIMATE_OLD)?;
+        let last = self.estimates.back().filter(|last| now.since(last.at) < ESTIMATE_AGE_MAX)?;
         Some(Located { pose: last.pose_at(now), at: now, ..*last })
     }
 
-    /// Where the robot was when a sonar was fired.
+    /// Pose at the instant at which a sonar fired.
     #[must_use]
     pub fn when_fired(&self, fired: Instant) -> Option<Located> {
         let before = self.estimates.iter().rev().find(|known| known.at <= fired).or(self.estimates.front())?;
         Some(Located { pose: before.pose_at(fired), at: fired, ..*before })
     }
 
-    /// How fast the robot goes and how its wheels stand; standing where the drives are not heard.
+    /// Speed and steering angle of the robot; zero if the drives have not reported.
     #[must_use]
     pub fn motion(&self) -> crate::track::Motion {
         let motion = self.motion.as_ref().map(|(_, motion)| motion);
@@ -166,8 +166,8 @@ impl Senses {
         })
     }
 
-    /// All that stands against driving at `now`, the weightiest first; empty: nothing. `source`: the planner's name;
-    /// `blind`: nothing is known of the sonars that look ahead.
+    /// Causes that hold the robot at `now`, the most important one first; empty if it may drive. `source` is the
+    /// planner's name; `blind` is true if the state of the front sonars is unknown.
     #[must_use]
     pub fn waits(&self, now: Instant, source: &str, blind: bool) -> Vec<Wait> {
         let mut waits = Vec::new();
@@ -185,7 +185,7 @@ impl Senses {
             Some(DataEstimate::SEARCHING) => add(Hold::EstimateSearching, ""),
             Some(_) => add(Hold::EstimateBad, ""),
         }
-        if self.sonars.is_none_or(|at| now.since(at) >= BELIEVED) {
+        if self.sonars.is_none_or(|at| now.since(at) >= READING_VALID_FOR) {
             add(Hold::SonarsSilent, "");
         } else if blind {
             add(Hold::SonarsUnknown, FRONT);
@@ -194,9 +194,9 @@ impl Senses {
         waits
     }
 
-    /// What `driver_canbus` has against it.
+    /// Adds the causes that `driver_canbus` reports.
     fn add_driver(&self, now: Instant, source: &str, waits: &mut Vec<Wait>) {
-        let fresh = |at: &Instant| now.since(*at) < MOTION_OLD;
+        let fresh = |at: &Instant| now.since(*at) < MOTION_AGE_MAX;
         let motion = self.motion.as_ref().filter(|(at, _)| fresh(at));
         let holds = self.holds.as_ref().filter(|(at, _)| fresh(at));
         let (Some((_, motion)), Some((_, list))) = (motion, holds) else {
@@ -206,16 +206,16 @@ impl Senses {
         if !motion.source.is_empty() && motion.source != source && list.first() != Some(Hold::PlannerLatched) {
             waits.push(Wait::new(Hold::OtherSource, &motion.source));
         }
-        for (place, told) in list.holds.iter().enumerate() {
-            // A cause of a later version stands against driving all the same.
-            let hold = told.cause().unwrap_or(Hold::ModuleError);
-            if hold.is_idle() || waits.iter().any(|wait| wait.hold == hold && wait.subject == told.subject) {
+        for (place, reported) in list.holds.iter().enumerate() {
+            // A cause from a later version holds the robot as well.
+            let hold = reported.cause().unwrap_or(Hold::ModuleError);
+            if hold.is_idle() || waits.iter().any(|wait| wait.hold == hold && wait.subject == reported.subject) {
                 continue;
             }
-            // The driver's own text has the figures of its weightiest cause.
+            // The driver's own text contains the figures of its most important cause.
             let text = (place == 0 && motion.timestamp >= list.timestamp).then(|| motion.reason.clone());
-            let words = text.filter(|text| !text.is_empty()).unwrap_or_else(|| told.words());
-            waits.push(Wait { hold, subject: told.subject.clone(), latched: told.latched, words });
+            let words = text.filter(|text| !text.is_empty()).unwrap_or_else(|| reported.words());
+            waits.push(Wait { hold, subject: reported.subject.clone(), latched: reported.latched, words });
         }
         if waits.is_empty() && motion.source != source {
             waits.push(Wait::new(Hold::Starting, ""));
@@ -223,14 +223,14 @@ impl Senses {
     }
 }
 
-/// A cause for which the planner does not drive.
+/// Cause for which the planner does not drive.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wait {
-    /// What.
+    /// Number of the cause.
     pub hold: Hold,
-    /// Which module, drive or source; empty where the cause has no subject.
+    /// Module, drive or source that the cause concerns; empty if the cause has no subject.
     pub subject: String,
-    /// Stays until a person acts.
+    /// True if the cause remains until a person acts.
     pub latched: bool,
     words: String,
 }
@@ -240,7 +240,7 @@ impl Wait {
         Self { hold, subject: subject.into(), latched: hold.is_latched(), words: hold.words(subject) }
     }
 
-    /// The text of `ML_DATA_GOAL`. `source`: the planner's name.
+    /// Text for `ML_DATA_GOAL`. `source` is the planner's name.
     #[must_use]
     pub fn message(&self, source: &str) -> String {
         let Self { hold, subject, words, .. } = self;
@@ -261,7 +261,7 @@ impl Wait {
 }
 
 impl Located {
-    /// Where it has come to, or came from, by going on as it moved.
+    /// Pose extrapolated to `at`, forwards or backwards, at constant velocity.
     fn pose_at(&self, at: Instant) -> Pose {
         let time = at.since(self.at).as_secs_f64() - self.at.since(at).as_secs_f64();
         let time = time.clamp(-0.5, 0.5);
@@ -306,7 +306,7 @@ mod tests {
         senses
     }
 
-    /// All causes, and the text of the first.
+    /// Causes, and the text of the first.
     fn why(senses: &Senses, at: u64) -> (Vec<(Hold, String)>, String) {
         let waits = senses.waits(ms(at), "planner", false);
         let text = waits.first().map_or(String::new(), |wait| wait.message("planner"));
@@ -318,12 +318,12 @@ mod tests {
     }
 
     #[test]
-    fn nothing_stands_against_driving_when_all_is_well() {
+    fn nothing_holds_the_robot_when_all_is_well() {
         assert_eq!(why(&ready(), 1100), (vec![], String::new()));
     }
 
     #[test]
-    fn what_stands_against_driving_has_its_number_and_its_text() {
+    fn each_cause_has_its_number_and_its_text() {
         let mut senses = ready();
         senses.state = Some(State::Pause);
         assert_eq!(why(&senses, 1100), one(Hold::ModulePaused, "planner", "planner is in PAUSE"));
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_stands_is_listed_each_once() {
+    fn each_cause_is_listed_once() {
         let mut senses = ready();
         senses.on_stop(&EventStop { timestamp: 0, engaged: true, source: "bumper2".into() });
         senses.on_estimate(ms(1050), &DataEstimate { quality: DataEstimate::SEARCHING, ..estimate(2, 0.0) });
@@ -383,7 +383,7 @@ mod tests {
         assert_eq!(why(&senses, 1100), one(Hold::OtherSource, "web", "waits: web drives the robot"));
         says(&mut senses, "", &[(Hold::NotHomed, "steering")], "the steering is not homed yet");
         assert_eq!(why(&senses, 1100), one(Hold::NotHomed, "steering", "waits: the steering is not homed yet"));
-        // The driver's text has figures; it is passed on where it is about the same list.
+        // The driver's text contains figures; it is used if it belongs to the same list of causes.
         let fault = [(Hold::DriveFault, "propulsion")];
         says(&mut senses, "", &fault, "the propulsion drive is in fault, error code 0x2310");
         assert_eq!(why(&senses, 1100).1, "waits: the propulsion drive is in fault, error code 0x2310");
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cause_that_is_not_known_stands_against_driving() {
+    fn an_unknown_cause_holds_the_robot() {
         let mut senses = ready();
         let mut list = holds(0, &[(Hold::Homing, "steering")]);
         list.holds[0].code = 9999;
@@ -423,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn an_estimate_is_carried_on_to_now_and_back_to_when_the_sonars_were_fired() {
+    fn an_estimate_is_extrapolated_to_now_and_back_to_the_firing_of_the_sonars() {
         let mut senses = ready();
         for n in 1..=6 {
             senses.on_estimate(ms(1000 + 50 * n), &estimate(1 + n as i64, 0.05 * n as f64));
@@ -433,27 +433,27 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_or_runs_backwards_is_no_estimate() {
+    fn nan_and_backward_timestamps_are_rejected() {
         let mut senses = ready();
-        assert_eq!(senses.on_estimate(ms(1050), &estimate(0, 0.0)), Taken::Backwards);
-        assert_eq!(senses.on_estimate(ms(1050), &estimate(2, 0.05)), Taken::Well);
-        assert_eq!(senses.on_estimate(ms(1100), &estimate(3, 5.0)), Taken::Jumped);
-        assert_eq!(senses.on_estimate(ms(1150), &estimate(4, f64::NAN)), Taken::Nonsense);
+        assert_eq!(senses.on_estimate(ms(1050), &estimate(0, 0.0)), EstimateCheck::OutOfOrder);
+        assert_eq!(senses.on_estimate(ms(1050), &estimate(2, 0.05)), EstimateCheck::Ok);
+        assert_eq!(senses.on_estimate(ms(1100), &estimate(3, 5.0)), EstimateCheck::Jumped);
+        assert_eq!(senses.on_estimate(ms(1150), &estimate(4, f64::NAN)), EstimateCheck::NotFinite);
         assert!(senses.located(ms(1150)).is_none());
-        // A new estimator counts from elsewhere.
-        assert_eq!(senses.on_estimate(ms(2200), &estimate(-9, 5.0)), Taken::Jumped);
+        // A restarted estimator counts from another origin.
+        assert_eq!(senses.on_estimate(ms(2200), &estimate(-9, 5.0)), EstimateCheck::Jumped);
         assert!(senses.located(ms(2200)).is_some());
     }
 
     #[test]
-    fn an_estimate_that_jumps_on_its_first_word_is_where_the_robot_is() {
+    fn the_first_estimate_is_reported_as_a_jump() {
         let mut senses = Senses::default();
-        assert_eq!(senses.on_estimate(ms(5), &estimate(1, 3.0)), Taken::Jumped);
+        assert_eq!(senses.on_estimate(ms(5), &estimate(1, 3.0)), EstimateCheck::Jumped);
         assert_eq!(senses.located(ms(5)).unwrap().pose.x, 3.0);
     }
 
     #[test]
-    fn the_view_of_2011_is_for_where_nothing_better_comes() {
+    fn the_view_of_2011_is_the_fallback_only() {
         let mut senses = Senses::default();
         assert!(senses.lacks_ranges(ms(0)));
         senses.on_ranges(ms(1000));

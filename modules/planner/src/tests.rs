@@ -1,4 +1,4 @@
-//! The planner and a robot that does what it is told, among discs, in virtual time.
+//! Planner with a simulated robot among discs, in virtual time.
 
 use super::*;
 use crate::config::{Body, Limits, Manners};
@@ -19,7 +19,7 @@ const LIMITS: Limits = Limits {
     deceleration: 0.8,
     lateral_acceleration: 0.8,
 };
-/// Where sonars sit and look: as on the reference robot.
+/// Mounting of the sonars as on the reference robot.
 /// Degrees.
 const SRFS: [(f64, f64, f64); 16] = [
     (0.73, 0.28, 60.0),
@@ -48,14 +48,14 @@ struct Robot {
     steering: f64,
     command: Motion,
     heard: Instant,
-    /// What `driver_canbus` has against motion.
+    /// Cause that `driver_canbus` reports against motion.
     stands: Option<Hold>,
-    /// What the planner waits for, by its own list.
+    /// Causes for which the planner waits, as it publishes them.
     holds: DataHold,
     discs: Vec<(Point, f64)>,
     ticks: u64,
     blind: bool,
-    /// Closest the body came to a disc while it moved, m.
+    /// Closest distance of the moving body from a disc, m.
     nearest: f64,
     goal: DataGoal,
     commands: u32,
@@ -63,16 +63,16 @@ struct Robot {
     deaf: bool,
     /// The drives keep their speed whatever is commanded.
     pushed: bool,
-    /// Ticks between two messages of the ranges.
+    /// Ticks between two range messages.
     poll: u64,
-    /// Of these nothing is known.
+    /// Sonars whose state is unknown.
     dead: Range<usize>,
-    /// Messages are those of 2011.
+    /// Sends `LL_DATA_SRFS` instead of `LL_DATA_RANGES`.
     old: bool,
-    /// What each sonar hears in its slot, and heard in its last finished one, and when it fired.
+    /// Distance that each sonar measures in its slot and measured in its last finished one, and its firing time.
     firing: [(i64, f64); 16],
     heard_last: [(i64, f64); 16],
-    /// What is sensed, of all messages.
+    /// Sensed points, of all messages.
     sensed: Vec<Point>,
 }
 
@@ -136,7 +136,7 @@ impl Robot {
         (self.bench.now().as_nanos() / 1000) as i64
     }
 
-    /// Sonars fire in three slots of 70 ms, as a board's (docs/facts/boards.md).
+    /// Sonars fire in three slots of 70 ms, like those of a board (docs/facts/boards.md).
     fn fire(&mut self) {
         if !self.ticks.is_multiple_of(7) {
             return;
@@ -195,7 +195,7 @@ impl Robot {
         }
         if self.ticks % 5 == 1 {
             let source = if obeyed { NAME.into() } else { String::new() };
-            // Text alone moves nothing: it is another one each time.
+            // The text changes each time and has no effect.
             let reason = format!("text {}", self.ticks);
             let stands = self.stands.or((!obeyed).then_some(Hold::NobodyCommands));
             let row = |hold: Hold| lowlevel::Hold {
@@ -247,7 +247,7 @@ impl Robot {
         }
     }
 
-    /// Until the goal fares like this, at most so long; says how long it took.
+    /// Runs until the goal has this status, for at most `seconds`; returns the time taken.
     fn until(&mut self, status: i8, seconds: f64) -> f64 {
         for n in 0..(seconds * 100.0) as u32 {
             self.step();
@@ -260,7 +260,7 @@ impl Robot {
 }
 
 impl Robot {
-    /// The weightiest cause that the planner publishes.
+    /// Most important cause that the planner publishes.
     fn hold(&self) -> Option<Hold> {
         assert_eq!(self.holds.module, NAME);
         self.holds.first()
@@ -268,7 +268,7 @@ impl Robot {
 }
 
 #[test]
-fn it_drives_to_a_goal_and_stands_there() {
+fn it_drives_to_a_goal_and_stops_there() {
     let mut robot = Robot::new();
     robot.pass(1.0);
     assert_eq!((robot.goal.status, robot.goal.message.as_str()), (DataGoal::IDLE, "there is no goal"));
@@ -301,7 +301,7 @@ fn waypoints_are_passed_without_a_stop() {
 }
 
 #[test]
-fn a_goal_that_is_taken_back_leaves_the_robot_standing() {
+fn a_cancelled_goal_leaves_the_robot_at_standstill() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -311,13 +311,13 @@ fn a_goal_that_is_taken_back_leaves_the_robot_standing() {
     assert_eq!((robot.goal.status, robot.speed), (DataGoal::CANCELLED, 0.0));
 }
 
-/// A leg that stands in the way.
+/// Leg that stands in the path.
 fn disc(x: f64, y: f64) -> (Point, f64) {
     (Point { x, y }, 0.15)
 }
 
 #[test]
-fn who_stands_in_the_way_is_waited_for() {
+fn it_waits_for_a_person_on_the_path() {
     let mut robot = Robot::new();
     robot.discs = vec![disc(6.0, 2.0)];
     robot.goal(&[(10.0, 2.0)], false);
@@ -332,7 +332,7 @@ fn who_stands_in_the_way_is_waited_for() {
 }
 
 #[test]
-fn who_steps_in_close_by_is_braked_for() {
+fn it_brakes_for_a_person_who_steps_onto_the_path() {
     for (x, y) in [(1.3, 0.0), (1.5, 0.2), (1.2, -0.25)] {
         let mut robot = Robot::new();
         robot.goal(&[(12.0, 2.0)], false);
@@ -347,7 +347,7 @@ fn who_steps_in_close_by_is_braked_for() {
 }
 
 #[test]
-fn who_walks_towards_it_finds_it_standing() {
+fn it_stands_before_a_person_walking_towards_it_arrives() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -360,11 +360,11 @@ fn who_walks_towards_it_finds_it_standing() {
         robot.discs = vec![disc(walker, 2.0)];
         robot.step();
     }
-    // He comes to 5 cm by himself, and is known by readings that are up to 0.5 s old.
+    // The person approaches to 5 cm by himself, and is known from readings up to 0.5 s old.
     assert!(robot.nearest > 0.01, "{}", robot.nearest);
 }
 
-/// A hall of 12 m by 6 m.
+/// Hall of 12 m by 6 m.
 fn hall() -> crate::map::Map {
     let mut map = crate::map::Map::around((0.0, 0.0), (12.0, 6.0), 0.05).unwrap();
     let corners = [(0.0, 0.0), (12.0, 0.0), (12.0, 6.0), (0.0, 6.0)];
@@ -373,7 +373,7 @@ fn hall() -> crate::map::Map {
 }
 
 #[test]
-fn a_way_around_is_found_when_nobody_leaves() {
+fn a_path_around_is_found_if_the_obstacle_remains() {
     let mut robot = Robot::on(Some(hall()));
     robot.discs = vec![disc(5.5, 2.0), disc(5.5, 2.3), disc(5.5, 1.7)];
     robot.goal(&[(9.0, 2.0)], false);
@@ -383,7 +383,7 @@ fn a_way_around_is_found_when_nobody_leaves() {
 }
 
 #[test]
-fn a_goal_in_a_wall_fails_in_words_and_the_robot_stands() {
+fn a_goal_in_a_wall_fails_with_a_reason_and_the_robot_stands() {
     let mut map = hall();
     map.wall((8.0, 0.0), (8.0, 6.0));
     for (goal, why) in [
@@ -399,7 +399,7 @@ fn a_goal_in_a_wall_fails_in_words_and_the_robot_stands() {
 }
 
 #[test]
-fn a_goal_that_is_no_place_is_refused() {
+fn an_invalid_goal_is_refused() {
     let mut robot = Robot::new();
     robot.pass(0.5);
     robot.goal(&[(f64::NAN, 3.0)], false);
@@ -415,7 +415,7 @@ fn closed() -> Vec<(Point, f64)> {
 }
 
 #[test]
-fn a_goal_behind_what_never_leaves_is_given_up_in_words() {
+fn a_goal_behind_a_permanent_obstacle_is_given_up_with_a_reason() {
     let mut robot = Robot::on(Some(hall()));
     robot.discs = closed();
     robot.goal(&[(10.0, 2.0)], false);
@@ -444,7 +444,7 @@ fn a_loop_is_never_given_up() {
 }
 
 #[test]
-fn without_an_estimate_it_stands_and_says_so() {
+fn without_an_estimate_it_stands_and_reports_the_cause() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -459,7 +459,7 @@ fn without_an_estimate_it_stands_and_says_so() {
 }
 
 #[test]
-fn what_driver_canbus_says_is_passed_on() {
+fn causes_of_driver_canbus_are_passed_on() {
     let mut robot = Robot::new();
     robot.stands = Some(Hold::PlannerLatched);
     robot.goal(&[(12.0, 2.0)], false);
@@ -496,7 +496,7 @@ fn in_pause_it_keeps_its_goal_and_is_silent() {
 }
 
 #[test]
-fn deaf_sonars_stop_it() {
+fn missing_sonar_readings_stop_it() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -507,7 +507,7 @@ fn deaf_sonars_stop_it() {
 }
 
 #[test]
-fn what_is_sensed_stands_where_it_is_whatever_the_rate() {
+fn sensed_obstacles_are_at_their_true_position_at_any_rate() {
     for poll in [50, 25, 10, 5] {
         let mut robot = Robot::new();
         robot.discs = vec![disc(8.0, 2.0)];
@@ -524,7 +524,7 @@ fn what_is_sensed_stands_where_it_is_whatever_the_rate() {
 }
 
 #[test]
-fn without_the_sonars_ahead_it_stands_until_they_are_known_again() {
+fn unknown_front_sonars_stop_it_until_they_are_known_again() {
     let mut robot = Robot::new();
     robot.goal(&[(12.0, 2.0)], false);
     robot.pass(4.0);
@@ -540,7 +540,7 @@ fn without_the_sonars_ahead_it_stands_until_they_are_known_again() {
 }
 
 #[test]
-fn without_the_sonars_behind_it_drives_on_and_does_not_back_out() {
+fn unknown_rear_sonars_only_prevent_backing_out() {
     let mut robot = Robot::on(Some(hall()));
     robot.dead = 8..16;
     robot.goal(&[(9.0, 2.0)], false);
@@ -556,7 +556,7 @@ fn without_the_sonars_behind_it_drives_on_and_does_not_back_out() {
 }
 
 #[test]
-fn with_the_view_of_2011_alone_it_drives_as_fast_as_where_nothing_is_seen() {
+fn with_the_view_of_2011_alone_it_drives_at_the_speed_for_unobserved_space() {
     let mut robot = Robot::new();
     robot.old = true;
     robot.goal(&[(8.0, 3.0)], false);
@@ -567,7 +567,7 @@ fn with_the_view_of_2011_alone_it_drives_as_fast_as_where_nothing_is_seen() {
         assert!(robot.ticks < 4000, "{:?}", robot.goal);
     }
     assert!((0.35..0.45).contains(&fastest), "{fastest}");
-    // And who stands in its way is waited for.
+    // And it waits for a person on its path.
     let mut robot = Robot::new();
     (robot.old, robot.discs) = (true, vec![disc(6.0, 2.0)]);
     robot.goal(&[(10.0, 2.0)], false);
@@ -576,7 +576,7 @@ fn with_the_view_of_2011_alone_it_drives_as_fast_as_where_nothing_is_seen() {
 }
 
 #[test]
-fn it_comes_back_to_where_it_stands_with_another_heading() {
+fn it_returns_to_its_position_with_another_heading() {
     let mut robot = Robot::on(Some(hall()));
     let turned = Waypoint { x: 2.0, y: 2.0, theta: 3.1, tolerance: 0.2, heading: true };
     robot.bench.message(CmdGoal { timestamp: 0, id: 5, waypoints: vec![turned], r#loop: false });
@@ -585,7 +585,7 @@ fn it_comes_back_to_where_it_stands_with_another_heading() {
 }
 
 #[test]
-fn a_way_back_leads_to_no_waypoint() {
+fn backing_out_leads_to_no_waypoint() {
     let poses = [0.0, -0.25, -0.5].map(|x| (Pose::new(x, 0.0, 0.0), false));
     let mut track = crate::track::Track::new(&poses, None, &BODY, &LIMITS, &Manners::default());
     assert_eq!((track.leads_to(), track.passed(), track.remaining()), (None, None, 0.5));

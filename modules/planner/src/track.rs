@@ -1,70 +1,71 @@
-//! A path as it is driven: the poses with their way, curvature and the greatest speed at each; and the steering that
-//! keeps the robot on it.
+//! Track: a path as it is driven, with the distance, curvature and highest speed of each pose; and the steering
+//! controller that keeps the robot on it.
 //!
-//! Legs forward and legs backward meet in cusps, where the robot stops and steers first. Legs that go on in the same
-//! direction are one.
+//! Forward and reverse legs meet in cusps, where the robot stops and steers first. Consecutive legs in the same
+//! direction are joined.
 
 use crate::config::{Body, Limits, Manners};
 use navitools::Pose;
 
-/// Poses are taken as the same place when nearer, m.
-const SAME: f64 = 1e-3;
-/// Curvature is judged over this way, m: paths of arcs and lines have jumps in it, which no steering follows.
-const WINDOW: f64 = 0.15;
-/// What braking on the way to a stop takes of the deceleration that there is.
-const GENTLE: f64 = 0.6;
-/// The share of the steering's rate that the path may ask for.
-const RATE_SHARE: f64 = 0.9;
-/// A leg's end is reached when it is nearer, m.
-const LEG_END: f64 = 0.03;
-/// The slowest that is commanded short of an end, m/s: slower the drive hardly turns.
-const CREEP: f64 = 0.06;
-/// The steering has come far enough to drive on, rad.
-const STEERED: f64 = 0.10;
-/// The robot stands, m/s.
-const STANDING: f64 = 0.03;
-/// The path is looked at ahead by the time that steering takes, s.
-const PREVIEW: f64 = 0.15;
+/// Distance below which two poses are at the same place, m.
+const SAME_PLACE_M: f64 = 1e-3;
+/// Length over which the curvature is averaged, m: the curvature of paths of arcs and lines has steps, which steering
+/// cannot follow.
+const CURVATURE_WINDOW_M: f64 = 0.15;
+/// Share of the available deceleration that is used for braking to a stop.
+const DECELERATION_SHARE: f64 = 0.6;
+/// Share of the steering rate that the path may require.
+const STEERING_RATE_SHARE: f64 = 0.9;
+/// Distance from a leg's end that counts as reached, m.
+const LEG_END_M: f64 = 0.03;
+/// Lowest commanded speed before an end, m/s: the drive hardly turns below it.
+const SPEED_MIN_MPS: f64 = 0.06;
+/// Remaining steering angle at which the robot starts to drive, rad.
+const STEERED_RAD: f64 = 0.10;
+/// Speed below which the robot is at standstill, m/s.
+const STANDSTILL_MPS: f64 = 0.03;
+/// Preview time along the path, s: the delay of the steering.
+const PREVIEW_S: f64 = 0.15;
 
-/// One pose of the path.
+/// Pose of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Where.
+    /// Pose in the map.
     pub pose: Pose,
-    /// Whether it is driven forward.
+    /// True if driven forwards.
     pub forward: bool,
-    /// The way to here from the path's beginning, m.
-    pub way: f64,
-    /// 1/m, to the left.
+    /// Distance along the track from its beginning, m.
+    pub distance: f64,
+    /// Curvature, 1/m, positive to the left.
     pub curvature: f64,
-    /// The greatest speed here, m/s.
+    /// Highest speed here, m/s.
     pub speed: f64,
 }
 
-/// What is commanded.
+/// Motion command.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// m/s; backwards below zero.
+    /// Speed, m/s; negative in reverse.
     pub speed: f64,
-    /// rad.
+    /// Steering angle, rad.
     pub steering: f64,
 }
 
-/// A path, and how far the robot has come on it.
+/// Path, and the robot's progress on it.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
     samples: Vec<Sample>,
-    /// The sample that the robot has passed last.
+    /// Last passed sample.
     at: usize,
-    /// Ends of what was planned for a waypoint: sample, waypoint.
+    /// Ends of the legs planned for waypoints: sample, waypoint.
     marks: Vec<(usize, usize)>,
-    /// Deviations of the robot from the path: to the left, m, and of its heading, rad.
+    /// Deviation of the robot from the path: lateral, m, positive to the left, and of its heading, rad.
     error: (f64, f64),
 }
 
 impl Track {
-    /// A track to `waypoint`, if to any, of poses driven forward (or not), near enough to each other to be joined by straight
-    /// lines. At a cusp the pose may stand twice.
+    /// Creates a track to `waypoint`, if any, of poses driven forwards or in reverse, close enough to be joined by
+    /// straight lines. A pose may occur twice at a cusp.
     #[must_use]
     pub fn new(
         poses: &[(Pose, bool)],
@@ -78,7 +79,7 @@ impl Track {
         track
     }
 
-    /// Appends the way to the next waypoint; it begins where this one ends.
+    /// Appends the path to the next waypoint; it begins where this one ends.
     pub fn extend(
         &mut self,
         poses: &[(Pose, bool)],
@@ -87,7 +88,7 @@ impl Track {
         limits: &Limits,
         manners: &Manners,
     ) {
-        // What was driven is not needed any more.
+        // Samples already driven are no longer needed.
         let passed = self.at.saturating_sub(1);
         self.samples.drain(..passed);
         self.at -= passed;
@@ -99,30 +100,31 @@ impl Track {
             let last = self.samples.last().copied();
             let step = last.map_or(0.0, |last| last.pose.point().distance(pose.point()));
             let turned = last.is_none_or(|last| last.forward != forward);
-            if step >= SAME || turned {
-                let way = last.map_or(0.0, |last| last.way) + step;
-                self.samples.push(Sample { pose, forward, way, curvature: 0.0, speed: 0.0 });
+            if step >= SAME_PLACE_M || turned {
+                let distance = last.map_or(0.0, |last| last.distance) + step;
+                self.samples.push(Sample { pose, forward, distance, curvature: 0.0, speed: 0.0 });
             }
         }
         self.marks.extend(waypoint.map(|waypoint| (self.samples.len().saturating_sub(1), waypoint)));
         self.shape(body, limits, manners);
     }
 
-    /// Curvature and speed of every sample.
+    /// Computes curvature and speed of each sample.
     fn shape(&mut self, body: &Body, limits: &Limits, manners: &Manners) {
         let count = self.samples.len();
         let mut begin = 0;
         while begin < count {
             let end = self.leg_end(begin);
             for number in begin..=end {
-                let way = self.samples[number].way;
-                let within = |other: &usize| (self.samples[*other].way - way).abs() <= WINDOW;
+                let distance = self.samples[number].distance;
+                let within = |other: &usize| (self.samples[*other].distance - distance).abs() <= CURVATURE_WINDOW_M;
                 let first = (begin..=number).rev().take_while(within).last().unwrap_or(number);
                 let last = (number..=end).take_while(within).last().unwrap_or(number);
                 let (a, b) = (self.samples[first], self.samples[last]);
                 let sign = if a.forward { 1.0 } else { -1.0 };
                 let turn = (b.pose.theta - a.pose.theta).radians();
-                let curvature = if b.way - a.way > SAME { sign * turn / (b.way - a.way) } else { 0.0 };
+                let curvature =
+                    if b.distance - a.distance > SAME_PLACE_M { sign * turn / (b.distance - a.distance) } else { 0.0 };
                 let most = libm::tan(limits.steering) / body.wheelbase;
                 self.samples[number].curvature = curvature.clamp(-most, most);
             }
@@ -131,12 +133,12 @@ impl Track {
         for number in 0..count {
             self.samples[number].speed = self.speed_at(number, body, limits, manners);
         }
-        // Each place as fast as one can still brake for the next; ends and cusps are stops.
+        // Highest speed from which the robot can still brake for the next sample; ends and cusps are stops.
         for number in (0..count).rev() {
             let braked = match self.samples.get(number + 1) {
                 Some(next) if next.forward == self.samples[number].forward => {
-                    let step = next.way - self.samples[number].way;
-                    libm::sqrt(next.speed * next.speed + 2.0 * GENTLE * limits.deceleration * step)
+                    let step = next.distance - self.samples[number].distance;
+                    libm::sqrt(next.speed * next.speed + 2.0 * DECELERATION_SHARE * limits.deceleration * step)
                 }
                 _ => 0.0,
             };
@@ -145,7 +147,7 @@ impl Track {
         }
     }
 
-    /// The greatest speed that curve and steering allow.
+    /// Highest speed that curvature and steering rate allow.
     fn speed_at(&self, number: usize, body: &Body, limits: &Limits, manners: &Manners) -> f64 {
         let sample = &self.samples[number];
         let straight = if sample.forward { limits.speed } else { manners.speed_reverse.min(limits.speed) };
@@ -153,60 +155,60 @@ impl Track {
         let neighbour = |other: Option<&Sample>| other.filter(|other| other.forward == sample.forward).copied();
         let before = number.checked_sub(1).and_then(|other| neighbour(self.samples.get(other))).unwrap_or(*sample);
         let after = neighbour(self.samples.get(number + 1)).unwrap_or(*sample);
-        let step = (after.way - before.way).max(SAME);
+        let step = (after.distance - before.distance).max(SAME_PLACE_M);
         let steer = |sample: &Sample| libm::atan(body.wheelbase * sample.curvature);
         let steering = (steer(&after) - steer(&before)).abs() / step;
-        let steered = RATE_SHARE * limits.steering_rate / steering.max(1e-6);
-        straight.min(curve).min(steered).max(CREEP)
+        let steered = STEERING_RATE_SHARE * limits.steering_rate / steering.max(1e-6);
+        straight.min(curve).min(steered).max(SPEED_MIN_MPS)
     }
 
-    /// The last sample of the leg that `number` is on.
+    /// Last sample of the leg that contains `number`.
     fn leg_end(&self, number: usize) -> usize {
         let forward = self.samples[number].forward;
         let same = self.samples[number..].iter().take_while(|sample| sample.forward == forward).count();
         number + same - 1
     }
 
-    /// All samples that are still to be driven, from the one that the robot has passed last.
+    /// Samples still to be driven, beginning with the last passed one.
     #[must_use]
     pub fn ahead(&self) -> &[Sample] {
         self.samples.get(self.at..).unwrap_or_default()
     }
 
-    /// Where it ends, and in which direction it is driven there.
+    /// Last pose, and true if it is driven to forwards.
     #[must_use]
     pub fn end(&self) -> Option<(Pose, bool)> {
         self.samples.last().map(|sample| (sample.pose, sample.forward))
     }
 
-    /// The way that is left, m.
+    /// Remaining length, m.
     #[must_use]
     pub fn remaining(&self) -> f64 {
         match (self.samples.get(self.at), self.samples.last()) {
-            (Some(here), Some(end)) => end.way - here.way,
+            (Some(here), Some(end)) => end.distance - here.distance,
             _ => 0.0,
         }
     }
 
-    /// How far the robot is beside the path, m, and turned from it, rad.
+    /// Deviation of the robot from the path: lateral, m, and of its heading, rad.
     #[must_use]
     pub fn error(&self) -> (f64, f64) {
         self.error
     }
 
-    /// The way of the sample that was passed last, m.
+    /// Distance of the last passed sample along the track, m.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        self.samples.get(self.at).map_or(0.0, |sample| sample.way)
+    pub fn distance(&self) -> f64 {
+        self.samples.get(self.at).map_or(0.0, |sample| sample.distance)
     }
 
-    /// Whether it is driven forward here; none without a track.
+    /// True if driven forwards here; `None` without a track.
     #[must_use]
     pub fn forward(&self) -> Option<bool> {
         self.samples.get(self.at).map(|sample| sample.forward)
     }
 
-    /// The waypoint whose end was passed, once.
+    /// Waypoint whose end was passed; each is returned once.
     pub fn passed(&mut self) -> Option<usize> {
         let &(number, waypoint) = self.marks.first()?;
         // The last one is not passed but reached.
@@ -217,19 +219,19 @@ impl Track {
         Some(waypoint)
     }
 
-    /// The last waypoint that it leads to.
+    /// Last waypoint of the track.
     #[must_use]
     pub fn leads_to(&self) -> Option<usize> {
         self.marks.last().map(|mark| mark.1)
     }
 
-    /// Whether the robot has come to the end of all of it.
+    /// True if the robot has reached the end of the track.
     #[must_use]
     pub fn is_done(&self) -> bool {
         self.at + 1 >= self.samples.len()
     }
 
-    /// Follows the robot along the path, never back. On a leg's last sample it waits until the robot stands.
+    /// Advances along the path with the robot, never backwards. On a leg's last sample it waits for standstill.
     fn locate(&mut self, robot: Pose, speed: f64) {
         if self.samples.is_empty() {
             return;
@@ -240,51 +242,50 @@ impl Track {
             let (sin, cos) = next.pose.theta.sin_cos();
             let beyond = (robot.x - next.pose.x) * cos + (robot.y - next.pose.y) * sin;
             let beyond = if next.forward { beyond } else { -beyond };
-            let near = if self.at + 1 == end { LEG_END } else { 0.0 };
+            let near = if self.at + 1 == end { LEG_END_M } else { 0.0 };
             if beyond < -near {
                 break;
             }
             self.at += 1;
         }
-        if self.at == end && end + 1 < self.samples.len() && speed.abs() < STANDING {
+        if self.at == end && end + 1 < self.samples.len() && speed.abs() < STANDSTILL_MPS {
             self.at += 1;
         }
     }
 
-    /// What to command: where the robot is, how fast it goes and how its wheels stand, and the speed that everything
-    /// else allows.
+    /// Computes the command from the pose, the current motion, and the speed that other limits allow.
     pub fn follow(&mut self, robot: Pose, now: Motion, allowed: f64, body: &Body, limits: &Limits) -> Motion {
         self.locate(robot, now.speed);
         let Some(here) = self.samples.get(self.at).copied() else { return Motion { speed: 0.0, ..now } };
         let end = self.leg_end(self.at);
         let sign = if here.forward { 1.0 } else { -1.0 };
-        // Place on the path between two samples.
+        // Position on the path between two samples.
         let (sin, cos) = here.pose.theta.sin_cos();
         let (dx, dy) = (robot.x - here.pose.x, robot.y - here.pose.y);
         let along = (sign * (dx * cos + dy * sin)).max(0.0);
-        let way = here.way + along;
+        let distance = here.distance + along;
         let heading = here.pose.theta.radians() + here.curvature * sign * along;
         let (sin, cos) = libm::sincos(heading);
         let aside = dy * cos - dx * sin + here.curvature * along * along / 2.0;
         let turned = navitools::wrap(robot.theta.radians() - heading);
         self.error = (aside, turned);
-        // In the way travelled, e'' = u with u the difference of the curvatures: a spring and a damper.
+        // Over the distance travelled, e'' = u, with u the difference of the curvatures: a spring and a damper.
         let length = 0.45 + 0.4 * now.speed.abs();
         let wanted = -sign * libm::atan(aside / length);
         let u = -2.0 * sign * (turned - wanted) / length;
-        let ahead = way + now.speed.abs() * PREVIEW;
+        let ahead = distance + now.speed.abs() * PREVIEW_S;
         let preview =
-            self.samples[self.at..=end].iter().find(|sample| sample.way >= ahead).unwrap_or(&self.samples[end]);
+            self.samples[self.at..=end].iter().find(|sample| sample.distance >= ahead).unwrap_or(&self.samples[end]);
         let curvature = preview.curvature + u;
         let steering = libm::atan(body.wheelbase * curvature).clamp(-limits.steering, limits.steering);
-        let left = self.samples[end].way - way;
-        let stopping = libm::sqrt(2.0 * GENTLE * limits.deceleration * left.max(0.0));
-        let mut speed = preview.speed.max(CREEP).min(stopping.max(CREEP)).min(allowed);
+        let left = self.samples[end].distance - distance;
+        let stopping = libm::sqrt(2.0 * DECELERATION_SHARE * limits.deceleration * left.max(0.0));
+        let mut speed = preview.speed.max(SPEED_MIN_MPS).min(stopping.max(SPEED_MIN_MPS)).min(allowed);
         let unsteered = (steering - now.steering).abs();
-        if now.speed.abs() < STANDING && unsteered > STEERED {
+        if now.speed.abs() < STANDSTILL_MPS && unsteered > STEERED_RAD {
             speed = 0.0;
-        } else if unsteered > STEERED {
-            speed *= (1.0 - 2.0 * (unsteered - STEERED)).max(0.3);
+        } else if unsteered > STEERED_RAD {
+            speed *= (1.0 - 2.0 * (unsteered - STEERED_RAD)).max(0.3);
         }
         if self.at == end {
             speed = 0.0;
@@ -292,7 +293,7 @@ impl Track {
         Motion { speed: sign * speed, steering }
     }
 
-    /// At most about `most` points of what is ahead, x and y, the end among them; for people.
+    /// About `most` points of the remaining path, x and y, including its end; for display.
     #[must_use]
     pub fn points(&self, most: usize) -> (Vec<f64>, Vec<f64>) {
         let ahead = self.ahead();

@@ -9,7 +9,7 @@ use planner::map::{Field, Unknown};
 use planner::search::{Budget, Footprint, Goal, Limits, Search};
 
 #[test]
-fn mazes_that_can_be_driven_are_solved_by_ways_that_can_be_driven() {
+fn solvable_mazes_are_solved_by_drivable_paths() {
     let footprint = Footprint { length_m: LENGTH_M, width_m: WIDTH_M, rear_m: REAR_M };
     let mut search = Search::new(Limits::new(footprint, RADIUS_M));
     for number in 0..10 {

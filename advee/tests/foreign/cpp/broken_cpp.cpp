@@ -1,4 +1,4 @@
-// A module that breaks in every way that the helper has to catch: as it is told by its argument. broken.py in C++.
+// Module that fails in every way that the helper must handle, selected by its argument; broken.py in C++.
 #include "advee.hpp"
 #include <atomic>
 #include <stdexcept>
@@ -41,7 +41,7 @@ private:
         hangs = state == advee::State::Pause;
     }
 
-    // Beats, but for PAUSE, where it waits for what does not come.
+    // Sends heartbeats except in PAUSE, where it waits for an event that never comes.
     void work()
     {
         advee::Beat beat = beats.thread("worker");

@@ -1,4 +1,4 @@
-"""A module that breaks in every way that the helper has to catch: as it is told by its argument."""
+"""Module that fails in every way that the helper must handle, selected by its argument."""
 import threading
 import time
 
@@ -28,7 +28,7 @@ class Broken(advee.Module):
         self.hangs = state == advee.State.PAUSE
 
     def work(self):
-        """Beats, but for PAUSE, where it waits for what does not come."""
+        """Sends heartbeats except in PAUSE, where it waits for an event that never comes."""
         beat = self.beats.thread("worker")
         while True:
             if not self.hangs:

@@ -1,4 +1,4 @@
-"""A module that tears its page of beats: its loop goes on, and what it says of itself stays true."""
+"""Module that corrupts its heartbeat page, while its loop and its announcements continue."""
 import os
 
 import advee

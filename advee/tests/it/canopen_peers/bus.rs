@@ -1,4 +1,4 @@
-//! A bus of one's own over UDP, and the script on its other side.
+//! Separate bus over UDP, and the script on its other side.
 #![allow(dead_code, reason = "benches use it too, each its part")]
 
 use crate::support::{can_port, python, workspace};
@@ -13,12 +13,12 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread::{self, JoinHandle};
 
-/// Longer than any peer thinks, on a machine that does other things too.
+/// Timeout, longer than a peer takes on a loaded machine.
 pub const PATIENCE: Duration = Duration::from_secs(20);
-/// How long a wait for frames lasts at most: then the script is looked at.
+/// Longest wait for frames; then the script is checked.
 const GLANCE: Duration = Duration::from_millis(5);
 
-/// The live host's own port on a UDP bus, and the time since it was opened.
+/// Port of the live host on a UDP bus, and the time since it was opened.
 pub struct Bus {
     pub port: u16,
     device: Port,
@@ -26,7 +26,7 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// One that nobody else has.
+    /// Bus on an unused port.
     pub fn new() -> Self {
         Self::on(can_port())
     }
@@ -47,12 +47,12 @@ impl Bus {
         assert!(self.device.device.send(now, &Output::Can(frame)).expect("the bus works"), "no room for {frame:?}");
     }
 
-    /// Waits for a frame, or until `until`, but not for long.
+    /// Waits for a frame, or until `until`, but only briefly.
     pub fn wait(&mut self, until: Option<Instant>) {
         let now = self.now();
         let wait = until.map_or(GLANCE, |until| until.since(now).min(GLANCE));
         let fd = self.device.device.fd().expect("it is open");
-        // Rounded up: an early wake would only go round again.
+        // Rounded up: an early wake-up would only repeat the loop.
         let millis = PollTimeout::try_from(wait.as_nanos().div_ceil(1_000_000) as i32).expect("a few milliseconds");
         let _ = poll(&mut [PollFd::new(fd, PollFlags::POLLIN)], millis);
     }
@@ -70,7 +70,7 @@ impl Bus {
     }
 }
 
-/// A script on the bus, fed by lines and heard by lines. Ended when it is dropped.
+/// Script on the bus, with lines as input and output. Killed when dropped.
 pub struct Script {
     child: Child,
     lines: Receiver<String>,
@@ -78,7 +78,7 @@ pub struct Script {
 }
 
 impl Script {
-    /// Starts `FILE PORT ARGS...`; `None` (and a line that says so) where there is no Python with its peers.
+    /// Starts `FILE PORT ARGS...`; `None`, with a report, without a Python that has the peers.
     pub fn start(file: &str, bus: &Bus, args: &[&str]) -> Option<Self> {
         let mut child = Command::new(python()?)
             .arg("-u")
@@ -102,7 +102,7 @@ impl Script {
         Some(Self { child, lines, errors: Some(errors) })
     }
 
-    /// A line that it has printed.
+    /// Next printed line.
     pub fn heard(&mut self) -> Option<String> {
         self.lines.try_recv().ok()
     }
@@ -112,7 +112,7 @@ impl Script {
         writeln!(stdin, "{line}").expect("the script listens");
     }
 
-    /// Whether it has ended; it must have ended well.
+    /// True once it has ended; it must have succeeded.
     #[track_caller]
     pub fn is_over(&mut self) -> bool {
         match self.child.try_wait().expect("it is our child") {

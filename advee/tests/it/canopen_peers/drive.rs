@@ -1,4 +1,4 @@
-//! Our CiA 402 axis, with `drive402.py` as its drive: what the axis asks, that drive must never have to refuse.
+//! CiA 402 axis of this project with `drive402.py` as its drive, which must never have to refuse a command.
 
 use super::bus::PATIENCE;
 use super::master::Side;
@@ -37,13 +37,13 @@ fn config() -> NodeConfig {
         writes: writes.concat(),
         mappings: vec![PdoMapping::rpdo(ID, 1, &RPDO1), PdoMapping::tpdo(ID, 1, &TPDO1)],
         heartbeat: Duration::from_millis(100),
-        // A Python interpreter may be held up.
+        // A Python interpreter may be delayed.
         heartbeat_limit: Duration::from_millis(1000),
         ..NodeConfig::new(ID, "drive")
     }
 }
 
-/// The axis on its bus.
+/// Axis on its bus.
 struct Rig {
     side: Side,
     axis: Axis,
@@ -60,7 +60,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// Booted and Operational, nothing enabled.
+    /// Booted and operational, with the drive disabled.
     fn booted() -> Option<Self> {
         let mut side = Side::start("drive402.py", &[config()])?;
         side.until("boot-up", |event| matches!(event, Event::Booted { node: ID }));
@@ -127,7 +127,7 @@ impl Rig {
         self.command();
     }
 
-    /// What homing asks of the drive's objects.
+    /// Object accesses requested by homing.
     fn request(&mut self) {
         if let Some(access) = self.homing.poll_sdo() {
             let now = self.now();
@@ -135,7 +135,7 @@ impl Rig {
                 Access::Read { index, sub } => self.side.master.sdo_read(now, ID, index, sub),
                 Access::Write { index, sub, data } => {
                     if index == 0x6060 {
-                        // The PDO carries it too.
+                        // The PDO contains it too.
                         self.mode = data.first().map_or(0, |mode| *mode as i8);
                     }
                     self.side.master.sdo_write(now, ID, index, sub, data)
@@ -152,7 +152,7 @@ impl Rig {
         }
     }
 
-    /// What is commanded, when it is new. Set-points leave before the controlword.
+    /// Sends commands that have changed. Set-points precede the controlword.
     fn command(&mut self) {
         let mut word = self.axis.controlword();
         let (bits, target) = self.setpoint.command();
@@ -208,7 +208,7 @@ impl Rig {
         VelocityStatus::decode(self.axis.statusword())
     }
 
-    /// What the drive refused, and its transitions, since the last report.
+    /// Commands refused by the drive, and its transitions, since the last report.
     fn report(&mut self) -> (Vec<(String, String)>, Vec<u8>) {
         self.side.script.say("report");
         loop {
@@ -260,7 +260,7 @@ fn our_axis_walks_a_foreign_drive_up_down_and_out_of_its_faults_without_an_illeg
     let now = rig.now();
     rig.axis.reset_fault(now);
     rig.until("the reset", |rig| rig.axis.state() == Some(PowerState::SwitchOnDisabled));
-    // Not by itself: somebody must want it again.
+    // Not automatically: a new command is required.
     let end = rig.now() + Duration::from_millis(200);
     while rig.now() < end {
         rig.turn();
@@ -305,9 +305,9 @@ fn our_axis_homes_a_foreign_drive_and_goes_on_from_there() {
     rig.quit();
 }
 
-/// That the drive refuses and counts: a controlword that skips two states, a reset without a fault.
+/// Invalid commands that the drive refuses and counts: a controlword that skips two states, a reset without a fault.
 #[test]
-fn the_foreign_drive_refuses_what_a_state_does_not_know() {
+fn the_foreign_drive_refuses_commands_that_are_invalid_in_a_state() {
     let Some(mut rig) = Rig::booted() else { return };
     rig.go(Goal::Disabled);
     let _ = rig.report();

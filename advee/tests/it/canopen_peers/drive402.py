@@ -1,7 +1,7 @@
-"""A CiA 402 drive on `canopen` (PyPI): `drive402.py PORT`. Its state machine is typed from the tables of CiA 402-2 and
-refuses and counts every command that its state does not know. It looks at its controlword once in a cycle of 5 ms.
+"""CiA 402 drive on `canopen` (PyPI): `drive402.py PORT`. Its state machine is typed from the tables of CiA 402-2 and
+refuses and counts every command that is invalid in its state. The controlword is evaluated in a cycle of 5 ms.
 
-Told `fault`, it has one. Told `report`, it prints what it refused and which transitions it took."""
+The line `fault` injects a fault; `report` prints the refused commands and the transitions since the last report."""
 import json
 import sys
 import threading
@@ -14,12 +14,12 @@ from canopen.objectdictionary import INTEGER8, INTEGER16, INTEGER32, UNSIGNED8, 
 NODE = 9
 CYCLE = 0.005
 
-# CiA 402-2, table of the controlword: mask, value. Bit 7 is another matter: its rising edge resets a fault.
+# CiA 402-2, table of the controlword: mask, value. Bit 7 is separate: its rising edge resets a fault.
 COMMANDS = (
     ("shutdown", 0x87, 0x06), ("switch on", 0x8F, 0x07), ("enable", 0x8F, 0x0F),
     ("disable voltage", 0x82, 0x00), ("quick stop", 0x86, 0x02),
 )
-# State: what stands in the statusword's bits 0 to 3, 5 and 6; commands: number of the transition and where to.
+# State: value of the statusword's bits 0 to 3, 5 and 6; commands: number of the transition and its target.
 STATES = {
     "switch on disabled": (0x40, {"shutdown": (2, "ready")}),
     "ready": (0x21, {"switch on": (3, "switched on"), "disable voltage": (7, "switch on disabled"),
@@ -32,7 +32,7 @@ STATES = {
     "fault reaction active": (0x0F, {}),
     "fault": (0x08, {}),
 }
-# What asks a state for nothing new: to be where it is, or less.
+# Commands without effect in a state: those for the current state or a lower one.
 IDLE = {
     "switch on disabled": {"disable voltage", "quick stop"},
     "ready": {"shutdown"},
@@ -160,14 +160,14 @@ class Drive:
         self.go(13, "fault reaction active")
         self.node.emcy.send(0x2310, 0x03)
 
-    # The motor: no mass, only ramps.
+    # Motor without mass, ramps only.
 
     def ramp(self, target, rate):
         step = rate * CYCLE
         self.velocity += max(-step, min(step, target - self.velocity))
 
     def approach(self, target, speed):
-        """Towards a position; whether it is there."""
+        """Moves towards a position; returns True when it is reached."""
         left = target - self.position
         step = max(-speed * CYCLE, min(speed * CYCLE, left))
         self.position += step

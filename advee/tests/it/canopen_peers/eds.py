@@ -1,5 +1,5 @@
-"""What `canopen` (PyPI) reads from an EDS or DCF: `eds.py NODE FILE...`; a line of JSON for each file, `null` for one
-that it cannot read. Objects by index and sub-index: data type, access, mappable, default, parameter value."""
+"""Objects that `canopen` (PyPI) reads from an EDS or DCF: `eds.py NODE FILE...`; one line of JSON per file, `null` for
+an unreadable one. Objects by index and sub-index: data type, access, mappable, default, parameter value."""
 import json
 import sys
 
@@ -14,7 +14,7 @@ def number(value):
 def read(file, node):
     try:
         objects = canopen.import_od(file, node)
-    except Exception as error:  # Whatever it is: the file is not for comparison.
+    except Exception as error:  # Any error: the file is not comparable.
         print(f"{file}: {error!r}", file=sys.stderr)
         return None
     found = []

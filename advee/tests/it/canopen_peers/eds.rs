@@ -1,4 +1,4 @@
-//! The same files, read by us and by python-canopen.
+//! The same files, parsed by this project and by python-canopen.
 
 use crate::support::{python, workspace};
 use canopen::dictionary::{Access, DataType};
@@ -29,7 +29,7 @@ fn access(access: Access) -> &'static str {
     }
 }
 
-/// An object in the form of `eds.py`; numbers only.
+/// Object in the form of `eds.py`; numbers only.
 fn shown(object: &Object) -> Value {
     let number = |setting: &Option<Setting>| {
         let whole = object.data_type.width().is_some() && !matches!(object.data_type, DataType::F32 | DataType::F64);
@@ -47,7 +47,7 @@ fn shown(object: &Object) -> Value {
 }
 
 #[test]
-fn we_read_in_eds_and_dcf_files_what_python_canopen_reads() {
+fn eds_and_dcf_files_are_parsed_like_by_python_canopen() {
     let Some(python) = python() else { return };
     let files = files();
     let output = Command::new(python)
@@ -68,13 +68,13 @@ fn we_read_in_eds_and_dcf_files_what_python_canopen_reads() {
         let Some(theirs) = theirs.as_array() else { continue };
         for their in theirs {
             let key = (their[0].as_u64().unwrap() as u16, their[1].as_u64().unwrap() as u8);
-            // Data types have indices of their own; theirs are dummy objects.
+            // Data types have their own indices; in python-canopen they are dummy objects.
             let Some(ours) = (key.0 >= 0x1000).then(|| eds.object(key.0, key.1)) else { continue };
             let ours = ours.unwrap_or_else(|| panic!("{}: {their} is missing", file.display()));
             let mut ours = shown(ours);
-            // A value that they do not understand ("0x-80000000") is no other one.
+            // A value that python-canopen cannot parse ("0x-80000000") is not compared.
             (5..7).filter(|at| their[*at].is_null()).for_each(|at| ours[at] = Value::Null);
-            // Sub-index 0 of a compact array cannot be written (CiA 306-1); theirs can.
+            // Sub-index 0 of a compact array cannot be written (CiA 306-1); in python-canopen it can.
             if key.1 == 0 && compact {
                 ours[3] = their[3].clone();
             }

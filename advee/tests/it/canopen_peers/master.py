@@ -1,5 +1,5 @@
-"""The master's side, by `canopen` (PyPI): `master.py PORT EXCHANGE`. The node answers to node.eds; ends with 0 when it
-behaves. Prints `on` when the node may be switched on."""
+"""Master on `canopen` (PyPI): `master.py PORT EXCHANGE`, for a node with the objects of node.eds. Exit code 0 if the
+node behaves as required. Prints `on` when the node may be powered on."""
 import pathlib
 import struct
 import sys
@@ -15,7 +15,7 @@ PRE_OPERATIONAL, OPERATIONAL, STOPPED, BOOT_UP = 127, 5, 4, 0
 
 
 def until(condition, what, seconds=5.0):
-    """Waits for something that another thread hears."""
+    """Waits for a condition that another thread makes true."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, f"not within {seconds} s: {what}"
@@ -23,7 +23,7 @@ def until(condition, what, seconds=5.0):
 
 
 class States(list):
-    """What the node's heartbeats said since the last look."""
+    """States in the node's heartbeats since the last check."""
 
     def await_(self, state, what):
         until(lambda: state in self, f"{what}: {list(self)}")
@@ -39,7 +39,7 @@ def abort_code(act):
 
 
 def pattern(length):
-    """Bytes without a short period, so that a lost or doubled segment shows."""
+    """Bytes without a short period, so that a lost or duplicate segment is detected."""
     return bytes((n * n // 7 + 31 * n) & 0xFF for n in range(length))
 
 
@@ -78,7 +78,7 @@ def nmt(network, node, states):
     network.send_message(0, [2, NODE + 1])
     time.sleep(0.05)
     assert STOPPED not in states
-    # What no master sends does no harm.
+    # Commands that no master sends have no effect.
     for data in (b"", b"\x01", b"\x03\x05", b"\x02\x05\x00", b"\x02\xff"):
         network.send_message(0, data)
     time.sleep(0.05)
@@ -97,7 +97,7 @@ def heartbeat(network, node, states):
     states.clear()
     time.sleep(0.2)
     assert not states
-    # The node watches us: from our first heartbeat on.
+    # The node monitors our heartbeat, from the first one on.
     node.sdo[0x1016][1].raw = 100 << 16 | 150
     assert abort_code(lambda: node.sdo[0x1016][2].__setattr__("raw", 100 << 16 | 99)) == 0x06040043
     time.sleep(0.3)
@@ -124,7 +124,7 @@ def guarding(network, node, states):
     node.nmt.stop_node_guarding()
     until(lambda: node.emcy.log, "the end of the life time")
     assert node.emcy.log[0].code == 0x8130
-    # 1000 days and 12 345.678 s after 1984-01-01; the node consumes it once told so.
+    # 1000 days and 12 345.678 s after 1984-01-01; the node consumes TIME once configured to.
     moment = 441763200 + 1000 * 86400 + 12345.678
     network.time.transmit(moment)
     time.sleep(0.05)
@@ -159,7 +159,7 @@ def lss(network, node, states):
     master.send_switch_state_global(master.WAITING_STATE)
     states.await_(BOOT_UP, "the boot-up message of the node with its new id")
     assert node.sdo[0x1018][4].raw == identity[3]
-    # Nobody is left, and it is found by its address.
+    # No node is left in the configuration state, and the node is found by its address.
     assert master.fast_scan() == (False, None)
     assert master.send_switch_state_selective(*identity)
     assert master.inquire_node_id() == NODE
@@ -217,12 +217,12 @@ def block(network, node, states):
                 assert f.raw.size == length and f.raw.crc_supported == crc
                 assert f.read() == data, f"{length} bytes up, crc {crc}"
     assert abort_code(lambda: node.sdo.open(0x5FFF, 0, "rb", block_transfer=True)) == 0x06020000
-    # A CRC that is not the data's.
+    # A CRC that does not match the data.
     stream = node.sdo.open(0x2000, 1, "wb", buffering=0, size=7, block_transfer=True)
     stream.send(b"1234567", end=True)
     stream._crc.process(b"!")
     assert abort_code(stream.close) == 0x05040004
-    # Segments that were lost are asked for again: 3 and 4 of the first block, 1 and 2 of the next.
+    # Lost segments are requested again: 3 and 4 of the first block, 1 and 2 of the next.
     lost, send = [3, 4, 128, 129], node.sdo.send_request
     count = 0
 
@@ -260,7 +260,7 @@ def aborts(network, node, states):
     ):
         seen = abort_code(act)
         assert seen == code, f"0x{seen or 0:08X} instead of 0x{code:08X}"
-    # A segment that belongs to nothing, a toggle that does not alternate, a command that does not exist.
+    # An unexpected segment, a toggle bit that does not alternate, an unknown command.
     for request, code in ((b"\x60" + bytes(7), 0x05040001), (b"\xe0" + bytes(7), 0x05040001)):
         assert abort_code(lambda: sdo.request_response(request)) == code
     sdo.request_response(b"\x40\x08\x10\0\0\0\0\0")
@@ -292,7 +292,7 @@ def pdo(network, node, states):
     assert [(v.index, v.length) for v in two.map] == [(0x2005, 32), (0x2003, 16), (0x2002, 8)]
     assert (two.trans_type, two.enabled, two.cob_id) == (2, True, 0x280 + NODE)
     assert [(v.index, v.length) for v in one.map] == [(0x2002, 8), (0x2005, 32), (0x2003, 16)] and one.cob_id == 0x222
-    # What it must refuse: an object that cannot be mapped, too many bits, a change of a PDO that exists.
+    # Changes that must be refused: an object that cannot be mapped, too many bits, an active PDO.
     assert abort_code(lambda: node.sdo.download(0x1A01, 0, b"\0")) == 0x06010000
     node.sdo[0x1801][1].raw = 0xC0000285
     node.sdo[0x1A01][0].raw = 0
@@ -318,7 +318,7 @@ def pdo(network, node, states):
         time.sleep(0.005)
     until(lambda: len(synced) == 5, f"every second SYNC: {synced}")
     assert synced[-1] == (-777, -3, 0x5A)
-    # No PDO when not Operational.
+    # No PDO outside Operational.
     node.nmt.state = "PRE-OPERATIONAL"
     states.await_(PRE_OPERATIONAL, "pre-operational")
     for _ in range(4):

@@ -1,4 +1,4 @@
-//! Our master, with `slave.py` as its slave.
+//! Master of this project, with `slave.py` as its slave.
 
 use super::bus::{Bus, PATIENCE, Script};
 use base::Duration;
@@ -10,7 +10,7 @@ use canopen::{Abort, NmtCommand, Payload, pdo, sdo};
 const ID: u8 = 5;
 const TPDO2: [u32; 2] = [0x2005_0020, 0x2003_0010];
 
-/// Our master on a bus, and a script on the other side.
+/// Master on a bus, and a script on the other side.
 pub struct Side {
     pub bus: Bus,
     pub script: Script,
@@ -30,7 +30,7 @@ impl Side {
         Some(side)
     }
 
-    /// Waits for a line of the script while the master does nothing.
+    /// Waits for a line of the script while the master is idle.
     fn hear(&mut self, kind: &str) {
         while self.script_says(kind).is_none() {
             assert!(
@@ -41,7 +41,7 @@ impl Side {
         }
     }
 
-    /// Something may come, or be due.
+    /// Processes input and deadlines.
     pub fn turn(&mut self) {
         self.bus.wait(self.master.poll_timeout());
         while let Some(frame) = self.bus.receive() {
@@ -61,7 +61,7 @@ impl Side {
         }
     }
 
-    /// A line that the script has printed, of this kind: what follows its first word.
+    /// Printed line of this kind, without its first word.
     pub fn script_says(&mut self, kind: &str) -> Option<String> {
         while let Some(line) = self.script.heard() {
             self.said.push(line);
@@ -82,7 +82,7 @@ impl Side {
         }
     }
 
-    /// Takes the events up to one that `is` likes, which is returned.
+    /// Takes the events up to the first one that satisfies `is`, and returns that.
     #[track_caller]
     pub fn until(&mut self, what: &str, is: impl Fn(&Event) -> bool) -> Event {
         let begin = self.bus.now();
@@ -102,7 +102,7 @@ impl Side {
         }
     }
 
-    /// Ends the script, which must end well.
+    /// Ends the script, which must succeed.
     #[track_caller]
     pub fn quit(mut self) {
         self.script.say("quit");
@@ -117,7 +117,7 @@ impl Side {
     }
 }
 
-/// What the slave must be, and how it is set up.
+/// Identity and setup of the slave.
 fn config() -> NodeConfig {
     let mut writes = vec![ConfigWrite::new(0x2004, 0, 0x0BAD_CAFE_u32)];
     writes.extend(pdo::remap(0x1801, 0x4000_0285, &TPDO2, 1, Some(100), Some(0)));
@@ -131,7 +131,7 @@ fn config() -> NodeConfig {
         writes,
         mappings: vec![PdoMapping::tpdo(ID, 2, &TPDO2)],
         heartbeat: Duration::from_millis(50),
-        // A Python interpreter may be held up.
+        // A Python interpreter may be delayed.
         heartbeat_limit: Duration::from_millis(500),
         ..NodeConfig::new(ID, "slave")
     }
@@ -166,20 +166,20 @@ fn our_master_boots_a_slave_of_python_canopen_and_changes_its_pdos() {
     at(0x2004, 0, "fecaad0b");
     at(0x1017, 0, "3200");
 
-    // A PDO each way.
+    // One PDO in each direction.
     side.script.say("tpdo -777 -3");
     let pdo = side.until("a TPDO", |event| matches!(event, Event::Pdo { .. }));
     let layout = pdo::Layout::new(&TPDO2).expect("a mapping");
     let Event::Pdo { node: ID, number: 2, data, len: 6 } = pdo else { panic!("{pdo:?}") };
     let values: Vec<i64> = layout.unpack(&data[..6]).expect("6 bytes").map(|(_, value)| value).collect();
-    // The mapping alone does not say that a number has a sign.
+    // The mapping alone does not tell that a number is signed.
     assert_eq!(values.iter().map(|value| *value as i32 as i16).collect::<Vec<_>>(), [-777, -3]);
     side.script.say("listen");
     side.pass(200);
     side.master.send_pdo(ID, 1, &[0x5A, 0xFD, 0xFF]).expect("it is Operational");
     assert_eq!(side.until_said("pdo"), "90 -3");
 
-    // What it kept is not written again.
+    // Unchanged values are not written again.
     side.master.reboot(side.bus.now(), ID);
     side.until("boot-up", booted);
     let again = side.written();
@@ -208,7 +208,7 @@ fn our_master_loses_a_slave_of_python_canopen_that_falls_silent_or_reboots() {
 }
 
 #[test]
-fn our_master_refuses_a_slave_of_python_canopen_that_is_not_the_one() {
+fn our_master_refuses_a_slave_of_python_canopen_with_another_identity() {
     let Some(mut side) = Side::start("slave.py", &[config()]) else { return };
     side.script.say("identity 2 17");
     side.hear("changed");
@@ -216,14 +216,14 @@ fn our_master_refuses_a_slave_of_python_canopen_that_is_not_the_one() {
     let mismatch = BootError::Mismatch { index: 0x1018, sub: 2, expected: 0x8000_0001, found: 17 };
     assert_eq!(failed, Event::BootFailed { node: ID, step: Step::Identity, reason: mismatch });
     assert!(side.written().is_empty(), "nothing is set up in a stranger");
-    // The right one is there.
+    // The right device is connected.
     side.script.say(&format!("identity 2 {}", 0x8000_0001_u32));
     side.until("boot-up", booted);
     side.quit();
 }
 
 #[test]
-fn a_flood_of_emergencies_from_python_canopen_is_counted_and_thinned_out() {
+fn a_flood_of_emergencies_from_python_canopen_is_counted_and_limited() {
     let Some(mut side) = Side::start("slave.py", &[config()]) else { return };
     side.until("boot-up", booted);
     side.script.say("emergencies 500");
@@ -253,7 +253,7 @@ fn a_flood_of_emergencies_from_python_canopen_is_counted_and_thinned_out() {
     side.quit();
 }
 
-/// A node that is not configured: its objects only.
+/// Node without configuration: object access only.
 #[test]
 fn our_client_reads_and_writes_every_size_in_python_canopen_and_falls_back_where_it_has_no_blocks() {
     let Some(mut side) = Side::start("slave.py", &[]) else { return };

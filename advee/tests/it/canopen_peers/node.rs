@@ -1,4 +1,4 @@
-//! Our node, with `master.py` as its master.
+//! Node of this project, with `master.py` as its master.
 
 use super::bus::{Bus, PATIENCE, Script};
 use super::store::Store;
@@ -11,14 +11,14 @@ use canopen::{Node, NodeEvent};
 const ID: u8 = 5;
 const BOOT: Duration = Duration::from_millis(50);
 
-/// The node of the file that the script reads too.
+/// Node of the EDS file that the script also reads.
 fn node() -> Node {
     let file = std::fs::read(workspace().join("advee/tests/it/canopen_peers/node.eds")).expect("node.eds");
     Node::new(Eds::parse(&file).expect("a good file").dictionary(ID), BOOT)
 }
 
-/// What the device does: 0x2001 makes an emergency of what is written; whoever falls silent is one. The time of day is
-/// shown by 0x2004 (ms) and 0x2006 (days).
+/// Application of the device: writing 0x2001 sends an emergency, and so does a lost heartbeat of the consumer. The time
+/// of day is in 0x2004 (ms) and 0x2006 (days).
 fn behave(node: &mut Node, event: NodeEvent) {
     match event {
         NodeEvent::ObjectWritten { index: 0x2001, .. } => {
@@ -35,8 +35,7 @@ fn behave(node: &mut Node, event: NodeEvent) {
     }
 }
 
-/// Serves our node to one of the exchanges of `master.py`, until that ends. The script prints `on` to have the node
-/// switched on.
+/// Runs the node for one of the exchanges of `master.py`, until that ends. The script prints `on` to power the node on.
 fn serve(exchange: &str) {
     serve_node(exchange, node());
 }
@@ -70,17 +69,17 @@ fn settle(node: &mut Node, bus: &mut Bus) {
 }
 
 #[test]
-fn every_nmt_command_of_python_canopen_is_obeyed() {
+fn every_nmt_command_of_python_canopen_is_executed() {
     serve("nmt");
 }
 
 #[test]
-fn python_canopen_sees_heartbeats_at_the_period_it_sets_and_is_watched_itself() {
+fn python_canopen_receives_heartbeats_at_the_period_it_sets_and_is_monitored_itself() {
     serve("heartbeat");
 }
 
 #[test]
-fn python_canopen_guards_our_node_and_tells_it_the_time() {
+fn python_canopen_guards_our_node_and_sends_it_the_time() {
     serve("guarding");
 }
 
@@ -100,7 +99,7 @@ fn python_canopen_reads_and_writes_every_size_expedited_and_segmented() {
     serve("sdo");
 }
 
-/// Domains of up to 10 000 bytes, from 1 byte over every count of segments around the borders of blocks.
+/// Domains of up to 10 000 bytes, from 1 byte over every number of segments around the limits of blocks.
 #[test]
 fn python_canopen_reads_and_writes_blocks_of_every_size_with_crc_and_without() {
     let mut bus = Bus::new();

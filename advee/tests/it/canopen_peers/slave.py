@@ -1,5 +1,5 @@
-"""A slave by `canopen` (PyPI): `slave.py PORT`. Its objects are those of node.eds. Told what to do line by line; prints
-what happens to it."""
+"""Slave on `canopen` (PyPI): `slave.py PORT`, with the objects of node.eds. Reads commands line by line, prints events.
+"""
 import json
 import pathlib
 import sys
@@ -21,7 +21,7 @@ class Slave:
         self.node.sdo[0x2000].raw = b""
         self.written = []
         self.node.add_write_callback(self.on_write)
-        # After the node's own: that changes the state, but neither forgets objects nor boots.
+        # After the node's own handler, which changes the state but neither resets objects nor boots.
         self.network.subscribe(0, self.on_nmt)
 
     def on_write(self, index, subindex, od, data):

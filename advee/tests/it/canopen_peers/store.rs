@@ -1,4 +1,4 @@
-//! An SDO server without a node: it keeps whatever is written to any object, as long as it may be.
+//! SDO server without a node: it stores whatever is written to any object, up to the maximum length.
 
 use base::can::Frame;
 use base::{Duration, Instant};
@@ -37,7 +37,7 @@ impl Store {
         Self { node, server: Server::new(Duration::from_secs(2)), kept: Kept::default(), answer: None }
     }
 
-    /// A frame from the bus; then drain [`Self::poll_tx`].
+    /// Processes a frame from the bus; then drain [`Self::poll_tx`].
     pub fn handle_rx(&mut self, now: Instant, frame: &Frame) {
         if Service::of(frame) == Some(Service::SdoRequest { node: self.node }) {
             self.answer = self.server.handle_rx(now, frame.data(), &mut self.kept);

@@ -1,4 +1,4 @@
-"""A gamepad by /dev/uinput (linux/uinput.h): lines `key 0|1` and `abs VALUE` on stdin; it goes with their end."""
+"""Gamepad on /dev/uinput (linux/uinput.h): lines `key 0|1` and `abs VALUE` on stdin; removed at the end of input."""
 
 import fcntl
 import os

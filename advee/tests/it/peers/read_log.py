@@ -1,5 +1,5 @@
-"""Reads a log with what others wrote, the `mcap` and `mcap-ros2-support` readers and `rosbags`: `read_log.py FILE...`, the
-files of a run in order; prints JSON: for each topic how many messages each reader finds, and some values."""
+"""Reads a log with independent readers, `mcap`, `mcap-ros2-support` and `rosbags`: `read_log.py FILE...`, the files of
+a run in order; prints JSON: for each topic the number of messages found by each reader, and some values."""
 import json
 import sys
 from pathlib import Path
@@ -32,7 +32,7 @@ for path in sys.argv[1:]:
                 fields = message.__slots__
                 result["last"][channel.topic] = {f: getattr(message, f) for f in fields if f != "channels"}
 
-    # What rosbags takes for a bag is a folder with a page of ROS 2's; its reader of the files needs none.
+    # rosbags expects a bag to be a folder with metadata of ROS 2; its reader of single files needs none.
     bag = McapReader(Path(path))
     bag.open()
     store = get_typestore(Stores.EMPTY)

@@ -1,10 +1,10 @@
-"""A high-level module on a second host, on the official LCM and the message definitions alone.
+"""High-level module on a second host, with only the official LCM and the message definitions.
 
     second_host.py SPEED SECONDS
 
-Commands the robot 20 times a second: zero until its odometry is heard and it may be driven, then SPEED, to the end.
-Prints what happens, once and as a line of JSON each: `ready`; `moving`, by the odometry; `silent`, when odometry has
-not come for a second.
+Commands the robot at 20 Hz: zero until its odometry is received and it may be driven, then SPEED, to the end.
+Prints events, each once as a line of JSON: `ready`; `moving`, by the odometry; `silent`, after a second without
+odometry.
 """
 import json
 import os

@@ -1,12 +1,12 @@
-"""A viewer of the live endpoint that shares no code with it: websockets for the wire, rosbags and mcap-ros2-support for
-what comes. Reads commands from stdin, a JSON object a line, answers each with one on stdout.
+"""Independent viewer of the live endpoint: websockets for the wire, rosbags and mcap-ros2-support for the messages.
+Reads commands from stdin, one JSON object per line, and answers each with one on stdout.
 
-    ready                  once it is
-    watch SECONDS TOPICS FIELDS   subscribe to topics (empty: all); how much comes within the time, and what it says
-    bad                    everything that no client should say; what came of it
-    crowd N                N viewers at once; how many got in
-    slow SECONDS           subscribe to all, read nothing for so long, then say how old what comes is
-    status ORIGIN PROTOCOL   the HTTP status of a handshake
+    ready                  answers once the endpoint is available
+    watch SECONDS TOPICS FIELDS   subscribes to topics (empty: all); returns counts and values received in the time
+    bad                    sends malformed and hostile input; returns the reactions
+    crowd N                opens N viewers at once; returns the number accepted
+    slow SECONDS           subscribes to all, reads nothing for a while; returns the age of the data received then
+    status ORIGIN PROTOCOL   returns the HTTP status of a handshake
 """
 
 import asyncio
@@ -26,7 +26,7 @@ PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
 
 
 def decoders(channel):
-    """The same message by two independent readers."""
+    """Decoders of a message by two independent readers."""
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(channel["schema"], channel["schemaName"]))
     dynamic = generate_dynamic(channel["schemaName"], channel["schema"])[channel["schemaName"]]
@@ -75,7 +75,7 @@ async def ready():
 
 
 async def watch(seconds, topics, fields, everything=False):
-    """Decodes what has fields to look at, or everything."""
+    """Decodes the topics with requested fields, or everything."""
     async with connect() as stream:
         viewer = Viewer(stream)
         decode, counts, first, got, times = {}, {}, {}, {}, []
@@ -168,14 +168,14 @@ async def bad():
         except websockets.ConnectionClosed:
             pass
         closed["only nonsense"] = await gone(stream)
-    # A frame that RFC 6455 does not know, and a broken UTF-8 text.
+    # A frame that RFC 6455 does not define, and a text with broken UTF-8.
     for name, raw in [("reserved opcode", b"\x83\x80\0\0\0\0"), ("not masked", b"\x81\x01x"), ("not UTF-8", b"\x81\x81\0\0\0\0\xff")]:
         async with connect() as stream:
             viewer = Viewer(stream)
             await viewer.until(lambda: viewer.info)
             stream.transport.write(raw)
             closed[name] = await gone(stream)
-    # One that goes without a word.
+    # A client that disconnects without a close frame.
     async with connect() as stream:
         viewer = Viewer(stream)
         await viewer.until(lambda: viewer.info)
@@ -215,7 +215,7 @@ async def slow(seconds):
         stream.transport.pause_reading()
         await asyncio.sleep(seconds)
         stream.transport.resume_reading()
-        # What the line held is old; behind it comes what is new.
+        # The data in the socket buffers is old; new data follows it.
         end, youngest, count = time.monotonic() + 3, 1e9, 0
         while time.monotonic() < end:
             message = await asyncio.wait_for(stream.recv(), 5)

@@ -1,32 +1,32 @@
-//! What is to be done with the bytes of a type, step by step.
+//! Steps of the conversion of a type.
 
 use crate::dynamic::table::{Element, Field, Len, Struct, table};
 use crate::{Primitive, Schema};
 
-/// A struct or an enum.
+/// Struct or enum.
 #[derive(Clone, Debug)]
 pub struct Body {
     pub fingerprint: u64,
-    /// How many of its members are lengths.
+    /// Number of its members that are lengths.
     pub slots: usize,
-    /// Number of elements without bytes each value shows, at least.
+    /// Minimum number of elements without bytes in a value.
     pub empties: usize,
-    /// How many lengths are in force at most while it is read; `None`: it holds itself.
+    /// Maximum number of lengths in scope while it is read; `None` for a recursive type.
     pub lengths: Option<usize>,
     pub steps: Vec<Step>,
 }
 
 #[derive(Clone, Debug)]
 pub enum Step {
-    /// So many numbers of so many bytes each, in a row.
+    /// Consecutive numbers of equal width.
     Numbers { width: usize, count: usize },
-    /// So many truth values.
+    /// Consecutive booleans.
     Booleans { count: usize },
-    /// A length of arrays to come, itself a number.
+    /// Length of later arrays, itself a number.
     Length { slot: usize, ty: Primitive },
-    /// Anything else.
+    /// Any other array.
     Array(Array),
-    /// What ROS 2 puts into a struct without members.
+    /// Placeholder of ROS 2 in a struct without members.
     Nothing,
 }
 
@@ -34,9 +34,9 @@ pub enum Step {
 pub struct Array {
     pub element: Item,
     pub dims: Vec<Len>,
-    /// The size of every element, where all have the same.
+    /// Size of each element, if constant.
     pub fixed: Option<usize>,
-    /// Fewest bytes of an element.
+    /// Minimum size of an element, bytes.
     pub min: usize,
 }
 
@@ -47,7 +47,7 @@ pub enum Item {
     },
     Boolean,
     String,
-    /// The place of a [`Body`].
+    /// Index of a [`Body`].
     Struct(usize),
 }
 
@@ -59,7 +59,7 @@ pub fn bodies(schema: &Schema) -> Vec<Body> {
     for i in 0..bodies.len() {
         find_lengths(&mut bodies, i, &mut seen);
     }
-    // Whose lengths are unknown holds itself, and so do all that lead to it.
+    // A type with an unknown number of lengths is recursive, and so are all types that contain it.
     bodies
 }
 
@@ -94,7 +94,7 @@ fn step(field: &Field) -> Step {
     }
 }
 
-/// Numbers of one size follow each other without a gap: one step.
+/// Consecutive numbers of one width without a gap form one step.
 fn push(steps: &mut Vec<Step>, step: Step) {
     match (steps.last_mut(), step) {
         (Some(Step::Numbers { width, count }), Step::Numbers { width: same, count: more }) if *width == same => {
@@ -105,7 +105,7 @@ fn push(steps: &mut Vec<Step>, step: Step) {
     }
 }
 
-/// Each type once, however many ways lead to it; one that is open already holds itself.
+/// Visits each type once; a type that is still being visited is recursive.
 fn find_lengths(bodies: &mut [Body], i: usize, seen: &mut [bool]) -> Option<usize> {
     if seen[i] {
         return bodies[i].lengths;
@@ -125,7 +125,7 @@ fn find_lengths(bodies: &mut [Body], i: usize, seen: &mut [bool]) -> Option<usiz
 }
 
 impl Array {
-    /// Number of elements there are, where no message says it.
+    /// Number of elements, if it does not depend on the message.
     fn fixed_count(&self) -> Option<usize> {
         self.dims.iter().try_fold(1_usize, |product, len| match len {
             Len::Fixed(count) => Some(product.saturating_mul(*count)),
@@ -133,7 +133,7 @@ impl Array {
         })
     }
 
-    /// True if ROS 2 has a sequence here: elements behind their number.
+    /// True if ROS 2 has a sequence here: elements preceded by their number.
     pub fn is_sequence(&self) -> bool {
         self.dims.iter().any(|len| matches!(len, Len::Slot(_)))
     }

@@ -1,5 +1,5 @@
-//! The steps of a plan, done: bytes of LCM in, bytes of CDR out. What can be wrong with a message, and in which order
-//! it is found, is as in [`dynamic::check`](crate::dynamic).
+//! Execution of a plan: LCM bytes in, CDR bytes out. Possible errors, and the order in which they are detected, are
+//! those of [`dynamic::check`](crate::dynamic).
 
 use super::plan::{Array, Body, Item, Step};
 use super::writer::Writer;
@@ -11,7 +11,7 @@ use lcm::codec::Reader;
 /// Converts one message with its fingerprint.
 pub fn message(bodies: &[Body], body: &Body, bytes: &[u8], out: &mut Vec<u8>) -> Result<(), ConvertError> {
     let reader = Reader::of(bytes, body.fingerprint)?;
-    // Most often so much and a little for the gaps.
+    // Usual size: the input with a little padding.
     out.reserve(bytes.len() + bytes.len() / 4);
     let mut run = Run { bodies, reader, to: Writer::new(out), lengths: [0; LENGTHS_MAX] };
     run.body(body, 0)?;
@@ -22,12 +22,12 @@ struct Run<'a, 'o> {
     bodies: &'a [Body],
     reader: Reader<'a>,
     to: Writer<'o>,
-    /// The lengths in force, those of the outermost struct first.
+    /// Lengths in scope, those of the outermost struct first.
     lengths: [usize; LENGTHS_MAX],
 }
 
 impl<'a> Run<'a, '_> {
-    /// A struct whose lengths have their places from `base` on.
+    /// Converts a struct whose lengths are stored from `base` on.
     fn body(&mut self, body: &'a Body, base: usize) -> Result<(), ConvertError> {
         if body.empties > MAX_EMPTY {
             let count = i64::try_from(body.empties).unwrap_or(i64::MAX);
@@ -73,7 +73,7 @@ impl<'a> Run<'a, '_> {
         dims.iter().fold(element, |product, len| product.saturating_mul(self.length(*len, base)))
     }
 
-    /// The elements of an array, or of a row of it, one after the other; `inner` is where their own lengths go.
+    /// Converts the elements of an array, or of a row of it; their own lengths are stored from `inner` on.
     fn array(&mut self, array: &'a Array, dims: &[Len], base: usize, inner: usize) -> Result<(), ConvertError> {
         let is_fixed = |dims: &[Len]| dims.iter().all(|len| matches!(len, Len::Fixed(_)));
         match (array.fixed, dims) {
@@ -95,13 +95,13 @@ impl<'a> Run<'a, '_> {
             }
             (_, []) => match array.element {
                 Item::Struct(place) => self.body(&self.bodies[place], inner),
-                // All else has a fixed size.
+                // All other types have a fixed size.
                 _ => self.string(),
             },
         }
     }
 
-    /// So many elements of a fixed size.
+    /// Converts `count` elements of a fixed size.
     fn elements(&mut self, array: &'a Array, count: usize, inner: usize) -> Result<(), ConvertError> {
         let size = array.min.saturating_mul(count);
         match array.element {
@@ -123,7 +123,8 @@ impl<'a> Run<'a, '_> {
         }
     }
 
-    /// `count` elements of at least `min` bytes each: refuses a count that the rest of the message cannot hold.
+    /// Checks `count` elements of at least `min` bytes each; rejects a count that the rest of the message cannot
+    /// contain.
     fn claim(&mut self, array: &Array, count: usize, min: usize) -> Result<(), DecodeError> {
         let shown = match array.element {
             Item::Struct(place) if min == 0 => self.bodies[place].empties.max(1),
@@ -141,7 +142,7 @@ impl<'a> Run<'a, '_> {
         self.to.out.extend(bytes.iter().map(|&byte| u8::from(byte != 0)));
     }
 
-    /// Numbers of that width, turned around. Where there is none, nothing is aligned.
+    /// Appends numbers of this width with swapped byte order. Without numbers there is no alignment.
     #[inline]
     fn numbers(&mut self, width: usize, bytes: &[u8]) {
         if !bytes.is_empty() {

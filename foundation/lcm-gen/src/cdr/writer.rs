@@ -1,13 +1,13 @@
-//! CDR, value by value.
+//! CDR writer for single values.
 
-/// Appends one message as little-endian CDR: each number at a multiple of its size, counted from behind the header.
+/// Appends one message as little-endian CDR: each number is aligned to its size, counted from the end of the header.
 ///
-/// For messages that no `.lcm` file describes: fields are written in order, structs are their fields, an array of fixed
-/// size is its elements, a sequence is its [`count`](Self::count) and its elements.
+/// For messages without a `.lcm` file: fields are written in order; a struct is written as its fields, an array of
+/// fixed size as its elements, a sequence as its [`count`](Self::count) and its elements.
 #[derive(Debug)]
 pub struct Writer<'a> {
     pub(super) out: &'a mut Vec<u8>,
-    /// Where alignment counts from.
+    /// Offset from which alignment counts.
     start: usize,
 }
 
@@ -23,7 +23,7 @@ macro_rules! numbers {
 }
 
 impl<'a> Writer<'a> {
-    /// Begins a message behind what `out` holds.
+    /// Begins a message after the content of `out`.
     pub fn new(out: &'a mut Vec<u8>) -> Self {
         out.extend_from_slice(&[0, 1, 0, 0]);
         let start = out.len();
@@ -36,7 +36,7 @@ impl<'a> Writer<'a> {
         self.out.len() - self.start
     }
 
-    /// True if only the header stands there.
+    /// True if only the header was written.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -49,7 +49,7 @@ impl<'a> Writer<'a> {
         self.u8(value.into());
     }
 
-    /// Appends a `string`: up to the first NUL, which would end it for every reader.
+    /// Appends a `string`, up to the first NUL, which would end it for every reader.
     pub fn string(&mut self, text: &str) {
         let text = text.split('\0').next().unwrap_or_default();
         self.count(text.len() + 1);
@@ -57,7 +57,7 @@ impl<'a> Writer<'a> {
         self.out.push(0);
     }
 
-    /// Appends how many elements of a sequence follow, or bytes of a string.
+    /// Appends the number of elements of a sequence, or of bytes of a string.
     #[inline]
     pub fn count(&mut self, count: usize) {
         self.u32(u32::try_from(count).unwrap_or(u32::MAX));

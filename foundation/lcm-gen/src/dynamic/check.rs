@@ -1,10 +1,10 @@
-//! Holds bytes against a type: everything that can be wrong with a message is found here, once.
+//! Validation of bytes against a type: all errors of a message are detected here, once.
 
 use super::table::{Element, Field, Len, Struct};
 use super::{DecodeError, MAX_DEPTH, MAX_EMPTY, Types, cursor};
 use lcm::codec::Reader;
 
-/// Checks that the rest of a message is one value of `ty` and nothing more.
+/// Checks that the rest of a message is exactly one value of `ty`.
 pub fn body(types: &Types, ty: &Struct, reader: Reader<'_>) -> Result<(), DecodeError> {
     let mut check = Check { types, reader, depth: 0, lengths: Vec::new() };
     check.body(ty)?;
@@ -15,7 +15,7 @@ struct Check<'a> {
     types: &'a Types,
     reader: Reader<'a>,
     depth: usize,
-    /// The length fields' values of the structs that are open, innermost last.
+    /// Values of the length fields of the open structs, innermost last.
     lengths: Vec<usize>,
 }
 
@@ -85,7 +85,8 @@ impl Check<'_> {
         }
     }
 
-    /// `count` elements of at least `min` bytes each: refuses a count that the rest of the message cannot hold.
+    /// Checks `count` elements of at least `min` bytes each; rejects a count that the rest of the message cannot
+    /// contain.
     fn claim(&mut self, field: &Field, count: usize, min: usize) -> Result<(), DecodeError> {
         let shown = match field.element {
             Element::Struct(place) if min == 0 => self.types.structs[place].empties.max(1),

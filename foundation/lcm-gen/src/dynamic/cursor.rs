@@ -1,14 +1,14 @@
-//! Numbers out of bytes, and a place in the bytes of a message that was checked: nothing can be missing there.
+//! Numbers from bytes, and a cursor in the bytes of a validated message, where nothing can be missing.
 
 use super::table::Len;
 use crate::Primitive;
 
-/// The first bytes; zeros where there are none, which a checked message never has.
+/// First `N` bytes; zeros if there are fewer, which does not occur in a validated message.
 pub fn chunk<const N: usize>(bytes: &[u8]) -> [u8; N] {
     bytes.first_chunk().copied().unwrap_or([0; N])
 }
 
-/// An integer of that type.
+/// Integer of this type.
 pub fn integer(ty: Primitive, bytes: &[u8]) -> i64 {
     match ty {
         Primitive::Int8 => i8::from_be_bytes(chunk(bytes)).into(),
@@ -20,10 +20,10 @@ pub fn integer(ty: Primitive, bytes: &[u8]) -> i64 {
     }
 }
 
-/// How far a checked message has been read, and the lengths that are in force.
+/// Position in a validated message, and the lengths in scope.
 pub struct Cursor<'a> {
     bytes: &'a [u8],
-    /// The length fields' values of the structs that are open, innermost last.
+    /// Values of the length fields of the open structs, innermost last.
     lengths: Vec<usize>,
 }
 
@@ -44,14 +44,14 @@ impl<'a> Cursor<'a> {
         text.split_last().and_then(|(_, text)| std::str::from_utf8(text).ok()).unwrap_or_default()
     }
 
-    /// Opens a struct of so many lengths; what it returns stands for it.
+    /// Opens a struct with `slots` lengths; returns the base for the other calls.
     pub fn open(&mut self, slots: usize) -> usize {
         let base = self.lengths.len();
         self.lengths.resize(base + slots, 0);
         base
     }
 
-    /// Closes a struct again.
+    /// Closes a struct.
     pub fn close(&mut self, base: usize) {
         self.lengths.truncate(base);
     }

@@ -1,4 +1,4 @@
-//! Values into bytes.
+//! Encoding of values.
 
 use super::error::Why;
 use super::table::{Element, Field, Len, Struct};
@@ -6,13 +6,13 @@ use super::{EncodeError, MAX_DEPTH, MESSAGE_MAX, Types, Value};
 use crate::Primitive;
 use std::borrow::Cow;
 
-/// What becomes of members that have no value.
+/// Treatment of members without a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Missing {
-    /// They are errors, but for lengths, which follow from the arrays.
+    /// Error, except for lengths, which follow from the arrays.
     #[default]
     Refuse,
-    /// They are zero, false, empty.
+    /// Zero, false or empty.
     Zero,
 }
 
@@ -27,7 +27,7 @@ struct Encoder<'a> {
     types: &'a Types,
     missing: Missing,
     out: &'a mut Vec<u8>,
-    /// The greatest length of `out`.
+    /// Maximum length of `out`.
     end: usize,
     depth: usize,
 }
@@ -41,7 +41,7 @@ impl Encoder<'_> {
         Ok(())
     }
 
-    /// No value: everything in it is zero.
+    /// Encodes a struct; without a value everything in it is zero.
     fn body(&mut self, ty: &Struct, value: Option<&Value<'_>>) -> Outcome {
         if let Some(values) = &ty.values {
             return self.enumerated(values, value);
@@ -90,7 +90,7 @@ impl Encoder<'_> {
                 return exactly(expected, bytes.len()).and_then(|()| self.put(&bytes));
             }
             Some(other) => return Err(Why::Kind { expected: "an array", found: other.kind() }.into()),
-            // Rows without bytes need not be walked, and might be many.
+            // Rows without bytes need no iteration, and could be very many.
             None if field.min == 0 || row.iter().any(|len| count_of(*len, lengths) == 0) => return Ok(()),
             None => return (0..expected).try_for_each(|_| self.array(field, row, lengths, None)),
         };
@@ -176,14 +176,14 @@ impl Encoder<'_> {
     }
 }
 
-/// The value of each field of the struct.
+/// Values by fields of the struct.
 fn assigned<'v, 'a>(
     ty: &Struct,
     members: &'v [(Cow<'a, str>, Value<'a>)],
 ) -> Result<Vec<Option<&'v Value<'a>>>, EncodeError> {
     let mut given = vec![None; ty.fields.len()];
     for (i, (name, value)) in members.iter().enumerate() {
-        // Mostly they stand in order.
+        // The members are usually in order.
         let here = ty.fields.get(i).filter(|field| field.name == *name).map(|_| i);
         let place = here.or_else(|| ty.fields.iter().position(|field| field.name == *name));
         let wrong = |why: Why| EncodeError::from(why).within(name);
@@ -195,7 +195,7 @@ fn assigned<'v, 'a>(
     Ok(given)
 }
 
-/// What a length field says: what is given, else how long an array that has it is.
+/// Value of a length field: the given one, else the length of an array that uses it.
 fn length<'f, 'v>(
     ty: Primitive,
     given: Option<&Value<'_>>,
@@ -212,7 +212,7 @@ fn length<'f, 'v>(
     Ok(usize::try_from(len).map_err(|_| Why::LengthRange { len })?)
 }
 
-/// How long the dimension of that slot is, if the field has it and its outer ones are not empty.
+/// Length of the dimension with this slot, if the field has it and its outer dimensions are not empty.
 fn measured(field: &Field, slot: usize, value: &Value<'_>) -> Option<usize> {
     let level = field.dims.iter().position(|len| *len == Len::Slot(slot))?;
     let row = (0..level).try_fold(value, |value, _| match value {
@@ -237,7 +237,7 @@ fn exactly(expected: usize, found: usize) -> Outcome {
     if expected == found { Ok(()) } else { Err(Why::Length { expected, found }.into()) }
 }
 
-/// True if a signed integer type has the value.
+/// True if the value is in the range of a signed integer type.
 fn fits(ty: Primitive, value: i64) -> bool {
     let bits = ty.integer_bits().unwrap_or(64);
     let rest = value >> (bits - 1);
@@ -245,7 +245,7 @@ fn fits(ty: Primitive, value: i64) -> bool {
 }
 
 fn whole(ty: Primitive, value: &Value<'_>) -> Result<i64, EncodeError> {
-    const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53: up to here a float that is whole is meant
+    const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53: floats up to here represent integers exactly
     match *value {
         Value::Int(value) => Ok(value),
         Value::Float(value) if value.trunc() == value && value.abs() <= EXACT => Ok(value as i64),

@@ -1,18 +1,18 @@
-//! Why a value makes no message.
+//! Reasons why a value cannot be encoded.
 
 use std::fmt;
 
-/// Why a value is not one of a type. Shown as `irs[3].x: expected a number, found a text`.
+/// Reason why a value does not match a type. Shown as `irs[3].x: expected a number, found a text`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodeError {
-    /// Where: `irs[3].x`; empty for the message itself.
+    /// Path to the value: `irs[3].x`; empty for the message itself.
     pub at: String,
-    /// What is wrong there.
+    /// Reason.
     pub why: Why,
 }
 
 impl EncodeError {
-    /// The same, seen from one member further out.
+    /// Prefixes the path with the enclosing member.
     pub(super) fn within(mut self, member: &str) -> Self {
         let join = if self.at.is_empty() || self.at.starts_with('[') { "" } else { "." };
         self.at = format!("{member}{join}{}", self.at);
@@ -35,7 +35,7 @@ impl fmt::Display for EncodeError {
 
 impl std::error::Error for EncodeError {}
 
-/// What is wrong with a value.
+/// Reason why a value cannot be encoded.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Why {
     /// A member has no value.
@@ -44,36 +44,36 @@ pub enum Why {
     Unknown,
     /// A member has more than one value.
     Twice,
-    /// It is something else.
+    /// Value of another kind.
     Kind {
-        /// What it should be: `a number`.
+        /// Expected kind: `a number`.
         expected: &'static str,
-        /// What it is: `a text`.
+        /// Kind found: `a text`.
         found: &'static str,
     },
-    /// A number that its type does not have.
+    /// Number out of the range of its type.
     Range {
-        /// The type: `int8_t`.
+        /// Type: `int8_t`.
         ty: &'static str,
     },
-    /// A name that none of the enum's values has.
+    /// Name of no value of the enum.
     NoValue {
-        /// The name.
+        /// Name.
         name: String,
     },
-    /// The length of an array is not what its length member, or another array of the same length member, says.
+    /// The length of an array differs from its length member, or from another array with the same length member.
     Length {
-        /// What it should be.
+        /// Expected length.
         expected: usize,
-        /// What it is.
+        /// Length found.
         found: usize,
     },
-    /// A length is negative or above what its type can say.
+    /// Length that is negative or out of the range of its type.
     LengthRange {
-        /// The length.
+        /// Length.
         len: i64,
     },
-    /// A text holds a NUL, which LCM ends strings with.
+    /// Text that contains NUL, the terminator of strings in LCM.
     Nul,
     /// The message would be longer than [`MESSAGE_MAX`](super::MESSAGE_MAX).
     TooLong,
@@ -89,10 +89,10 @@ impl fmt::Display for Why {
             Self::Twice => write!(f, "given twice"),
             Self::Kind { expected, found } => write!(f, "expected {expected}, found {found}"),
             Self::Range { ty } => write!(f, "out of the range of {ty}"),
-            Self::NoValue { name } => write!(f, "{name:?} is none of the enum's values"),
+            Self::NoValue { name } => write!(f, "{name:?} is not a value of the enum"),
             Self::Length { expected, found } => write!(f, "{found} elements where {expected} are expected"),
-            Self::LengthRange { len } => write!(f, "{len} is no possible length"),
-            Self::Nul => write!(f, "holds a NUL character, which LCM ends strings with"),
+            Self::LengthRange { len } => write!(f, "{len} is not a possible length"),
+            Self::Nul => write!(f, "contains a NUL character, the end of a string in LCM"),
             Self::TooLong => write!(f, "the message would be longer than {} MiB", super::MESSAGE_MAX >> 20),
             Self::Depth => write!(f, "nested deeper than {}", super::MAX_DEPTH),
         }

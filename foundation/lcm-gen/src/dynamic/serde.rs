@@ -1,4 +1,4 @@
-//! Messages straight into any format of serde's, and values out of one.
+//! Serialization of messages into any serde format, and deserialization of values.
 
 use super::cursor::{Cursor, chunk, integer};
 use super::table::{Element, Field, Len, Struct};
@@ -11,8 +11,7 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::fmt;
 
-/// A struct is a map of its members in their order. The serializer must take every member that it is offered, once, as
-/// formats do.
+/// A struct is a map of its members in order. The serializer must accept every member, once, as formats do.
 impl Serialize for Message<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let place = Place { types: self.ty.types, cursor: &RefCell::new(Cursor::new(self.body)) };
@@ -20,7 +19,7 @@ impl Serialize for Message<'_> {
     }
 }
 
-/// Where a message is read. serde lends what it serializes, hence the cell.
+/// Read position in a message. Serde serializes through shared references, hence the cell.
 #[derive(Clone, Copy)]
 struct Place<'c, 'a> {
     types: &'a Types,
@@ -54,7 +53,7 @@ impl Serialize for Body<'_, '_> {
     }
 }
 
-/// A member, or a row of it.
+/// Member, or a row of it.
 struct Array<'c, 'a> {
     place: Place<'c, 'a>,
     field: &'a Field,
@@ -103,7 +102,7 @@ fn scalar<S: Serializer>(ty: Primitive, bytes: &[u8], serializer: S) -> Result<S
     }
 }
 
-/// The type is looked at once, not for each element.
+/// The type is matched once, not for each element.
 fn scalars<S: Serializer>(ty: Primitive, bytes: &[u8], count: usize, serializer: S) -> Result<S::Ok, S::Error> {
     let mut seq = serializer.serialize_seq(Some(count))?;
     let mut elements = bytes.chunks_exact(ty.min_size());
@@ -117,7 +116,7 @@ fn scalars<S: Serializer>(ty: Primitive, bytes: &[u8], count: usize, serializer:
     seq.end()
 }
 
-/// Anything that JSON can say. A member that is given twice is found when the value is encoded.
+/// Any JSON value. A duplicate member is detected when the value is encoded.
 impl<'de> Deserialize<'de> for Value<'static> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Any;

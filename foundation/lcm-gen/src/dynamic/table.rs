@@ -1,22 +1,22 @@
-//! Definitions as decoding needs them: sizes known, names resolved to places.
+//! Definitions prepared for decoding: sizes computed, names resolved to indices.
 
 use std::collections::BTreeMap;
 
 use crate::{Definition, Kind, Member, MemberType, Primitive, Schema, Size};
 
-/// A struct, or an enum, which has no fields.
+/// Struct, or an enum, which has no fields.
 #[derive(Clone, Debug)]
 pub struct Struct {
     pub name: String,
     pub fingerprint: u64,
-    /// The size of every value, where all have the same.
+    /// Size of each value, if constant.
     pub fixed: Option<usize>,
-    /// How many of the fields are lengths.
+    /// Number of fields that are lengths.
     pub slots: usize,
     pub fields: Vec<Field>,
-    /// Of an enum: its values.
+    /// Values of an enum.
     pub values: Option<Vec<(String, i32)>>,
-    /// Number of elements without bytes each value shows, at least.
+    /// Minimum number of elements without bytes in a value.
     pub empties: usize,
 }
 
@@ -25,29 +25,29 @@ pub struct Field {
     pub name: String,
     pub element: Element,
     pub dims: Vec<Len>,
-    /// It is a length: the place of its value.
+    /// Slot of its value, if the field is a length.
     pub slot: Option<usize>,
-    /// It is a length that an array has outermost, and is not shown.
+    /// True for a length that is the outermost dimension of an array, and is not shown.
     pub implicit: bool,
-    /// The size of every element, where all have the same.
+    /// Size of each element, if constant.
     pub fixed: Option<usize>,
-    /// Fewest bytes of an element.
+    /// Minimum size of an element, bytes.
     pub min: usize,
-    /// True if elements count for the depth.
+    /// True if elements count for the nesting depth.
     pub recursive: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Element {
     Primitive(Primitive),
-    /// The place of a [`Struct`] in the table.
+    /// Index of a [`Struct`] in the table.
     Struct(usize),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Len {
     Fixed(usize),
-    /// What the length field with that slot says.
+    /// Value of the length field with this slot.
     Slot(usize),
 }
 
@@ -80,7 +80,7 @@ fn of(schema: &Schema, places: &BTreeMap<String, usize>, definition: &Definition
                 let place = places.get(name).copied();
                 let min = schema.min_size(name).unwrap_or_default();
                 let fixed = schema.is_fixed(name).then_some(min);
-                // The schema knows every name.
+                // The schema has resolved every name.
                 (Element::Struct(place.unwrap_or_default()), fixed, min, schema.is_recursive(name))
             }
         };
@@ -117,7 +117,7 @@ fn of(schema: &Schema, places: &BTreeMap<String, usize>, definition: &Definition
     }
 }
 
-/// Types hold themselves in variable arrays only, so this ends.
+/// Terminates: types contain themselves in variable arrays only.
 fn count_empties(structs: &mut [Struct], i: usize) -> usize {
     if structs[i].empties != usize::MAX {
         return structs[i].empties;

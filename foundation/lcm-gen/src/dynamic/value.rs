@@ -6,15 +6,15 @@ use super::table::{Element, Field, Len, Struct};
 use crate::Primitive;
 use std::borrow::Cow;
 
-/// What a message, or a part of one, says.
+/// Value of a message or of a part of one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Value<'a> {
-    /// Nothing; for a float, not a number. Never read from a message.
+    /// No value; for a float, NaN. Never read from a message.
     #[default]
     Null,
     /// `boolean`
     Bool(bool),
-    /// Of any integer type, `byte`, or an enum.
+    /// Any integer type, `byte`, or an enum.
     Int(i64),
     /// `float`
     Single(f32),
@@ -22,14 +22,14 @@ pub enum Value<'a> {
     Float(f64),
     /// `string`
     Text(Cow<'a, str>),
-    /// An array, of one dimension: more are arrays of arrays.
+    /// Array of one dimension; further dimensions are nested arrays.
     Array(Vec<Value<'a>>),
-    /// A struct: names and values of its members.
+    /// Struct: names and values of its members.
     Struct(Vec<(Cow<'a, str>, Value<'a>)>),
 }
 
 impl<'a> Value<'a> {
-    /// A member of a struct.
+    /// Member of a struct.
     #[must_use]
     pub fn get(&self, member: &str) -> Option<&Value<'a>> {
         match self {
@@ -38,7 +38,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// What it is, for messages to people: `a number`.
+    /// Kind of the value for error messages: `a number`.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -52,7 +52,7 @@ impl<'a> Value<'a> {
     }
 }
 
-/// The value that checked bytes are.
+/// Value of validated bytes.
 pub fn read<'a>(types: &'a Types, ty: &'a Struct, bytes: &'a [u8]) -> Value<'a> {
     body(types, ty, &mut Cursor::new(bytes))
 }

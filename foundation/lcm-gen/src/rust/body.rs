@@ -1,4 +1,4 @@
-//! The bodies of `encode_body` and `decode_body`: one statement a member, in order of declaration.
+//! Bodies of `encode_body` and `decode_body`: one statement per member, in order of declaration.
 
 use std::fmt::Write as _;
 
@@ -15,19 +15,19 @@ pub struct Body {
 }
 
 impl Body {
-    /// Of a type that is `Fixed`.
+    /// Bodies of a type that is `Fixed`.
     pub fn whole() -> Self {
         Self {
             writer: "w".to_owned(),
             reader: "r".to_owned(),
-            // In full: a type may have a constant of that name.
+            // Fully qualified: a type may have a constant of that name.
             size: "        <Self as codec::Type>::MIN_SIZE\n".to_owned(),
             encode: "        w.put(self);\n".to_owned(),
             decode: "        r.get()\n".to_owned(),
         }
     }
 
-    /// Of any other struct.
+    /// Bodies of any other struct.
     pub fn of(schema: &Schema, definition: &Definition) -> Self {
         let members = definition.members();
         let emitter = Emitter {
@@ -43,7 +43,7 @@ impl Body {
     }
 }
 
-/// Fewest bytes of a member that has no variable dimension, or of one element otherwise.
+/// Minimum size of a member without a variable dimension, or of one element otherwise, bytes.
 pub fn min_size(schema: &Schema, member: &Member) -> usize {
     let fixed = member.dims.iter().filter_map(|dim| match dim.size {
         Size::Fixed(n) => Some(n),
@@ -59,7 +59,7 @@ fn element_min(schema: &Schema, member: &Member) -> usize {
     }
 }
 
-/// The body of a view's `decode_body`, and the name of its parameter.
+/// Body of a view's `decode_body`, and the name of its parameter.
 pub fn view(schema: &Schema, definition: &Definition) -> (String, String) {
     let members = definition.members();
     let reader = free(&["r", "reader"], members);
@@ -74,7 +74,7 @@ struct Emitter<'a> {
     writer: String,
     reader: String,
     item: String,
-    /// True if what is decoded stays in the message as far as it can.
+    /// True if decoded values borrow from the message where possible.
     view: bool,
 }
 
@@ -83,19 +83,19 @@ impl Emitter<'_> {
         matches!(&member.ty, MemberType::Named(name) if self.schema.is_recursive(name))
     }
 
-    /// True if the member is a length that is a field too.
+    /// True if the member is a length that is also a field.
     fn is_explicit(&self, member: &Member) -> bool {
         let used = |dim: &Dim| dim.size == Size::Variable && dim.text == member.name;
         !is_implicit(member, self.members) && self.members.iter().any(|other| other.dims.iter().any(used))
     }
 
-    /// The local variable that holds the value of a length member as `usize`.
+    /// Local variable with the value of a length member as `usize`.
     fn length(&self, name: &str) -> String {
         let explicit = self.members.iter().any(|member| member.name == name && self.is_explicit(member));
         if explicit { free(&[&format!("{name}_len"), &format!("{name}_length")], self.members) } else { field(name) }
     }
 
-    /// The sum of what always takes as many bytes, and a summand for each member that varies.
+    /// Sum of the constant sizes, plus a term for each member of variable size.
     fn size(&self) -> String {
         let (mut fixed, mut terms) = (0, Vec::new());
         for member in self.members {
@@ -119,7 +119,7 @@ impl Emitter<'_> {
         format!("        {}\n", terms.join(separator))
     }
 
-    /// The bytes of an array, or of a struct, that varies in size; none if they are never any.
+    /// Size of an array, or of a struct, of variable size; `None` if it is always zero.
     fn size_of(&self, member: &Member, place: &str) -> Option<String> {
         let dims = &member.dims;
         let depth =
@@ -163,7 +163,7 @@ impl Emitter<'_> {
         lengths + &out
     }
 
-    /// `place` is the variable or field; a loop's variable is a reference already.
+    /// `place` is the variable or field; a loop variable is already a reference.
     fn encode_array(&self, out: &mut String, member: &Member, dims: &[Dim], place: &str, indent: &str) {
         let (w, name) = (&self.writer, &member.name);
         let reference = if place.starts_with("self.") { format!("&{place}") } else { place.to_owned() };
@@ -244,7 +244,7 @@ impl Emitter<'_> {
         out + "        Ok(Self {\n            " + &fields.join(",\n            ") + ",\n        })\n"
     }
 
-    /// Applies what [`Self::decode_array`] found to the reader.
+    /// Applies the result of [`Self::decode_array`] to the reader.
     fn call(&self, function: &Function) -> String {
         let r = &self.reader;
         match function {
@@ -295,7 +295,7 @@ impl Emitter<'_> {
         }
     }
 
-    /// Fewest bytes of an element that is itself an array: an expression.
+    /// Expression for the minimum size of an element that is itself an array, bytes.
     fn row_min(&self, member: &Member, dims: &[Dim]) -> String {
         let row = Member { dims: dims.to_vec(), ..member.clone() };
         let mut min = min_size(self.schema, &row).to_string();
@@ -307,7 +307,7 @@ impl Emitter<'_> {
     }
 }
 
-/// How a value is read.
+/// Call that reads a value.
 enum Function {
     /// `reader.call`
     Method(String),

@@ -1,4 +1,4 @@
-//! One definition of the language: its types, their fields and views.
+//! Code of one definition: types, fields and views.
 
 use super::body::{self, Body, emit_type};
 use super::doc::emit_doc_or;
@@ -66,7 +66,7 @@ fn emit_struct(
     }
 }
 
-/// The type that borrows from a message.
+/// Writes the type that borrows from a message.
 fn emit_view(out: &mut String, schema: &Schema, scope: &Scope, definition: &Definition, fields: &[&Member]) {
     let (name, view) = (camel_case(&definition.short), view_name(&definition.short));
     let (reader, decode) = body::view(schema, definition);
@@ -82,7 +82,7 @@ fn emit_view(out: &mut String, schema: &Schema, scope: &Scope, definition: &Defi
     let _ = write!(
         out,
         "
-/// [`{name}`] of which as much as can be stays in the message.
+/// Borrowed form of [`{name}`]: strings and arrays stay in the message where possible.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs{snake})]
 pub struct {view}<'a> {{
@@ -97,7 +97,7 @@ pub struct {view}<'a> {{
 "
     );
 }
-/// The member as the language writes it.
+/// Declaration of a member in the LCM language.
 fn declaration(member: &Member) -> String {
     let ty = match &member.ty {
         MemberType::Primitive(primitive) => primitive.name(),

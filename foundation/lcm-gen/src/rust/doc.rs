@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-/// Comments are plain text: what rustdoc would take for a link, a tag or a test of the code is kept from being one.
+/// Writes a comment as plain text: links, tags and code tests of rustdoc are escaped.
 pub fn emit_doc<'a>(out: &mut String, indent: &str, lines: impl IntoIterator<Item = &'a str>) {
     let mut fenced = false;
     for line in lines {
-        // Rust takes no carriage return in a comment.
+        // Rust does not allow a carriage return in a comment.
         let line = &line.replace('\r', " ");
         let fence = line.starts_with("```") || line.starts_with("~~~");
         let line = match () {
@@ -33,7 +33,7 @@ fn escape(line: &str) -> String {
     out
 }
 
-/// The comment of the definition, or else the declaration itself.
+/// Writes the comment of the definition, or the declaration itself without one.
 pub fn emit_doc_or(out: &mut String, indent: &str, doc: &[String], declaration: &str) {
     if doc.is_empty() {
         emit_doc(out, indent, [format!("`{declaration}`").as_str()]);

@@ -1,4 +1,4 @@
-//! Arrays beyond 32 elements, where serde's and the standard library's own implementations stop.
+//! Arrays of more than 32 elements, which serde and `Default` of the standard library do not implement.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use super::names::{Scope, field};
 use super::options::Serde;
 use crate::{Member, Size};
 
-/// True if the member is one.
+/// True if the member is such an array.
 pub fn is_large(member: &Member) -> bool {
     member.dims.iter().any(|dim| matches!(dim.size, Size::Fixed(33..)))
 }
@@ -26,7 +26,7 @@ pub fn emit_default(out: &mut String, scope: &Scope, name: &str, fields: &[&Memb
     out.push_str("        }\n    }\n}\n");
 }
 
-/// Functions for a member that serde's derived ones do not take.
+/// Functions for a member that serde's derive macros do not support.
 pub fn emit_large(out: &mut String, scope: &Scope, name: &str, member: &Member) {
     let serde = scope.options.serde;
     if serde == Serde::None {
@@ -69,7 +69,7 @@ fn row(level: usize) -> String {
     if level == 0 { "rows".to_owned() } else { format!("row{level}") }
 }
 
-/// The member as nested lists.
+/// Converts the member to nested lists.
 fn rows_of(member: &Member) -> String {
     let last = member.dims.len() - 1;
     let mut value = format!("{}[..]", row(last));
@@ -80,7 +80,7 @@ fn rows_of(member: &Member) -> String {
     value
 }
 
-/// Nested lists as the member: a `Result`.
+/// Converts nested lists to the member, as a `Result`.
 fn array_of(member: &Member, level: usize) -> String {
     let (this, next) = (row(level), row(level + 1));
     let rows = if member.dims[level + 1..].iter().all(|dim| dim.size == Size::Variable) {

@@ -14,7 +14,7 @@ fn check_names(schema: &Schema, options: &Options) -> Result<(), Error> {
     for definition in schema.definitions() {
         let wrong = |message: String| Err(Error::new(&definition.file, definition.at, message));
         if definition.package.split('.').any(|segment| segment == "codec") {
-            return wrong("a package cannot be named `codec` in Rust: the generated code needs the word".to_owned());
+            return wrong("a package cannot be named `codec` in Rust: the generated code needs the name".to_owned());
         }
         let view = has_view(schema, options, definition).then(|| view_name(&definition.short));
         for name in [camel_case(&definition.short)].into_iter().chain(view) {
@@ -33,7 +33,7 @@ fn check_names(schema: &Schema, options: &Options) -> Result<(), Error> {
     Ok(())
 }
 
-/// A package, with those below it.
+/// Package with those below it.
 #[derive(Default)]
 pub struct Module<'a> {
     doc: Vec<&'a Vec<String>>,
@@ -65,7 +65,7 @@ impl<'a> Module<'a> {
             .fold(self, |module, segment| module.children.entry(segment.to_owned()).or_default())
     }
 
-    /// The module's own types and, within it, the modules below.
+    /// Writes the module's own types and the modules below it.
     pub fn emit(&self, out: &mut String, schema: &Schema, options: &Options, depth: usize) {
         self.emit_own(out, schema, options, depth);
         for (name, child) in &self.children {
@@ -81,7 +81,7 @@ impl<'a> Module<'a> {
         }
     }
 
-    /// Own types.
+    /// Writes the module's own types.
     pub fn emit_own(&self, out: &mut String, schema: &Schema, options: &Options, depth: usize) {
         let scope = Scope::new(schema, options, &self.definitions, depth);
         if !self.definitions.is_empty() {
@@ -92,7 +92,7 @@ impl<'a> Module<'a> {
         }
     }
 
-    /// Documentation, in front of `mod`.
+    /// Writes the documentation before `mod`.
     pub fn emit_doc(&self, out: &mut String, name: &str) {
         let paragraphs: Vec<String> = self.doc.iter().map(|lines| lines.join("\n")).collect();
         let doc = if paragraphs.is_empty() { format!("Package `{name}`.") } else { paragraphs.join("\n\n") };

@@ -12,7 +12,7 @@ const KEYWORDS: &[&str] = &[
     "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
 ];
 
-/// A name as an identifier: raw if it is a keyword, another word if it cannot even be raw.
+/// Name as an identifier: raw if it is a keyword, changed if it cannot be raw.
 pub fn safe(name: &str) -> String {
     match name {
         "_" => "unnamed".to_owned(),
@@ -35,12 +35,12 @@ pub fn camel_case(short: &str) -> String {
     safe(&words(short))
 }
 
-/// What borrows from a message: `data_state_t` becomes `DataStateRef`.
+/// Name of the borrowing type: `data_state_t` becomes `DataStateRef`.
 pub fn view_name(short: &str) -> String {
     words(short) + "Ref"
 }
 
-/// `data_state_t` becomes `DataState`, a keyword or not.
+/// `data_state_t` becomes `DataState`, even if that is a keyword.
 pub fn words(short: &str) -> String {
     let stem = short.strip_suffix("_t").unwrap_or(short);
     let mut name = String::new();
@@ -70,7 +70,7 @@ pub fn primitive(ty: Primitive) -> &'static str {
     }
 }
 
-/// The first of the words that no member is named.
+/// First of the words that is not the name of a member.
 pub fn free(words: &[&str], members: &[Member]) -> String {
     let taken = |word: &str| members.iter().any(|member| member.name == word);
     let mut found = words.iter().find(|word| !taken(word)).map_or_else(|| words[0].to_owned(), |&word| word.to_owned());
@@ -80,7 +80,7 @@ pub fn free(words: &[&str], members: &[Member]) -> String {
     found
 }
 
-/// A module of the generated code: what names mean in it.
+/// Scope of a module of the generated code.
 pub struct Scope<'a> {
     schema: &'a Schema,
     pub options: &'a Options,
@@ -96,12 +96,12 @@ impl<'a> Scope<'a> {
         Self { schema, options, types, depth, package }
     }
 
-    /// A name that is known everywhere; in full where a type of the module has the same.
+    /// Name from the prelude; fully qualified if a type of the module has the same name.
     pub fn known<'b>(&self, name: &'b str, full: &'b str) -> &'b str {
         if self.types.contains(name) { full } else { name }
     }
 
-    /// The line that names what the definitions need.
+    /// Import line for the names that the definitions need.
     pub fn import(&self, definitions: &[&Definition]) -> String {
         let members = || definitions.iter().flat_map(|definition| definition.members());
         let string = members().any(|member| member.ty == MemberType::Primitive(Primitive::String));
@@ -134,7 +134,7 @@ impl<'a> Scope<'a> {
         }
     }
 
-    /// The type of a member that leaves what it can in the message.
+    /// Type of a member that borrows from the message where possible.
     pub fn view_type(&self, member: &Member) -> String {
         let byte = member.ty == MemberType::Primitive(Primitive::Byte);
         let row = |dims: &[Dim]| Member { dims: dims.to_vec(), ..member.clone() };
@@ -152,7 +152,7 @@ impl<'a> Scope<'a> {
         }
     }
 
-    /// The path of a type from here.
+    /// Path of a type from this module.
     fn path(&self, name: &str, rust: fn(&str) -> String) -> String {
         let (package, short) = name.rsplit_once('.').unwrap_or(("", name));
         if package == self.package {
@@ -164,7 +164,7 @@ impl<'a> Scope<'a> {
     }
 }
 
-/// True if values of the member's type, in arrays of these dimensions, always take the same number of bytes.
+/// True if values of the member's type, in arrays of these dimensions, have a constant size.
 pub fn is_fixed_row(schema: &Schema, member: &Member, dims: &[Dim]) -> bool {
     let element = match &member.ty {
         MemberType::Primitive(ty) => *ty != Primitive::String,
@@ -173,8 +173,8 @@ pub fn is_fixed_row(schema: &Schema, member: &Member, dims: &[Dim]) -> bool {
     element && dims.iter().all(|dim| dim.size != Size::Variable)
 }
 
-/// True if a value of the type can leave some of itself in the message: a string, a variable array of what has a fixed
-/// size, or an array of bytes, at any depth outside of what has a fixed size itself.
+/// True if a value of the type can borrow from the message: a string, a variable array of fixed-size elements, or an
+/// array of bytes, at any depth outside fixed-size types.
 pub fn borrows(schema: &Schema, name: &str) -> bool {
     let stays = |member: &Member| match member.ty {
         MemberType::Primitive(Primitive::String) => true,
@@ -184,19 +184,19 @@ pub fn borrows(schema: &Schema, name: &str) -> bool {
     schema.parts(name).any(|part| !schema.is_fixed(&part.name()) && part.members().iter().any(stays))
 }
 
-/// True if the member is a length and nothing else: the outermost dimension of an array.
+/// True if the member is only a length: the outermost dimension of an array.
 pub fn is_implicit(member: &Member, members: &[Member]) -> bool {
     members
         .iter()
         .any(|other| other.dims.first().is_some_and(|dim| dim.size == Size::Variable && dim.text == member.name))
 }
 
-/// True if a member's name is none that Rust would choose.
+/// True if a member's name does not follow Rust's naming convention.
 pub fn has_upper_case(members: &[Member]) -> bool {
     members.iter().any(|member| member.name.contains(|c: char| c.is_ascii_uppercase()))
 }
 
-/// True if a type that borrows stands beside it.
+/// True if the definition also has a borrowing type.
 pub fn has_view(schema: &Schema, options: &Options, definition: &Definition) -> bool {
     options.views && borrows(schema, &definition.name())
 }

@@ -1,19 +1,18 @@
-//! What is generated beside the types themselves.
+//! Options of the generator.
 
-/// What is generated beside the types themselves.
+/// Options of the generator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// Which of serde's traits the types derive.
+    /// Serde traits that the types derive.
     pub serde: Serde,
-    /// True if types that borrow from a message ([`View`](../../lcm/codec/trait.View.html)) stand beside those that
-    /// can.
+    /// True to generate types that borrow from a message ([`View`](../../lcm/codec/trait.View.html)), where possible.
     pub views: bool,
 }
 
-/// Which of serde's traits the types derive.
+/// Serde traits that the types derive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Serde {
-    /// None: the code does not mention serde.
+    /// No trait: the code does not mention serde.
     #[default]
     None,
     /// `Serialize`.

@@ -1,4 +1,4 @@
-//! Constants, and enums.
+//! Constants and enums.
 
 use std::fmt::Write as _;
 

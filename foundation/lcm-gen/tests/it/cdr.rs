@@ -1,5 +1,5 @@
-//! CDR and its texts: read back by a reader of our own, a message says what it says as LCM; what is refused as LCM is
-//! refused. Readers of others judge in `modules/logger/tests`.
+//! CDR and its texts: decoded by an independent reader, a message equals its LCM form; whatever is rejected as LCM is
+//! rejected. `modules/logger/tests` uses readers of others.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::mem::discriminant;
@@ -13,7 +13,7 @@ use crate::support::files::files;
 use crate::support::{Vectors, hex};
 use crate::{dynamic, ros2};
 
-/// Whether the message says the same as ROS 2 as LCM: fields in order, names aside.
+/// Compares the ROS 2 form of a message with its LCM form: fields in order, without names.
 fn same(schema: &Schema, ty: &Definition, lcm: &Value, ros: &Value) {
     let Value::Struct(fields) = ros else { panic!("{ros:?}") };
     if let Kind::Enum { .. } = ty.kind {
@@ -58,7 +58,7 @@ fn same(schema: &Schema, ty: &Definition, lcm: &Value, ros: &Value) {
     }
 }
 
-/// Both worlds of a schema.
+/// LCM and ROS 2 types of a schema.
 struct Both {
     schema: Schema,
     types: Types,
@@ -72,10 +72,10 @@ impl Both {
         Self { types: Types::new(&schema), plans: Plans::new(&schema), names: names::Types::new(&schema), schema }
     }
 
-    /// The bytes as both take them; whether they are a message.
+    /// Converts the bytes; both decoders must agree on whether they are a message.
     fn check(&self, name: &str, bytes: &[u8]) -> Result<Vec<u8>, ConvertError> {
         let lcm = self.types.get(name).unwrap().decode(bytes);
-        let mut out = vec![0xA5; 5]; // alignment counts from the message, not from what stands before
+        let mut out = vec![0xA5; 5]; // alignment counts from the message, not from the preceding bytes
         let done = self.plans.get(name).unwrap().convert(bytes, &mut out);
         assert_eq!(out[..5], [0xA5; 5]);
         out.drain(..5);
@@ -115,7 +115,7 @@ fn messages_of_the_official_tools_say_the_same() {
 }
 
 #[test]
-fn what_is_a_message_is_converted_and_nothing_else() {
+fn only_valid_messages_are_converted() {
     let mut random = Random::new(5);
     let (mut converted, mut refused) = (0, 0);
     for folder in ["vectors/types", "more"] {
@@ -143,7 +143,7 @@ fn what_is_a_message_is_converted_and_nothing_else() {
 }
 
 #[test]
-fn types_that_ros_does_not_have_are_none() {
+fn types_unknown_to_ros_have_no_plan() {
     let both = Both::new(&files("vectors/types"));
     for name in ["vec.tree_t", "vec.ping_t", "vec.pong_t", "vec.nowhere_t"] {
         assert!(both.plans.get(name).is_none() && both.names.get(name).is_none(), "{name}");
@@ -169,8 +169,8 @@ fn lengths_of_structs_in_each_other_are_kept_apart() {
 }
 
 #[test]
-fn small_messages_cannot_become_large_without_end() {
-    // Lengths that many arrays share, elements without bytes, elements of which each shows many.
+fn the_output_of_small_messages_is_bounded() {
+    // Lengths shared by many arrays, elements without bytes, elements that each expand to many.
     let arrays: String = (0..1000).map(|i| format!("double a{i}[n];")).collect();
     let text = format!("struct t {{ int32_t m; u u[m]; }} struct u {{ int8_t n; {arrays} }}");
     let plans = Plans::new(&Schema::new(&[("t", text.as_str())]).unwrap());
@@ -196,7 +196,7 @@ fn small_messages_cannot_become_large_without_end() {
 }
 
 #[test]
-fn names_are_as_ros_wants_them_and_none_is_lost() {
+fn names_follow_the_rules_of_ros_and_stay_distinct() {
     let text = "package a__B.c;
         struct _the_t { const int8_t lower = 1, LOWER = -2; const double Tiny = 1e-9; int8_t self; int8_t Self; byte _; byte __9; }
         struct the { the_T x[2][3]; } struct the_T { boolean b; } enum e { RED = 4, red } struct nothing { }";

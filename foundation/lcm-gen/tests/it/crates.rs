@@ -1,4 +1,4 @@
-//! Crates of their own that use generated code where only `core` and `alloc` exist.
+//! Separate crates that use generated code where only `core` and `alloc` exist.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "the tests build crates")]
 
 use std::fs;
@@ -10,13 +10,13 @@ use lcm_gen::{Schema, build};
 
 use crate::support::files;
 
-/// A Cortex-M4.
+/// Cortex-M4.
 const BARE: &str = "thumbv7em-none-eabi";
 
-/// Runs cargo in a crate outside the workspace, with the versions that the workspace has.
+/// Runs cargo in a crate outside the workspace, with the dependency versions of the workspace.
 fn cargo(folder: &Path, arguments: &[&str]) {
     let lock = folder.join("Cargo.lock");
-    fs::copy(files::folder("../../../Cargo.lock"), &lock).unwrap(); // cargo takes out what is not needed
+    fs::copy(files::folder("../../../Cargo.lock"), &lock).unwrap(); // cargo removes the unused entries
     let mut command = Command::new(env!("CARGO"));
     command.args(arguments).args(["--quiet", "--offline"]).current_dir(folder).env_remove("RUSTFLAGS");
     let output =
@@ -25,7 +25,7 @@ fn cargo(folder: &Path, arguments: &[&str]) {
     assert!(output.status.success(), "cargo {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// The standard library of [`BARE`]. rustup has it; a distribution's own compiler comes with its own libraries only.
+/// Standard library of [`BARE`]. rustup has it; a distribution's compiler comes with its own libraries only.
 fn bare_library() -> Option<()> {
     let library = Command::new("rustc").args(["--print", "target-libdir", "--target", BARE]).output().unwrap();
     let there = Path::new(String::from_utf8_lossy(&library.stdout).trim()).is_dir();
@@ -45,7 +45,7 @@ fn a_crate_with_a_build_script_needs_no_operating_system() {
     }
 }
 
-/// Without serde, with views, a file a package: the sample types in a crate of nothing else.
+/// Without serde, with views, one file per package: the sample types in a crate of their own.
 #[test]
 fn a_file_for_each_package_is_the_same_code() {
     let crate_folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("packages");
@@ -77,7 +77,7 @@ fn a_package_named_mod_has_no_file() {
 }
 
 #[test]
-fn what_cannot_be_read_is_told_in_one_line() {
+fn an_unreadable_file_is_reported_in_one_line() {
     let none = files::folder("support");
     assert_eq!(build::read(&[&none]).unwrap_err(), format!("{}: no .lcm files", none.display()));
     let missing = files::folder("missing.lcm");

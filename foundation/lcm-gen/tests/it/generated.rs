@@ -108,7 +108,7 @@ fn every_type_that_can_borrow_has_a_view_and_no_other() {
 }
 
 #[test]
-fn whatever_the_language_can_say_comes_back_as_it_was() {
+fn every_value_is_restored_after_encoding() {
     let mut random = Random::new(1);
     for folder in ["vectors/types", "more"] {
         let schema = Schema::new(&files(folder)).unwrap();
@@ -250,7 +250,10 @@ fn values_that_lcm_cannot_express_are_refused_and_nothing_is_written() {
     assert_eq!(refused(|v| v.rows.push(vec![])), "`rows` has 0 elements where 1 are expected");
     assert_eq!(refused(|v| v.rows.push(vec![0.0])), "`items` has 0 elements where 1 are expected");
     assert_eq!(refused(|v| v.words = vec![String::new(); 128]), "`both`: length 128 is above 127");
-    assert_eq!(refused(|v| v.words.push("a\0b".into())), "`words` holds a NUL character, which LCM ends strings with");
+    assert_eq!(
+        refused(|v| v.words.push("a\0b".into())),
+        "`words` contains a NUL character, the end of a string in LCM"
+    );
 }
 
 #[test]

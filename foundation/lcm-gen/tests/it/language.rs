@@ -1,21 +1,21 @@
-//! What the parser takes, what it refuses, and where it says the fault is.
+//! Parser: accepted texts, rejected texts, and the position of the error.
 
 use lcm_gen::rust::Options;
 use lcm_gen::{Kind, Schema, Size};
 
-/// The one line that the text is refused with.
+/// Error of a rejected text.
 fn refused(text: &str) -> String {
     Schema::new(&[("a.lcm", text)]).map_or_else(|error| error.to_string(), |_| "accepted".to_owned())
 }
 
-/// The text is accepted and is the struct `x_t` of the same fingerprint as `same`.
+/// Checks that the text is accepted, as the struct `x_t` with the same fingerprint as `same`.
 fn accepted(text: &str, same: &str) {
     let of = |text| Schema::new(&[("a.lcm", text)]).unwrap_or_else(|error| panic!("{error}")).fingerprint("p.x_t");
     assert_eq!(of(text), of(same), "{text}");
 }
 
 #[test]
-fn mistakes_are_told_with_file_line_and_column() {
+fn mistakes_are_reported_with_file_line_and_column() {
     let cases = [
         ("int32_t x;", "1:1: expected `package`, `struct` or `enum`, found `int32_t`"),
         ("package p\nstruct x_t { }", "2:1: expected `;` after the package name, found `struct`"),
@@ -31,7 +31,7 @@ fn mistakes_are_told_with_file_line_and_column() {
         ("struct x_t { struct y_t { } }", "1:14: types cannot be defined inside a struct"),
         ("struct string { }", "1:8: `string` is a type of the language and cannot be defined"),
         ("struct x_t { }\nstruct x_t { }", "2:8: `x_t` is already defined in a.lcm:1"),
-        ("struct x_t { other_t a; }", "1:14: type `other_t` is defined nowhere"),
+        ("struct x_t { other_t a; }", "1:14: type `other_t` is not defined"),
         ("struct x_t { double a[]; }", "1:23: expected an array dimension, found `]`"),
         ("struct x_t { double a[0]; }", "1:23: an array dimension must be an integer above 0, not `0`"),
         ("struct x_t { double a[-3]; }", "1:23: an array dimension must be an integer above 0, not `-3`"),
@@ -39,9 +39,12 @@ fn mistakes_are_told_with_file_line_and_column() {
             "struct x_t { const int8_t N = 0; double a[N]; }",
             "1:43: an array dimension must be an integer above 0, not `0`",
         ),
-        ("struct x_t { double a[n]; int32_t n; }", "1:23: `n` is no constant or member declared before"),
-        ("struct x_t { double n; double a[n]; }", "1:33: `n` is no scalar integer and cannot be an array dimension"),
-        ("struct x_t { int8_t n[2]; double a[n]; }", "1:36: `n` is no scalar integer and cannot be an array dimension"),
+        ("struct x_t { double a[n]; int32_t n; }", "1:23: `n` is not a constant or member declared before"),
+        ("struct x_t { double n; double a[n]; }", "1:33: `n` is not a scalar integer and cannot be an array dimension"),
+        (
+            "struct x_t { int8_t n[2]; double a[n]; }",
+            "1:36: `n` is not a scalar integer and cannot be an array dimension",
+        ),
         ("struct x_t { double a[2; }", "1:24: expected `]` after an array dimension, found `;`"),
         (
             "struct x_t { const string S = a; }",
@@ -52,14 +55,14 @@ fn mistakes_are_told_with_file_line_and_column() {
             "struct x_t { const int64_t N = 0x8000000000000000; }",
             "1:32: `0x8000000000000000` is out of the range of int64_t",
         ),
-        ("struct x_t { const int32_t N = 1.5; }", "1:32: `1.5` is no integer"),
-        ("struct x_t { const int32_t N = 09; }", "1:32: `09` is no integer"),
+        ("struct x_t { const int32_t N = 1.5; }", "1:32: `1.5` is not an integer"),
+        ("struct x_t { const int32_t N = 09; }", "1:32: `09` is not an integer"),
         ("struct x_t { const float F = 1e39; }", "1:30: `1e39` is out of the range of float"),
-        ("struct x_t { const double D = nan; }", "1:31: `nan` is no decimal number"),
+        ("struct x_t { const double D = nan; }", "1:31: `nan` is not a decimal number"),
         ("struct x_t { const int8_t N; }", "1:28: expected `=` after the name of a constant, found `;`"),
         (
             "struct x_t { const double N = 2; double a[N]; }",
-            "1:43: `N` is no integer constant and cannot be an array dimension",
+            "1:43: `N` is not an integer constant and cannot be an array dimension",
         ),
         ("struct x_t { union u_t { } }", "1:14: types cannot be defined inside a struct"),
         ("struct x_t { ; }", "1:14: expected a member, `const` or `}`, found `;`"),
@@ -69,10 +72,10 @@ fn mistakes_are_told_with_file_line_and_column() {
         ),
         ("struct { }", "1:8: expected the name of a type, found `{`"),
         ("enum e_t { A = 2147483647, B }", "1:28: the value is above 32 bits"),
-        ("enum e_t { A = x }", "1:16: `x` is no 32-bit integer"),
+        ("enum e_t { A = x }", "1:16: `x` is not a 32-bit integer"),
         ("enum e_t { A", "1:13: expected the name of an enum value, found the end of the file"),
         ("enum e_t { A, A }", "1:15: `A` is declared twice"),
-        ("enum e_t { A = 2147483648 }", "1:16: `2147483648` is no 32-bit integer"),
+        ("enum e_t { A = 2147483648 }", "1:16: `2147483648` is not a 32-bit integer"),
         (
             "enum e_t { A } struct x_t { e_t a[2]; }",
             "1:29: `e_t` is an enum: arrays of enums are encoded differently by C",
@@ -80,7 +83,7 @@ fn mistakes_are_told_with_file_line_and_column() {
         ("struct a_t { b_t b; }\nstruct b_t { a_t a[2]; }", "1:8: `a_t` contains itself without end"),
         (
             "struct x_t { byte b[0x10000001]; }",
-            "1:14: `b` makes messages of more than 2^28 bytes, which nobody receives",
+            "1:14: `b` makes messages of more than 2^28 bytes, the limit of receivers",
         ),
         ("struct x_t { }\n  /* no end", "2:3: comment without end: expected `*/`"),
         ("struct x_t { int32_t a; } @", "1:27: unexpected character `@`"),
@@ -95,9 +98,9 @@ fn mistakes_are_told_with_file_line_and_column() {
 }
 
 #[test]
-fn a_mistake_between_files_is_told_with_the_file_that_makes_it() {
+fn a_mistake_between_files_is_reported_with_its_file() {
     let files = [("a.lcm", "package p; struct x_t { }"), ("b.lcm", "package q;\n\nstruct y_t { int8_t n; x_t x[n]; }")];
-    assert_eq!(Schema::new(&files).unwrap_err().to_string(), "b.lcm:3:24: type `q.x_t` is defined nowhere");
+    assert_eq!(Schema::new(&files).unwrap_err().to_string(), "b.lcm:3:24: type `q.x_t` is not defined");
     let files = [("a.lcm", "package p; struct x_t { }"), ("b.lcm", "package p;\nstruct x_t { }")];
     assert_eq!(Schema::new(&files).unwrap_err().to_string(), "b.lcm:2:8: `p.x_t` is already defined in a.lcm:1");
 }
@@ -146,7 +149,7 @@ fn numbers_are_read_by_the_rules_of_c() {
 }
 
 #[test]
-fn comments_document_what_follows_or_stands_before_them_on_their_line() {
+fn comments_document_the_next_declaration_or_the_one_on_their_line() {
     let text = "
         // A remark about the file.
 
@@ -206,7 +209,7 @@ fn two_types_that_rust_could_not_tell_apart_are_refused() {
     assert_eq!(error, "a.lcm:2:8: `data_t` and `data_ref_t` get the same name in Rust");
     assert!(lcm_gen::rust::generate(&both, &Options::default()).is_ok());
     let error = generate("package codec; struct x_t { }").unwrap_err().to_string();
-    assert_eq!(error, "a.lcm:1:23: a package cannot be named `codec` in Rust: the generated code needs the word");
+    assert_eq!(error, "a.lcm:1:23: a package cannot be named `codec` in Rust: the generated code needs the name");
     let error = generate("struct x_t { int8_t self; int8_t self_; }").unwrap_err().to_string();
     assert_eq!(error, "a.lcm:1:27: `self` and `self_` get the same name in Rust");
 }
@@ -216,7 +219,7 @@ fn neither_comments_nor_constants_break_the_code() {
     let generate = |text| lcm_gen::rust::generate(&Schema::new(&[("a.lcm", text)]).unwrap(), &Options::default());
     let code = generate("// one\rtwo\nstruct x_t { const int8_t MIN_SIZE = 1; double x; }").unwrap();
     assert!(code.contains("/// one two\n"), "{code}");
-    // What the type says of itself must not be taken for what the codec says of it.
+    // A constant of the type must not be mistaken for one of the codec.
     assert!(code.contains("<Self as codec::Type>::MIN_SIZE"), "{code}");
 }
 
@@ -227,7 +230,7 @@ fn fingerprints_and_sizes_of_deep_types_take_no_time() {
         text += &format!("struct t{i}_t {{ t{}_t a; t{0}_t b; int8_t n; t{i}_t c[n]; }}\n", i - 1);
     }
     let error = refused(&text);
-    assert!(error.ends_with("makes messages of more than 2^28 bytes, which nobody receives"), "{error}");
+    assert!(error.ends_with("makes messages of more than 2^28 bytes, the limit of receivers"), "{error}");
     let text = text.replace("_t a; ", "_t a; int8_t m; ").replace("_t b; int8_t n;", "_t b[m]; int8_t n;");
     assert!(Schema::new(&[("a.lcm", &text)]).unwrap().fingerprint("t31_t").is_some());
 }
@@ -253,19 +256,19 @@ fn types_nest_as_deep_as_decoders_can_follow() {
 }
 
 #[test]
-fn types_that_all_hold_each_other_have_an_end() {
+fn mutually_recursive_types_are_bounded() {
     let each = |count: usize| -> String {
         let members: String = (0..count).map(|i| format!(" t{i}_t m{i}[n];")).collect();
         (0..count).map(|i| format!("struct t{i}_t {{ int8_t n;{members} }}\n")).collect()
     };
     assert!(Schema::new(&[("a.lcm", each(7))]).is_ok());
     let error = refused(&each(20));
-    assert!(error.ends_with("is one of too many types that hold each other"), "{error}");
+    assert!(error.ends_with("is one of too many mutually recursive types"), "{error}");
 }
 
 #[test]
 fn an_element_of_a_variable_array_can_be_received() {
-    let nobody = "`x` makes messages of more than 2^28 bytes, which nobody receives";
+    let nobody = "`x` makes messages of more than 2^28 bytes, the limit of receivers";
     for dims in ["[n][99999999999][99999999999]", "[99999999999][n]", "[n][16385][16384]"] {
         let text = format!("struct x_t {{ int32_t n; byte x{dims}; }}");
         assert_eq!(refused(&text), format!("a.lcm:1:25: {nobody}"), "{dims}");

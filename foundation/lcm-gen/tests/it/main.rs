@@ -1,4 +1,4 @@
-//! The tests of this crate in one program.
+//! Integration tests of this crate in one binary.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cdr;

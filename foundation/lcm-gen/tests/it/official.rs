@@ -1,5 +1,5 @@
-//! The type language against the official lcm-gen of LCM 1.5.3 (`lcm-gen -d`): what it takes, what it refuses, and the
-//! base hashes of what it takes. Needs the Python package `lcm` (`make test` installs it; `ADVEE_PYTHON` names a Python
+//! Type language compared with the official lcm-gen of LCM 1.5.3 (`lcm-gen -d`): accepted and rejected texts, and the
+//! base hashes of accepted ones. Needs the Python package `lcm` (`make test` installs it; `ADVEE_PYTHON` names a Python
 //! that has it).
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "the tests run a program")]
 
@@ -10,7 +10,7 @@ use std::process::Command;
 
 use lcm_gen::{Kind, Schema};
 
-/// Base hashes by name; enums have none there. `None`: refused.
+/// Base hashes by name; enums have no hash there. `None`: rejected.
 type Understood = Option<BTreeMap<String, Option<u64>>>;
 
 fn official() -> Option<PathBuf> {
@@ -46,12 +46,12 @@ fn ours(text: &str) -> Understood {
     Some(schema.definitions().iter().map(hash).collect())
 }
 
-/// Ends every text as a file ends; the official tokenizer needs it.
+/// Ends every text like a file; the official tokenizer needs it.
 fn file(text: &str) -> String {
     format!("{text}\n")
 }
 
-/// By the lines of the grammar: packages, structs, members, dimensions, constants, enums, comments, names.
+/// Cases in order of the grammar: packages, structs, members, dimensions, constants, enums, comments, names.
 const ALIKE: &[&str] = &[
     "package p ; struct x_t { }",
     "package a.b.c ; struct x_t { int32_t a; }",
@@ -131,14 +131,14 @@ const ALIKE: &[&str] = &[
 ];
 
 #[test]
-fn what_the_official_tool_takes_or_refuses_is_taken_or_refused() {
+fn the_official_tool_accepts_and_rejects_the_same_texts() {
     let Some(program) = official() else { return };
     for text in ALIKE.iter().copied().map(file) {
         assert_eq!(ours(&text), theirs(&program, "alike", &text), "{text}");
     }
 }
 
-/// Structs of everything that the grammar allows, drawn by lot.
+/// Random structs of everything that the grammar allows.
 fn any_types(count: usize) -> String {
     let mut seed = 1_u64;
     let mut draw = move |end: usize| {
@@ -157,7 +157,7 @@ fn any_types(count: usize) -> String {
             let dims: String = (0..draw(3)).map(|_| format!("[{}]", sizes[draw(sizes.len())])).collect();
             text += &format!("  {ty} {name}{dims};\n");
             if ty.starts_with("int") && dims.is_empty() {
-                sizes.push(name); // a length for those that follow
+                sizes.push(name); // a length for later members
             }
         }
         text += "}\n";
@@ -166,13 +166,13 @@ fn any_types(count: usize) -> String {
 }
 
 #[test]
-fn types_drawn_by_lot_have_the_same_hashes() {
+fn random_types_have_the_same_hashes() {
     let Some(program) = official() else { return };
     let text = any_types(400);
     let parsed = lcm_gen::parse("drawn.lcm", &text).unwrap();
     let mut hashes = theirs(&program, "drawn", &text).unwrap();
     assert_eq!((parsed.definitions.len(), hashes.len()), (400, 400));
-    // One by one: together some of them are more than a message can be.
+    // One at a time: together some of them exceed the size of a message.
     for definition in parsed.definitions {
         let alone = definition.members().iter().filter_map(|member| match &member.ty {
             lcm_gen::MemberType::Named(name) => name.strip_prefix("drawn."),
@@ -187,11 +187,11 @@ fn types_drawn_by_lot_have_the_same_hashes() {
     }
 }
 
-/// Taken here and refused there.
+/// Accepted here and rejected there.
 const LENIENT: &[&str] =
     &["struct x_t{ int32_t a; }", "struct x_t {int32_t a; }", "struct x_t { const double A = 1.5e+3; }"];
 
-/// Refused here and taken there, with the reason why.
+/// Rejected here and accepted there, with the reason.
 const STRICT: &[(&str, &str)] = &[
     ("struct x_t { int32_t a-b; }", "breaks the compiler of every language"),
     ("struct string { int32_t a; }", "is a type already"),
@@ -199,12 +199,12 @@ const STRICT: &[(&str, &str)] = &[
     ("struct x_t { const int64_t A = 9223372036854775808; }", "does not fit"),
     ("enum e_t { A } struct x_t { e_t a[2]; }", "C encodes the length of the last element"),
     ("struct x_t { x_t a; }", "has no end"),
-    ("struct x_t { y_t a; }", "is defined nowhere"),
+    ("struct x_t { y_t a; }", "is not defined"),
     ("struct x_t { byte a[0x20000000]; }", "is more than a message can be"),
 ];
 
 #[test]
-fn where_the_two_differ_it_is_meant() {
+fn differences_between_the_two_are_intended() {
     let Some(program) = official() else { return };
     for text in LENIENT.iter().copied().map(file) {
         assert!(ours(&text).is_some() && theirs(&program, "lenient", &text).is_none(), "{text}");

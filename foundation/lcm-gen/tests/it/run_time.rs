@@ -1,4 +1,5 @@
-//! Types known at run time only, against generated code and the official tools: same bytes, same JSON, same refusals.
+//! Types known at run time only, compared with generated code and the official tools: same bytes, same JSON, same
+//! rejections.
 #![allow(clippy::unwrap_used, reason = "the test fails")]
 
 use lcm::codec::Type;
@@ -10,7 +11,7 @@ use crate::dynamic;
 use crate::support::files::files;
 use crate::support::{self, Vectors, for_all_types, hex};
 
-/// What generated code makes of bytes: the bytes that it makes of the message again, and JSON; or its error.
+/// Result of generated code for bytes: the re-encoded bytes and JSON, or its error.
 struct Generated<'a>(&'a [u8]);
 
 impl support::Visitor for Generated<'_> {
@@ -24,10 +25,10 @@ impl support::Visitor for Generated<'_> {
     }
 }
 
-/// The same with types known at run time.
+/// Result of types known at run time.
 fn ours(types: &Types, name: &str, bytes: &[u8]) -> Result<(Vec<u8>, String), String> {
     let message = types.get(name).unwrap().decode(bytes).map_err(|error| error.to_string())?;
-    let mut again = vec![0xA5]; // what stands before stays
+    let mut again = vec![0xA5]; // preceding bytes are kept
     message.ty().encode(&message.value(), Missing::Refuse, &mut again).unwrap();
     assert_eq!(again.remove(0), 0xA5);
     Ok((again, serde_json::to_string(&message).unwrap()))
@@ -48,17 +49,17 @@ fn messages_of_the_official_tools_are_read_and_written_byte_for_byte() {
     for known in &vectors.messages {
         let (name, bytes) = (known["type"].as_str().unwrap(), hex(known["hex"].as_str().unwrap()));
         let message = types.decode(&bytes).unwrap().unwrap_or_else(|error| panic!("{name}: {error}"));
-        // `vec.constants_t` and others are alone with their fingerprints: the name is found, too.
+        // `vec.constants_t` and others have unique fingerprints: the name is found, too.
         assert_eq!(message.ty().name(), name);
         support::same(name, &serde_json::to_value(message).unwrap(), &known["value"]);
         assert_eq!(ours(&types, name, &bytes), for_all_types(name, Generated(&bytes)), "{name}");
-        // Their JSON has lengths as members, bytes as hexadecimal digits, and texts for what is no number.
+        // Their JSON has lengths as members, bytes as hexadecimal digits, and texts for NaN and infinities.
         assert_eq!(from_json(&types, name, &known["value"].to_string()), Ok(bytes), "{name}");
     }
 }
 
 #[test]
-fn what_generated_code_accepts_and_says_is_accepted_and_said() {
+fn decoding_at_run_time_equals_generated_code() {
     let mut random = Random::new(3);
     let mut accepted = 0;
     for folder in ["vectors/types", "more"] {
@@ -79,7 +80,7 @@ fn what_generated_code_accepts_and_says_is_accepted_and_said() {
                 assert_eq!(ours, generated, "{name}: {bytes:02x?}");
                 let Ok((_, json)) = ours else { continue };
                 accepted += 1;
-                // Through JSON only what JSON cannot say is lost: null is not a number.
+                // JSON loses only what it cannot represent: null is NaN.
                 let again = from_json(&types, &name, &json).unwrap_or_else(|error| panic!("{name}: {error}: {json}"));
                 assert_eq!(self::ours(&types, &name, &again).unwrap().1, json, "{name}");
                 assert_eq!(again.len(), bytes.len(), "{name}");
@@ -110,7 +111,7 @@ fn recursion_and_elements_without_bytes_are_bounded() {
     (0..100_000).for_each(|_| bytes.extend(hex("000000010000000001")));
     assert_eq!(tree.decode(&bytes).unwrap_err(), DecodeError::Depth { max: 64 });
 
-    // A type of which every value, without a single byte, would fill a disk as text.
+    // A type whose values, without a single byte, would fill a disk as text.
     let text =
         "struct e { } struct many { e x[60000]; } struct more { many x[60000]; } struct n { int8_t n; many x[n]; }";
     let types = Types::new(&Schema::new(&[("hostile.lcm", text)]).unwrap());
@@ -141,7 +142,7 @@ fn types_are_found_by_fingerprint_and_by_name() {
 }
 
 #[test]
-fn what_is_wrong_with_a_value_is_said_with_its_place() {
+fn an_invalid_value_is_reported_with_its_path() {
     let text = "package p;
         enum e { RED = 1, BLUE }
         struct in_t { float x; boolean b; }
@@ -158,7 +159,7 @@ fn what_is_wrong_with_a_value_is_said_with_its_place() {
     assert_eq!(value.get("e"), Some(&Value::Int(2)));
     assert!(matches!(value.get("d"), Some(Value::Float(nan)) if nan.is_nan()));
     assert_eq!(value.get("grid"), Some(&Value::Array(vec![Value::Array(vec![Value::Int(10), Value::Int(255)])])));
-    // Lengths may be given, if they are right; numbers may be texts, truth a number, whole numbers floats.
+    // Lengths may be given if they are right; numbers may be texts, booleans numbers, integers floats.
     for (from, to) in [
         (r#"{"list""#, r#"{"m":2,"n":1,"list""#),
         (r#""d":null"#, r#""d":"-inf""#),
@@ -182,11 +183,11 @@ fn what_is_wrong_with_a_value_is_said_with_its_place() {
         (r#"["0aff"]"#, r#"["0af"]"#, "grid[0]: expected an array or hexadecimal digits, found a text"),
         (r#"["0aff"]"#, "[]", "grid: 0 elements where 1 are expected"),
         (r#"{"list""#, r#"{"n":2,"list""#, "list: 1 elements where 2 are expected"),
-        (r#"{"list""#, r#"{"n":-1,"list""#, "n: -1 is no possible length"),
-        (r#"{"list""#, r#"{"n":128,"list""#, "n: 128 is no possible length"),
-        (r#""s":"""#, r#""s":"a\u0000""#, "s: holds a NUL character, which LCM ends strings with"),
+        (r#"{"list""#, r#"{"n":-1,"list""#, "n: -1 is not a possible length"),
+        (r#"{"list""#, r#"{"n":128,"list""#, "n: 128 is not a possible length"),
+        (r#""s":"""#, r#""s":"a\u0000""#, "s: contains a NUL character, the end of a string in LCM"),
         (r#""s":"""#, r#""s":1"#, "s: expected a text, found a number"),
-        (r#""BLUE""#, r#""GREEN""#, "e: \"GREEN\" is none of the enum's values"),
+        (r#""BLUE""#, r#""GREEN""#, "e: \"GREEN\" is not a value of the enum"),
         (r#""BLUE""#, "2147483648", "e: out of the range of int32_t"),
         ("-9223372036854775808", "-9223372036854775809", "i: out of the range of int64_t"),
         ("-9223372036854775808", "18446744073709551615", "i: out of the range of int64_t"),
@@ -199,7 +200,7 @@ fn what_is_wrong_with_a_value_is_said_with_its_place() {
 }
 
 #[test]
-fn what_is_missing_is_zero_where_that_is_asked_for() {
+fn missing_members_are_zero_on_request() {
     let text = "struct in_t { string s; double d[2]; }
         struct t { int32_t n; int32_t m; in_t list[n]; boolean b[3]; byte grid[n][m]; in_t one; }";
     let types = Types::new(&Schema::new(&[("t.lcm", text)]).unwrap());
@@ -217,6 +218,6 @@ fn what_is_missing_is_zero_where_that_is_asked_for() {
     assert_eq!(json(r#"{"n":1,"m":2}"#), expected(zero, "[0,0]", 2));
     assert_eq!(json(r#"{"list":[{}]}"#), expected(zero, "[]", 0));
     assert_eq!(json(r#"{"list":[{"q":1}]}"#), Err("list[0].q: no such member".into()));
-    // Neither time nor memory without end.
+    // Bounded time and memory.
     assert_eq!(json(r#"{"n":2147483647}"#), Err("list.s: the message would be longer than 256 MiB".into()));
 }

@@ -1,4 +1,4 @@
-//! The generated code that stands beside these tests is what the generator writes.
+//! Checks that the generated code beside these tests is the generator's output.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "tests read their own files, which are there")]
 
 use std::{env, fs};
@@ -7,9 +7,9 @@ use lcm_gen::rust::{Options, Serde};
 
 use crate::support::files;
 
-/// To take over a change of the generator: `LCM_GEN_BLESS=1 cargo test -p lcm-gen --test it sample`.
+/// To accept a change of the generator: `LCM_GEN_BLESS=1 cargo test -p lcm-gen --test it sample`.
 #[test]
-fn the_code_at_hand_is_what_the_generator_writes() {
+fn the_checked_in_code_is_the_generator_s_output() {
     for (types, name) in [("vectors/types", "vectors"), ("more", "more")] {
         let schema = lcm_gen::Schema::new(&files::files(types)).unwrap();
         let options = Options { serde: Serde::Both, views: true };

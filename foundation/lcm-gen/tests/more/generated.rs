@@ -155,7 +155,7 @@ pub mod more {
         }
     }
 
-    /// [`Large`] of which as much as can be stays in the message.
+    /// Borrowed form of [`Large`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct LargeRef<'a> {
@@ -374,7 +374,7 @@ pub mod more {
         }
     }
 
-    /// [`Lengths`] of which as much as can be stays in the message.
+    /// Borrowed form of [`Lengths`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct LengthsRef<'a> {
@@ -437,7 +437,7 @@ pub mod more {
         }
     }
 
-    /// [`Item`] of which as much as can be stays in the message.
+    /// Borrowed form of [`Item`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct ItemRef<'a> {
@@ -585,7 +585,7 @@ pub mod more {
                 }
             }
 
-            /// [`Self_`] of which as much as can be stays in the message.
+            /// Borrowed form of [`Self_`]: strings and arrays stay in the message where possible.
             #[derive(Clone, Debug, PartialEq)]
             #[allow(missing_docs, non_snake_case)]
             pub struct SelfRef<'a> {
@@ -648,7 +648,7 @@ pub mod more {
                 }
             }
 
-            /// [`Vec`] of which as much as can be stays in the message.
+            /// Borrowed form of [`Vec`]: strings and arrays stay in the message where possible.
             #[derive(Clone, Debug, PartialEq)]
             #[allow(missing_docs)]
             pub struct VecRef<'a> {
@@ -737,7 +737,7 @@ pub mod more {
                 }
             }
 
-            /// [`String`] of which as much as can be stays in the message.
+            /// Borrowed form of [`String`]: strings and arrays stay in the message where possible.
             #[derive(Clone, Debug, PartialEq)]
             #[allow(missing_docs)]
             pub struct StringRef<'a> {

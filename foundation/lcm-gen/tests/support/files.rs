@@ -1,4 +1,4 @@
-//! The files beside these tests.
+//! Files beside these tests.
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "tests read their own files, which are there")]
 
 use std::fs;

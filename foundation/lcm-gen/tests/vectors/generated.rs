@@ -37,7 +37,7 @@ impl codec::Type for Nopkg {
     }
 }
 
-/// [`Nopkg`] of which as much as can be stays in the message.
+/// Borrowed form of [`Nopkg`]: strings and arrays stay in the message where possible.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs)]
 pub struct NopkgRef<'a> {
@@ -148,7 +148,7 @@ pub mod advee {
         }
     }
 
-    /// [`RangeScan`] of which as much as can be stays in the message.
+    /// Borrowed form of [`RangeScan`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct RangeScanRef<'a> {
@@ -298,7 +298,7 @@ pub mod vec {
         }
     }
 
-    /// [`Arrays`] of which as much as can be stays in the message.
+    /// Borrowed form of [`Arrays`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct ArraysRef<'a> {
@@ -646,7 +646,7 @@ pub mod vec {
         }
     }
 
-    /// [`Nested`] of which as much as can be stays in the message.
+    /// Borrowed form of [`Nested`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct NestedRef<'a> {
@@ -841,7 +841,7 @@ pub mod vec {
         }
     }
 
-    /// [`Primitives`] of which as much as can be stays in the message.
+    /// Borrowed form of [`Primitives`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct PrimitivesRef<'a> {
@@ -1016,7 +1016,7 @@ pub mod vec {
         }
     }
 
-    /// [`Tree`] of which as much as can be stays in the message.
+    /// Borrowed form of [`Tree`]: strings and arrays stay in the message where possible.
     #[derive(Clone, Debug, PartialEq)]
     #[allow(missing_docs)]
     pub struct TreeRef<'a> {
@@ -1073,7 +1073,7 @@ pub mod vec {
                 }
             }
 
-            /// [`Wrapper`] of which as much as can be stays in the message.
+            /// Borrowed form of [`Wrapper`]: strings and arrays stay in the message where possible.
             #[derive(Clone, Debug, PartialEq)]
             #[allow(missing_docs)]
             pub struct WrapperRef<'a> {

@@ -1,4 +1,4 @@
-//! Ends, symmetry, and against every way of a few pieces that one can drive.
+//! Ends, symmetry, and comparison with every drivable path of a few segments.
 
 use super::*;
 use crate::Motion;
@@ -18,7 +18,7 @@ fn lattice(mut visit: impl FnMut(Pose)) {
 }
 
 #[test]
-fn every_way_ends_where_it_is_sent_and_never_drives_in_reverse() {
+fn every_path_ends_at_its_target_and_never_reverses() {
     let from = Pose::new(1.0, -2.0, 0.7);
     lattice(|relative| {
         let to = from * relative;
@@ -32,7 +32,7 @@ fn every_way_ends_where_it_is_sent_and_never_drives_in_reverse() {
 }
 
 #[test]
-fn the_way_of_one_who_comes_the_other_way_is_as_long() {
+fn the_reversed_problem_has_the_same_length() {
     lattice(|to| {
         let there = dubins_length(Pose::default(), to, RADIUS);
         let about = |pose: Pose| Pose::new(pose.x, pose.y, pose.theta.radians() + PI);
@@ -42,7 +42,7 @@ fn the_way_of_one_who_comes_the_other_way_is_as_long() {
 }
 
 #[test]
-fn nothing_that_one_can_drive_in_four_pieces_is_shorter() {
+fn no_path_of_four_segments_is_shorter() {
     const LENGTHS: [f64; 7] = [0.2, PI / 8.0, PI / 4.0, PI / 2.0, 2.0, 3.0, 5.0];
     fn drive(at: Pose, driven: f64, left: u32) {
         assert!(dubins_length(Pose::default(), at, 1.0) < driven + 1e-7, "{at:?} in {driven}");
@@ -63,7 +63,7 @@ fn nothing_that_one_can_drive_in_four_pieces_is_shorter() {
 }
 
 #[test]
-fn known_ways() {
+fn known_paths() {
     let length = |x, y, degrees: f64| dubins_length(Pose::default(), Pose::new(x, y, degrees.to_radians()), 1.0);
     assert_eq!(length(0.0, 0.0, 0.0), 0.0);
     assert!(libm::fabs(length(0.0, 2.0, 180.0) - PI) < 1e-9);

@@ -1,4 +1,4 @@
-//! Ends, symmetry, and against every way of a few pieces that one can drive, forward and backward.
+//! Ends, symmetry, and comparison with every drivable path of a few segments, forwards and in reverse.
 
 use super::*;
 use crate::Motion;
@@ -9,7 +9,7 @@ fn misses(at: Pose, to: Pose) -> f64 {
     at.point().distance(to.point()) + libm::fabs((at.theta - to.theta).radians())
 }
 
-/// Poses on a lattice, the awkward ones (same place, half turns, on the circles) among them, and some between.
+/// Poses on a lattice, including special ones (same place, half turns, on the circles), and some between.
 fn lattice(mut visit: impl FnMut(Pose)) {
     for x in -8..=8 {
         for y in -8..=8 {
@@ -23,7 +23,7 @@ fn lattice(mut visit: impl FnMut(Pose)) {
 }
 
 #[test]
-fn every_word_ends_where_it_is_sent_and_the_shortest_is_among_them() {
+fn every_word_ends_at_its_target_and_the_shortest_is_among_them() {
     let from = Pose::new(1.0, -2.0, 0.7);
     let mut seen = [false; 6];
     lattice(|relative| {
@@ -46,7 +46,7 @@ fn every_word_ends_where_it_is_sent_and_the_shortest_is_among_them() {
 }
 
 #[test]
-fn the_way_back_is_as_long() {
+fn the_reversed_path_has_the_same_length() {
     lattice(|to| {
         let there = reeds_shepp_length(Pose::default(), to, RADIUS);
         let back = reeds_shepp_length(to, Pose::default(), RADIUS);
@@ -57,8 +57,8 @@ fn the_way_back_is_as_long() {
 }
 
 #[test]
-fn nothing_that_one_can_drive_in_four_pieces_is_shorter() {
-    // All words of up to four pieces from three turns, both directions, and lengths in steps of π/8 and some between.
+fn no_path_of_four_segments_is_shorter() {
+    // All words of up to four segments from three turns, both directions, and lengths in steps of π/8 and some between.
     const LENGTHS: [f64; 6] = [0.2, PI / 8.0, PI / 4.0, PI / 2.0, 2.0, 3.0];
     fn drive(at: Pose, driven: f64, left: u32) {
         assert!(reeds_shepp_length(Pose::default(), at, 1.0) < driven + 1e-7, "{at:?} in {driven}");
@@ -76,7 +76,7 @@ fn nothing_that_one_can_drive_in_four_pieces_is_shorter() {
 }
 
 #[test]
-fn known_ways() {
+fn known_paths() {
     let length = |x, y, degrees: f64| reeds_shepp_length(Pose::default(), Pose::new(x, y, degrees.to_radians()), 1.0);
     for (x, y, degrees, known) in [
         (0.0, 0.0, 0.0, 0.0),

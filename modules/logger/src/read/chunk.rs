@@ -1,4 +1,4 @@
-//! What stands in a chunk.
+//! Content of a chunk.
 
 use super::fields::{self, Fields};
 use super::{HEAD, Message, RECORD_MAX, op};
@@ -8,26 +8,27 @@ use std::io::{self, Read};
 const FIXED: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 /// Longest name of a compression.
 const COMPRESSION_MAX: u64 = 16;
-/// As much of a chunk's content as its head can take.
+/// Maximum size of a chunk's head, bytes.
 pub const HEAD_MAX: usize = (FIXED + COMPRESSION_MAX) as usize;
 
-/// The head of a chunk.
+/// Head of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Head {
     /// First and last log time of its messages, ns since the epoch.
     pub start: u64,
     pub end: u64,
-    /// Bytes of its records, and their CRC-32; 0: not known.
+    /// Size of its records, bytes, and their CRC-32; 0 if unknown.
     pub size: u64,
     pub crc: u32,
     pub compression: String,
     pub compressed: u64,
-    /// Bytes of the head.
+    /// Size of the head, bytes.
     pub len: usize,
 }
 
 impl Head {
-    /// Of a chunk whose content is `length` bytes long and begins with `content`; `None` unless all lengths fit together.
+    /// Parses the head of a chunk whose content is `length` bytes long and begins with `content`; `None` unless all
+    /// lengths are consistent.
     pub fn of(content: &[u8], length: u64) -> Option<Self> {
         let mut fields = Fields(content);
         let (start, end, size, crc) = (fields.u64()?, fields.u64()?, fields.u64()?, fields.u32()?);
@@ -43,13 +44,13 @@ impl Head {
         fits.then(|| Self { start, end, size, crc, compression: compression.to_owned(), compressed, len })
     }
 
-    /// Whether this program can read what is in it.
+    /// True if the compression is supported.
     pub fn is_known(&self) -> bool {
         matches!(self.compression.as_str(), "" | "zstd" | "lz4")
     }
 }
 
-/// Takes the records out of a chunk's content, `space` is for those that were compressed; `None` when it is damaged.
+/// Unpacks the records of a chunk, into `space` if they are compressed; `None` if it is damaged.
 pub fn unpack<'a>(head: &Head, content: &'a [u8], space: &'a mut Vec<u8>) -> Option<&'a [u8]> {
     let packed = content.get(head.len..)?;
     let size = usize::try_from(head.size).ok()?;
@@ -74,22 +75,22 @@ pub fn unpack<'a>(head: &Head, content: &'a [u8], space: &'a mut Vec<u8>) -> Opt
     holds.then_some(records)
 }
 
-/// Never more than `size` bytes in all, whatever the compressed ones announce; memory grows with what really comes.
+/// At most `size` bytes in all, whatever the compressed data announces; memory grows with the bytes actually produced.
 fn expand(decoder: impl Read, size: usize, space: &mut Vec<u8>) -> Option<()> {
     let room = (size + 1).checked_sub(space.len())?;
     let expanded: io::Result<usize> = decoder.take(room as u64).read_to_end(space);
     (expanded.is_ok() && space.len() <= size).then_some(())
 }
 
-/// A record in a chunk.
+/// Record in a chunk.
 pub struct Record<'a> {
     pub opcode: u8,
-    /// Where it begins in the chunk's records.
+    /// Offset in the chunk's records.
     pub offset: usize,
     pub content: &'a [u8],
 }
 
-/// The records in a chunk; the last item is `None` when they end in the middle of one.
+/// Iterator over the records of a chunk; the last item is `None` if they end within a record.
 pub struct Records<'a> {
     all: &'a [u8],
     at: usize,
@@ -122,7 +123,7 @@ impl<'a> Iterator for Records<'a> {
     }
 }
 
-/// The message whose record begins at `offset` of records that were gone through.
+/// Message whose record begins at `offset` of validated records.
 pub fn message_at(records: &[u8], offset: usize) -> Option<Message<'_>> {
     match Records::new(records.get(offset..)?).next()?? {
         Record { opcode: op::MESSAGE, content, .. } => fields::message(content),

@@ -1,4 +1,4 @@
-//! The fields of a record, from front to back; `None` where it is too short or says what cannot be.
+//! Fields of a record, from front to back; `None` if it is too short or invalid.
 
 use super::{Attachment, Channel, HEAD, Message, Metadata, Schema};
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ impl<'a> Fields<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// Bytes behind their length.
+    /// Bytes with a length prefix.
     pub fn block(&mut self) -> Option<&'a [u8]> {
         let len = self.u32()?;
         self.bytes(usize::try_from(len).ok()?)
@@ -82,7 +82,7 @@ pub fn metadata(content: &[u8], offset: u64) -> Option<Metadata> {
     Some(Metadata { name, values: fields.texts()?, offset, length: HEAD + content.len() as u64 })
 }
 
-/// An attachment from the head of its record, whose content is `length` bytes long, most of which need not be there.
+/// Parses an attachment from the head of its record, whose content is `length` bytes long and mostly not needed.
 pub fn attachment(head: &[u8], offset: u64, length: u64) -> Option<Attachment> {
     let mut fields = Fields(head);
     let (log_time, create_time) = (fields.u64()?, fields.u64()?);

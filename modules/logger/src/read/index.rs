@@ -1,86 +1,86 @@
-//! What a file has, and where.
+//! Content of a file.
 
 use super::chunk::{Head, Records};
 use super::{Attachment, Channel, Found, HEAD, Metadata, Scanner, Schema, fields, op, summary};
 use std::collections::BTreeMap;
 use std::io::{self, Read, Seek};
 
-/// So many damaged regions are kept with their place; all are counted.
+/// Maximum number of damaged regions whose position is kept; all are counted.
 const REGIONS_MAX: usize = 1000;
-/// Messages outside chunks are taken together up to so many bytes.
-const BARE_MAX: u64 = 1 << 20;
+/// Maximum size of messages outside chunks that are joined to one piece, bytes.
+const BARE_BYTES_MAX: u64 = 1 << 20;
 
-/// What a file has, and where.
+/// Content of a file, with offsets.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Index {
-    /// Which rules the file says it follows: `ros2`.
+    /// Profile of the file, such as `ros2`.
     pub profile: String,
-    /// What wrote it.
+    /// Library that wrote the file.
     pub library: String,
     /// Types by number.
     pub schemas: BTreeMap<u16, Schema>,
-    /// Channels by number. One whose definition is lost is there as [`Channel::lost`].
+    /// Channels by number. A channel whose definition is lost is present as [`Channel::lost`].
     pub channels: BTreeMap<u16, Channel>,
-    /// How many messages each channel has.
+    /// Number of messages by channel.
     pub counts: BTreeMap<u16, u64>,
-    /// Where the messages are, in order of the file.
+    /// Chunks and messages outside chunks, in order of the file.
     pub pieces: Vec<Piece>,
-    /// Files in the file.
+    /// Attached files.
     pub attachments: Vec<Attachment>,
-    /// Named texts.
+    /// Metadata records.
     pub metadata: Vec<Metadata>,
-    /// Bytes of the file.
+    /// Size of the file, bytes.
     pub size: u64,
-    /// Whether the file has its own index, which was used. Without one it was cut off, or is still being written.
+    /// True if the file's own index was used. A file without one was truncated, or is still being written.
     pub indexed: bool,
-    /// What is wrong with it, as far as the index shows; with [`Index::indexed`] no chunk was looked into.
+    /// Damage, as far as the index shows; with [`Index::indexed`] no chunk was read.
     pub damage: Damage,
 }
 
-/// A chunk, or messages in a row outside of chunks.
+/// Chunk, or consecutive messages outside chunks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Piece {
-    /// Where its record begins.
+    /// Offset of its record.
     pub offset: u64,
-    /// Bytes, all of it.
+    /// Total length, bytes.
     pub length: u64,
-    /// First and last log time, ns since the epoch.
+    /// First log time, ns since the epoch.
     pub start: u64,
-    /// See `start`.
+    /// Last log time, ns since the epoch.
     pub end: u64,
-    /// Its messages' channels, rising; `None`: not known without looking.
+    /// Channels of its messages, ascending; `None` if unknown without reading it.
     pub channels: Option<Vec<u16>>,
-    /// Whether it is messages without a chunk.
+    /// True for messages outside chunks.
     pub bare: bool,
-    /// Its compression; empty: none.
+    /// Compression; empty if uncompressed.
     pub compression: String,
-    /// Bytes of its records.
+    /// Uncompressed size of its records, bytes.
     pub expanded: u64,
 }
 
-/// What is wrong with a file.
+/// Damage of a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Damage {
-    /// Places that are nothing, or chunks whose check fails.
+    /// Number of unparseable regions and of chunks with a wrong checksum.
     pub regions: u64,
-    /// Their bytes.
+    /// Their total size, bytes.
     pub bytes: u64,
-    /// Where the first of them are: offset and length.
+    /// First damaged regions: offset and length.
     pub places: Vec<(u64, u64)>,
-    /// Bytes of a last record that the end of the file cuts short.
+    /// Bytes of a last record that the end of the file truncates.
     pub cut: u64,
-    /// Chunks with a compression that is not known here.
+    /// Number of chunks with an unsupported compression.
     pub sealed: u64,
-    /// Channels that messages name and nobody defines.
+    /// Number of channels that are used but not defined.
     pub lost_channels: u64,
-    /// Types that channels name and nobody defines.
+    /// Number of types that are used but not defined.
     pub lost_types: u64,
-    /// Channels and types that are defined again, differently; the first counts.
+    /// Number of channels and types with a second, different definition; the first one is used.
     pub redefined: u64,
 }
 
 impl Damage {
-    /// Whether all is well.
+    /// True if the file is intact.
     #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::default()
@@ -96,7 +96,7 @@ impl Damage {
 }
 
 impl Index {
-    /// Of a file. `progress` is told how many bytes were gone through, where it takes that.
+    /// Reads the index of a file. `progress` is called with the bytes scanned and the total, if a scan is necessary.
     ///
     /// # Errors
     /// Reading failed.
@@ -107,7 +107,7 @@ impl Index {
         }
     }
 
-    /// From the file's own summary; `None` where it has none that holds.
+    /// Reads the index from the file's summary; `None` without an intact summary.
     ///
     /// # Errors
     /// Reading failed.
@@ -116,7 +116,7 @@ impl Index {
         let counts = std::mem::take(&mut index.counts);
         let mut builder = Builder { index, ..Builder::default() };
         let mut scanner = Scanner::new(&mut inner)?;
-        // What the summary leaves out is gone through.
+        // The parts that the summary leaves out are scanned.
         for (from, to) in gaps {
             scanner.range(from, to);
             while let Some(found) = scanner.next()? {
@@ -129,7 +129,7 @@ impl Index {
         Ok(Some(index))
     }
 
-    /// By going through all of the file, every check made, whatever index it has.
+    /// Scans the whole file and verifies all checksums, whatever index it has.
     ///
     /// # Errors
     /// Reading failed.
@@ -172,18 +172,18 @@ impl Index {
 }
 
 impl Piece {
-    /// Whether there are messages in it, as far as is known.
+    /// True unless the piece is known to be without messages.
     #[must_use]
     pub fn has_messages(&self) -> bool {
         self.channels.as_ref().is_none_or(|channels| !channels.is_empty())
     }
 }
 
-/// Collects what a scanner finds.
+/// Index built from the results of a scanner.
 #[derive(Default)]
 pub(crate) struct Builder {
     pub index: Index,
-    /// How many messages each channel has in the chunk at hand.
+    /// Number of messages by channel in the current chunk.
     counts: BTreeMap<u16, u64>,
 }
 
@@ -229,7 +229,7 @@ impl Builder {
         }
     }
 
-    /// A message outside of chunks joins the one before it.
+    /// Joins a message outside chunks to the previous one.
     fn bare(&mut self, offset: u64, content: &[u8]) {
         let Some(message) = fields::message(content) else { return };
         let (length, time) = (HEAD + content.len() as u64, message.log_time);
@@ -237,7 +237,7 @@ impl Builder {
         if let Some(piece) = self.index.pieces.last_mut()
             && piece.bare
             && piece.offset + piece.length == offset
-            && piece.length + length <= BARE_MAX
+            && piece.length + length <= BARE_BYTES_MAX
         {
             (piece.length, piece.expanded) = (piece.length + length, piece.expanded + length);
             (piece.start, piece.end) = (piece.start.min(time), piece.end.max(time));

@@ -7,54 +7,54 @@ use std::collections::BinaryHeap;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::sync::Arc;
 
-/// Chunks that overlap in time are held up to so many bytes; then order gives way.
-const HELD_MAX: u64 = 512 << 20;
-/// So many buffers are kept for the next chunks.
-const SPARE_MAX: usize = 4;
+/// Maximum size of overlapping chunks held in memory, bytes; beyond it the order is given up.
+const HELD_BYTES_MAX: u64 = 512 << 20;
+/// Maximum number of buffers kept for the next chunks.
+const SPARE_BUFFERS_MAX: usize = 4;
 
-/// Which messages are wanted.
+/// Selection of messages.
 pub struct Filter<'a> {
-    /// From this log time on, ns since the epoch.
+    /// First log time, ns since the epoch.
     pub from: u64,
-    /// Up to this one, itself too.
+    /// Last log time, inclusive, ns since the epoch.
     pub to: u64,
-    /// Of these channels.
+    /// Predicate on channels.
     pub wants: &'a dyn Fn(&Channel, Option<&Schema>) -> bool,
 }
 
-/// What was asked for and not given. Everything only grows.
+/// Requested messages and chunks that were not returned. The counts never decrease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// Chunks whose check fails, or that are not where the index says.
+    /// Chunks with a wrong checksum, or not at the indexed offset.
     pub damaged: u64,
-    /// Chunks with a compression that is not known here.
+    /// Chunks with an unsupported compression.
     pub sealed: u64,
-    /// Messages on a channel that nobody defines.
+    /// Messages on undefined channels.
     pub nameless: u64,
-    /// Messages given after later ones, because too much overlaps or an index is wrong.
+    /// Messages returned after later ones, because too many chunks overlap or an index is wrong.
     pub unordered: u64,
 }
 
-/// A message with what is known of it.
+/// Message with its channel and type.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry<'a> {
-    /// The file's place in the list.
+    /// Position of the file in the list.
     pub file: usize,
-    /// Its channel.
+    /// Channel.
     pub channel: &'a Channel,
-    /// Its type.
+    /// Type.
     pub schema: Option<&'a Schema>,
-    /// The message.
+    /// Message.
     pub message: Message<'a>,
 }
 
-/// The messages of files by log time, of equal times by number, of equal numbers as they stand.
+/// Messages of files by log time, then by sequence number, then by position.
 pub struct Messages<R> {
     files: Vec<File<R>>,
     /// Pieces that are not open yet, the next one last: start, file, piece.
     pending: Vec<(u64, usize, usize)>,
     open: Vec<Open>,
-    /// The next message of each open piece: log time, number, age of the piece, its place.
+    /// Next message of each open piece: log time, sequence number, age of the piece, its index.
     heap: BinaryHeap<Reverse<(u64, u32, u64, usize)>>,
     free: Vec<usize>,
     spare: Vec<Vec<u8>>,
@@ -74,20 +74,20 @@ struct File<R> {
     wanted: Vec<bool>,
 }
 
-/// A piece whose messages are being given.
+/// Piece whose messages are being returned.
 #[derive(Default)]
 struct Open {
     file: usize,
     age: u64,
     bytes: Vec<u8>,
-    /// Where the records begin in `bytes`.
+    /// Offset of the records in `bytes`.
     records: usize,
-    /// Log time, number, place in the records; the next one last.
+    /// Log time, sequence number, offset in the records; the next one last.
     entries: Vec<(u64, u32, u32)>,
 }
 
 impl<R: Read + Seek> Messages<R> {
-    /// Of these files, each with its index.
+    /// Creates an iterator over these files, each with its index.
     pub fn new(files: Vec<(R, Arc<Index>)>, filter: &Filter<'_>) -> Self {
         let with_wanted = |(inner, index): (R, Arc<Index>)| {
             let mut wanted = vec![false; index.channels.keys().next_back().map_or(0, |id| usize::from(*id) + 1)];
@@ -127,14 +127,14 @@ impl<R: Read + Seek> Messages<R> {
         }
     }
 
-    /// The next message; `None` at the end.
+    /// Next message; `None` at the end.
     ///
     /// # Errors
-    /// Reading failed; can be tried again, without the chunk at hand.
+    /// Reading failed; a further call continues without the current chunk.
     pub fn next_entry(&mut self) -> io::Result<Option<Entry<'_>>> {
         while let Some(&(start, f, p)) = self.pending.last() {
             let due = self.heap.peek().is_none_or(|Reverse((time, ..))| start <= *time);
-            if !due || self.held > HELD_MAX && !self.heap.is_empty() {
+            if !due || self.held > HELD_BYTES_MAX && !self.heap.is_empty() {
                 break;
             }
             self.pending.pop();
@@ -156,7 +156,7 @@ impl<R: Read + Seek> Messages<R> {
         self.last = time;
         let open = &self.open[place];
         let file = &self.files[open.file];
-        // Both were looked at when the piece was opened.
+        // Both were verified when the piece was opened.
         let message = chunk::message_at(&open.bytes[open.records..], at as usize);
         let found = message.and_then(|message| Some((message, file.index.channels.get(&message.channel)?)));
         Ok(found.map(|(message, channel)| Entry {
@@ -167,13 +167,13 @@ impl<R: Read + Seek> Messages<R> {
         }))
     }
 
-    /// What was left out so far.
+    /// Messages and chunks left out so far.
     #[must_use]
     pub fn skipped(&self) -> Skipped {
         self.skipped
     }
 
-    /// Bytes of the files read so far, and all that are to be read.
+    /// Bytes of the files read so far, and in total.
     #[must_use]
     pub fn progress(&self) -> (u64, u64) {
         let left: u64 = self.pending.iter().map(|(_, f, p)| self.files[*f].index.pieces[*p].length).sum();
@@ -201,7 +201,7 @@ impl<R: Read + Seek> Messages<R> {
         });
         let open = &mut self.open[place];
         let old = std::mem::replace(&mut open.bytes, bytes);
-        if self.spare.len() < SPARE_MAX {
+        if self.spare.len() < SPARE_BUFFERS_MAX {
             self.spare.push(old);
         }
         (open.file, open.age, open.records) = (f, self.opened, records);
@@ -241,7 +241,7 @@ impl<R: Read + Seek> Messages<R> {
     }
 }
 
-/// The bytes with the records of a piece, and where in them these begin.
+/// Bytes with the records of a piece, and the offset of the records in them.
 fn unpack(piece: &Piece, bytes: Vec<u8>, skipped: &mut Skipped) -> Option<(Vec<u8>, usize)> {
     if piece.bare {
         return Some((bytes, 0));

@@ -1,37 +1,37 @@
-//! Goes through a file record by record, over whatever is damaged.
+//! Scan of a file, record by record, that continues after damage.
 //!
-//! A chunk counts when its check holds, any other record when the lengths are possible and a record may follow it. Where
-//! neither is so the next chunk is looked for, by the lengths in its head, which must fit together.
+//! A chunk is accepted if its checksum is right, any other record if its lengths are plausible and a record may follow
+//! it. Otherwise the next chunk is searched by the lengths in its head, which must be consistent.
 
 use super::chunk::{self, HEAD_MAX, Head, Records};
 use super::fields::{self, Fields};
 use super::{Attachment, HEAD, MAGIC, RECORD_MAX, op};
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// How much is read at once, at least.
-const BLOCK: u64 = 1 << 20;
-/// As much of an attachment as its names may take.
-const NAMES_MAX: u64 = 64 << 10;
+/// Minimum number of bytes per read.
+const BLOCK_BYTES: u64 = 1 << 20;
+/// Maximum size of an attachment's names, bytes.
+const NAMES_BYTES_MAX: u64 = 64 << 10;
 
-/// A part of a file.
+/// Part of a file.
 pub enum Found<'a> {
-    /// Any whole record but those below.
+    /// Whole record other than those below.
     Record { opcode: u8, offset: u64, content: &'a [u8] },
-    /// A chunk whose check holds: its record's content, and the records in it.
+    /// Chunk with a right checksum: content of its record, and the records in it.
     Chunk { offset: u64, head: Head, content: &'a [u8], records: &'a [u8] },
-    /// A chunk with a compression that nobody here knows.
+    /// Chunk with an unsupported compression.
     Sealed { offset: u64, head: Head, length: u64 },
-    /// A file in the file, its check held.
+    /// Attachment with a right checksum.
     Attachment(Attachment),
-    /// Bytes that are nothing.
+    /// Unparseable bytes.
     Damage { offset: u64, length: u64 },
-    /// The last record, which the end of the file cuts short.
+    /// Last record, truncated by the end of the file.
     Cut { length: u64 },
-    /// The eight bytes with which a file begins and ends.
+    /// Eight bytes with which a file begins and ends.
     Magic { offset: u64 },
 }
 
-/// The same without what it says.
+/// [`Found`] without its content.
 enum Step {
     Record { opcode: u8, offset: u64, len: u64 },
     Chunk { offset: u64, len: u64, head: Head },
@@ -42,48 +42,48 @@ enum Step {
     Magic { offset: u64 },
 }
 
-/// The parts of a file, one after the other.
+/// Iterator over the parts of a file.
 pub struct Scanner<R> {
     inner: R,
     at: u64,
     end: u64,
-    /// What is buffered, and where in the file it begins.
+    /// Buffered bytes, and their offset in the file.
     window: Vec<u8>,
     base: u64,
     space: Vec<u8>,
-    /// Bytes of chunks that were none.
+    /// Bytes spent on invalid chunks.
     wasted: u64,
     size: u64,
 }
 
 impl<R: Read + Seek> Scanner<R> {
-    /// All of a file.
+    /// Creates a scanner over a whole file.
     pub fn new(mut inner: R) -> io::Result<Self> {
         let size = inner.seek(SeekFrom::End(0))?;
         Ok(Self { inner, at: 0, end: size, window: Vec::new(), base: 0, space: Vec::new(), wasted: 0, size })
     }
 
-    /// Bytes of the file.
+    /// Size of the file, bytes.
     pub fn size(&self) -> u64 {
         self.size
     }
 
-    /// Where it stands.
+    /// Current offset.
     pub fn position(&self) -> u64 {
         self.at
     }
 
-    /// Goes on from `from` to `to`.
+    /// Restricts the scan to `from..to`.
     pub fn range(&mut self, from: u64, to: u64) {
         (self.at, self.end) = (from.min(self.size), to.min(self.size));
     }
 
-    /// The reader.
+    /// Underlying reader.
     pub fn get_mut(&mut self) -> &mut R {
         &mut self.inner
     }
 
-    /// The next part; `None` at the end.
+    /// Next part; `None` at the end.
     pub fn next(&mut self) -> io::Result<Option<Found<'_>>> {
         let Some(step) = self.step()? else { return Ok(None) };
         Ok(Some(match step {
@@ -162,7 +162,7 @@ impl<R: Read + Seek> Scanner<R> {
         Ok(holds.then_some(Step::Record { opcode, offset, len }))
     }
 
-    /// Whether a record may begin there, or the file ends.
+    /// True if a record may begin there, or the file ends.
     fn may_be_record(&mut self, offset: u64) -> io::Result<bool> {
         let left = self.end.saturating_sub(offset);
         if left < HEAD {
@@ -195,7 +195,7 @@ impl<R: Read + Seek> Scanner<R> {
             self.at = after;
             return Ok(Step::Chunk { offset, len, head });
         }
-        // Its length may be right though what is in it is not. To look for others in it takes time, which has its limit.
+        // Its length may be right although its content is damaged. The time for a search within it is limited.
         self.wasted += len;
         if self.wasted > self.size || self.may_be_record(after)? {
             self.at = after;
@@ -205,12 +205,12 @@ impl<R: Read + Seek> Scanner<R> {
     }
 
     fn attachment(&mut self, offset: u64, len: u64) -> io::Result<Option<Attachment>> {
-        let head = self.get(offset + HEAD, len.min(NAMES_MAX))?;
+        let head = self.get(offset + HEAD, len.min(NAMES_BYTES_MAX))?;
         let Some(attachment) = head.and_then(|head| fields::attachment(head, offset, len)) else { return Ok(None) };
         let mut hasher = crc32fast::Hasher::new();
         let (mut at, end) = (offset + HEAD, offset + HEAD + len - 4);
         while at < end {
-            let part = (end - at).min(BLOCK);
+            let part = (end - at).min(BLOCK_BYTES);
             hasher.update(self.get(at, part)?.unwrap_or_default());
             at += part;
         }
@@ -218,15 +218,15 @@ impl<R: Read + Seek> Scanner<R> {
         Ok(Some(attachment).filter(|_| crc == Some(0) || crc == Some(hasher.finalize())))
     }
 
-    /// Goes to where the next chunk, or a file, seems to begin behind `offset`.
+    /// Continues at the next offset after `offset` at which a chunk, or a file, seems to begin.
     fn resync(&mut self, offset: u64) -> io::Result<Step> {
         let need = HEAD + HEAD_MAX as u64;
         let mut at = offset + 1;
         loop {
-            let len = (self.end.saturating_sub(at)).min(BLOCK);
+            let len = (self.end.saturating_sub(at)).min(BLOCK_BYTES);
             let end = self.end;
             let Some(bytes) = self.get(at, len)?.filter(|bytes| !bytes.is_empty()) else { break };
-            // The last bytes are looked at again with what follows them, unless nothing does.
+            // The last bytes are searched again with those that follow, unless the file ends there.
             let last = at + len == end;
             let until = if last { bytes.len() } else { bytes.len() - need as usize };
             let begins = (0..until).find(|&i| match bytes[i] {
@@ -249,7 +249,7 @@ impl<R: Read + Seek> Scanner<R> {
         Ok(if cut && offset > 0 { Step::Cut { length } } else { Step::Damage { offset, length } })
     }
 
-    /// So many bytes from there; `None` when the file is shorter.
+    /// `len` bytes from `offset`; `None` if the file is shorter.
     fn get(&mut self, offset: u64, len: u64) -> io::Result<Option<&[u8]>> {
         if len > self.end.saturating_sub(offset) {
             return Ok(None);
@@ -259,13 +259,13 @@ impl<R: Read + Seek> Scanner<R> {
         Ok(Some(&self.window[from..from + len as usize]))
     }
 
-    /// Buffers so many bytes from there, which the file has.
+    /// Buffers `len` bytes from `offset`, which are within the file.
     fn fill(&mut self, offset: u64, len: u64) -> io::Result<()> {
         let buffered = self.base..self.base + self.window.len() as u64;
         if buffered.contains(&offset) && offset + len <= buffered.end || len == 0 && offset == buffered.end {
             return Ok(());
         }
-        let wanted = len.max(BLOCK.min(self.end.saturating_sub(offset)));
+        let wanted = len.max(BLOCK_BYTES.min(self.end.saturating_sub(offset)));
         self.window.clear();
         self.base = offset;
         self.inner.seek(SeekFrom::Start(offset))?;
@@ -278,7 +278,7 @@ impl<R: Read + Seek> Scanner<R> {
     }
 }
 
-/// Whether a chunk seems to begin there, with so many bytes left in the file.
+/// True if a chunk seems to begin there, with `left` bytes left in the file.
 fn begins_chunk(bytes: &[u8], left: u64) -> bool {
     let Some((head, rest)) = bytes.split_at_checked(HEAD as usize) else { return false };
     let Some(len) = Fields(&head[1..]).u64() else { return false };

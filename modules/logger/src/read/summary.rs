@@ -1,18 +1,18 @@
-//! The index at the end of a file.
+//! Index at the end of a file.
 
 use super::fields::{self, Fields};
 use super::{Attachment, HEAD, Index, MAGIC, Metadata, Piece, RECORD_MAX, op};
 use crate::read::chunk::{Record, Records};
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// Footer with head, and the last eight bytes.
+/// Size of the footer with its head, and the last eight bytes.
 const TAIL: u64 = HEAD + 20 + 8;
 
 /// Parts of a file: from, to.
 type Ranges = Vec<(u64, u64)>;
 
-/// What the summary says, and the parts of the data before it that it does not speak of; `None` when there is none, it
-/// is damaged, or it leaves out what is needed: then the file itself must say.
+/// Index from the summary, and the parts of the data that it does not cover; `None` if there is no summary, or it is
+/// damaged or incomplete: a scan is then necessary.
 pub fn read<R: Read + Seek>(inner: &mut R) -> io::Result<Option<(Index, Ranges)>> {
     let size = inner.seek(SeekFrom::End(0))?;
     let mut begin = [0; 8];
@@ -42,7 +42,7 @@ pub fn read<R: Read + Seek>(inner: &mut R) -> io::Result<Option<(Index, Ranges)>
         return Ok(None);
     }
     let Some((mut index, said, indexes)) = parse(&bytes, size) else { return Ok(None) };
-    // What was counted and what is there must agree; some writers count nothing.
+    // Counts and content must agree; some writers count nothing.
     let known = |channel: &u16| index.channels.contains_key(channel);
     let complete = index.counts.keys().all(known)
         && index.pieces.iter().all(|piece| piece.channels.iter().flatten().all(known))
@@ -76,7 +76,7 @@ fn read_at<R: Read + Seek>(inner: &mut R, offset: u64, bytes: &mut [u8]) -> io::
     }
 }
 
-/// Where the summary begins, and its checksum.
+/// Offset of the summary, and its checksum.
 fn footer(tail: &[u8; TAIL as usize]) -> Option<(u64, u32)> {
     let mut fields = Fields(tail);
     let head = fields.bytes(HEAD as usize)?;
@@ -85,7 +85,7 @@ fn footer(tail: &[u8; TAIL as usize]) -> Option<(u64, u32)> {
     (fits && fields.0 == MAGIC && start != 0).then_some((start, crc))
 }
 
-/// The index, how many messages it says there are, and how long the message indexes behind each chunk are.
+/// Index, its number of messages, and the length of the message indexes after each chunk.
 fn parse(bytes: &[u8], size: u64) -> Option<(Index, Option<u64>, Vec<u64>)> {
     let mut index = Index::default();
     let (mut said, mut indexes) = (None, Vec::new());
@@ -119,7 +119,7 @@ fn parse(bytes: &[u8], size: u64) -> Option<(Index, Option<u64>, Vec<u64>)> {
     fits.then_some((index, said, indexes))
 }
 
-/// A chunk by its index record, and the length of the message indexes behind it.
+/// Chunk from its index record, and the length of the message indexes after it.
 fn piece(content: &[u8]) -> Option<(Piece, u64)> {
     let mut fields = Fields(content);
     let (start, end, offset, length) = (fields.u64()?, fields.u64()?, fields.u64()?, fields.u64()?);
@@ -134,7 +134,7 @@ fn piece(content: &[u8]) -> Option<(Piece, u64)> {
     let (_compressed, expanded) = (fields.u64()?, fields.u64()?);
     channels.sort_unstable();
     channels.dedup();
-    // A writer that makes no message indexes leaves the list empty.
+    // A writer without message indexes leaves the list empty.
     let channels = (indexes > 0 || expanded == 0).then_some(channels);
     let piece = Piece { offset, length, start, end, channels, bare: false, compression, expanded };
     (length >= HEAD && start <= end).then_some((piece, indexes))
@@ -151,7 +151,7 @@ fn attachment(content: &[u8]) -> Option<Attachment> {
     fits.then_some(Attachment { log_time, create_time, name, media_type, offset, length, data_offset, data_len })
 }
 
-/// Its texts are in the data: they are read as a gap is.
+/// Its texts are in the data and are read like a gap.
 fn metadata(content: &[u8]) -> Option<Metadata> {
     let mut fields = Fields(content);
     let (offset, length) = (fields.u64()?, fields.u64()?);
@@ -173,8 +173,8 @@ fn statistics(content: &[u8], index: &mut Index) -> Option<u64> {
     Some(messages)
 }
 
-/// The parts of the data that no chunk with its message indexes and no attachment takes; `None` when these overlap.
-/// Metadata, definitions and messages outside of chunks are there.
+/// Parts of the data outside chunks, their message indexes, and attachments; `None` if these overlap. Metadata,
+/// definitions and messages outside chunks are there.
 fn gaps(index: &mut Index, indexes: &[u64], from: u64, to: u64) -> Option<Ranges> {
     let pieces = index.pieces.iter().zip(indexes);
     let mut taken: Ranges = pieces.map(|(piece, length)| (piece.offset, piece.length + length)).collect();

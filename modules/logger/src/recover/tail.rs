@@ -1,18 +1,18 @@
-//! Records that a file's index is made of.
+//! Records of a file's index.
 
 use crate::read::{Attachment, Channel, HEAD, Head, Index, MAGIC, Metadata, Records, Schema, fields, op};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-/// Counts what goes through.
+/// Writer that counts its bytes.
 pub struct Out<W> {
     inner: W,
-    /// Where the file stands.
+    /// Offset in the file.
     pub at: u64,
 }
 
 impl<W: Write> Out<W> {
-    /// Goes on at byte `at` of a file.
+    /// Continues at byte `at` of a file.
     pub fn new(inner: W, at: u64) -> Self {
         Self { inner, at }
     }
@@ -82,7 +82,7 @@ pub fn channel(id: u16, channel: &Channel) -> Vec<u8> {
     out
 }
 
-/// The message indexes of a chunk: whole records, and where in them each channel's begins.
+/// Message indexes of a chunk: whole records, and the offset of each channel's.
 pub fn message_indexes(records: &[u8]) -> (Vec<u8>, BTreeMap<u16, u64>) {
     let mut entries: BTreeMap<u16, Vec<u8>> = BTreeMap::new();
     for found in Records::new(records).flatten().filter(|found| found.opcode == op::MESSAGE) {
@@ -101,7 +101,7 @@ pub fn message_indexes(records: &[u8]) -> (Vec<u8>, BTreeMap<u16, u64>) {
     (out, offsets)
 }
 
-/// What becomes the summary.
+/// Content of the summary.
 #[derive(Default)]
 pub struct Summary {
     chunk_indexes: Vec<u8>,
@@ -115,7 +115,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// A chunk of which all is known. `offsets` are places in the file.
+    /// Adds a chunk. `offsets` are relative to the file.
     pub fn chunk(&mut self, offset: u64, length: u64, head: &Head, offsets: &BTreeMap<u16, u64>, indexes: u64) {
         let mut content = Vec::new();
         numbers!(content, head.start, head.end, offset, length);
@@ -148,7 +148,7 @@ impl Summary {
         self.metadata += 1;
     }
 
-    /// So many messages of a channel, received between these log times.
+    /// Adds `count` messages of a channel, received between these log times.
     pub fn messages(&mut self, channel: u16, count: u64, first: u64, last: u64) {
         *self.counts.entry(channel).or_default() += count;
         self.span = Some(self.span.map_or((first, last), |(start, end)| (start.min(first), end.max(last))));
@@ -171,7 +171,7 @@ impl Summary {
         content
     }
 
-    /// Ends a file: the end of the data, the summary, the footer.
+    /// Ends a file: end of the data, summary, footer.
     pub fn write<W: Write>(&self, index: &Index, out: &mut Out<W>) -> io::Result<()> {
         out.record(op::DATA_END, &0u32.to_le_bytes())?;
         let start = out.at;

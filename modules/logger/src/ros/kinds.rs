@@ -8,20 +8,20 @@ use lcm_gen::cdr::{Plan, Plans};
 use lcm_gen::{Definition, MemberType, Primitive, Schema, Size, ros2};
 use messages::{Channel, LCM_FILES};
 
-/// A type of messages.
+/// Message type.
 #[derive(Clone, Debug)]
 pub struct Kind {
-    /// The name as LCM has it: `lowlevel.data_odo_t`.
+    /// LCM name: `lowlevel.data_odo_t`.
     pub name: Arc<str>,
-    /// The text of the `.lcm` files that define it and all that it holds, in order of their names.
+    /// Text of the `.lcm` files that define it and all its members, in order of their names.
     pub lcm: Arc<str>,
-    /// Where its `timestamp` stands in each message, if it has one and that is always the same place.
+    /// Offset of its `timestamp`, if it has one at a fixed offset.
     timestamp_at: Option<usize>,
     ros: Option<RosType>,
     foreign: bool,
 }
 
-/// What ROS 2 calls it, and how it describes it.
+/// Name and definition in ROS 2.
 #[derive(Clone, Debug)]
 pub struct RosType {
     pub name: Arc<str>,
@@ -29,26 +29,26 @@ pub struct RosType {
 }
 
 impl Kind {
-    /// The `timestamp` of a message of the type, µs since the epoch, if it has one that is found without reading all of it.
+    /// `timestamp` of a message, µs since the epoch, if it is at a fixed offset.
     #[must_use]
     pub fn timestamp(&self, data: &[u8]) -> Option<i64> {
         let bytes = data.get(self.timestamp_at?..)?.first_chunk()?;
         Some(i64::from_be_bytes(*bytes))
     }
 
-    /// Whether it is the type that the robot's table has for the channel.
+    /// True if it is the type of the channel in the robot's table.
     pub(super) fn is(&self, channel: Channel) -> bool {
         !self.foreign && *self.name == *channel.type_name()
     }
 }
 
-/// All types that are known: the robot's first.
+/// All known types, the robot's first.
 #[derive(Clone, Debug, Default)]
 pub struct Kinds {
     kinds: Vec<Kind>,
     /// Plans of the robot's types and of foreign ones: both may have one of the same name.
     plans: [Plans; 2],
-    /// Those with the fingerprint: one of the robot's, or a foreign one, or both.
+    /// Types with the fingerprint: one of the robot, a foreign one, or both.
     index: BTreeMap<u64, [Option<usize>; 2]>,
 }
 
@@ -61,17 +61,17 @@ impl Index<usize> for Kinds {
 }
 
 impl Kinds {
-    /// The robot's.
+    /// Types of the robot.
     pub fn new() -> Self {
         let mut kinds = Self::default();
-        // They are built in, and a test reads them.
+        // They are built in, and a test parses them.
         if let Ok(schema) = Schema::new(LCM_FILES) {
             kinds.add(&schema, LCM_FILES, false);
         }
         kinds
     }
 
-    /// The robot's, and those of the files.
+    /// Types of the robot, and of the files.
     pub fn with(files: &[(impl AsRef<str>, impl AsRef<str>)]) -> Result<Self, lcm_gen::Error> {
         let schema = Schema::new(files)?;
         let mut kinds = Self::new();
@@ -88,7 +88,7 @@ impl Kinds {
             let Some(fingerprint) = schema.fingerprint(&name) else { continue };
             let slot = &mut self.index.entry(fingerprint).or_default()[usize::from(foreign)];
             if slot.is_some() {
-                continue; // of foreign types that are alike the first
+                continue; // of identical foreign types the first
             }
             *slot = Some(self.kinds.len());
             let needed: BTreeSet<&str> = schema.parts(&name).map(|part| part.file.as_str()).collect();
@@ -100,14 +100,14 @@ impl Kinds {
         self.plans[usize::from(foreign)] = plans;
     }
 
-    /// The type of a message. On the channels of the robot's table its own type goes first, elsewhere a foreign one.
+    /// Type of a message. On channels of the robot's table the robot's type takes precedence, elsewhere a foreign one.
     pub fn find(&self, channel: Option<Channel>, data: &[u8]) -> Option<usize> {
         let [own, foreign] = *self.index.get(&u64::from_be_bytes(*data.first_chunk()?))?;
         let listed = own.filter(|&own| channel.is_some_and(|channel| self.kinds[own].is(channel)));
         listed.or(foreign).or(own)
     }
 
-    /// How messages of the type become those of ROS 2, if they can.
+    /// Conversion to ROS 2, if there is one.
     pub fn ros(&self, place: usize) -> Option<(Plan<'_>, &RosType)> {
         let kind = &self.kinds[place];
         self.plans[usize::from(kind.foreign)].get(&kind.name).zip(kind.ros.as_ref())
@@ -125,7 +125,7 @@ fn text_of(needed: &BTreeSet<&str>, files: &[(impl AsRef<str>, impl AsRef<str>)]
     text
 }
 
-/// Where `int64_t timestamp` begins, behind members that always take the same number of bytes.
+/// Offset of `int64_t timestamp`, if all members before it have a fixed size.
 fn timestamp_at(schema: &Schema, definition: &Definition) -> Option<usize> {
     let mut at = size_of::<u64>();
     for member in definition.members() {

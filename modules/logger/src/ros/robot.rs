@@ -1,49 +1,49 @@
-//! Parts of the robot that the scene shows and no message has.
+//! Parts of the robot that the scene shows and no message contains.
 
-/// What the scene shows of the robot and no message says.
+/// Robot as shown in the scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotScene {
-    /// The robot's name; in diagnostics the hardware's.
+    /// Name of the robot; the hardware id in diagnostics.
     pub name: String,
-    /// Corners of its outline, robot frame, m, in order.
+    /// Corners of its outline in the robot frame, m, in order.
     pub outline: Vec<[f64; 2]>,
     /// Beacons in the map.
     pub beacons: Vec<Beacon>,
-    /// What a sonar can see.
+    /// Measuring range of a sonar.
     pub sonar: Sensor,
-    /// What an infrared range finder can see.
+    /// Measuring range of an infrared range finder.
     pub infrared: Sensor,
 }
 
-/// A beacon in the map.
+/// Beacon in the map.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Beacon {
-    /// Its number.
+    /// Number.
     pub id: i32,
-    /// Position in the map, m.
+    /// Position in the map, x, m.
     pub x: f64,
-    /// Position in the map, m.
+    /// Position in the map, y, m.
     pub y: f64,
 }
 
-/// What a range finder can see; zeros where nobody knows.
+/// Measuring range of a range finder; zeros if unknown.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sensor {
-    /// Width of its beam, rad.
+    /// Opening angle of the beam, rad.
     pub field_of_view: f64,
-    /// Nearest thing that it measures, m.
+    /// Shortest measurable distance, m.
     pub min: f64,
-    /// Farthest thing that it measures, m.
+    /// Longest measurable distance, m.
     pub max: f64,
 }
 
 impl Sensor {
-    /// The sonar SRF-08 (`docs/facts/robot.md` 2.1), whose beam opens by this angle, rad.
+    /// Sonar SRF-08 (`docs/facts/robot.md` 2.1), with this opening angle, rad.
     #[must_use]
     pub const fn srf08(field_of_view: f64) -> Self {
         Self { field_of_view, min: 0.03, max: 6.0 }
     }
 
-    /// The infrared range finder GP2Y0A41SK0F (`docs/facts/robot.md` 2.2); its beam is a line.
+    /// Infrared range finder GP2Y0A41SK0F (`docs/facts/robot.md` 2.2); its beam is a line.
     pub const GP2Y0A41: Self = Self { field_of_view: 0.0, min: 0.04, max: 0.3 };
 }

@@ -1,4 +1,4 @@
-//! `/scene`: markers of what there is besides sensors and paths.
+//! `/scene`: markers other than sensors and paths.
 
 use messages::middlelevel::{DataEstimate, DataObstacles};
 
@@ -6,8 +6,8 @@ use super::robot::{Beacon, RobotScene};
 use super::standard::Standard;
 use super::write::{Color, Fields, Pose, To};
 
-/// What does not move is shown again after so long, for those who begin to look in the middle: µs.
-const AGAIN: u64 = 1_000_000;
+/// Period at which static markers are repeated, for viewers that join later: µs.
+const REPEAT_PERIOD_US: u64 = 1_000_000;
 
 const CUBE_LIST: i32 = 6;
 const CYLINDER: i32 = 3;
@@ -22,14 +22,14 @@ const BEACON: Color = [1.0, 0.7, 0.0, 1.0];
 const ELLIPSE: Color = [0.9, 0.1, 0.9, 0.3];
 const OBSTACLE: Color = [0.8, 0.1, 0.1, 0.6];
 
-/// The robot as it is shown, and when it last was.
+/// Robot as shown, and the time at which it was last sent.
 #[derive(Clone, Debug)]
 pub struct Scene {
     pub robot: RobotScene,
     shown: Option<i64>,
 }
 
-/// A marker; what its kind has no use for stays empty.
+/// Marker; fields that its kind does not use stay empty.
 #[derive(Clone, Copy)]
 struct Marker<'a> {
     frame: &'a str,
@@ -49,9 +49,9 @@ impl Scene {
         Self { robot, shown: None }
     }
 
-    /// The ellipse in which the robot is with two deviations; now and then outline and beacons too.
+    /// Ellipse of two standard deviations around the robot; periodically its outline and the beacons too.
     pub fn estimate(&mut self, message: &DataEstimate, to: &mut To<'_, '_>) {
-        let again = self.shown.is_none_or(|shown| shown.abs_diff(message.timestamp) >= AGAIN);
+        let again = self.shown.is_none_or(|shown| shown.abs_diff(message.timestamp) >= REPEAT_PERIOD_US);
         if again {
             self.shown = Some(message.timestamp);
         }
@@ -79,7 +79,7 @@ impl Scene {
     }
 }
 
-/// The cells that the planner keeps away from.
+/// Cells that the planner avoids.
 pub fn obstacles(message: &DataObstacles, to: &mut To<'_, '_>) {
     let points: Vec<[f64; 2]> = message.x.iter().zip(&message.y).map(|(&x, &y)| [x, y]).collect();
     let action = if points.is_empty() { DELETE } else { ADD };
@@ -91,7 +91,7 @@ pub fn obstacles(message: &DataObstacles, to: &mut To<'_, '_>) {
     });
 }
 
-/// A disc with the ellipse's axes as diameters; none where the covariance is none.
+/// Disc with the ellipse's axes as diameters; omitted if the covariance is invalid.
 fn ellipse(message: &DataEstimate, fields: &mut Fields<'_>) {
     let [[xx, xy, _], [_, yy, _], _] = message.covariance;
     let (middle, half) = ((xx + yy) / 2.0, (xx - yy) / 2.0);
@@ -100,7 +100,7 @@ fn ellipse(message: &DataEstimate, fields: &mut Fields<'_>) {
     let pose = Pose { x: message.x, y: message.y, theta: 0.5 * libm::atan2(xy, half) };
     let marker = Marker { ns: "estimate", ty: CYLINDER, ..Marker::new(ELLIPSE) };
     let marker = if pose.is_finite() && long.is_finite() && short.is_finite() {
-        // A disc without width is refused by viewers.
+        // Viewers reject a disc of zero width.
         Marker { pose, scale: [long.max(1e-3), short.max(1e-3), 0.01], ..marker }
     } else {
         Marker { action: DELETE, ..marker }
@@ -109,7 +109,7 @@ fn ellipse(message: &DataEstimate, fields: &mut Fields<'_>) {
 }
 
 impl Marker<'_> {
-    /// In the map, at its origin.
+    /// Marker at the origin of the map.
     fn new(color: Color) -> Self {
         let (pose, scale) = (Pose::default(), [0.0; 3]);
         Self { frame: "map", ns: "", id: 0, ty: 0, action: ADD, pose, scale, color, points: &[], text: "" }
@@ -124,8 +124,8 @@ impl Marker<'_> {
         let [x, y, z] = self.scale;
         fields.vector(x, y, z);
         fields.color(self.color);
-        fields.time(0); // lifetime: for good
-        fields.to.bool(true); // with its frame, wherever that goes
+        fields.time(0); // lifetime: unlimited
+        fields.to.bool(true); // moves with its frame
         fields.to.count(self.points.len());
         for &[x, y] in self.points {
             fields.vector(x, y, 0.0);

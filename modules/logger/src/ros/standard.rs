@@ -1,10 +1,10 @@
-//! The standard types that the translation fills, with what they lead to, as ROS 2 Jazzy has them (`common_interfaces` 5.3,
-//! `rcl_interfaces` 2.0, `geometry2` 0.36). Humble has the same but for `Range.variance`, the type of `Log`'s constants and
-//! the last constants of `BatteryState` and `Marker`.
+//! Standard types of the translation, with the types that they contain, as in ROS 2 Jazzy (`common_interfaces` 5.3,
+//! `rcl_interfaces` 2.0, `geometry2` 0.36). Humble is identical except for `Range.variance`, the type of `Log`'s
+//! constants, and the last constants of `BatteryState` and `Marker`.
 
 use super::kinds::RosType;
 
-/// A standard type.
+/// Standard type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standard {
     DiagnosticArray,
@@ -36,7 +36,7 @@ impl Standard {
         }
     }
 
-    /// Its name and text as schemas carry them.
+    /// Name and definition as in schemas.
     pub fn describe(self) -> RosType {
         let mut needed = vec![self.name()];
         let mut text = String::new();

@@ -1,4 +1,4 @@
-//! Messages of standard types from those of the robot's, and what has to be remembered for them.
+//! Conversion of the robot's messages to standard types, and the state that it needs.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,47 +14,47 @@ use super::scene::{self, Scene};
 use super::standard::Standard;
 use super::write::{Pose, To};
 
-/// Where sensors sit is told again after so long: µs.
-const AGAIN: u64 = 1_000_000;
-/// Ranges of 2011 count again when `LL_DATA_RANGES`, which comes each second, has not come for this long: µs.
-const RANGES_GONE: u64 = 1_500_000;
-/// Odometry with a gap longer than this goes on where it was: µs.
-const ODOMETRY_GAP: i64 = 1_000_000;
-/// How far the robot may have come in that gap, m; more is an odometry that began anew.
-const ODOMETRY_STEP: f64 = 5.0;
-/// How many range finders, and how many thermometers, have topics.
+/// Period at which sensor mountings are repeated: µs.
+const MOUNTING_PERIOD_US: u64 = 1_000_000;
+/// Time after the last `LL_DATA_RANGES` (1 Hz) from which the ranges of 2011 are used again: µs.
+const RANGES_TIMEOUT_US: u64 = 1_500_000;
+/// Gap after which odometry continues from the last pose: µs.
+const ODOMETRY_GAP_US: i64 = 1_000_000;
+/// Longest plausible distance in that gap, m; a longer one means that the odometry restarted.
+const ODOMETRY_STEP_MAX_M: f64 = 5.0;
+/// Maximum number of range finders, and of thermometers, with topics.
 const SENSORS_MAX: usize = 64;
 /// Maximum number of modules whose active faults have statuses, and of faults of each.
 const MODULES_MAX: usize = 200;
 const FAULTS_MAX: usize = 256;
-/// The longest name of a thermometer that has a topic, bytes.
-const NAME_MAX: usize = 64;
+/// Longest name of a thermometer with a topic, bytes.
+const NAME_BYTES_MAX: usize = 64;
 
 const OK: u8 = 0;
 const WARN: u8 = 1;
 const ERROR: u8 = 2;
 const STALE: u8 = 3;
 
-/// What is remembered between messages.
+/// State kept between messages.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     odometry: Odometry,
     sonars: Sensors,
     infrared: Sensors,
     rangers: Sensors,
-    /// Timestamp of the last `LL_DATA_RANGES`: while they come, the view of 2011 has nothing to add.
+    /// Timestamp of the last `LL_DATA_RANGES`: while they arrive, the view of 2011 is ignored.
     ranges: Option<i64>,
     temperatures: BTreeMap<String, Arc<str>>,
     faults: Faults,
 }
 
-/// The faults that have a status which is not OK, by module: their numbers and subjects.
+/// Faults whose status is not OK, by module: their numbers and subjects.
 #[derive(Clone, Debug, Default)]
 struct Faults {
     modules: BTreeMap<String, Vec<(i32, String)>>,
 }
 
-/// Where odometry alone says that the robot is, in the frame `odom`: there it began.
+/// Dead reckoning in the frame `odom`, from its start.
 #[derive(Clone, Debug, Default)]
 struct Odometry {
     last: Option<DataOdo>,
@@ -63,14 +63,14 @@ struct Odometry {
 
 #[derive(Clone, Debug, Default)]
 struct Sensors {
-    /// Topic and frame by the sensor's number.
+    /// Topic and frame by number of the sensor.
     known: BTreeMap<i32, [String; 2]>,
     shown: Option<i64>,
-    /// Stamp of the last measurement by the sensor's number.
+    /// Time of the last measurement by number of the sensor.
     last: BTreeMap<i32, i64>,
 }
 
-/// What a range finder's messages have besides its measurement.
+/// Properties of a range finder besides its measurement.
 #[derive(Clone, Copy)]
 struct Finder {
     id: i32,
@@ -78,7 +78,7 @@ struct Finder {
     sensor: Sensor,
 }
 
-/// Whether messages on the channel have a standard form.
+/// True if messages on the channel have a standard form.
 pub fn has_standard(channel: Channel) -> bool {
     matches!(
         channel,
@@ -102,13 +102,13 @@ pub fn has_standard(channel: Channel) -> bool {
 }
 
 impl State {
-    /// Sends what there is in ROS 2 for a message of the robot's.
+    /// Sends the standard messages for one of the robot's messages.
     pub fn translate(&mut self, scene: &mut Scene, message: &Message, to: &mut To<'_, '_>) {
         let robot = &scene.robot;
         match message {
             Message::CmDataState(state) => module_state(robot, state, to),
             Message::CmEventError(error) => {
-                // Of a module that lists its faults the lists have the statuses.
+                // If a module publishes its list of faults, the statuses come from the list.
                 if !self.faults.modules.contains_key(&error.module) {
                     module_error(robot, error, to);
                 }
@@ -142,7 +142,7 @@ impl State {
     }
 
     fn lacks_ranges(&self, timestamp: i64) -> bool {
-        self.ranges.is_none_or(|last| last.abs_diff(timestamp) >= RANGES_GONE)
+        self.ranges.is_none_or(|last| last.abs_diff(timestamp) >= RANGES_TIMEOUT_US)
     }
 
     fn ranges(&mut self, robot: &RobotScene, message: &DataRanges, to: &mut To<'_, '_>) {
@@ -158,7 +158,7 @@ impl State {
         for thermometer in &message.temperatures {
             let topic = match self.temperatures.get(&thermometer.name) {
                 Some(topic) => topic.clone(),
-                None if self.temperatures.len() < SENSORS_MAX && thermometer.name.len() <= NAME_MAX => {
+                None if self.temperatures.len() < SENSORS_MAX && thermometer.name.len() <= NAME_BYTES_MAX => {
                     let word = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '_' };
                     let topic = format!("/temperature/{}", thermometer.name.chars().map(word).collect::<String>());
                     self.temperatures.entry(thermometer.name.clone()).or_insert(topic.into()).clone()
@@ -178,8 +178,8 @@ impl State {
 }
 
 impl Faults {
-    /// One status for each fault and subject: while it is active, and once more, OK, when it is cleared. Where the watchdog
-    /// says that a module does not run, STALE: nobody knows.
+    /// One status for each fault and subject: while it is active, and once more, OK, when it is cleared. STALE if the
+    /// watchdog reports that the module does not run.
     fn translate(&mut self, robot: &RobotScene, list: &DataFaults, to: &mut To<'_, '_>) {
         if !self.modules.contains_key(&list.module) && self.modules.len() == MODULES_MAX {
             to.topics.leave_out();
@@ -206,8 +206,7 @@ impl Faults {
                     let name = status_name(&list.module, fault.number, &fault.subject);
                     fields.status(level, &name, &fault.message, &robot.name, &values);
                 }
-                let (level, message) =
-                    if down { (STALE, "not known: the module does not run") } else { (OK, "cleared") };
+                let (level, message) = if down { (STALE, "unknown: the module does not run") } else { (OK, "cleared") };
                 for (number, subject) in &gone {
                     let values = [("number", format!("0x{number:04X}")), ("subject", subject.clone())];
                     fields.status(level, &status_name(&list.module, *number, subject), message, &robot.name, &values);
@@ -216,7 +215,7 @@ impl Faults {
         }
         let now = active.iter().map(|fault| (fault.number, fault.subject.clone()));
         if down {
-            // What was known before is to be cleared by the module itself.
+            // The module itself must clear faults that were known before.
             known.retain(|(number, _)| *number != Fault::ModuleDown as i32);
             known.push((Fault::ModuleDown as i32, list.module.clone()));
         } else {
@@ -226,12 +225,15 @@ impl Faults {
 }
 
 impl Odometry {
-    /// Way and turn between two messages make an arc; what is between two lives of the driver's makes nothing.
+    /// Distance and turn between two messages form an arc; the difference across a restart of the driver is ignored.
     fn translate(&mut self, odo: &DataOdo, to: &mut To<'_, '_>) {
         if let Some(last) = &self.last {
             let (way, turn) = (odo.path - last.path, odo.heading - last.heading);
             let gap = odo.timestamp.saturating_sub(last.timestamp);
-            if (0..=ODOMETRY_GAP).contains(&gap) && way.abs() < ODOMETRY_STEP && turn.abs() < ODOMETRY_STEP {
+            if (0..=ODOMETRY_GAP_US).contains(&gap)
+                && way.abs() < ODOMETRY_STEP_MAX_M
+                && turn.abs() < ODOMETRY_STEP_MAX_M
+            {
                 let (sin, cos) = libm::sincos(self.pose.theta + turn / 2.0);
                 self.pose.x += way * cos;
                 self.pose.y += way * sin;
@@ -251,15 +253,15 @@ impl Odometry {
     }
 }
 
-/// Beginning of topics, beginning of frames, radiation (`sensor_msgs/msg/Range`).
+/// Prefix of topics, prefix of frames, radiation (`sensor_msgs/msg/Range`).
 type Names = (&'static str, &'static str, u8);
 const SONAR: Names = ("", "sonar_", 0);
 const INFRARED: Names = ("ir_", "ir_", 1);
 const OTHER: Names = ("other_", "other_", 1);
 
 impl Sensors {
-    /// Readings, each at its own instant. One that was measured before and is sent again is left out; one that is not
-    /// known is NaN, at the message's instant.
+    /// Readings, each at its own instant. A repeated measurement is left out; an unknown one is NaN, at the message's
+    /// instant.
     fn translate<'a>(
         &mut self,
         names: Names,
@@ -276,8 +278,8 @@ impl Sensors {
         for reading in readings.clone() {
             let (stamp, distance) = match reading.status {
                 Reading::MEASURED => (reading.timestamp, reading.distance),
-                Reading::SILENT => (reading.timestamp, f64::INFINITY), // REP 117: nothing in reach
-                _ => (timestamp, f64::NAN),                            // REP 117: not known
+                Reading::SILENT => (reading.timestamp, f64::INFINITY), // REP 117: nothing in range
+                _ => (timestamp, f64::NAN),                            // REP 117: unknown
             };
             if self.last.get(&reading.id) == Some(&stamp) {
                 continue;
@@ -294,7 +296,7 @@ impl Sensors {
         let finder =
             |range: &Range| Finder { id: range.id, place: Pose { x: range.x, y: range.y, theta: range.theta }, sensor };
         for range in ranges {
-            let distance = if range.valid { range.distance } else { f64::INFINITY }; // REP 117: nothing in reach
+            let distance = if range.valid { range.distance } else { f64::INFINITY }; // REP 117: nothing in range
             self.send(names, finder(range), timestamp, distance, to);
         }
         let frames = self.frames(timestamp, ranges.iter().map(finder));
@@ -330,7 +332,7 @@ impl Sensors {
 
     /// Frames of the sensors on the robot, once a second; otherwise empty.
     fn frames(&mut self, timestamp: i64, finders: impl Iterator<Item = Finder>) -> Vec<Frame> {
-        if self.shown.is_some_and(|shown| shown.abs_diff(timestamp) < AGAIN) {
+        if self.shown.is_some_and(|shown| shown.abs_diff(timestamp) < MOUNTING_PERIOD_US) {
             return Vec::new();
         }
         let known = finders.filter(|finder| finder.place.is_finite());
@@ -373,7 +375,7 @@ fn pose(message: &DataEstimate, to: &mut To<'_, '_>) {
     }
 }
 
-/// Each pose looks at the next; the last one as the one before.
+/// Each pose points to the next; the last one has the heading of the previous one.
 fn path(message: &DataPlan, to: &mut To<'_, '_>) {
     let points: Vec<(f64, f64)> = message.x.iter().copied().zip(message.y.iter().copied()).collect();
     to.send("/plan", Standard::Path, |fields| {
@@ -390,7 +392,7 @@ fn path(message: &DataPlan, to: &mut To<'_, '_>) {
     });
 }
 
-/// What the robot does not measure is NaN, as `BatteryState` wants it.
+/// Values that the robot does not measure are NaN, as `BatteryState` requires.
 fn battery(message: &DataPower, to: &mut To<'_, '_>) {
     let current: f64 = message.channels.iter().map(|channel| channel.current).sum();
     to.send("/battery", Standard::Battery, |fields| {
@@ -409,7 +411,7 @@ fn battery(message: &DataPower, to: &mut To<'_, '_>) {
     });
 }
 
-/// A mark in the run.
+/// Mark in the run.
 pub fn mark(robot: &str, timestamp: i64, text: &str, to: &mut To<'_, '_>) {
     to.send("/marks", Standard::Log, |fields| {
         fields.time(timestamp);
@@ -452,7 +454,7 @@ fn level_of(severity: i8) -> u8 {
     }
 }
 
-/// `MODULE/FAULT/SUBJECT`, without a subject that says nothing more.
+/// `MODULE/FAULT/SUBJECT`; the subject is omitted if it repeats the module.
 fn status_name(module: &str, number: i32, subject: &str) -> String {
     let fault = fault_name(number);
     if subject.is_empty() || subject == module {
@@ -495,7 +497,7 @@ fn error_text(message: &Error, to: &mut To<'_, '_>) {
     log(message.timestamp, level, &message.module, &message.message, (&message.file, message.line), to);
 }
 
-/// One status for each fault of a module that does not list them: it is OK again when the fault is cleared.
+/// One status for each fault of a module that does not publish its list: OK again when the fault is cleared.
 fn module_error(robot: &RobotScene, message: &Error, to: &mut To<'_, '_>) {
     let level = level_of(message.severity);
     let values = [
@@ -512,7 +514,7 @@ fn module_error(robot: &RobotScene, message: &Error, to: &mut To<'_, '_>) {
     });
 }
 
-/// One status for each module that lists causes: OK while it acts, or nobody asks it to.
+/// One status for each module that publishes holds: OK while it acts, or while it has no command.
 fn module_holds(robot: &RobotScene, message: &DataHold, to: &mut To<'_, '_>) {
     let level = if message.is_free() { OK } else { WARN };
     let words = message.holds.first().map_or_else(|| "acts".to_owned(), Hold::words);

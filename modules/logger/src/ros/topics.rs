@@ -1,4 +1,4 @@
-//! Topics: each has its type for good, and a small number that stays.
+//! Topics: each has a constant type and a small constant number.
 
 use std::collections::BTreeMap;
 use std::iter;
@@ -7,14 +7,14 @@ use std::sync::Arc;
 use super::kinds::RosType;
 use super::standard::Standard;
 
-/// Who takes what comes out: the topic, and the message as CDR.
+/// Consumer of translated messages: topic, and message as CDR.
 pub type Sink<'a> = dyn FnMut(&Topic, &[u8]) + 'a;
 
-/// How many topics there can be: with the channels as they are they fit into what a log can number (65 535).
+/// Maximum number of topics: with the raw channels they fit into the channel numbers of a log (65 535).
 pub const TOPICS_MAX: usize = 16_384;
 
-/// Names that are kept for messages of standard types, and beginnings of such.
-const KEPT: &[&str] = &[
+/// Names, and prefixes of names, reserved for standard types.
+const RESERVED_NAMES: &[&str] = &[
     "/battery",
     "/diagnostics",
     "/marks",
@@ -28,16 +28,16 @@ const KEPT: &[&str] = &[
     "/tf",
 ];
 
-/// A topic of ROS 2.
+/// ROS 2 topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Topic {
-    /// Its number: from 0, in the order in which topics were first heard.
+    /// Number: from 0, in the order of first reception.
     pub id: u16,
-    /// Its name: `/LL_DATA_ODO`, `/range/3`.
+    /// Name: `/LL_DATA_ODO`, `/range/3`.
     pub name: Arc<str>,
-    /// The name of its messages' type: `lowlevel/msg/DataOdo`.
+    /// Name of the message type: `lowlevel/msg/DataOdo`.
     pub schema_name: Arc<str>,
-    /// The type as `ros2msg`.
+    /// Definition of the type as `ros2msg`.
     pub schema_text: Arc<str>,
 }
 
@@ -45,7 +45,7 @@ pub struct Topic {
 pub struct Topics {
     all: Vec<Topic>,
     index: BTreeMap<Arc<str>, u16>,
-    /// Texts of the standard types that are in use.
+    /// Definitions of the standard types in use.
     standard: BTreeMap<&'static str, RosType>,
     left_out: u64,
 }
@@ -63,14 +63,14 @@ impl Topics {
         &self.all[usize::from(id)]
     }
 
-    /// Counts a message that found no place.
+    /// Counts a message that was left out.
     pub fn leave_out(&mut self) {
         self.left_out += 1;
     }
 
-    /// A new topic for a channel's messages of that type; `None` when there are too many.
+    /// Creates a topic for messages of this type on a channel; `None` if there are too many.
     pub fn own(&mut self, channel: &str, first: bool, ty: &RosType) -> Option<u16> {
-        let front = if is_kept(&format!("/{channel}")) { "/lcm/" } else { "/" };
+        let front = if is_reserved(&format!("/{channel}")) { "/lcm/" } else { "/" };
         let name = format!("{front}{channel}");
         if first && !self.index.contains_key(name.as_str()) {
             return self.add(name, ty.clone());
@@ -81,7 +81,7 @@ impl Topics {
         self.add(free, ty.clone())
     }
 
-    /// The topic of that name, of a standard type; `None`, and counted, when there are too many.
+    /// Topic of this name and standard type; `None`, and counted, if there are too many.
     pub fn standard(&mut self, name: &str, ty: Standard) -> Option<u16> {
         if let Some(&id) = self.index.get(name) {
             return Some(id);
@@ -101,6 +101,6 @@ impl Topics {
     }
 }
 
-fn is_kept(name: &str) -> bool {
-    KEPT.iter().any(|kept| if kept.ends_with('/') { name.starts_with(kept) } else { name == *kept })
+fn is_reserved(name: &str) -> bool {
+    RESERVED_NAMES.iter().any(|kept| if kept.ends_with('/') { name.starts_with(kept) } else { name == *kept })
 }

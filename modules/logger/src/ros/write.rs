@@ -1,14 +1,14 @@
-//! Pieces that standard messages are made of.
+//! Building blocks of standard messages.
 
 use lcm_gen::cdr::Writer;
 
 use super::standard::Standard;
 use super::topics::{Sink, Topics};
 
-/// A colour: red, green, blue, opacity, 0..1.
+/// Colour: red, green, blue, opacity, 0..1.
 pub type Color = [f32; 4];
 
-/// A place and a heading in the plane: m, rad.
+/// Position and heading in the plane: m, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     pub x: f64,
@@ -17,13 +17,13 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Whether it is made of numbers: viewers lose their way with others.
+    /// True if all values are finite: viewers fail on others.
     pub fn is_finite(self) -> bool {
         self.x.is_finite() && self.y.is_finite() && self.theta.is_finite()
     }
 }
 
-/// Where standard messages go.
+/// Destination of standard messages.
 pub struct To<'a, 's> {
     pub topics: &'a mut Topics,
     pub buffer: &'a mut Vec<u8>,
@@ -40,13 +40,13 @@ impl To<'_, '_> {
     }
 }
 
-/// Fields of a message, in the order in which its type has them.
+/// Writer for the fields of a message, in the order of its type.
 pub struct Fields<'a> {
     pub to: Writer<'a>,
 }
 
 impl Fields<'_> {
-    /// `builtin_interfaces/Time`, from µs since the epoch; what it cannot say is the nearest that it can.
+    /// `builtin_interfaces/Time` from µs since the epoch, saturated to its range.
     pub fn time(&mut self, timestamp: i64) {
         let seconds = timestamp.div_euclid(1_000_000);
         let micros = u32::try_from(timestamp.rem_euclid(1_000_000)).unwrap_or_default();
@@ -70,7 +70,7 @@ impl Fields<'_> {
         [x, y, z].into_iter().for_each(|number| self.to.f64(number));
     }
 
-    /// `geometry_msgs/Quaternion` of a turn about the vertical.
+    /// `geometry_msgs/Quaternion` of a rotation about the vertical.
     pub fn turn(&mut self, theta: f64) {
         let (sin, cos) = libm::sincos(theta / 2.0);
         [0.0, 0.0, sin, cos].into_iter().for_each(|number| self.to.f64(number));
@@ -82,7 +82,7 @@ impl Fields<'_> {
         self.turn(pose.theta);
     }
 
-    /// The covariance of x, y, theta among those of x, y, z and the turns about them.
+    /// Covariance of x, y, theta within that of x, y, z and the rotations about them.
     pub fn covariance(&mut self, covariance: &[[f64; 3]; 3]) {
         const PLACES: [Option<usize>; 6] = [Some(0), Some(1), None, None, None, Some(2)];
         for row in PLACES {
@@ -92,7 +92,7 @@ impl Fields<'_> {
         }
     }
 
-    /// `geometry_msgs/TransformStamped`: where `child` is in `parent`.
+    /// `geometry_msgs/TransformStamped`: pose of `child` in `parent`.
     pub fn transform(&mut self, timestamp: i64, parent: &str, child: &str, pose: Pose) {
         self.header(timestamp, parent);
         self.to.string(child);

@@ -1,4 +1,4 @@
-//! Power cuts, and files of which the end is missing.
+//! Power cuts, and truncated files.
 
 use super::rig::{Rig, Store, raw, read};
 use super::{FIRST, config, noise};
@@ -8,7 +8,7 @@ use base::{Duration, Instant};
 use messages::common::CmdLog;
 use std::io::Cursor;
 
-/// What a power cut may cost, beside one synchronization with what is written with it.
+/// Maximum loss in a power cut, besides one synchronization with the data written with it.
 const COST: Duration = Duration::from_millis(250);
 
 #[test]
@@ -29,7 +29,7 @@ fn five_hundred_power_cuts_cost_a_quarter_of_a_second_and_one_synchronization() 
             for _ in 0..burst {
                 data.chunks_exact_mut(8).for_each(|bytes| bytes.copy_from_slice(&below(1 << 40).to_le_bytes()));
                 heard.push(rig.bench.now());
-                rig.hear("SOMETHING", &data);
+                rig.receive("SOMETHING", &data);
             }
             rig.pass(Duration::from_micros(100 + below(30_000)));
         }
@@ -37,7 +37,7 @@ fn five_hundred_power_cuts_cost_a_quarter_of_a_second_and_one_synchronization() 
         let mut survived = 0;
         for (bytes, durable) in rig.store.files.values() {
             let left = &bytes[..*durable];
-            // Not even a beginning is there of a file that was just made.
+            // A file that was just created does not even have a beginning.
             let mut recovered = Vec::new();
             let report = recover(Cursor::new(left), &mut recovered, &mut |_, _| {}).unwrap();
             assert_eq!(report.messages, read(left).len() as u64, "cut {number}");
@@ -49,7 +49,7 @@ fn five_hundred_power_cuts_cost_a_quarter_of_a_second_and_one_synchronization() 
         }
         if let Some(lost) = heard.get(survived) {
             let cost = cut.since(*lost);
-            // With the synchronization goes what is written with it, and before it what is being written just then.
+            // The data written with the synchronization may be lost, and so may the data being written at that moment.
             let writing = Duration::from_millis(2 * (1 << 20) / rig.store.bytes_per_ms as u64 + 1);
             assert!(cost <= COST + sync + writing, "cut {number}: {cost:?} are lost, a sync takes {sync:?}");
             worst = worst.max(cost.saturating_sub(sync));
@@ -65,15 +65,15 @@ fn of_two_thousand_files_cut_anywhere_every_whole_chunk_is_read() {
         let mut rig = Rig::new(Config { compression, ..config() });
         for ticks in 0..200 {
             rig.odo(ticks);
-            rig.hear("SOMETHING", &[ticks as u8; 40]);
+            rig.receive("SOMETHING", &[ticks as u8; 40]);
             rig.ms(10);
         }
-        rig.order(CmdLog::STOP, "");
+        rig.command(CmdLog::STOP, "");
         rig.ms(50);
         let file = rig.file(FIRST);
         let summary = mcap::Summary::read(file).unwrap().unwrap();
         assert!(summary.chunk_indexes.len() >= 10, "{}", summary.chunk_indexes.len());
-        // Where each chunk ends, and how many messages there are then.
+        // End of each chunk, and number of messages up to there.
         let end = |index: &mcap::records::ChunkIndex| (index.chunk_start_offset + index.chunk_length) as usize;
         let ends: Vec<usize> = summary.chunk_indexes.iter().map(end).collect();
         let whole: Vec<(usize, usize)> = ends.into_iter().map(|end| (end, read(&file[..end]).len())).collect();
@@ -98,14 +98,14 @@ fn a_fast_bus_is_not_synchronized_for_each_chunk() {
     let data = vec![1; 50_000];
     let before = rig.store.syncs;
     for _ in 0..1000 {
-        rig.hear("FAST", &data);
+        rig.receive("FAST", &data);
         rig.ms(1);
     }
     let syncs = rig.store.syncs - before;
     assert!((5..=8).contains(&syncs), "{syncs} synchronizations in a second");
     assert!(rig.store.appends > 50, "{}", rig.store.appends);
     assert_eq!(rig.told.last().unwrap().dropped, 0);
-    // When it falls silent the rest is not left waiting.
+    // When the bus falls silent, the remainder is synchronized.
     rig.ms(250);
     let (bytes, durable) = rig.store.files.values().next_back().unwrap();
     assert_eq!(bytes.len(), *durable);

@@ -1,4 +1,4 @@
-//! A logger, and a disk that takes its time and loses in a power cut what was not synchronized.
+//! Logger with a slow disk that loses unsynchronized data in a power cut.
 
 use crate::ros::{RobotScene, Translator};
 use crate::{Config, Logger, NAME};
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 pub const PORT: PortId = PortId(0);
 
 pub struct Store {
-    /// Content, and how much of it is on the medium.
+    /// Content, and number of bytes on the medium.
     pub files: BTreeMap<String, (Vec<u8>, usize)>,
     pub open: Option<String>,
     pub capacity: usize,
@@ -60,7 +60,7 @@ impl Store {
         self.asked.as_ref().map(|(due, _)| *due)
     }
 
-    /// What is on its way is never answered.
+    /// The request in progress is never answered.
     pub fn forget(&mut self) {
         (self.asked, self.open) = (None, None);
     }
@@ -145,7 +145,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// One that has started, on this disk.
+    /// Started logger on this disk.
     pub fn on(store: Store, config: Config) -> Self {
         let shell =
             Shell::new(ShellConfig::new(NAME), Box::new(Logger::new(config, Translator::new(RobotScene::default()))));
@@ -196,24 +196,24 @@ impl Rig {
         self.pass(Duration::from_millis(millis));
     }
 
-    pub fn hear(&mut self, channel: &str, data: &[u8]) {
+    pub fn receive(&mut self, channel: &str, data: &[u8]) {
         self.bench.event(Event::Heard { at: self.bench.now(), channel, data });
         self.collect();
     }
 
-    pub fn heard(&mut self, message: impl Into<Message>) {
+    pub fn receive_message(&mut self, message: impl Into<Message>) {
         self.bench.heard(message);
         self.collect();
     }
 
     pub fn odo(&mut self, ticks: i32) {
         let timestamp = (self.bench.now().as_nanos() / 1000) as i64;
-        self.heard(lowlevel::DataOdo { timestamp, ticks_left: ticks, ..Default::default() });
+        self.receive_message(lowlevel::DataOdo { timestamp, ticks_left: ticks, ..Default::default() });
     }
 
-    pub fn order(&mut self, action: i8, text: &str) {
+    pub fn command(&mut self, action: i8, text: &str) {
         let timestamp = (self.bench.now().as_nanos() / 1000) as i64;
-        self.heard(CmdLog { timestamp, action, text: text.into() });
+        self.receive_message(CmdLog { timestamp, action, text: text.into() });
     }
 
     pub fn port(&mut self, input: Input<'_>) {
@@ -225,12 +225,12 @@ impl Rig {
         &self.store.files[name].0
     }
 
-    /// The files that are there, in order.
+    /// Names of the files, in order.
     pub fn names(&self) -> Vec<&str> {
         self.store.files.keys().map(String::as_str).collect()
     }
 
-    /// How often a fault was reported: begun, ended.
+    /// Number of reports of a fault: raised, cleared.
     pub fn faults(&self, fault: base::Fault) -> (usize, usize) {
         let of = |notice: bool| {
             let is = |report: &&Report| report.fault == fault && (report.severity == base::Severity::Notice) == notice;
@@ -240,7 +240,7 @@ impl Rig {
     }
 }
 
-/// A message that was read again.
+/// Message read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Read {
     pub topic: String,
@@ -253,7 +253,7 @@ pub struct Read {
     pub data: Vec<u8>,
 }
 
-/// All messages of a file, whole or not, up to where it cannot be read on.
+/// All messages of a file, intact or not, up to the first unreadable byte.
 pub fn read(bytes: &[u8]) -> Vec<Read> {
     let Ok(stream) = MessageStream::new_with_options(bytes, Options::IgnoreEndMagic.into()) else { return Vec::new() };
     stream
@@ -270,19 +270,19 @@ pub fn read(bytes: &[u8]) -> Vec<Read> {
         .collect()
 }
 
-/// Those as they were on the bus.
+/// Raw bus messages.
 pub fn raw(bytes: &[u8]) -> Vec<Read> {
     read(bytes).into_iter().filter(|message| message.encoding == "lcm").collect()
 }
 
-/// The values of the metadata of one name, in order.
+/// Values of the metadata of one name, in order.
 pub fn notes(bytes: &[u8], name: &str) -> Vec<BTreeMap<String, String>> {
     let summary = mcap::Summary::read(bytes).unwrap().unwrap();
     let indexes = summary.metadata_indexes.iter().filter(|index| index.name == name);
     indexes.map(|index| mcap::read::metadata(bytes, index).unwrap().metadata).collect()
 }
 
-/// Odometry as it is on the bus.
+/// Odometry as encoded on the bus.
 pub fn odo_ticks(data: &[u8]) -> i32 {
     match Message::decode(Channel::LlDataOdo, data) {
         Ok(Message::LlDataOdo(odo)) => odo.ticks_left,

@@ -1,4 +1,4 @@
-//! Disks that are slow, full, read-only or gone.
+//! Disks that are slow, full, read-only or missing.
 
 use super::rig::{Rig, Store, notes, odo_ticks, raw};
 use super::{FIRST, config, noise};
@@ -9,15 +9,15 @@ use messages::common::CmdLog;
 use module::{Input, State};
 
 #[test]
-fn a_slow_disk_costs_messages_which_are_counted_and_told_once() {
+fn a_slow_disk_costs_messages_which_are_counted_and_reported_once() {
     let store = Store { bytes_per_ms: 100, ..Store::default() };
     let limits = Config { buffer_bytes: 1_000_000, compression: Compression::None, ..config() };
     let mut rig = Rig::on(store, limits);
     rig.ms(500);
     let mut heard = 0;
-    // 2 MB/s, of which it takes 0.1 for ten seconds.
+    // 2 MB/s, of which the disk accepts 0.1 MB/s for ten seconds.
     for _ in 0..1000 {
-        rig.hear("SOMETHING", &[0; 20_000]);
+        rig.receive("SOMETHING", &[0; 20_000]);
         heard += 1;
         rig.ms(10);
     }
@@ -26,15 +26,15 @@ fn a_slow_disk_costs_messages_which_are_counted_and_told_once() {
     assert_eq!(rig.bench.shell.state(), State::Run);
     rig.store.bytes_per_ms = 100_000;
     rig.ms(10_000);
-    rig.hear("SOMETHING", &[1]);
+    rig.receive("SOMETHING", &[1]);
     rig.ms(6000);
     assert_eq!(rig.faults(Fault::LogLost), (1, 1));
     let dropped = rig.told.last().unwrap().dropped as usize;
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(1000);
     let file = rig.file(FIRST);
     let messages = raw(file);
-    // The last are the one and the order.
+    // The last two are the final odometry message and the command.
     assert_eq!(messages.len() - 2 + dropped, heard);
     assert!(dropped > 800, "{dropped}");
     let gaps = notes(file, "gap");
@@ -44,7 +44,7 @@ fn a_slow_disk_costs_messages_which_are_counted_and_told_once() {
 }
 
 #[test]
-fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
+fn the_oldest_runs_are_removed_and_other_files_stay() {
     let mut store = Store { capacity: 10_000_000, ..Store::default() };
     store.put("2020_01_01_00_00_00_10/log_000.mcap", 1_000_000);
     store.put("2020_01_01_00_00_00_2/log_000.mcap", 1_000_000);
@@ -52,13 +52,13 @@ fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
     store.put("photos/holiday.jpg", 1_000_000);
     let mut rig = Rig::on(store, Config { keep_free_bytes: 6_500_000, keep_runs_bytes: 2_600_000, ..config() });
     rig.ms(100);
-    // Three runs are more than may be kept; there is room enough then.
+    // Three runs are more than may be kept; there is enough space then.
     assert_eq!(rig.store.folders(), ["1970_01_01_00_00_00", "2020_01_01_00_00_00_10", "2021_01_01_00_00_00", "photos"]);
     let mut random = noise(3);
     let mut feed = |rig: &mut Rig, count: usize| {
         for _ in 0..count {
             let data: Vec<u8> = std::iter::repeat_with(|| random() as u8).take(10_000).collect();
-            rig.hear("NOISE", &data);
+            rig.receive("NOISE", &data);
             rig.ms(5);
         }
         rig.ms(300);
@@ -68,14 +68,14 @@ fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
     feed(&mut rig, 100);
     assert_eq!(rig.store.folders(), ["1970_01_01_00_00_00", "photos"]);
     assert_eq!(rig.faults(Fault::LogRefused), (0, 0));
-    // Then only this run is left, and it ends as a whole file with the floor still free.
+    // Then only this run is left, and its file ends properly with the limit of free space intact.
     feed(&mut rig, 200);
     assert_eq!(rig.faults(Fault::LogRefused), (1, 0));
     assert_eq!(rig.bench.shell.state(), State::Error);
     assert!(!rig.told.last().unwrap().recording);
     assert!(rig.store.free() > 6_000_000, "{}", rig.store.free());
     assert!(mcap::Summary::read(rig.file(FIRST)).unwrap().is_some());
-    // Somebody makes room.
+    // Space is freed by others.
     rig.store.capacity = 20_000_000;
     rig.ms(6000);
     assert_eq!(rig.faults(Fault::LogRefused), (1, 1));
@@ -87,7 +87,7 @@ fn the_oldest_runs_make_room_and_what_is_no_run_stays() {
 }
 
 #[test]
-fn a_disk_that_others_fill_is_tried_again() {
+fn a_disk_filled_by_others_is_retried() {
     let mut rig = Rig::new(config());
     rig.ms(300);
     rig.store.put("photos/holiday.jpg", 0);
@@ -102,15 +102,15 @@ fn a_disk_that_others_fill_is_tried_again() {
     rig.ms(6000);
     assert_eq!(rig.faults(Fault::LogRefused), (1, 1));
     let next = rig.file("1970_01_01_00_00_00/log_001.mcap");
-    // What was heard meanwhile was kept.
+    // The messages received meanwhile were kept.
     assert_eq!(odo_ticks(&raw(next)[0].data), 2);
-    rig.order(CmdLog::STOP, "");
+    rig.command(CmdLog::STOP, "");
     rig.ms(100);
     assert_eq!(notes(rig.file("1970_01_01_00_00_00/log_001.mcap"), "gap")[0]["messages"], "1");
 }
 
 #[test]
-fn what_is_refused_for_a_while_is_written_when_it_is_taken_again() {
+fn refused_data_is_written_when_the_disk_accepts_it_again() {
     for trouble in [Trouble::ReadOnly, Trouble::Other("it is wet".into())] {
         let mut rig = Rig::new(config());
         rig.ms(300);
@@ -129,7 +129,7 @@ fn what_is_refused_for_a_while_is_written_when_it_is_taken_again() {
 }
 
 #[test]
-fn a_file_that_takes_nothing_more_is_followed_by_another() {
+fn a_file_that_accepts_no_more_data_is_followed_by_another() {
     let mut rig = Rig::new(config());
     rig.ms(300);
     rig.store.open = None;
@@ -144,7 +144,7 @@ fn a_file_that_takes_nothing_more_is_followed_by_another() {
 }
 
 #[test]
-fn a_folder_that_is_read_only_from_the_start_is_told_and_the_last_seconds_are_kept() {
+fn a_read_only_folder_is_reported_and_the_last_seconds_are_kept() {
     let mut rig = Rig::on(Store { trouble: Some(Trouble::ReadOnly), ..Store::default() }, config());
     for ticks in 0..200 {
         rig.odo(ticks);
@@ -164,7 +164,7 @@ fn a_folder_that_is_read_only_from_the_start_is_told_and_the_last_seconds_are_ke
 }
 
 #[test]
-fn a_folder_that_is_lost_and_found_goes_on_in_another_file_of_the_run() {
+fn after_the_loss_of_the_folder_the_run_continues_in_another_file() {
     let mut rig = Rig::new(config());
     rig.ms(300);
     rig.odo(1);
@@ -182,7 +182,7 @@ fn a_folder_that_is_lost_and_found_goes_on_in_another_file_of_the_run() {
 }
 
 #[test]
-fn in_stop_it_closes_the_file_and_in_pause_it_goes_on() {
+fn in_stop_the_file_is_closed_and_in_pause_recording_continues() {
     let mut rig = Rig::new(config());
     let state = |state: State| messages::common::CmdState {
         timestamp: 0,
@@ -191,9 +191,9 @@ fn in_stop_it_closes_the_file_and_in_pause_it_goes_on() {
         manual: true,
         source: "test".into(),
     };
-    rig.heard(state(State::Pause));
+    rig.receive_message(state(State::Pause));
     rig.odo(1);
-    rig.heard(state(State::Stop));
+    rig.receive_message(state(State::Stop));
     rig.ms(100);
     assert!(mcap::Summary::read(rig.file(FIRST)).unwrap().is_some());
     assert_eq!(raw(rig.file(FIRST)).len(), 3);
@@ -201,9 +201,9 @@ fn in_stop_it_closes_the_file_and_in_pause_it_goes_on() {
     rig.odo(2);
     rig.ms(2000);
     assert_eq!(rig.names().len(), 1);
-    rig.heard(state(State::Run));
+    rig.receive_message(state(State::Run));
     rig.ms(500);
-    // What was heard in between was kept, as while recording is not wanted.
+    // The messages received meanwhile were kept, as without recording.
     let name = rig.names()[1].to_owned();
     assert_eq!(odo_ticks(&raw(rig.file(&name))[0].data), 2);
 }

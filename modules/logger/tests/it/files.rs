@@ -1,4 +1,4 @@
-//! Logs as others write them, and what everybody's reader says of a file.
+//! Logs as others write them, and the content of a file according to both readers.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use logger::read::{Channel, Filter, Index, Messages};
@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::Arc;
 
-/// A message: topic, number, log time, data.
+/// Message: topic, sequence number, log time, data.
 pub type Line = (String, u32, u64, Vec<u8>);
 
-/// The same numbers each time.
+/// Deterministic pseudo-random numbers.
 pub struct Random(pub u64);
 
 impl Random {
@@ -36,7 +36,7 @@ pub fn options(compression: Option<Compression>, chunk: u64) -> WriteOptions {
     WriteOptions::new().compression(compression).profile("ros2").library("advee test").chunk_size(Some(chunk))
 }
 
-/// A log of `count` messages on three channels, with an attachment and a metadata record in the middle.
+/// Log of `count` messages on three channels, with an attachment and a metadata record in the middle.
 pub fn log(options: WriteOptions, count: u32) -> (Vec<u8>, Vec<Line>) {
     let mut writer = Writer::with_options(Cursor::new(Vec::new()), options).unwrap();
     let schema = writer.add_schema("p.a_t", "lcm", b"package p; struct a_t { int8_t x; }").unwrap();
@@ -63,7 +63,7 @@ pub fn log(options: WriteOptions, count: u32) -> (Vec<u8>, Vec<Line>) {
     (writer.into_inner().into_inner(), lines)
 }
 
-/// All messages as `logger::read` gives them.
+/// All messages as returned by `logger::read`.
 pub fn ours(file: &[u8]) -> (Index, Vec<Line>) {
     let index = Index::read(Cursor::new(file), &mut |_, _| {}).unwrap();
     let all = |_: &Channel, _: Option<&logger::read::Schema>| true;
@@ -77,7 +77,7 @@ pub fn ours(file: &[u8]) -> (Index, Vec<Line>) {
     (index, lines)
 }
 
-/// All messages as the format's own library gives them: from front to back, and found by the index.
+/// All messages as returned by the format's own library: in file order, and by the index.
 pub fn theirs(file: &[u8]) -> Vec<Line> {
     let line = |message: mcap::Message<'_>| {
         (message.channel.topic.clone(), message.sequence, message.log_time, message.data.to_vec())

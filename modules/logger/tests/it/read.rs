@@ -1,4 +1,4 @@
-//! Files of the format's own library, read: whole ones, other compressions, messages outside of chunks, order.
+//! Reading files of the format's own library: intact ones, other compressions, messages outside chunks, order.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::files::{Line, log, options, ours};
@@ -23,7 +23,7 @@ fn a_whole_file_is_read_by_its_index_whatever_its_compression() {
         let from = attachment.data_offset as usize;
         assert_eq!(&file[from..from + attachment.data_len as usize], b"[robot]\nname = \"advee\"\n");
         assert_eq!(index.metadata[0].values["robot"], "advee");
-        // Gone through it is the same, but for the chunks that hold definitions alone.
+        // A scan has the same result, except for chunks that contain only definitions.
         let scanned = Index::scan(Cursor::new(&file), &mut |_, _| {}).unwrap();
         assert!(!scanned.indexed && scanned.damage.is_none());
         assert_eq!((scanned.counts, scanned.channels), (index.counts, index.channels));
@@ -56,7 +56,7 @@ fn a_file_without_message_indexes_or_without_a_summary_is_read() {
     }
 }
 
-/// A log of messages `(log time, number)` on one channel, a chunk for each row.
+/// Log of messages `(log time, number)` on one channel, one chunk for each row.
 fn chunks(rows: &[&[(u64, u32)]]) -> Vec<u8> {
     let options = WriteOptions::new().compression(None).chunk_size(None);
     let mut writer = Writer::with_options(Cursor::new(Vec::new()), options).unwrap();
@@ -147,7 +147,7 @@ fn a_channel_whose_type_changes_and_100_000_channels_are_read() {
     assert_eq!(known, [types[0].as_bytes(), types[1].as_bytes()]);
     assert_eq!(read.iter().map(|line| line.0.as_str()).collect::<Vec<_>>(), ["A", "A"]);
 
-    // A file numbers 65 535 of them, so there are two.
+    // A file has at most 65 535 channels, so there are two files.
     let many = |from: u32| {
         let mut writer = Writer::with_options(Cursor::new(Vec::new()), options(None, 1 << 18)).unwrap();
         for i in from..from + 50_000 {

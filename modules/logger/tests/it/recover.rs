@@ -1,4 +1,5 @@
-//! Files that were cut, damaged, or have something in front: all that is whole is there afterwards, for every reader.
+//! Truncated and damaged files, and files with foreign bytes in front: everything intact is there afterwards, for every
+//! reader.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::files::{Line, Random, log, options, ours, theirs};
@@ -15,7 +16,7 @@ fn recovered(file: &[u8]) -> (Vec<u8>, Report) {
     (out, report)
 }
 
-/// The file with its index, in its place, as a caller does it.
+/// File with its index added in place, as a caller does it.
 fn sealed(file: &[u8]) -> (Vec<u8>, Sealed) {
     let mut inner = Cursor::new(file.to_vec());
     let sealed = seal(&mut inner, &mut |_, _| {}).unwrap();
@@ -26,7 +27,7 @@ fn sealed(file: &[u8]) -> (Vec<u8>, Sealed) {
     (bytes, sealed)
 }
 
-/// How many messages stand in whole chunks before each byte.
+/// Number of messages in whole chunks before each byte.
 fn chunk_ends(file: &[u8]) -> Vec<(u64, usize)> {
     let summary = mcap::Summary::read(file).unwrap().unwrap();
     let mut ends = vec![(0, 0)];
@@ -38,7 +39,7 @@ fn chunk_ends(file: &[u8]) -> Vec<(u64, usize)> {
     ends
 }
 
-/// What we read by the file's own index.
+/// Messages that this reader finds by the file's own index.
 fn indexed(file: &[u8]) -> Vec<Line> {
     let (index, lines) = ours(file);
     assert!(index.indexed && index.damage.is_none());
@@ -64,7 +65,7 @@ fn cut_at_2000_random_bytes_everything_in_whole_chunks_is_kept() {
             let (out, report) = recovered(cut);
             assert_eq!(report.messages, whole.len() as u64);
             assert!(indexed(&out) == whole, "{len}");
-            // In its place it is the same, as soon as there is a beginning of a file.
+            // In place the result is the same, as soon as the beginning of a file exists.
             let (bytes, outcome) = sealed(cut);
             match outcome {
                 Sealed::Sealed(report) => {
@@ -76,7 +77,7 @@ fn cut_at_2000_random_bytes_everything_in_whole_chunks_is_kept() {
             }
             if round % 20 == 0 {
                 assert!(theirs(&out) == whole && (len < 50 || theirs(&sealed(cut).0) == whole), "{len}");
-                // A power cut also leaves zeros where data was to be.
+                // A power cut also leaves zeros in place of data.
                 let zeros = [cut, &vec![0; 5000]].concat();
                 assert!(recovered(&zeros).0 == out && (len < 50 || sealed(&zeros).0 == bytes), "{len}");
             }
@@ -85,7 +86,7 @@ fn cut_at_2000_random_bytes_everything_in_whole_chunks_is_kept() {
 }
 
 #[test]
-fn a_whole_file_stays_as_it_is_and_copied_says_the_same() {
+fn an_intact_file_is_unchanged_and_its_copy_has_the_same_content() {
     for compression in [None, Some(Compression::Zstd), Some(Compression::Lz4)] {
         let (file, lines) = log(options(compression, 3000), 1500);
         let (bytes, outcome) = sealed(&file);
@@ -140,7 +141,7 @@ fn random_damage_costs_the_chunks_it_hits_and_no_more() {
 }
 
 #[test]
-fn a_channel_defined_in_a_lost_chunk_is_known_from_the_summary_or_stood_in_for() {
+fn a_channel_defined_in_a_lost_chunk_is_taken_from_the_summary_or_replaced() {
     let (file, lines) = log(options(None, 2000), 300);
     let summary = mcap::Summary::read(&file).unwrap().unwrap();
     let first = &summary.chunk_indexes[0];
@@ -187,7 +188,7 @@ fn a_file_in_the_data_of_a_message_is_data() {
     writer.finish().unwrap();
     let mut file = writer.into_inner().into_inner();
     let summary = mcap::Summary::read(&file).unwrap().unwrap();
-    // The chunk in the middle is damaged; what stands in it is not mistaken for chunks of this file.
+    // The middle chunk is damaged; its content is not mistaken for chunks of this file.
     let chunk = &summary.chunk_indexes[1];
     file[(chunk.chunk_start_offset + chunk.chunk_length - 1) as usize] ^= 1;
     let (out, report) = recovered(&file);
@@ -212,7 +213,7 @@ fn a_message_of_100_mb_is_kept() {
 
 #[test]
 fn heads_of_chunks_that_each_claim_the_rest_take_linear_time() {
-    // 300 000 heads whose lengths fit together, each over all that follows: to check each would take hours.
+    // 300 000 heads with consistent lengths, each over all the following bytes: verifying each would take hours.
     let (each, count) = (60u64, 300_000u64);
     let mut hostile = b"\x89MCAP0\r\n".to_vec();
     let total = 8 + each * count;
@@ -231,12 +232,12 @@ fn heads_of_chunks_that_each_claim_the_rest_take_linear_time() {
     let (out, report) = recovered(&hostile);
     assert_eq!(report.messages, 0);
     assert!(theirs(&out).is_empty());
-    // A chunk that expands without end is not followed.
+    // A chunk that expands without end is abandoned.
     let bomb = mcap_bomb();
     assert_eq!(recovered(&bomb).1.messages, 0);
 }
 
-/// A chunk that says it has 100 bytes and expands to 64 MiB.
+/// Chunk that declares 100 bytes and expands to 64 MiB.
 fn mcap_bomb() -> Vec<u8> {
     let mut writer = Writer::with_options(Cursor::new(Vec::new()), options(Some(Compression::Zstd), 1 << 30)).unwrap();
     let channel_id = writer.add_channel(0, "BIG", "lcm", &BTreeMap::new()).unwrap();

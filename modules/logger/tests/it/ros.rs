@@ -1,4 +1,4 @@
-//! Translation to ROS 2, judged by a reader of our own; those of others judge in `ros_peers.rs`.
+//! Translation to ROS 2, verified by a reader of this project; `ros_peers.rs` verifies it with those of others.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::translated::{lcm_json, pairs, read, samples, scene, schema, told, translate, translator};
@@ -38,7 +38,7 @@ fn near(found: &[f64], expected: &[f64]) {
 }
 
 #[test]
-fn every_message_of_the_robots_says_the_same_as_lcm_and_as_ros() {
+fn every_message_of_the_robot_is_the_same_in_lcm_and_in_ros() {
     let (schema, types, mut translator) = (schema(), Types::new(&schema()), translator());
     for (channel, data) in samples(1, 30) {
         let kind = translator.kind(&channel, &data).unwrap().clone();
@@ -176,13 +176,13 @@ fn each_fault_and_subject_has_a_status_of_its_own() {
         (&status["message"], &status["values"][1]),
         (&json!("sd1_front is lost"), &json!({ "key": "subject", "value": "sd1_front" }))
     );
-    // One comes back: its status is OK once, and the report of that touches no other.
+    // One board returns: its status is OK once, and the other's is unaffected.
     assert_eq!(statuses(list(&[fault("sd1_rear")]).into()).0, of(&[(1, rear), (0, front)]));
     let over = Error { timestamp: NOW, module: "driver_rs485a".into(), number: 0x0102, ..Error::default() };
     let (all, messages) = statuses(over.into());
     assert_eq!((all, &messages["/rosout"]["level"]), (of(&[]), &json!(20)));
     assert_eq!(statuses(list(&[fault("sd1_rear")]).into()).0, of(&[(1, rear)]));
-    // It dies: nobody knows, until it is back.
+    // The module dies: its faults are stale until it is back.
     let down = Fault { number: 0x0307, subject: "driver_rs485a".into(), severity: Error::ERROR, ..Fault::default() };
     for _ in 0..2 {
         assert_eq!(
@@ -191,7 +191,7 @@ fn each_fault_and_subject_has_a_status_of_its_own() {
         );
     }
     assert_eq!(statuses(list(&[]).into()).0, of(&[(0, rear), (0, "driver_rs485a/ModuleDown")]));
-    // Somebody makes modules up.
+    // A sender invents modules.
     for n in 0..300 {
         told(&mut translator, DataFaults { module: format!("m{n}"), ..DataFaults::default() });
     }
@@ -214,7 +214,7 @@ fn texts_and_reports_are_lines_of_a_log() {
 }
 
 #[test]
-fn odometry_is_followed_and_survives_a_new_life_of_the_driver() {
+fn odometry_is_integrated_and_survives_a_restart_of_the_driver() {
     let mut translator = translator();
     let mut at = NOW;
     let mut tell = |path: f64, heading: f64| {
@@ -233,13 +233,13 @@ fn odometry_is_followed_and_survives_a_new_life_of_the_driver() {
     assert_eq!(first["twist"]["twist"]["angular"]["z"], 0.1);
     near(&place(&first), &[0.0, 0.0, 0.0]);
     near(&place(&tell(101.0, 3.0)), &[1.0, 0.0, 0.0]);
-    // A quarter turn in many steps: a circle of radius 1 from (1, 0), left.
+    // Quarter turn in many steps: a circle of radius 1 from (1, 0), left.
     let quarter = std::f64::consts::FRAC_PI_2;
     let last =
         (1..=1000).map(|i| f64::from(i) / 1000.0 * quarter).map(|way| tell(101.0 + way, 3.0 + way)).last().unwrap();
     let [x, y, theta] = place(&last)[..] else { panic!("three") };
     assert!((x - 2.0).abs() < 1e-5 && (y - 1.0).abs() < 1e-5 && (theta - quarter).abs() < 1e-9, "{x} {y} {theta}");
-    // The driver begins anew with zeros: no step, then on from here.
+    // The driver restarts with zeros: no step, then on from here.
     near(&place(&tell(0.0, 0.0))[2..], &[quarter]);
     let [_, on, _] = place(&tell(1.0, 0.0))[..] else { panic!("three") };
     assert!((on - y - 1.0).abs() < 1e-9, "{on}");
@@ -274,7 +274,7 @@ fn an_estimate_is_a_pose_a_transform_and_an_ellipse() {
     assert_eq!(markers[1]["header"]["frame_id"], "base_link");
     assert_eq!(markers[1]["points"].as_array().unwrap().len(), 5);
     assert_eq!((&markers[2]["id"], &markers[3]["text"]), (&json!(4), &json!("4")));
-    // The ellipse comes each time, the rest once a second.
+    // The ellipse is sent each time, the rest once a second.
     estimate.timestamp += 999_999;
     estimate.covariance = [[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0; 3]];
     let all = told(&mut translator, estimate.clone());
@@ -318,7 +318,7 @@ fn range_finders_have_topics_frames_and_transforms() {
     assert_eq!((&irs["/range/ir_2"]["header"], &irs["/range/ir_2"]["radiation_type"]), (&header("ir_2"), &json!(1)));
     assert_eq!(irs["/tf"]["transforms"][0]["child_frame_id"], "ir_2");
 
-    // Somebody makes sensors up: the first 64 have topics, of the others as many messages are left out as there were.
+    // A sender invents sensors: the first 64 have topics, the messages of the others are left out and counted.
     let many = |from: i32| (from..from + 100).map(|id| range(id, 0.0, 1.0, true)).collect();
     let all = told(&mut translator, DataSrfs { timestamp: NOW, srfs: many(1000) });
     assert_eq!(all.keys().filter(|topic| topic.starts_with("/range/")).count(), 62);
@@ -326,7 +326,7 @@ fn range_finders_have_topics_frames_and_transforms() {
 }
 
 #[test]
-fn readings_have_their_own_stamps_and_say_what_is_not_known() {
+fn readings_have_their_own_stamps_and_unknown_is_nan() {
     let mut translator = translator();
     let reading = |kind, id, age: i64, status, distance| Reading {
         timestamp: NOW - age,
@@ -358,7 +358,7 @@ fn readings_have_their_own_stamps_and_say_what_is_not_known() {
         (&json!(1.5), &json!("inf"), &json!("nan"))
     );
     assert_eq!((&ranges[0]["field_of_view"], &ranges[0]["max_range"]), (&json!(0.5), &json!(6.0)));
-    // Sent again it is no new measurement; and the view of 2011 has nothing to add while this one comes.
+    // A repeated reading is not a new measurement; and the view of 2011 is ignored while this one arrives.
     let again = told(&mut translator, DataRanges { timestamp: NOW + 100_000, readings: vec![measured] });
     assert!(!again.keys().any(|topic| topic.starts_with("/range/")), "{again:?}");
     let range = lowlevel::Range { id: 2, distance: 1.0, valid: true, ..Default::default() };
@@ -434,7 +434,7 @@ const FOREIGN: &[(&str, &str)] = &[
     ),
 ];
 
-/// A message of a foreign type, with zeros in it.
+/// Message of a foreign type, filled with zeros.
 fn foreign(name: &str) -> Vec<u8> {
     let types = Types::new(&Schema::new(FOREIGN).unwrap());
     let mut out = Vec::new();
@@ -444,7 +444,7 @@ fn foreign(name: &str) -> Vec<u8> {
 }
 
 #[test]
-fn a_topic_keeps_its_type_whatever_is_heard_on_the_channel() {
+fn a_topic_keeps_its_type_whatever_the_channel_carries() {
     let mut translator = Translator::with_types(scene(), FOREIGN).unwrap();
     let mut topics = |channel: &str, data: &[u8]| {
         let all = translate(&mut translator, channel, data)?;
@@ -453,15 +453,15 @@ fn a_topic_keeps_its_type_whatever_is_heard_on_the_channel() {
         )
     };
     let (odo, wheel) = (foreign("other.data_odo_t"), foreign("other.wheel_t"));
-    // On a channel of the table's another type stands aside, even when it comes first.
+    // On a channel of the table another type gets its own topic, even if it is received first.
     assert_eq!(topics("LL_DATA_ODO", &odo).unwrap(), ["/LL_DATA_ODO/other/DataOdo other/msg/DataOdo"]);
     assert_eq!(topics("LL_CMD_HOMING", &wheel).unwrap(), ["/LL_CMD_HOMING lowlevel/msg/CmdHoming"]);
-    // Elsewhere the first has it; of two types that fit the foreign one, since the robot's have their channels.
+    // Elsewhere the first type has it; of two matching types the foreign one, since the robot's have their channels.
     assert_eq!(topics("WHEELS", &wheel).unwrap(), ["/WHEELS other/msg/Wheel"]);
     assert_eq!(topics("WHEELS", &odo).unwrap(), ["/WHEELS/other/DataOdo other/msg/DataOdo"]);
     assert_eq!(topics("WHEELS", &wheel).unwrap(), ["/WHEELS other/msg/Wheel"]);
     assert_eq!(topics("WHEELS/other/DataOdo", &wheel).unwrap(), ["/WHEELS/other/DataOdo/other/Wheel other/msg/Wheel"]);
-    // Standard topics are nobody's name.
+    // Names of standard topics are reserved.
     assert_eq!(topics("pose", &wheel).unwrap(), ["/lcm/pose other/msg/Wheel"]);
     assert_eq!(topics("range/1", &wheel).unwrap(), ["/lcm/range/1 other/msg/Wheel"]);
     assert_eq!(topics("lcm/pose", &odo).unwrap(), ["/lcm/pose/other/DataOdo other/msg/DataOdo"]);
@@ -476,7 +476,7 @@ fn a_topic_keeps_its_type_whatever_is_heard_on_the_channel() {
 }
 
 #[test]
-fn a_timestamp_is_found_where_its_place_is_known() {
+fn a_timestamp_is_found_at_a_fixed_offset() {
     let translator = Translator::with_types(RobotScene::default(), FOREIGN).unwrap();
     let timestamp = |name: &str| {
         let mut data = foreign(name);
@@ -490,7 +490,7 @@ fn a_timestamp_is_found_where_its_place_is_known() {
 }
 
 #[test]
-fn channels_without_end_take_no_memory_without_end() {
+fn any_number_of_channels_takes_bounded_memory() {
     let mut translator = Translator::with_types(scene(), FOREIGN).unwrap();
     let wheel = foreign("other.wheel_t");
     let mut refused = 0;
@@ -504,14 +504,14 @@ fn channels_without_end_take_no_memory_without_end() {
         }
     }
     assert_eq!((translator.topics().len(), refused), (TOPICS_MAX, 20_000 - TOPICS_MAX));
-    // Who is known goes on; what is new, of a standard type, is counted.
+    // Known topics continue; new ones of a standard type are counted.
     assert!(translate(&mut translator, "C7", &wheel).is_ok());
     translator.mark(0, "no place", &mut |_, _| panic!("there is none"));
     assert_eq!(translator.left_out(), 1);
 }
 
 #[test]
-fn a_long_message_is_told_once() {
+fn a_long_message_has_one_form_only() {
     let mut translator = translator();
     let mut topics = |count| {
         let (plan, mut data) = (DataPlan { timestamp: NOW, x: vec![1.0; count], y: vec![2.0; count] }, Vec::new());
@@ -522,7 +522,7 @@ fn a_long_message_is_told_once() {
     assert_eq!(topics(STANDARD_MAX / 16 - 10), ["/ML_DATA_PLAN", "/plan"]);
     assert_eq!(topics(STANDARD_MAX / 16), ["/ML_DATA_PLAN"]);
     assert_eq!(translator.left_out(), 1);
-    // 100 MB, of which there is only one form.
+    // 100 MB, in one form only.
     let raw = lowlevel::DataRaw { data: vec![9; 100_000_000], ..lowlevel::DataRaw::default() };
     let mut data = Vec::new();
     Message::from(messages::Raw { bus: "A".into(), frame: raw }).encode(&mut data).unwrap();

@@ -1,5 +1,6 @@
-//! What we call ROS 2, read by those who know it: rosbags and mcap-ros2-support, of PyPI, decode every message by the
-//! text that goes with it, and find what LCM says. `make test` gets them; `ADVEE_PYTHON` names another Python that has.
+//! ROS 2 output read by independent readers: rosbags and mcap-ros2-support, of PyPI, decode every message by the schema
+//! that accompanies it, and must find the values of the LCM message. `make test` installs them; `ADVEE_PYTHON` names
+//! another Python that has them.
 #![allow(clippy::unwrap_used, clippy::disallowed_methods, reason = "a test fails by panicking, and starts its peer")]
 
 use std::io::Write as _;
@@ -18,12 +19,12 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A Python that has both readers.
+/// Python with both readers.
 fn python() -> Option<PathBuf> {
     testing::peer_or_skip(testing::python(&["rosbags", "mcap_ros2"]))
 }
 
-/// What both readers make of each message, and the last line.
+/// Result of both readers for each message, and the last line.
 fn decode(python: &Path, messages: &[(Topic, Vec<u8>)]) -> (Vec<[Json; 2]>, Json) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/decode.py");
     let mut child = Command::new(python).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
@@ -35,7 +36,7 @@ fn decode(python: &Path, messages: &[(Topic, Vec<u8>)]) -> (Vec<[Json; 2]>, Json
             format!("{}\n", json!({ "name": &*topic.schema_name, "text": &*topic.schema_text, "cdr": hex }))
         })
         .collect();
-    // It answers while it is asked.
+    // It answers while the input is still being written.
     let asking = std::thread::spawn(move || to.write_all(lines.as_bytes()));
     let output = child.wait_with_output().unwrap();
     let asked = asking.join().unwrap();
@@ -51,7 +52,7 @@ fn decode(python: &Path, messages: &[(Topic, Vec<u8>)]) -> (Vec<[Json; 2]>, Json
     (answers.into_iter().map(both).collect(), last)
 }
 
-/// Whether both say what LCM says: names, order, values, whole numbers and others.
+/// Compares both results with the LCM message: names, order, values, integers and others.
 #[track_caller]
 fn same(topic: &str, answers: &[Json; 2], expected: &Json) {
     for (reader, answer) in ["rosbags", "mcap-ros2-support"].iter().zip(answers) {
@@ -60,13 +61,14 @@ fn same(topic: &str, answers: &[Json; 2], expected: &Json) {
 }
 
 #[test]
-fn every_message_of_the_robots_is_read_by_others() {
+fn every_message_of_the_robot_is_decoded_by_independent_readers() {
     let Some(python) = python() else { return };
     let (schema, types, mut translator) = (schema(), Types::new(&schema()), translator());
     let (mut all, mut expected) = (Vec::new(), Vec::new());
     for (channel, data) in samples(4, 10) {
         for (i, (topic, cdr)) in translate(&mut translator, &channel, &data).unwrap().into_iter().enumerate() {
-            // The own type says what LCM says; the standard ones what our reader reads, which other tests judge.
+            // The own type equals the LCM message; the standard ones equal the result of this project's reader, which
+            // other tests verify.
             expected.push(if i == 0 { lcm_json(&schema, &types, &data) } else { pairs(&read(&topic, &cdr)) });
             all.push((topic, cdr));
         }
@@ -100,7 +102,7 @@ fn every_message_of_the_robots_is_read_by_others() {
 }
 
 #[test]
-fn foreign_types_are_read_by_others() {
+fn foreign_types_are_decoded_by_independent_readers() {
     let Some(python) = python() else { return };
     let folder = root().join("foundation/lcm-gen/tests/vectors/types");
     let mut files = Vec::new();

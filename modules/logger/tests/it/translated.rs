@@ -1,4 +1,4 @@
-//! Messages to translate, what comes out, and both as JSON.
+//! Messages to translate, the results, and both as JSON.
 #![allow(dead_code, reason = "each test has use for a part")]
 
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use serde_json::{Value as Json, json};
 
 use testing::Random;
 
-/// A translator of a robot with an outline and a beacon.
+/// Translator of a robot with an outline and a beacon.
 pub fn translator() -> Translator {
     Translator::new(scene())
 }
@@ -26,7 +26,7 @@ pub fn scene() -> RobotScene {
     }
 }
 
-/// What a message becomes: topics and CDR.
+/// Translation of a message: topics and CDR.
 pub fn translate(
     translator: &mut Translator,
     channel: &str,
@@ -37,7 +37,7 @@ pub fn translate(
     Ok(all)
 }
 
-/// A message of the robot's, translated; by topic, read by our own reader.
+/// Translation of one of the robot's messages, by topic, decoded by this project's reader.
 pub fn told(translator: &mut Translator, message: impl Into<Message>) -> BTreeMap<String, Json> {
     let message = message.into();
     let mut data = Vec::new();
@@ -49,7 +49,7 @@ pub fn told(translator: &mut Translator, message: impl Into<Message>) -> BTreeMa
     told
 }
 
-/// What our own reader, which knows the topic's text alone, makes of a message.
+/// Message decoded by this project's reader, from the topic's schema alone.
 pub fn read(topic: &Topic, cdr: &[u8]) -> Value<'static> {
     crate::reader::Text::new(&topic.schema_text).read(cdr)
 }
@@ -85,7 +85,7 @@ fn scalar(value: &Value) -> Json {
     }
 }
 
-/// What LCM says, in the form of [`pairs`]: arrays flat, lengths told.
+/// LCM message in the form of [`pairs`]: arrays flat, with their lengths.
 pub fn lcm_pairs(schema: &Schema, ty: &Definition, value: &Value) -> Json {
     if let Kind::Enum { .. } = ty.kind {
         return json!([["value", scalar(value)]]);
@@ -116,12 +116,12 @@ pub fn lcm_pairs(schema: &Schema, ty: &Definition, value: &Value) -> Json {
     members.iter().map(one).collect()
 }
 
-/// The robot's types.
+/// Types of the robot.
 pub fn schema() -> Schema {
     Schema::new(LCM_FILES).unwrap()
 }
 
-/// Some messages on each of the robot's channels, made up.
+/// Random messages on each of the robot's channels.
 pub fn samples(seed: u64, each: usize) -> Vec<(String, Vec<u8>)> {
     let (schema, mut random) = (schema(), Random::new(seed));
     let mut samples = Vec::new();
@@ -134,7 +134,7 @@ pub fn samples(seed: u64, each: usize) -> Vec<(String, Vec<u8>)> {
     samples
 }
 
-/// A message as LCM says it, of whatever type.
+/// LCM message of any type as JSON.
 pub fn lcm_json(schema: &Schema, types: &Types, data: &[u8]) -> Json {
     let message = types.decode(data).unwrap().unwrap();
     lcm_pairs(schema, schema.get(message.ty().name()).unwrap(), &message.value())

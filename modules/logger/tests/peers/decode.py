@@ -1,8 +1,8 @@
-"""Decodes CDR with two readers of others, rosbags and mcap-ros2-support, which know the ros2msg text alone.
+"""Decodes CDR with two independent readers, rosbags and mcap-ros2-support, from the ros2msg text alone.
 
-stdin: a line of JSON a message, {"name", "text", "cdr" (hexadecimal)}. stdout: a line each, [of rosbags, of mcap]: structs
-as lists of [name, value], numbers that JSON does not have as texts. The last line: {"jazzy": [...], "humble": [...]}, which
-of the types in the texts of standard packages are others than ROS 2 has in that edition.
+stdin: one line of JSON per message, {"name", "text", "cdr" (hexadecimal)}. stdout: one line each, [of rosbags, of mcap]:
+structs as lists of [name, value], numbers that JSON cannot represent as texts. Last line: {"jazzy": [...], "humble":
+[...]}, the types of standard packages whose definition differs from that edition of ROS 2.
 """
 
 import json

@@ -1,4 +1,4 @@
-//! How fast it goes among people whom the sonars have told of.
+//! Speed limits among people that the sonars detect.
 
 use super::*;
 use crate::config::{Body, Limits, Manners};
@@ -20,12 +20,12 @@ fn config() -> Config {
     Config { body, limits, manners: Manners::default(), sonar_beam: 0.96, map: None }
 }
 
-/// What sixteen sonars around the body hear of somebody; the robot stands at the origin.
+/// Readings of sixteen sonars around the body with a person at this point; the robot is at the origin.
 fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
     let sonar = |id: i32| {
         let theta = f64::from(id) * core::f64::consts::TAU / 16.0;
         let (sin, cos) = libm::sincos(theta);
-        // On the edge of the body, looking away from its middle.
+        // On the edge of the body, facing outwards.
         let to_edge = (0.45 / cos.abs()).min(0.30 / sin.abs());
         let (x, y) = (0.30 + to_edge * cos, to_edge * sin);
         let heard = person.map(|at| (libm::hypot(at.x - x, at.y - y) - LEG, libm::atan2(at.y - y, at.x - x)));
@@ -39,9 +39,9 @@ fn round(at: Instant, person: Option<Point>) -> Vec<Fired> {
     (0..16).map(sonar).collect()
 }
 
-/// After so many rounds, four times a second, of somebody who is at `at` when the last is fired and has walked with
-/// `velocity`; and when that one comes.
-fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
+/// Result of `rounds` rounds, four per second, of a person who is at `at` when the last round fires and has walked with
+/// `velocity`; and the instant of that round.
+fn observe(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
     let (mut obstacles, config) = (Obstacles::new(), config());
     let mut now = Instant::from_millis(10_000);
     for n in (0..rounds).rev() {
@@ -59,7 +59,7 @@ fn heard(at: Point, (vx, vy): (f64, f64), rounds: i32) -> (Instant, Obstacles) {
     (now + Duration::from_millis(170), obstacles)
 }
 
-/// Straight on, or back.
+/// Straight path, forwards or in reverse.
 fn way(forward: bool) -> Vec<Sample> {
     let along = if forward { 0.05 } else { -0.05 };
     let sample = |n: i32| {
@@ -69,59 +69,59 @@ fn way(forward: bool) -> Vec<Sample> {
     (0..60).map(sample).collect()
 }
 
-/// What [`meeting`] allows on a straight way forward when somebody has been heard.
+/// Speed allowed by [`person_speed_limit`] on a straight path forwards after a person was detected.
 fn allowed(x: f64, y: f64, velocity: (f64, f64), rounds: i32) -> f64 {
-    let (now, obstacles) = heard(Point { x, y }, velocity, rounds);
-    meeting(now, &way(true), &obstacles, &config())
+    let (now, obstacles) = observe(Point { x, y }, velocity, rounds);
+    person_speed_limit(now, &way(true), &obstacles, &config())
 }
 
 #[test]
-fn with_nobody_around_it_goes_as_fast_as_it_may() {
+fn without_people_around_the_full_speed_is_allowed() {
     let config = config();
     let mut obstacles = Obstacles::new();
     let now = Instant::from_millis(10_000);
     obstacles.update(now, Pose::default(), &round(now, None), |point| config.body.covers(point, 0.0), |_| false);
-    assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);
-    assert_eq!(meeting(now, &[], &obstacles, &config), config.limits.speed, "no way, no meeting");
+    assert_eq!(person_speed_limit(now, &way(true), &obstacles, &config), config.limits.speed);
+    assert_eq!(person_speed_limit(now, &[], &obstacles, &config), config.limits.speed, "no way, no meeting");
 }
 
 #[test]
-fn the_nearer_somebody_stands_the_slower_it_goes_up_to_where_it_does_not() {
+fn the_closer_a_person_the_lower_the_speed_down_to_zero() {
     let speeds = [2.2, 1.8, 1.5, 1.2, 0.98].map(|x| allowed(x, 0.0, (0.0, 0.0), 8));
     assert!(speeds.is_sorted_by(|far, near| far >= near), "{speeds:?}");
-    assert!(speeds[0] > 0.7 && speeds[3] <= SQUEEZES && speeds[4] == 0.0, "{speeds:?}");
+    assert!(speeds[0] > 0.7 && speeds[3] <= PERSON_BESIDE_SPEED_MPS && speeds[4] == 0.0, "{speeds:?}");
 }
 
 #[test]
-fn who_comes_is_met_slower_than_who_stands_and_who_leaves_faster() {
+fn an_approaching_person_slows_more_than_a_standing_one_and_a_leaving_one_less() {
     let [comes, stands, leaves] = [-1.0, 0.0, 1.0].map(|vx| allowed(2.2, 0.0, (vx, 0.0), 6));
     assert!(comes < 0.6 * stands && stands <= leaves, "{comes} {stands} {leaves}");
 }
 
 #[test]
-fn who_will_cross_the_way_is_waited_for_and_who_has_crossed_it_is_not() {
+fn a_person_about_to_cross_the_path_stops_the_robot_and_one_who_has_crossed_does_not() {
     let crosses = allowed(1.4, 0.7, (0.0, -0.9), 6);
     let crossed = allowed(1.4, 0.7, (0.0, 0.9), 6);
     assert!(crosses < 0.5 && crossed > crosses + 0.2, "{crosses} {crossed}");
 }
 
 #[test]
-fn beside_somebody_it_squeezes_past_slowly() {
+fn a_person_beside_the_path_is_passed_slowly() {
     let beside = allowed(0.4, 0.62, (0.0, 0.0), 8);
-    assert!((LEAST..=SQUEEZES).contains(&beside), "{beside}");
+    assert!((SPEED_MIN_MPS..=PERSON_BESIDE_SPEED_MPS).contains(&beside), "{beside}");
 }
 
 #[test]
-fn a_single_echo_ahead_is_braked_for_as_if_somebody_came() {
+fn a_single_echo_ahead_is_braked_for_like_an_approaching_person() {
     let config = config();
     let once = allowed(2.6, 0.0, (0.0, 0.0), 1);
     assert!(once > 0.0 && once < config.limits.speed, "{once}");
 }
 
 #[test]
-fn who_stands_behind_is_nothing_to_a_robot_that_goes_forward() {
-    let (now, obstacles) = heard(Point { x: -0.65, y: 0.0 }, (0.0, 0.0), 8);
+fn a_person_behind_does_not_slow_forward_motion() {
+    let (now, obstacles) = observe(Point { x: -0.65, y: 0.0 }, (0.0, 0.0), 8);
     let config = config();
-    assert_eq!(meeting(now, &way(true), &obstacles, &config), config.limits.speed);
-    assert!(meeting(now, &way(false), &obstacles, &config) < 0.3);
+    assert_eq!(person_speed_limit(now, &way(true), &obstacles, &config), config.limits.speed);
+    assert!(person_speed_limit(now, &way(false), &obstacles, &config) < 0.3);
 }

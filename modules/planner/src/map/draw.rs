@@ -1,15 +1,15 @@
-//! Drawing into a map: every cell that a shape touches is occupied.
+//! Drawing into a map: each cell that a shape touches becomes occupied.
 
 use super::{Cell, FrameError, Map};
 
-/// A point, m.
+/// Point, m.
 type Point = (f64, f64);
 
 impl Map {
-    /// The map of walls, round columns and filled areas; large enough for all of them and for the point `within`.
+    /// Creates a map of walls, round columns and filled areas, large enough for all of them and for the point `within`.
     ///
     /// # Errors
-    /// There is a coordinate that is no number, or they are too far apart.
+    /// A coordinate is not a number, or the coordinates are too far apart.
     pub fn drawn(
         walls: &[(Point, Point)],
         columns: &[(Point, f64)],
@@ -23,7 +23,7 @@ impl Map {
         let (low, high) = all.fold((within, within), |(low, high), (x, y)| {
             ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)))
         });
-        // A cell around, so that what ends on a cell's edge is drawn as well.
+        // One cell of margin, so that shapes that end on a cell's edge are drawn as well.
         let mut map = Self::around(
             (low.0 - resolution, low.1 - resolution),
             (high.0 + resolution, high.1 + resolution),
@@ -35,7 +35,7 @@ impl Map {
         Ok(map)
     }
 
-    /// A wall from one point to another, m: all cells that it passes through.
+    /// Draws a wall between two points, m: all cells that the line passes through.
     pub fn wall(&mut self, a: (f64, f64), b: (f64, f64)) {
         let frame = self.frame;
         let grid = |(x, y): (f64, f64)| ((x - frame.x) / frame.resolution, (y - frame.y) / frame.resolution);
@@ -45,7 +45,7 @@ impl Map {
         }
         let ((left, from), (right, to)) = if ax <= bx { ((ax, ay), (bx, by)) } else { ((bx, by), (ax, ay)) };
         let slope = if right > left { (to - from) / (right - left) } else { 0.0 };
-        // Column by column: the rows between where the line enters and where it leaves.
+        // For each column: the rows between the points where the line enters and leaves.
         let Some((first, last)) = range(left, right, frame.width) else { return };
         for column in first..=last {
             let enters = if right > left { from + slope * ((column as f64).max(left) - left) } else { from };
@@ -55,7 +55,7 @@ impl Map {
         }
     }
 
-    /// A round column, m: all cells that it touches.
+    /// Draws a round column, m: all cells that it touches.
     pub fn column(&mut self, centre: (f64, f64), radius: f64) {
         let frame = self.frame;
         let (x, y, radius) = (
@@ -72,7 +72,7 @@ impl Map {
         }
     }
 
-    /// A filled polygon, m: its edges, and all cells whose middle is inside by the even-odd rule.
+    /// Draws a filled polygon, m: its edges, and all cells whose middle is inside by the even-odd rule.
     pub fn polygon(&mut self, corners: &[(f64, f64)]) {
         let frame = self.frame;
         let edges = || corners.iter().zip(corners.iter().cycle().skip(1));
@@ -88,7 +88,7 @@ impl Map {
             );
             crossings.sort_by(f64::total_cmp);
             for pair in crossings.chunks_exact(2) {
-                // From the first middle right of the one to the last one left of the other.
+                // From the first middle right of one edge to the last middle left of the next.
                 let low = (pair[0] - frame.x) / frame.resolution - 0.5;
                 let high = (pair[1] - frame.x) / frame.resolution - 0.5;
                 let first = libm::ceil(low).max(0.0);
@@ -101,14 +101,14 @@ impl Map {
     }
 }
 
-/// The cells from `low` to `high`, both in cells; `None` if they are outside of `0..count`, or no numbers.
+/// Range of cells from `low` to `high`, both in cells; `None` if it is outside `0..count` or not a number.
 fn range(low: f64, high: f64, count: usize) -> Option<(usize, usize)> {
     let (low, high) = (libm::floor(low), libm::floor(high));
     let inside = low <= high && high >= 0.0 && low < count as f64;
     inside.then(|| (low.max(0.0) as usize, (high as usize).min(count - 1)))
 }
 
-/// How far a coordinate is from a cell, in cells.
+/// Distance of a coordinate from a cell, in cells.
 fn outside(at: f64, cell: usize) -> f64 {
     (cell as f64 - at).max(at - (cell as f64 + 1.0)).max(0.0)
 }

@@ -1,47 +1,48 @@
-//! The distance field: how far each cell is from what is occupied, exactly, with a layer of obstacles of the moment.
+//! Distance field: exact distance of each cell from the nearest occupied one, with a layer of temporary obstacles.
 //!
-//! The map's distances are taken once, in whole cells and without rounding (A. Meijster, J. Roerdink, W. Hesselink, A
-//! general algorithm for computing distance transforms in linear time, 2000). Obstacles that come and go are stamped
-//! over them, out to [`REACH_M`]; the next layer first takes the last one off. What is outside of the map is occupied.
+//! The distances of the map are computed once, in whole cells and without rounding (A. Meijster, J. Roerdink, W.
+//! Hesselink, A general algorithm for computing distance transforms in linear time, 2000). Temporary obstacles are
+//! stamped over them, out to [`REACH_M`]; the next layer first removes the previous one. Everything outside the map is
+//! occupied.
 
 use super::{Cell, Frame, Map};
 
-/// Obstacles of the moment change distances up to so far from their edge, m: more than any footprint's corner circle and
-/// the clearance that planning likes to keep.
+/// Range of a temporary obstacle's effect, from its edge, m: more than any footprint's corner circle and the clearance
+/// that planning prefers.
 pub const REACH_M: f64 = 1.2;
 
-/// How cells that nobody has looked at are taken.
+/// Interpretation of unknown cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Unknown {
-    /// As walls.
+    /// Occupied.
     #[default]
     Blocked,
-    /// As floor.
+    /// Free.
     Free,
 }
 
-/// Something round that may be gone the next time.
+/// Round temporary obstacle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Obstacle {
-    /// Its middle, m.
+    /// Middle, x, m.
     pub x: f64,
-    /// m.
+    /// Middle, y, m.
     pub y: f64,
-    /// m; 0 for a single cell.
+    /// Radius, m; 0 for a single cell.
     pub radius: f64,
 }
 
-/// Distances, m, from the middle of each cell to the middle of the nearest occupied one; 0 and less: occupied.
+/// Distances, m, from the middle of each cell to the middle of the nearest occupied one; occupied cells have 0 or less.
 #[derive(Clone, Debug)]
 pub struct Field {
     frame: Frame,
-    /// With the obstacles of the moment.
+    /// Distances with the temporary obstacles.
     live: Vec<f32>,
-    /// Of the map alone; empty until the first obstacle.
+    /// Distances of the map alone; empty until the first obstacle.
     still: Vec<f32>,
     /// Rectangles of `live` that differ: columns, rows.
     stamped: Vec<[usize; 4]>,
-    /// Distances from the middle of a cell to those right of it and above.
+    /// Distances from the middle of a cell to the cells right of it and above.
     template: Vec<f32>,
     obstacles: Vec<Obstacle>,
     still_identity: u64,
@@ -49,7 +50,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// The field of a map.
+    /// Computes the field of a map.
     #[must_use]
     pub fn new(map: &Map, unknown: Unknown) -> Self {
         let blocked = |cell: Cell| cell == Cell::Occupied || (cell == Cell::Unknown && unknown == Unknown::Blocked);
@@ -67,32 +68,32 @@ impl Field {
         }
     }
 
-    /// Where it lies.
+    /// Position, resolution and size.
     #[must_use]
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// Two fields with the same frame and the same distances have the same one; others have not, but for a chance of
-    /// one in 2⁶⁴.
+    /// Hash of frame and distances: equal for equal fields; fields that differ have the same hash with probability
+    /// 2⁻⁶⁴.
     #[must_use]
     pub fn identity(&self) -> u64 {
         self.identity
     }
 
-    /// The distance at a point, m, good to one and a half cells; outside of the map 0.
+    /// Distance at a point, m, accurate to one and a half cells; 0 outside the map.
     #[must_use]
     pub fn distance(&self, x: f64, y: f64) -> f32 {
         self.frame.cell(x, y).map_or(0.0, |(column, row)| self.live[self.frame.index(column, row)])
     }
 
-    /// The distance of a cell within the frame.
+    /// Distance of a cell within the frame.
     pub(crate) fn cell(&self, column: usize, row: usize) -> f32 {
         self.live[self.frame.index(column, row)]
     }
 
-    /// Puts these obstacles in the place of the last ones. Those outside of the map, or without numbers, count for
-    /// nothing. Work: the area of all obstacles' surroundings, some ten microseconds for ten of them.
+    /// Replaces the temporary obstacles. Those outside the map or with NaN are ignored. Cost: proportional to the area
+    /// around all obstacles, about ten microseconds for ten of them.
     pub fn overlay(&mut self, obstacles: &[Obstacle]) {
         if self.obstacles == obstacles {
             return;
@@ -145,7 +146,7 @@ impl Field {
     }
 }
 
-/// FNV-1a, a word at a time.
+/// FNV-1a over 32-bit words.
 fn mix(mixed: u64, word: u32) -> u64 {
     (mixed ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3)
 }
@@ -156,10 +157,10 @@ fn frame_identity(frame: &Frame) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |mixed, word| mix(mix(mixed, word as u32), (word >> 32) as u32))
 }
 
-/// The exact distances, m, of all cells from the nearest blocked one, or from the nearest cell outside.
+/// Exact distances, m, of all cells from the nearest blocked one, or from the nearest cell outside.
 fn distances(frame: &Frame, blocked: impl Fn(usize) -> bool) -> Vec<f32> {
     let (width, height) = (frame.width, frame.height);
-    // First along the columns: how many rows away is the nearest one blocked?
+    // First along the columns: number of rows to the nearest blocked cell.
     let mut rows = vec![0u32; width * height];
     for row in 0..height {
         for column in 0..width {
@@ -175,7 +176,7 @@ fn distances(frame: &Frame, blocked: impl Fn(usize) -> bool) -> Vec<f32> {
             rows[index] = rows[index].min(above + 1);
         }
     }
-    // Then along each row: the lower envelope of the parabolas over its columns.
+    // Then along each row: lower envelope of the parabolas over its columns.
     let mut out = vec![0.0; width * height];
     let resolution = frame.resolution as f32;
     let mut envelope: Vec<(i64, i64)> = Vec::with_capacity(width);
@@ -193,7 +194,7 @@ fn distances(frame: &Frame, blocked: impl Fn(usize) -> bool) -> Vec<f32> {
             }
             let from = match envelope.last() {
                 None => 0,
-                // The first cell that is nearer to this column's parabola than to the last one's.
+                // First cell that is nearer to this column's parabola than to the previous one's.
                 Some(&(of, _)) => {
                     let (a, b) = (i64::from(rows[of as usize]), i64::from(rows[column as usize]));
                     (column * column - of * of + b * b - a * a).div_euclid(2 * (column - of)) + 1

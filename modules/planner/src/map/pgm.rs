@@ -3,44 +3,44 @@
 use super::CELLS_MAX;
 use std::fmt;
 
-/// A picture: grey values from 0, black, to `max`, white; the top row first.
+/// Picture: grey values from 0 (black) to `max` (white), the top row first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Pixels along x.
+    /// Number of pixels along x.
     pub width: usize,
-    /// Pixels along y.
+    /// Number of pixels along y.
     pub height: usize,
-    /// White; 1 to 65535.
+    /// Value of white; 1 to 65535.
     pub max: u16,
-    /// Row by row.
+    /// Grey values, row by row.
     pub grey: Vec<u16>,
 }
 
-/// Why bytes are no picture, and where: counted from 0.
+/// Position and cause of a parse error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PgmError {
-    /// The byte at which it was noticed.
+    /// Offset of the byte at which it was detected, from 0.
     pub byte: usize,
-    /// What is wrong there.
+    /// Cause.
     pub why: Why,
 }
 
-/// What is wrong with a picture.
+/// Cause of a parse error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// It does not begin with P2 or P5 and white space.
+    /// Does not begin with P2 or P5 and white space.
     Magic,
     /// A number was expected here.
     Number(&'static str),
-    /// A number is outside of what it may be.
+    /// A number is out of range.
     Range(&'static str, u64),
     /// More pixels than a map may have.
     Size(usize, usize),
-    /// It ends before its last pixel.
+    /// Ends before the last pixel.
     Truncated {
-        /// Pixels that are there.
+        /// Number of pixels present.
         have: usize,
-        /// Pixels that there should be.
+        /// Number of pixels expected.
         want: usize,
     },
 }
@@ -49,7 +49,7 @@ impl fmt::Display for PgmError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "byte {}: ", self.byte)?;
         match self.why {
-            Why::Magic => write!(f, "no PGM: expected P2 or P5"),
+            Why::Magic => write!(f, "not a PGM file: expected P2 or P5"),
             Why::Number(what) => write!(f, "expected the {what}, a number"),
             Why::Range(what, value) => write!(f, "the {what} is {value}: out of range"),
             Why::Size(width, height) => write!(f, "{width} × {height} pixels: expected 1 to {CELLS_MAX}"),
@@ -60,10 +60,11 @@ impl fmt::Display for PgmError {
 
 impl std::error::Error for PgmError {}
 
-/// Reads a picture. What follows the last pixel is not looked at.
+/// Parses a picture. Bytes after the last pixel are ignored.
 ///
 /// # Errors
-/// The bytes are none; nothing is kept of them. Memory is bounded by the bytes that are there, whatever the header says.
+/// The bytes are not a valid picture. Memory use is bounded by the number of bytes present, whatever the header
+/// contains.
 pub fn read(bytes: &[u8]) -> Result<Picture, PgmError> {
     let mut reader = Reader { bytes, at: 2 };
     let plain = match bytes {
@@ -90,7 +91,7 @@ impl Reader<'_> {
         PgmError { byte: self.at, why }
     }
 
-    /// A decimal number after white space and comments.
+    /// Reads a decimal number after white space and comments.
     fn number(&mut self, what: &'static str, low: u64, high: u64) -> Result<u64, PgmError> {
         loop {
             match self.bytes.get(self.at) {
@@ -119,7 +120,7 @@ impl Reader<'_> {
     }
 
     fn plain(&mut self, size: usize, max: u16) -> Result<Vec<u16>, PgmError> {
-        // A pixel takes two bytes at least.
+        // A pixel takes at least two bytes.
         let mut grey = Vec::with_capacity(size.min(self.bytes.len() / 2));
         while grey.len() < size {
             match self.number("grey value", 0, u64::from(max)) {
@@ -134,7 +135,7 @@ impl Reader<'_> {
     }
 
     fn raw(&mut self, size: usize, max: u16) -> Result<Vec<u16>, PgmError> {
-        // A single white space ends the header; all else is picture.
+        // A single white space ends the header; the rest is picture data.
         if !self.bytes.get(self.at).is_some_and(u8::is_ascii_whitespace) {
             return Err(self.refuse(Why::Truncated { have: 0, want: size }));
         }

@@ -1,4 +1,4 @@
-//! Shapes drawn on a map; pictures and the texts beside them, good ones and bad ones.
+//! Shapes drawn on a map; valid and invalid pictures and YAML texts.
 
 use super::*;
 
@@ -21,7 +21,7 @@ fn a_wall_is_every_cell_that_it_passes_through() {
     let mut map = Map::around((0.0, 0.0), (6.0, 4.0), 1.0).unwrap();
     map.wall((0.5, 0.5), (5.5, 3.25));
     assert_eq!(picture(&map), [".....#", "...###", ".###..", "##...."]);
-    // The other way round it is the same wall.
+    // The wall is the same in the other direction.
     let mut back = Map::around((0.0, 0.0), (6.0, 4.0), 1.0).unwrap();
     back.wall((5.5, 3.25), (0.5, 0.5));
     assert_eq!(map, back);
@@ -90,7 +90,7 @@ fn a_map_of_shapes_holds_them_all() {
 }
 
 #[test]
-fn frames_that_are_none_are_refused() {
+fn invalid_frames_are_rejected() {
     let frame = |x, resolution, width, height| Frame { x, y: 0.0, resolution, width, height };
     assert_eq!(Map::new(frame(0.0, 0.05, 4096, 4096)).map(|map| map.cells().len()), Ok(CELLS_MAX));
     for bad in [
@@ -113,18 +113,18 @@ fn pictures_are_read_plain_and_raw_of_eight_and_sixteen_bits() {
     assert_eq!(raw, plain);
     let deep = pgm::read(b"P5\n2 1\n65535\n\x01\x00\xff\xff").unwrap();
     assert_eq!((deep.max, &deep.grey[..]), (65535, &[256, 65535][..]));
-    // A white space that looks like the first pixel is picture.
+    // White space that looks like the first pixel is picture data.
     let odd = pgm::read(b"P5 1 1 255\n\n").unwrap();
     assert_eq!(odd.grey, [10]);
 }
 
 #[test]
-fn pictures_that_are_none_say_where() {
+fn invalid_pictures_are_rejected_with_the_position() {
     let told = |bytes: &[u8]| pgm::read(bytes).unwrap_err().to_string();
     for (bytes, why) in [
-        (&b""[..], "byte 0: no PGM: expected P2 or P5"),
-        (b"P6 1 1 255\n\0\0\0", "byte 0: no PGM: expected P2 or P5"),
-        (b"P5", "byte 0: no PGM: expected P2 or P5"),
+        (&b""[..], "byte 0: not a PGM file: expected P2 or P5"),
+        (b"P6 1 1 255\n\0\0\0", "byte 0: not a PGM file: expected P2 or P5"),
+        (b"P5", "byte 0: not a PGM file: expected P2 or P5"),
         (b"P5\n", "byte 3: expected the width, a number"),
         (b"P5\nx 1 255\n", "byte 3: expected the width, a number"),
         (b"P5\n-1 1 255\n", "byte 3: expected the width, a number"),
@@ -160,24 +160,24 @@ fn the_text_beside_a_picture_is_read_as_nav2_writes_it() {
 }
 
 #[test]
-fn texts_that_are_none_say_where() {
+fn invalid_texts_are_rejected_with_the_line() {
     let told = |from: &str, to: &str| yaml::read(&TEXT.replace(from, to)).unwrap_err().to_string();
     for (from, to, why) in [
-        ("image: hall.pgm", "image:", "line 1: image: \"[]\" is no text"),
+        ("image: hall.pgm", "image:", "line 1: image: \"[]\" is not a text"),
         ("image: hall.pgm  # beside this\n", "", "image is missing"),
-        ("0.05", "0", "line 2: resolution: \"0\" is no number from 0.001 to 10"),
-        ("0.05", "nan", "line 2: resolution: \"nan\" is no number from 0.001 to 10"),
-        ("0.05", ".inf", "line 2: resolution: \".inf\" is no number from 0.001 to 10"),
+        ("0.05", "0", "line 2: resolution: \"0\" is not a number from 0.001 to 10"),
+        ("0.05", "nan", "line 2: resolution: \"nan\" is not a number from 0.001 to 10"),
+        ("0.05", ".inf", "line 2: resolution: \".inf\" is not a number from 0.001 to 10"),
         ("0.0]", "0.1]", "line 3: origin: \"[-1.0, 2.5, 0.1]\" is turned: only maps with theta 0 are read"),
-        (", 0.0]", "]", "line 3: origin: \"[-1.0, 2.5]\" is no list of three numbers: x, y, theta"),
-        ("[-1.0", "[nan", "line 3: origin: \"[nan, 2.5, 0.0]\" is no list of three numbers: x, y, theta"),
+        (", 0.0]", "]", "line 3: origin: \"[-1.0, 2.5]\" is not a list of three numbers: x, y, theta"),
+        ("[-1.0", "[nan", "line 3: origin: \"[nan, 2.5, 0.0]\" is not a list of three numbers: x, y, theta"),
         ("negate: 0", "negate: 2", "line 4: negate: \"2\" is neither 0 nor 1"),
-        ("0.65", "1.5", "line 5: occupied_thresh: \"1.5\" is no number from 0 to 1"),
+        ("0.65", "1.5", "line 5: occupied_thresh: \"1.5\" is not a number from 0 to 1"),
         ("0.196", "0.7", "line 6: free_thresh: \"0.7\" is above occupied_thresh"),
         ("negate: 0", "negate 0", "line 4: expected `key: value`, found \"negate 0\""),
-        ("negate: 0", "resolution: 1", "line 4: resolution stands there twice"),
-        ("negate: 0", "- 5", "line 4: an item of no list"),
-        ("negate: 0", "negate: 0\nmode: quaternary", "line 5: mode: \"quaternary\" is none of trinary, scale, raw"),
+        ("negate: 0", "resolution: 1", "line 4: resolution occurs twice"),
+        ("negate: 0", "- 5", "line 4: a list item without a list"),
+        ("negate: 0", "negate: 0\nmode: quaternary", "line 5: mode: \"quaternary\" is not one of trinary, scale, raw"),
     ] {
         assert_eq!(told(from, to), why);
     }
@@ -207,7 +207,7 @@ fn grey_becomes_cells_by_nav2_s_rules_and_the_top_row_is_the_highest() {
 }
 
 #[test]
-fn bytes_that_nobody_meant_are_refused_or_read_and_never_more() {
+fn random_bytes_are_rejected_or_parsed_without_harm() {
     let mut seed = 7u32;
     let mut random = move || {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -1,51 +1,51 @@
-//! The text beside a map's picture, as nav2's `map_server` reads and writes it.
+//! YAML text that describes a map's picture, as nav2's `map_server` reads and writes it.
 //!
-//! Not YAML at large: a flat list of `key: value` lines, with comments, quotes, and lists in brackets or of dashes, which
-//! is all that such files have. Keys that are not ours are passed over, as nav2 does; what is no such line is refused. `mode`: `trinary` (the
-//! default), `scale`, `raw`. Cells follow nav2's `map_io.cpp` and its costmap's static layer with its defaults: what is
-//! neither occupied (100) nor unknown (-1) is free.
+//! Not YAML in general: a flat list of `key: value` lines with comments, quotes, and lists in brackets or with dashes,
+//! which is all that such files contain. Unknown keys are skipped, as in nav2; other lines are rejected. `mode` is
+//! `trinary` (the default), `scale` or `raw`. Cells follow nav2's `map_io.cpp` and the static layer of its costmap with
+//! default settings: a cell that is neither occupied (100) nor unknown (-1) is free.
 
 use super::pgm::Picture;
 use super::{Cell, Frame, FrameError, Map, RESOLUTION};
 use std::fmt;
 
-/// How grey becomes a cell.
+/// Conversion of grey values to cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// Occupied, free, or unknown in between.
+    /// Occupied, free, or unknown between the thresholds.
     #[default]
     Trinary,
-    /// Occupied above its threshold; all else is known to be free to some degree.
+    /// Occupied above its threshold; all other cells are free to some degree.
     Scale,
     /// The grey value, of 255, is the occupancy: 100 is occupied, above is unknown.
     Raw,
 }
 
-/// What the text says.
+/// Content of the text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Info {
-    /// The picture's file, relative to the text's.
+    /// File of the picture, relative to that of the text.
     pub image: String,
-    /// A pixel's side, m.
+    /// Side of a pixel, m.
     pub resolution: f64,
-    /// The lower left corner, m.
+    /// Lower left corner, m.
     pub origin: (f64, f64),
-    /// White is occupied.
+    /// True if white means occupied.
     pub negate: bool,
-    /// Cells darker than this, of 1, are occupied.
+    /// Darkness, 0 to 1, above which cells are occupied.
     pub occupied_thresh: f64,
-    /// Cells lighter than this are free.
+    /// Darkness below which cells are free.
     pub free_thresh: f64,
-    /// How grey becomes a cell.
+    /// Conversion of grey values to cells.
     pub mode: Mode,
 }
 
-/// Why a text is refused, and where.
+/// Position and cause of a parse error.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct YamlError {
-    /// From 1; 0 where something is missing altogether.
+    /// Line, from 1; 0 if a key is missing.
     pub line: usize,
-    /// What is wrong, and what is expected.
+    /// Cause, and the expected value.
     pub why: String,
 }
 
@@ -60,18 +60,18 @@ impl fmt::Display for YamlError {
 
 impl std::error::Error for YamlError {}
 
-/// Keys, in the order of the standard example; all but the last must be there.
+/// Keys in the order of the standard example; all but the last are mandatory.
 const KEYS: [&str; 7] = ["image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode"];
-/// A text is not longer than this, bytes.
+/// Maximum length of a text, bytes.
 const TEXT_MAX: usize = 64 << 10;
 
-/// Reads the text.
+/// Parses the text.
 ///
 /// # Errors
-/// A key is missing or twice there, or its value is none; with its line.
+/// A key is missing or duplicate, or its value is invalid; with the line.
 pub fn read(text: &str) -> Result<Info, YamlError> {
     if text.len() > TEXT_MAX {
-        return Err(YamlError { line: 0, why: format!("{} bytes: too long for the text of a map", text.len()) });
+        return Err(YamlError { line: 0, why: format!("{} bytes: too long for a map's text", text.len()) });
     }
     let values = Values::read(text)?;
     let info = Info {
@@ -90,10 +90,10 @@ pub fn read(text: &str) -> Result<Info, YamlError> {
 }
 
 impl Info {
-    /// The map of a picture.
+    /// Converts a picture to a map.
     ///
     /// # Errors
-    /// It is too large, or too far away.
+    /// The picture is too large, or its origin is too far away.
     pub fn map(&self, picture: &Picture) -> Result<Map, FrameError> {
         let (width, height) = (picture.width, picture.height);
         let frame = Frame { x: self.origin.0, y: self.origin.1, resolution: self.resolution, width, height };
@@ -106,7 +106,7 @@ impl Info {
         Ok(map)
     }
 
-    /// What a shade from 0, black, to 1, white, stands for.
+    /// Cell of a shade from 0 (black) to 1 (white).
     fn cell(&self, shade: f64) -> Cell {
         let occupancy = if self.negate { shade } else { 1.0 - shade };
         match self.mode {
@@ -122,10 +122,10 @@ impl Info {
     }
 }
 
-/// A value and its line; lists are in brackets.
+/// Value and its line; lists are in brackets.
 type Value = Option<(usize, String)>;
 
-/// What the lines below belong to.
+/// Key that the following lines belong to.
 #[derive(Clone, Copy, PartialEq)]
 enum Open {
     Nothing,
@@ -138,7 +138,7 @@ struct Values([Value; KEYS.len()]);
 impl Values {
     fn read(text: &str) -> Result<Self, YamlError> {
         let mut values = Self(Default::default());
-        // Whose items the lines with dashes are; a key that is none of ours is passed over with all its lines.
+        // Key of the list whose items follow; an unknown key is skipped with all its lines.
         let mut open = Open::Nothing;
         for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
             let number = number + 1;
@@ -153,7 +153,7 @@ impl Values {
                 continue;
             }
             if let Some(item) = item.strip_prefix("- ") {
-                let Open::List(key) = open else { return refuse("an item of no list".into()) };
+                let Open::List(key) = open else { return refuse("a list item without a list".into()) };
                 if let Some((_, list)) = values.0[key].as_mut() {
                     list.insert_str(list.len() - 1, if list.len() > 2 { "," } else { "" });
                     list.insert_str(list.len() - 1, item);
@@ -168,7 +168,7 @@ impl Values {
                 continue;
             };
             if values.0[index].is_some() {
-                return refuse(format!("{key} stands there twice"));
+                return refuse(format!("{key} occurs twice"));
             }
             let value = value.trim();
             open = if value.is_empty() { Open::List(index) } else { Open::Nothing };
@@ -190,12 +190,14 @@ impl Values {
 
     fn text(&self, key: &str) -> Result<&str, YamlError> {
         let value = self.get(key).map(|(_, value)| value.as_str());
-        value.filter(|value| !value.is_empty() && !value.starts_with('[')).ok_or_else(|| self.refuse(key, "is no text"))
+        value
+            .filter(|value| !value.is_empty() && !value.starts_with('['))
+            .ok_or_else(|| self.refuse(key, "is not a text"))
     }
 
     fn number(&self, key: &str, low: f64, high: f64) -> Result<f64, YamlError> {
         let number = self.text(key)?.parse().ok().filter(|value| (low..=high).contains(value));
-        number.ok_or_else(|| self.refuse(key, &format!("is no number from {low} to {high}")))
+        number.ok_or_else(|| self.refuse(key, &format!("is not a number from {low} to {high}")))
     }
 
     fn flag(&self, key: &str) -> Result<bool, YamlError> {
@@ -214,7 +216,7 @@ impl Values {
             "trinary" => Ok(Mode::Trinary),
             "scale" => Ok(Mode::Scale),
             "raw" => Ok(Mode::Raw),
-            _ => Err(self.refuse("mode", "is none of trinary, scale, raw")),
+            _ => Err(self.refuse("mode", "is not one of trinary, scale, raw")),
         }
     }
 
@@ -228,12 +230,12 @@ impl Values {
                 0.0 => Ok((*x, *y)),
                 _ => Err(self.refuse("origin", "is turned: only maps with theta 0 are read")),
             },
-            _ => Err(self.refuse("origin", "is no list of three numbers: x, y, theta")),
+            _ => Err(self.refuse("origin", "is not a list of three numbers: x, y, theta")),
         }
     }
 }
 
-/// A line up to its comment; a `#` within quotes, or within a word, begins none.
+/// Removes the comment from a line; a `#` within quotes or within a word does not begin one.
 fn uncommented(line: &str) -> &str {
     let (mut quote, mut before) = (None, ' ');
     for (at, letter) in line.char_indices() {
@@ -253,7 +255,7 @@ fn unquoted(value: &str) -> &str {
     within('"').or_else(|| within('\'')).unwrap_or(value)
 }
 
-/// The beginning of what somebody wrote, short enough for a line.
+/// Beginning of a text, short enough for an error message.
 fn brief(text: &str) -> String {
     text.chars().take(40).collect()
 }

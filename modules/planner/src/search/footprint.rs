@@ -1,21 +1,21 @@
-//! The robot's rectangle against the distance field.
+//! Collision check of the robot's rectangle against the distance field.
 
 use crate::map::Field;
 use navitools::Pose;
 
-/// A rectangle about the rear axle's middle.
+/// Rectangle around the rear axle's middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
-    /// Along the robot, m; above zero.
+    /// Length, m; above zero.
     pub length_m: f64,
-    /// Across, m; above zero.
+    /// Width, m; above zero.
     pub width_m: f64,
-    /// From the rear edge to the rear axle, m; within the length.
+    /// Distance from the rear edge to the rear axle, m; within the length.
     pub rear_m: f64,
 }
 
 impl Footprint {
-    /// It with a margin on each side, m.
+    /// Footprint enlarged by a margin on each side, m.
     #[must_use]
     pub fn grown(self, margin_m: f64) -> Self {
         Self {
@@ -25,14 +25,14 @@ impl Footprint {
         }
     }
 
-    /// True if nothing that is occupied touches it, and all of it is on the map.
+    /// True if no occupied cell touches the footprint, and all of it is on the map.
     #[must_use]
     pub fn is_free(&self, field: &Field, pose: Pose) -> bool {
         let (sin, cos) = pose.theta.sin_cos();
         Body::new(*self, field).is_free(field, pose.x, pose.y, sin, cos)
     }
 
-    /// The distance from its edges to the nearest occupied cell, m, to half a cell, and not above `most`; in a collision 0.
+    /// Distance from the edges to the nearest occupied cell, m, to half a cell, and at most `most`; 0 in a collision.
     #[must_use]
     pub fn clearance(&self, field: &Field, pose: Pose, most: f64) -> f64 {
         let (sin, cos) = pose.theta.sin_cos();
@@ -45,22 +45,22 @@ impl Footprint {
     }
 }
 
-/// The footprint made ready for many checks on one field.
+/// Footprint prepared for many checks on one field.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Body {
-    /// From the rear axle to the middle.
+    /// Distance from the rear axle to the middle.
     pub(crate) ahead: f64,
     half_length: f64,
     half_width: f64,
-    /// Nothing touches it while the middle is at least so far from everything.
+    /// Distance of the middle from obstacles at and above which the rectangle is free.
     outer: f32,
-    /// Something touches it when the middle is not farther than this.
+    /// Distance of the middle from obstacles at and below which the rectangle touches one.
     pub(crate) inner: f32,
-    /// Circles that cover it: how far they are apart, how many on each side of the middle one, and their `outer`.
+    /// Circles that cover the rectangle: their spacing, the number on each side of the middle one, and their `outer`.
     apart: f64,
     beside: u32,
     circle: f32,
-    /// Circles within it, at both ends: how far from the middle.
+    /// Inscribed circles at both ends: their distance from the middle.
     inscribed_at: f64,
 }
 
@@ -69,11 +69,11 @@ impl Body {
         let Footprint { length_m, width_m, rear_m } = footprint;
         let (half_length, half_width) = (length_m / 2.0, width_m / 2.0);
         let resolution = field.frame().resolution;
-        // A point is half a diagonal from its cell's middle, an edge of the obstacle as much from the other's.
+        // A point is at most half a diagonal from its cell's middle, and so is an edge of the obstacle.
         let half_diagonal = resolution * core::f64::consts::FRAC_1_SQRT_2;
         let outer = |radius: f64| (radius + 2.0 * half_diagonal) as f32;
         let short = half_length.min(half_width);
-        // As many circles as make them little wider than the rectangle.
+        // Enough circles that they are only a little wider than the rectangle.
         let count = libm::ceil(half_length / half_width * 1.5).clamp(1.0, 15.0) as u32 | 1;
         let each = half_length / f64::from(count);
         Self {
@@ -89,7 +89,7 @@ impl Body {
         }
     }
 
-    /// The field's distance at the middle.
+    /// Distance of the field at the middle.
     pub(crate) fn middle(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> f32 {
         field.distance(x + self.ahead * cos, y + self.ahead * sin)
     }
@@ -119,7 +119,7 @@ impl Body {
         !self.touches(field, x, y, sin, cos, |_| true)
     }
 
-    /// How deep the deepest occupied cell is in it, m; 0: free; infinite if it is not all on the map.
+    /// Largest penetration of an occupied cell, m; 0 if free; infinite if part of it is off the map.
     pub(crate) fn depth(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> f64 {
         let mut deepest = 0f64;
         let off = self.touches(field, x + self.ahead * cos, y + self.ahead * sin, sin, cos, |depth| {
@@ -129,13 +129,13 @@ impl Body {
         if off { f64::INFINITY } else { deepest }
     }
 
-    /// So deep is nothing that the robot could drive out of, m.
+    /// Penetration from which the robot cannot drive out, m.
     pub(crate) fn half_width(&self) -> f64 {
         self.half_width.min(self.half_length)
     }
 
-    /// Tells how deep each occupied cell is that touches the rectangle about its middle, until that is `enough`: then, and
-    /// off the map, true. Exact: squares against a rectangle by their four axes.
+    /// Calls `enough` with the penetration of each occupied cell that touches the rectangle, until it returns true;
+    /// returns true then, and off the map. Exact: squares against a rectangle by the separating axis test.
     fn touches(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64, mut enough: impl FnMut(f64) -> bool) -> bool {
         let frame = field.frame();
         let (along, across) = (libm::fabs(cos), libm::fabs(sin));
@@ -152,7 +152,7 @@ impl Body {
             while column <= right {
                 let distance = field.cell(column, row);
                 if distance > 0.0 {
-                    // Nothing is nearer than that.
+                    // No cell is nearer than that.
                     column += ((distance * per_metre) as usize).max(1);
                     continue;
                 }
@@ -169,13 +169,13 @@ impl Body {
         false
     }
 
-    /// The distance from the edges of a free rectangle to the nearest occupied cell.
+    /// Distance from the edges of a free rectangle to the nearest occupied cell.
     fn clearance(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64, most: f64) -> f64 {
         let (x, y) = (x + self.ahead * cos, y + self.ahead * sin);
         let frame = field.frame();
         let half = frame.resolution / 2.0;
         let reach = libm::hypot(self.half_length, self.half_width) + most + frame.resolution;
-        // The edge of the map is one of everything's.
+        // The edge of the map counts as an obstacle.
         let (right, top) =
             (frame.x + frame.width as f64 * frame.resolution, frame.y + frame.height as f64 * frame.resolution);
         let half_x = self.half_length * libm::fabs(cos) + self.half_width * libm::fabs(sin);

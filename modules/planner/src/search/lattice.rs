@@ -1,27 +1,27 @@
-//! What the robot can do in one step, and what it costs.
+//! Motion primitives: steps of the robot and their costs.
 
 use super::request::Costs;
 use navitools::{Arc, Pose};
 
-/// Headings of the search: 5° apart.
+/// Number of headings: 5° apart.
 pub(crate) const HEADINGS: usize = 72;
 const STEP: f64 = 2.0 * core::f64::consts::PI / HEADINGS as f64;
 
-/// What nearness costs: a factor on the way.
+/// Cost factor for proximity to obstacles.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Toll {
-    /// The footprint touches something when its middle is no farther than this, m.
+pub(crate) struct ProximityCost {
+    /// Distance of the middle from obstacles at which the footprint touches one, m.
     pub(crate) inner: f32,
     keep: f32,
     weight: f32,
 }
 
-impl Toll {
+impl ProximityCost {
     pub(crate) fn new(inner: f32, costs: &Costs) -> Self {
         Self { inner, keep: costs.keep_m as f32, weight: costs.near as f32 }
     }
 
-    /// The factor at a distance of the middle from what is occupied.
+    /// Factor at a distance of the middle from obstacles.
     pub(crate) fn at(&self, distance: f32) -> f32 {
         let left = self.keep - (distance - self.inner).max(0.0);
         if left <= 0.0 {
@@ -32,7 +32,7 @@ impl Toll {
     }
 }
 
-/// A pose on a step, seen from its beginning: turned with the robot already.
+/// Pose on a step relative to its beginning, already turned to the robot's heading.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sample {
     pub(crate) x: f64,
@@ -41,38 +41,39 @@ pub(crate) struct Sample {
     pub(crate) cos: f64,
 }
 
-/// One of the steps from any heading.
+/// Step from any heading.
 #[derive(Clone, Debug)]
 pub(crate) struct Step {
     pub(crate) arc: Arc,
-    /// By how many headings it turns.
+    /// Change of the heading, in headings.
     pub(crate) turn: i32,
-    /// Its curvature in halves of the limit, -2 to 2.
+    /// Curvature in halves of the limit, -2 to 2.
     pub(crate) steering: i8,
     pub(crate) reverse: bool,
-    /// Without toll and changes, m.
+    /// Cost without proximity and changes, m.
     pub(crate) cost: f32,
-    /// Where its samples begin in a heading's list, and how many.
+    /// Index of its first sample in a heading's list, and number of samples.
     first: usize,
     count: usize,
 }
 
-/// All steps from all headings.
+/// Steps from all headings.
 #[derive(Debug, Default)]
 pub(crate) struct Lattice {
     pub(crate) steps: Vec<Step>,
-    /// For heading 0 along the x axis, then turned to the headings of a search.
+    /// Poses for heading 0 along the x axis, then turned to the headings of a search.
     local: Vec<Pose>,
     samples: Vec<Sample>,
     heading: Option<f64>,
 }
 
 impl Lattice {
-    /// Steps of three cells and more, with curvatures of nought, half and the whole limit, checked every `spacing` m.
+    /// Creates steps of at least three cells, with curvatures of zero, half and the whole limit, checked every
+    /// `spacing` m.
     pub(crate) fn new(radius: f64, resolution: f64, spacing: f64, costs: &Costs) -> Self {
         let mut lattice = Self::default();
         let bins = (libm::round(3.0 * resolution / (radius * STEP)) as i32).max(1);
-        // A step must leave its cell, whatever its direction.
+        // A step must leave its cell in any direction.
         let bins = bins.max(libm::ceil(1.5 * resolution / (radius * STEP)) as i32);
         let length = f64::from(bins) * radius * STEP;
         for reverse in [false, true] {
@@ -91,7 +92,7 @@ impl Lattice {
                     lattice.local.push(part.end());
                 }
                 let turn = turn * i32::from(steering.signum()) * if reverse { -1 } else { 1 };
-                let cost = length * costs.way(&arc, radius);
+                let cost = length * costs.arc_cost(&arc, radius);
                 lattice.steps.push(Step { arc, turn, steering, reverse, cost: cost as f32, first, count });
             }
         }
@@ -115,17 +116,17 @@ impl Lattice {
         }
     }
 
-    /// The poses on a step from a heading; the last one is its end.
+    /// Poses on a step from a heading; the last one is its end.
     pub(crate) fn samples(&self, heading: usize, step: &Step) -> &[Sample] {
         &self.samples[heading * self.local.len() + step.first..][..step.count]
     }
 
-    /// The heading after a step.
+    /// Heading after a step.
     pub(crate) fn after(heading: usize, step: &Step) -> usize {
         (heading as i32 + step.turn).rem_euclid(HEADINGS as i32) as usize
     }
 
-    /// A heading's angle.
+    /// Angle of a heading.
     pub(crate) fn angle(&self, heading: usize) -> f64 {
         self.heading.unwrap_or(0.0) + heading as f64 * STEP
     }

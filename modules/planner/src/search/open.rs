@@ -1,33 +1,33 @@
-//! The states of a search: the open list, and the best way known to each.
+//! States of a search: open list, and the best path known to each.
 
 use super::lattice::Lattice;
 use navitools::Arc;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// No state.
+/// Index of no state.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// A state, and how it was reached.
+/// State, and the step that reached it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
     pub(crate) x: f64,
     pub(crate) y: f64,
-    /// The cost so far, and at least to go.
+    /// Cost so far, and lower bound of the remaining cost.
     pub(crate) g: f32,
     pub(crate) h: f32,
     pub(crate) parent: u32,
-    /// Which state it is, for the table.
+    /// Key of the state in the table.
     pub(crate) key: u32,
     pub(crate) heading: u8,
-    /// The step that led here.
+    /// Step that led here.
     pub(crate) step: u8,
     pub(crate) closed: bool,
-    /// Something touches the footprint: it gets out of an obstacle.
+    /// True if an obstacle touches the footprint: the path leaves an obstacle.
     pub(crate) touching: bool,
 }
 
-/// All states of a search. A better way to a state is a new node: those behind the old one keep their exact poses.
+/// All states of a search. A better path to a state is a new node: descendants of the old one keep their exact poses.
 #[derive(Debug, Default)]
 pub(crate) struct Open {
     nodes: Vec<Node>,
@@ -57,7 +57,7 @@ impl Open {
         self.nodes[index as usize]
     }
 
-    /// True if a way of this cost to a state is better than the one known.
+    /// True if this cost to a state is lower than the known one.
     pub(crate) fn improves(&self, key: u32, g: f32) -> bool {
         match self.table[self.slot(key)].1 {
             NONE => true,
@@ -68,7 +68,7 @@ impl Open {
         }
     }
 
-    /// Adds a state with its place in the order.
+    /// Adds a state with its priority.
     pub(crate) fn push(&mut self, node: Node, f: f32) {
         let index = self.nodes.len() as u32;
         let slot = self.slot(node.key);
@@ -77,14 +77,14 @@ impl Open {
         }
         self.table[slot] = (node.key, index);
         self.nodes.push(node);
-        // Of equals the newest first: it is nearest to the goal.
+        // Among equals the newest first: it is nearest to the goal.
         self.heap.push(Reverse(u64::from(f.to_bits()) << 32 | u64::from(!index)));
         if self.used * 2 > self.table.len() {
             self.grow();
         }
     }
 
-    /// The most promising state and its place in the order; it is closed now.
+    /// Closes the most promising state and returns it with its priority.
     pub(crate) fn pop(&mut self) -> Option<(u32, f32)> {
         while let Some(Reverse(first)) = self.heap.pop() {
             let index = !(first as u32);
@@ -97,7 +97,7 @@ impl Open {
         None
     }
 
-    /// The arcs from the start to a state.
+    /// Arcs from the start to a state.
     pub(crate) fn trace(&self, index: u32, lattice: &Lattice, arcs: &mut Vec<Arc>) {
         arcs.clear();
         let mut node = &self.nodes[index as usize];
@@ -119,10 +119,10 @@ impl Open {
         arcs.truncate(kept + 1);
     }
 
-    /// Where a key is in the table, or would be.
+    /// Slot of a key in the table, or the free slot for it.
     fn slot(&self, key: u32) -> usize {
         let mask = self.table.len() - 1;
-        // Fibonacci hashing: neighbours fall far apart.
+        // Fibonacci hashing: neighbours are spread out.
         let mut slot = (key.wrapping_mul(0x9e37_79b1) >> 7) as usize & mask;
         while self.table[slot].1 != NONE && self.table[slot].0 != key {
             slot = (slot + 1) & mask;
@@ -134,7 +134,7 @@ impl Open {
         let size = self.table.len() * 2;
         self.table.clear();
         self.table.resize(size, (0, NONE));
-        // Later nodes of a key are better ones.
+        // Later nodes of a key are better.
         for index in 0..self.nodes.len() {
             let key = self.nodes[index].key;
             let slot = self.slot(key);

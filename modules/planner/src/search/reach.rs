@@ -1,35 +1,35 @@
-//! How far it is to the goal for something round that may turn on the spot: the search's sense of direction.
+//! Heuristic: cost to the goal for a round robot that can turn on the spot.
 //!
-//! Dijkstra from the goal over a grid of 10 cm, for the footprint's middle, with the same toll for nearness as the
-//! search. It is lazy: it goes only as far as it is asked, and stays for the next search to the same goal.
+//! Dijkstra from the goal over a grid of 10 cm, for the footprint's middle, with the same proximity cost as the search.
+//! Lazy: it expands only as far as requested, and is kept for the next search to the same goal.
 
-use super::lattice::Toll;
+use super::lattice::ProximityCost;
 use crate::map::Field;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// The grid's cells are not smaller than this, m.
+/// Smallest cell of the grid, m.
 const CELL_M: f64 = 0.1;
 
-/// Distances to go, as far as they are known.
+/// Costs to the goal, as far as they are known.
 #[derive(Debug, Default)]
 pub(crate) struct Reach {
-    /// Cells of the field per cell, each way.
+    /// Cells of the field per cell, in each dimension.
     factor: usize,
     width: usize,
     height: usize,
     cell_m: f32,
-    /// The least cost known; final up to `frontier`.
+    /// Lowest known cost; final up to `frontier`.
     cost: Vec<f32>,
-    /// What a metre costs in a cell; infinite: blocked; NaN: nobody has looked.
+    /// Cost of a metre in a cell; infinite if blocked, NaN if not evaluated yet.
     toll: Vec<f32>,
     queue: BinaryHeap<Reverse<u64>>,
-    /// Everything up to this cost is final.
+    /// Cost up to which all values are final.
     frontier: f32,
 }
 
 impl Reach {
-    /// Begins anew for a field; the goals follow.
+    /// Resets for a field; the goals follow.
     pub(crate) fn begin(&mut self, field: &Field) {
         let frame = field.frame();
         self.factor = (libm::round(CELL_M / frame.resolution) as usize).max(1);
@@ -44,16 +44,16 @@ impl Reach {
         self.toll.resize(self.width * self.height, f32::NAN);
     }
 
-    /// A place of the footprint's middle at the goal.
+    /// Adds a position of the footprint's middle at the goal.
     pub(crate) fn goal(&mut self, field: &Field, x: f64, y: f64) {
         if let Some(cell) = self.cell(field, x, y) {
             self.offer(cell, 0.0);
         }
     }
 
-    /// The cost to go from a point, m: exact on this grid if it is known already, or becomes so within `pops` steps; else
-    /// what it is at least. Infinite where there is no way. The steps are taken from `pops`.
-    pub(crate) fn cost(&mut self, field: &Field, toll: &Toll, x: f64, y: f64, pops: &mut u32) -> f32 {
+    /// Cost from a point to the goal, m: exact on this grid if it is known already or becomes known within `pops`
+    /// steps, else a lower bound. Infinite if there is no path. The steps are subtracted from `pops`.
+    pub(crate) fn cost(&mut self, field: &Field, toll: &ProximityCost, x: f64, y: f64, pops: &mut u32) -> f32 {
         let Some(cell) = self.cell(field, x, y) else { return f32::INFINITY };
         loop {
             let known = self.cost[cell as usize];
@@ -78,13 +78,13 @@ impl Reach {
     fn offer(&mut self, cell: u32, cost: f32) {
         if cost < self.cost[cell as usize] {
             self.cost[cell as usize] = cost;
-            // Costs are not negative, so their bits are in their order.
+            // Costs are not negative, so their bit patterns have the same order.
             self.queue.push(Reverse(u64::from(cost.to_bits()) << 32 | u64::from(cell)));
         }
     }
 
-    /// Settles a cell; false when there is none left: what is not reached now cannot be.
-    fn step(&mut self, field: &Field, toll: &Toll) -> bool {
+    /// Settles a cell; false if the queue is empty: all other cells are unreachable.
+    fn step(&mut self, field: &Field, toll: &ProximityCost) -> bool {
         let Some(Reverse(first)) = self.queue.pop() else {
             self.frontier = f32::INFINITY;
             return false;
@@ -112,8 +112,8 @@ impl Reach {
         true
     }
 
-    /// The toll of a cell is that of its best part: the estimate should not be above the truth.
-    fn toll_of(&mut self, field: &Field, toll: &Toll, column: usize, row: usize) -> f32 {
+    /// The cost factor of a cell is that of its best part, so that the heuristic does not overestimate.
+    fn toll_of(&mut self, field: &Field, toll: &ProximityCost, column: usize, row: usize) -> f32 {
         let index = row * self.width + column;
         if self.toll[index].is_nan() {
             let frame = field.frame();

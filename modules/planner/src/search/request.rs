@@ -1,27 +1,27 @@
-//! What a search is asked, and what it answers.
+//! Request to a search, and its result.
 
 use super::footprint::Footprint;
 use crate::path::Path;
 use navitools::Arc;
 use std::fmt;
 
-/// What the robot is, and what it prefers.
+/// Geometry of the robot, and preferences.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Its rectangle.
+    /// Footprint of the robot.
     pub footprint: Footprint,
-    /// Kept free around it on all sides, m; not below 0.
+    /// Margin on all sides, m; not below 0.
     pub margin_m: f64,
-    /// The least turning radius of the rear axle's middle, m; above zero.
+    /// Minimum turning radius of the rear axle's middle, m; above zero.
     pub radius_m: f64,
     /// Preferences.
     pub costs: Costs,
-    /// States that one search may hold; about 64 bytes each.
+    /// Maximum number of states in one search; about 64 bytes each.
     pub states_max: u32,
 }
 
 impl Limits {
-    /// Limits of a robot with this footprint and turning radius; all else as usual.
+    /// Limits of a robot with this footprint and turning radius; all others at their defaults.
     #[must_use]
     pub fn new(footprint: Footprint, radius_m: f64) -> Self {
         Self { footprint, margin_m: 0.02, radius_m, costs: Costs::default(), states_max: 400_000 }
@@ -31,17 +31,17 @@ impl Limits {
 /// Preferences, in metres of free straight road.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Costs {
-    /// What a metre in reverse costs more.
+    /// Extra cost of a metre in reverse.
     pub reverse: f64,
-    /// What a metre at the least radius costs more.
+    /// Extra cost of a metre at the minimum radius.
     pub turn: f64,
-    /// A change between forwards and reverse.
+    /// Cost of a change between forwards and reverse.
     pub cusp: f64,
-    /// From the least radius on one side to that on the other.
+    /// Cost of steering from the minimum radius on one side to that on the other.
     pub steer: f64,
-    /// What a metre with no clearance costs more.
+    /// Extra cost of a metre without clearance.
     pub near: f64,
-    /// More clearance than this is worth nothing, m.
+    /// Clearance beyond which there is no extra cost, m.
     pub keep_m: f64,
 }
 
@@ -52,32 +52,32 @@ impl Default for Costs {
 }
 
 impl Costs {
-    /// What a metre along an arc costs.
-    pub(crate) fn way(&self, arc: &Arc, radius: f64) -> f64 {
+    /// Cost of an arc.
+    pub(crate) fn arc_cost(&self, arc: &Arc, radius: f64) -> f64 {
         let reverse = if arc.length < 0.0 { self.reverse } else { 0.0 };
         1.0 + reverse + self.turn * libm::fabs(arc.curvature) * radius
     }
 }
 
-/// Where to go.
+/// Goal of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Goal {
-    /// m.
+    /// Position in the map, x, m.
     pub x: f64,
-    /// m.
+    /// Position in the map, y, m.
     pub y: f64,
-    /// rad; `None`: any.
+    /// Heading, rad; `None` for any.
     pub heading: Option<f64>,
-    /// Nearer than this is there, m; the heading is then good to 5°. With 0 the way ends exactly at the goal.
+    /// Distance that satisfies the goal, m; the heading is then within 5°. With 0 the path ends exactly at the goal.
     pub tolerance_m: f64,
 }
 
-/// How much work a search may do; a unit is a state expanded, or what takes as long.
+/// Work allowed for a search; a unit is an expanded state, or an operation of equal duration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Until a first way is found.
+    /// Until a first path is found.
     pub first: u32,
-    /// After that, for a better one; not more than it took to find the first one, or a tenth of this.
+    /// After that, for a better one; at most the work for the first one, or a tenth of this.
     pub better: u32,
 }
 
@@ -87,22 +87,22 @@ impl Default for Budget {
     }
 }
 
-/// Why there is no way.
+/// Reason why there is no path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoWay {
+pub enum SearchError {
     /// The robot does not fit in at the goal.
     GoalBlocked,
-    /// The robot stands in something, or outside of the map, and does not get out.
+    /// The robot is in an obstacle or outside the map, and cannot get out.
     StartBlocked,
     /// Everything within reach was tried.
     Unreachable,
-    /// The work allowed was done first.
+    /// The work allowed was exhausted.
     Budget,
-    /// A coordinate is no number, or a limit makes no sense.
+    /// A coordinate is not a number, or a limit is invalid.
     Invalid,
 }
 
-impl fmt::Display for NoWay {
+impl fmt::Display for SearchError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::GoalBlocked => "the robot does not fit in at the goal",
@@ -114,17 +114,17 @@ impl fmt::Display for NoWay {
     }
 }
 
-impl std::error::Error for NoWay {}
+impl std::error::Error for SearchError {}
 
-/// How far a search has come.
+/// Progress of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Status<'a> {
-    /// No way yet.
+    /// No path yet.
     Searching,
-    /// A way that can be driven; a better one is looked for.
+    /// A drivable path was found; the search continues for a better one.
     Improving(&'a Path),
-    /// The best way found. Further calls do nothing.
+    /// Best path found. Further calls have no effect.
     Found(&'a Path),
-    /// None. Further calls do nothing.
-    NoWay(NoWay),
+    /// No path. Further calls have no effect.
+    NoPath(SearchError),
 }

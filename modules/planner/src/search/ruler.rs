@@ -1,26 +1,27 @@
-//! Measuring a curve.
+//! Cost of a curve.
 
 use super::footprint::Body;
-use super::lattice::Toll;
+use super::lattice::ProximityCost;
 use super::request::Limits;
 use crate::map::Field;
 use navitools::{Arc, Pose};
 
-/// Poses of a step or a curve are checked so far apart, m: what happens in between is far less than the margin.
+/// Distance between the checked poses of a step or a curve, m: the deviation in between is far below the margin.
 pub(crate) fn spacing(field: &Field) -> f64 {
     (1.5 * field.frame().resolution).min(0.1)
 }
 
-/// What measures a curve: is it free, and what does it cost?
+/// Collision check and cost of curves.
 pub(crate) struct Ruler<'a> {
     pub(crate) field: &'a Field,
     pub(crate) body: &'a Body,
-    pub(crate) toll: &'a Toll,
+    pub(crate) toll: &'a ProximityCost,
     pub(crate) limits: &'a Limits,
 }
 
 impl Ruler<'_> {
-    /// The cost of arcs from a pose, after an arc that leads there; `None` if they touch something, or cost `most`.
+    /// Cost of arcs from a pose, after an arc that leads there; `None` if they touch an obstacle or cost `most` or
+    /// more.
     pub(crate) fn cost(&self, start: Pose, before: Option<Arc>, arcs: &[Arc], most: f32) -> Option<f32> {
         let Limits { radius_m, costs, .. } = self.limits;
         let spacing = spacing(self.field);
@@ -31,7 +32,7 @@ impl Ruler<'_> {
             }
             let length = libm::fabs(arc.length);
             let count = libm::ceil(length / spacing).max(1.0);
-            let each = (length / count * costs.way(arc, *radius_m)) as f32;
+            let each = (length / count * costs.arc_cost(arc, *radius_m)) as f32;
             let part = Arc { length: arc.length / count, ..*arc }.motion();
             // The pose of each part follows from the last one: rounding stays far below the margin.
             for _ in 0..count as u32 {
@@ -47,7 +48,7 @@ impl Ruler<'_> {
         (cost < most).then_some(cost)
     }
 
-    /// The cost of going from one arc to another.
+    /// Cost of the transition from one arc to another.
     pub(crate) fn change(&self, before: &Arc, after: &Arc) -> f32 {
         let Limits { radius_m, costs, .. } = self.limits;
         let turned = libm::fabs(after.curvature - before.curvature) * radius_m / 2.0;

@@ -1,16 +1,16 @@
-//! The end of a search: a curve straight to the goal, if it is free.
+//! End of a search: a curve straight to the goal, if it is free.
 
 use super::ruler::Ruler;
 use navitools::{Arc, Point, Pose, reeds_shepp_words};
 
-/// Tries curves; keeps the buffer of the best one.
+/// Evaluates curves; keeps the buffer of the best one.
 #[derive(Debug, Default)]
 pub(crate) struct Shot {
     arcs: Vec<Arc>,
 }
 
 impl Shot {
-    /// The cheapest free curve from a pose to a target pose, or to a point with any heading, that costs less than `most`.
+    /// Cheapest free curve from a pose to a target pose, or to a point with any heading, that costs less than `most`.
     pub(crate) fn best(
         &mut self,
         ruler: &Ruler<'_>,
@@ -38,7 +38,7 @@ impl Shot {
     }
 }
 
-/// The word of Reeds and Shepp that would be cheapest without obstacles, if it is free and costs less than `most`.
+/// Reeds-Shepp word that would be cheapest without obstacles, if it is free and costs less than `most`.
 pub(crate) fn curve(
     ruler: &Ruler<'_>,
     from: Pose,
@@ -54,7 +54,7 @@ pub(crate) fn curve(
         let mut cost = 0.0;
         let mut last = before;
         for arc in word.arcs() {
-            cost += (libm::fabs(arc.length) * ruler.limits.costs.way(arc, ruler.limits.radius_m)) as f32;
+            cost += (libm::fabs(arc.length) * ruler.limits.costs.arc_cost(arc, ruler.limits.radius_m)) as f32;
             cost += last.map_or(0.0, |last| ruler.change(&last, arc));
             last = Some(*arc);
         }
@@ -69,7 +69,7 @@ pub(crate) fn curve(
     Some(cost)
 }
 
-/// A turn and a straight line to a point: forwards and in reverse, to the left and to the right.
+/// Turn and straight line to a point: forwards and in reverse, to the left and to the right.
 fn to_point(to: Point, radius: f64) -> [Option<[Arc; 2]>; 4] {
     [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(ahead, left)| {
         // Mirrored so that it is forwards and to the left.

@@ -1,27 +1,27 @@
-//! Smoothing: parts of a way are replaced by curves that cost less, gentle ones first.
+//! Smoothing: parts of a path are replaced by curves that cost less, gentle ones first.
 //!
-//! Every replacement is a curve of Reeds and Shepp with the limit's radius or a wider one, checked like any other: the way
-//! stays drivable and free to the letter. Long parts come first, then ever shorter ones.
+//! Each replacement is a Reeds-Shepp curve with the minimum radius or a larger one, checked like any other: the path
+//! remains drivable and free. Long parts come first, then shorter ones.
 
 use super::ruler::Ruler;
 use super::{append, shot};
 use navitools::{Arc, Pose};
 
-/// What a step takes, in expansions.
+/// Cost of a step, in expansions.
 pub(crate) const WORK: u32 = 10;
 
-/// Radii to try, in least radii.
+/// Radii to try, as multiples of the minimum radius.
 const RADII: [f64; 4] = [4.0, 2.0, 1.3, 1.0];
-/// Lengths of the parts to replace, m: at most the way's, then half of it, down to this.
+/// Lengths of the parts to replace, m: at most the path's length, then halved down to this.
 const SHORTEST_M: f64 = 0.6;
 const LONGEST_M: f64 = 12.0;
 
-/// A way being smoothed.
+/// Path being smoothed.
 #[derive(Debug, Default)]
 pub(crate) struct Smoothing {
     start: Pose,
     arcs: Vec<Arc>,
-    /// The part to look at: its length and where it begins.
+    /// Current part: its length and its beginning.
     span: f64,
     from: f64,
     /// Buffers.
@@ -31,7 +31,7 @@ pub(crate) struct Smoothing {
 }
 
 impl Smoothing {
-    /// Begins with a way.
+    /// Begins with a path.
     pub(crate) fn begin(&mut self, start: Pose, arcs: &[Arc]) {
         self.start = start;
         self.arcs.clear();
@@ -40,12 +40,12 @@ impl Smoothing {
         self.from = 0.0;
     }
 
-    /// The way as it is now.
+    /// Current path.
     pub(crate) fn arcs(&self) -> &Vec<Arc> {
         &self.arcs
     }
 
-    /// What it costs; `None` if it begins in an obstacle.
+    /// Cost of the path; `None` if it begins in an obstacle.
     pub(crate) fn cost(&self, ruler: &Ruler<'_>) -> Option<f32> {
         ruler.cost(self.start, None, &self.arcs, f32::INFINITY)
     }
@@ -54,7 +54,7 @@ impl Smoothing {
         self.arcs.iter().map(|arc| libm::fabs(arc.length)).sum()
     }
 
-    /// Tries to replace one part; false when all have been tried.
+    /// Attempts to replace one part; false when all have been tried.
     pub(crate) fn step(&mut self, ruler: &Ruler<'_>) -> bool {
         let length = self.length();
         if self.from + 0.5 * self.span > length - 1e-6 && self.from > 0.0 {
@@ -88,7 +88,7 @@ impl Smoothing {
         true
     }
 
-    /// The part between two lengths, where it begins and ends, and the arcs before and after it.
+    /// Part between two lengths: its beginning and end, and the arcs before and after it.
     fn cut(&mut self, a: f64, b: f64) -> (Pose, Option<Arc>, Pose, Option<Arc>) {
         self.part.clear();
         let (mut at, mut pose) = (0.0, self.start);
@@ -118,7 +118,7 @@ impl Smoothing {
         (from, before, to.unwrap_or(from), after)
     }
 
-    /// Puts `part` between two lengths.
+    /// Replaces the section between two lengths by `part`.
     fn splice(&mut self, a: f64, b: f64) {
         self.next.clear();
         let mut at = 0.0;

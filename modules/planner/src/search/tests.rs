@@ -1,4 +1,4 @@
-//! Ways that are found, and why others are not.
+//! Paths that are found, and reasons why others are not.
 
 use super::*;
 use crate::map::{Map, Unknown};
@@ -23,7 +23,7 @@ fn pose_goal(x: f64, y: f64, theta: f64) -> Goal {
     Goal { x, y, heading: Some(theta), tolerance_m: 0.0 }
 }
 
-/// A path is one: it begins and ends where it should, is drivable, and free.
+/// Checks that a path begins and ends at the right poses, is drivable, and free.
 fn check(field: &Field, start: Pose, path: &Path) {
     let points = path.points();
     assert_eq!(points[0].pose, start);
@@ -46,7 +46,7 @@ fn check(field: &Field, start: Pose, path: &Path) {
 }
 
 #[test]
-fn across_an_empty_room_the_way_is_as_short_as_a_car_can() {
+fn across_an_empty_room_the_path_is_the_shortest_of_a_car() {
     let field = room(&[]);
     let start = Pose::new(1.0, 1.0, 0.0);
     let mut search = Search::new(limits());
@@ -59,7 +59,7 @@ fn across_an_empty_room_the_way_is_as_short_as_a_car_can() {
 }
 
 #[test]
-fn without_a_heading_the_way_ends_at_the_point() {
+fn without_a_heading_the_path_ends_at_the_point() {
     let field = room(&[(4.0, 0.0, 4.0, 6.0)]);
     let start = Pose::new(1.0, 1.0, 0.0);
     let goal = Goal { x: 8.0, y: 1.5, heading: None, tolerance_m: 0.0 };
@@ -72,7 +72,7 @@ fn without_a_heading_the_way_ends_at_the_point() {
 
 #[test]
 fn a_parking_place_is_entered_in_reverse_when_it_must_be() {
-    // A bay of 1 m by 1.3 m in the lower wall; to be left forwards.
+    // Bay of 1 m by 1.3 m in the lower wall, to be left forwards.
     let field = room(&[(3.0, 1.5, 5.0, 1.5), (5.0, 1.5, 5.0, 0.2), (6.0, 0.2, 6.0, 1.5), (6.0, 1.5, 10.0, 1.5)]);
     let start = Pose::new(2.0, 4.0, 0.0);
     let goal = pose_goal(5.5, 0.4, core::f64::consts::FRAC_PI_2);
@@ -91,14 +91,14 @@ fn a_door_is_passed_if_the_robot_fits_through() {
         let path = search.plan(&field, start, pose_goal(8.0, 5.0, 0.0), Budget::default());
         match path {
             Ok(path) => check(&field, start, path),
-            Err(why) => assert_eq!(why, NoWay::Unreachable),
+            Err(why) => assert_eq!(why, SearchError::Unreachable),
         }
-        assert_eq!(search.status() != Status::NoWay(NoWay::Unreachable), fits, "{door}");
+        assert_eq!(search.status() != Status::NoPath(SearchError::Unreachable), fits, "{door}");
     }
 }
 
 #[test]
-fn what_cannot_be_says_why() {
+fn an_impossible_request_has_its_reason() {
     let field = room(&[(5.0, 0.0, 5.0, 8.0), (2.0, 5.0, 3.0, 5.0)]);
     let mut search = Search::new(limits());
     let mut why = |start: Pose, goal: Goal, first: u32| {
@@ -106,23 +106,23 @@ fn what_cannot_be_says_why() {
     };
     let start = Pose::new(2.0, 2.0, 0.0);
     let most = Budget::default().first;
-    assert_eq!(why(start, pose_goal(8.0, 5.0, 0.0), most), NoWay::Unreachable);
-    assert_eq!(why(start, pose_goal(2.5, 5.0, 0.0), most), NoWay::GoalBlocked);
-    assert_eq!(why(start, Goal { heading: None, ..pose_goal(2.5, 5.0, 0.0) }, most), NoWay::GoalBlocked);
-    assert_eq!(why(start, pose_goal(50.0, 5.0, 0.0), most), NoWay::GoalBlocked);
-    assert_eq!(why(start, pose_goal(4.7, 4.0, 0.0), most), NoWay::GoalBlocked);
-    assert_eq!(why(Pose::new(-3.0, 2.0, 0.0), pose_goal(2.0, 3.0, 0.0), most), NoWay::StartBlocked);
-    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 20), NoWay::Budget);
+    assert_eq!(why(start, pose_goal(8.0, 5.0, 0.0), most), SearchError::Unreachable);
+    assert_eq!(why(start, pose_goal(2.5, 5.0, 0.0), most), SearchError::GoalBlocked);
+    assert_eq!(why(start, Goal { heading: None, ..pose_goal(2.5, 5.0, 0.0) }, most), SearchError::GoalBlocked);
+    assert_eq!(why(start, pose_goal(50.0, 5.0, 0.0), most), SearchError::GoalBlocked);
+    assert_eq!(why(start, pose_goal(4.7, 4.0, 0.0), most), SearchError::GoalBlocked);
+    assert_eq!(why(Pose::new(-3.0, 2.0, 0.0), pose_goal(2.0, 3.0, 0.0), most), SearchError::StartBlocked);
+    assert_eq!(why(start, pose_goal(2.0, 3.0, 3.0), 20), SearchError::Budget);
     for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        assert_eq!(why(start, pose_goal(odd, 3.0, 0.0), most), NoWay::Invalid);
-        assert_eq!(why(start, pose_goal(2.0, 3.0, odd), most), NoWay::Invalid);
-        assert_eq!(why(start, Goal { tolerance_m: odd, ..pose_goal(2.0, 3.0, 0.0) }, most), NoWay::Invalid);
-        assert_eq!(why(Pose::new(2.0, odd, 0.0), pose_goal(2.0, 3.0, 0.0), most), NoWay::Invalid);
+        assert_eq!(why(start, pose_goal(odd, 3.0, 0.0), most), SearchError::Invalid);
+        assert_eq!(why(start, pose_goal(2.0, 3.0, odd), most), SearchError::Invalid);
+        assert_eq!(why(start, Goal { tolerance_m: odd, ..pose_goal(2.0, 3.0, 0.0) }, most), SearchError::Invalid);
+        assert_eq!(why(Pose::new(2.0, odd, 0.0), pose_goal(2.0, 3.0, 0.0), most), SearchError::Invalid);
     }
-    assert_ne!(why(start, pose_goal(1e300, 3.0, 0.0), most), NoWay::Budget);
+    assert_ne!(why(start, pose_goal(1e300, 3.0, 0.0), most), SearchError::Budget);
     let broken = Limits { radius_m: 0.0, ..limits() };
     let path = Search::new(broken).plan(&field, start, pose_goal(2.0, 3.0, 0.0), Budget::default()).cloned();
-    assert_eq!(path, Err(NoWay::Invalid));
+    assert_eq!(path, Err(SearchError::Invalid));
 }
 
 #[test]
@@ -141,11 +141,11 @@ fn boxed_in_is_start_blocked_or_unreachable_and_touching_is_left() {
     // A wall before and one behind, both touched.
     let field = room(&[(3.0, 2.0, 3.0, 4.0), (2.25, 2.0, 2.25, 4.0), (2.0, 2.6, 3.2, 2.6), (2.0, 3.4, 3.2, 3.4)]);
     let path = search.plan(&field, start, pose_goal(6.0, 6.0, 0.0), Budget::default());
-    assert_eq!(path.map(|_| ()), Err(NoWay::StartBlocked));
+    assert_eq!(path.map(|_| ()), Err(SearchError::StartBlocked));
     // In a box that is not touched.
     let field = room(&[(1.0, 2.0, 3.5, 2.0), (3.5, 2.0, 3.5, 4.0), (3.5, 4.0, 1.0, 4.0), (1.0, 4.0, 1.0, 2.0)]);
     let path = search.plan(&field, Pose::new(2.0, 3.0, 0.0), pose_goal(6.0, 6.0, 0.0), Budget::default());
-    assert_eq!(path.map(|_| ()), Err(NoWay::Unreachable));
+    assert_eq!(path.map(|_| ()), Err(SearchError::Unreachable));
 }
 
 #[test]
@@ -154,9 +154,9 @@ fn a_goal_too_near_to_a_wall_is_met_within_its_tolerance() {
     let start = Pose::new(2.0, 2.0, 0.0);
     let goal = pose_goal(9.4, 4.0, 0.0);
     let mut search = Search::new(limits());
-    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(NoWay::GoalBlocked));
+    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(SearchError::GoalBlocked));
     for heading in [Some(0.0), None] {
-        // Twice: the second time much is known already.
+        // Twice: the second search reuses results.
         for _ in 0..2 {
             let goal = Goal { tolerance_m: 0.4, heading, ..goal };
             let path = search.plan(&field, start, goal, Budget::default()).unwrap();
@@ -170,7 +170,7 @@ fn a_goal_too_near_to_a_wall_is_met_within_its_tolerance() {
 }
 
 #[test]
-fn a_search_in_pieces_ends_where_one_in_one_go_does() {
+fn an_incremental_search_has_the_same_result() {
     let field = room(&[(4.0, 0.0, 4.0, 6.0), (7.0, 2.0, 7.0, 8.0)]);
     let (start, goal) = (Pose::new(1.0, 1.0, 0.0), pose_goal(8.5, 7.0, 1.0));
     let whole = Search::new(limits()).plan(&field, start, goal, Budget::default()).unwrap().clone();
@@ -185,7 +185,7 @@ fn a_search_in_pieces_ends_where_one_in_one_go_does() {
             assert!(calls < 1_000_000);
             match search.advance(&field, piece) {
                 Status::Found(path) => break path.clone(),
-                Status::NoWay(why) => panic!("{why}"),
+                Status::NoPath(why) => panic!("{why}"),
                 Status::Improving(path) => assert!(path.cost() >= whole.cost()),
                 Status::Searching => {}
             }
@@ -198,7 +198,7 @@ fn a_search_in_pieces_ends_where_one_in_one_go_does() {
 }
 
 #[test]
-fn obstacles_of_the_moment_are_driven_around() {
+fn temporary_obstacles_are_avoided() {
     let mut field = room(&[]);
     let (start, goal) = (Pose::new(1.0, 4.0, 0.0), pose_goal(8.5, 4.0, 0.0));
     let mut search = Search::new(limits());
@@ -208,19 +208,19 @@ fn obstacles_of_the_moment_are_driven_around() {
     let path = search.plan(&field, start, goal, Budget::default()).unwrap();
     check(&field, start, path);
     assert!(path.length() > 7.55 && path.length() < 8.5 && path.clearance() > 0.02, "{}", path.length());
-    // A ring of people about the goal.
+    // A ring of people around the goal.
     let ring = (0..12).map(|i| {
         let (sin, cos) = libm::sincos(f64::from(i) * core::f64::consts::PI / 6.0);
         crate::map::Obstacle { x: 8.5 + 1.3 * cos, y: 4.0 + 1.3 * sin, radius: 0.3 }
     });
     field.overlay(&ring.collect::<Vec<_>>());
-    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(NoWay::Unreachable));
+    assert_eq!(search.plan(&field, start, goal, Budget::default()).map(|_| ()), Err(SearchError::Unreachable));
     field.overlay(&[]);
     assert_eq!(search.plan(&field, start, goal, Budget::default()).unwrap().length(), straight);
 }
 
 #[test]
-fn requests_at_random_end_with_a_path_that_is_one_or_with_a_reason() {
+fn random_requests_end_with_a_valid_path_or_a_reason() {
     let mut seed = 11u32;
     let mut random = move |low: f64, high: f64| {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -249,7 +249,7 @@ fn requests_at_random_end_with_a_path_that_is_one_or_with_a_reason() {
 }
 
 #[test]
-fn the_footprint_is_judged_as_cell_by_cell() {
+fn the_footprint_check_equals_a_test_of_each_cell() {
     let mut seed = 5u32;
     let mut random = move |high: f64| {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -268,7 +268,7 @@ fn the_footprint_is_judged_as_cell_by_cell() {
             for _ in 0..200 {
                 let pose = Pose::new(random(6.0), random(6.0), random(6.3));
                 let seen = footprint.is_free(&field, pose);
-                // Points all over the rectangle, 1 cm apart: none in an occupied cell, none off the map.
+                // Points all over the rectangle, 1 cm apart: no point in an occupied cell or off the map.
                 let points = |length: f64| 0..=libm::ceil(length / 0.01) as u32;
                 let touches = points(footprint.length_m).any(|i| {
                     points(footprint.width_m).any(|j| {
@@ -278,7 +278,7 @@ fn the_footprint_is_judged_as_cell_by_cell() {
                         map.at(at.x, at.y) != Some(crate::map::Cell::Free)
                     })
                 });
-                // What touches only between the points is less than their distance in.
+                // A cell that touches only between the points penetrates less than their distance.
                 assert!(!(seen && touches), "{pose:?} touches");
                 let inner = footprint.grown(-0.015);
                 assert!(seen || touches || inner.is_free(&field, pose), "{pose:?} is free");

@@ -96,7 +96,7 @@ impl Show {
             None | Some(Channel::LlDataRaw) => None,
             Some(_) => Message::receive(channel, data).and_then(Result::ok),
         };
-        inner.model.hear(at, channel, data.len(), message);
+        inner.model.receive(at, channel, data.len(), message);
     }
 
     /// Says what is due; when the next turn is wanted.

@@ -1,4 +1,4 @@
-//! A sensor's side of the bus, without an operating system and without allocating memory.
+//! Bus interface of a sensor, without an operating system and without allocation.
 #![no_std]
 
 use lcm::codec::{DecodeError, EncodeError, Type, View};
@@ -6,13 +6,13 @@ use sensor::{CommandRef, Range};
 
 include!(concat!(env!("OUT_DIR"), "/types.rs"));
 
-/// The fingerprint and what a range takes, which is always as much.
+/// Size of a range message, which is constant: fingerprint and body.
 pub const RANGE_SIZE: usize = 8 + Range::MIN_SIZE;
 
-/// The message for a distance in metres.
+/// Message for a distance in metres.
 ///
 /// # Errors
-/// None: a range can always be expressed, and has its room.
+/// Not expected: every range can be encoded and fits.
 pub fn report(timestamp: i64, distance: f32) -> Result<[u8; RANGE_SIZE], EncodeError> {
     let status = if distance.is_finite() { Range::OK } else { Range::NO_ECHO };
     let mut message = [0; RANGE_SIZE];
@@ -20,10 +20,10 @@ pub fn report(timestamp: i64, distance: f32) -> Result<[u8; RANGE_SIZE], EncodeE
     Ok(message)
 }
 
-/// The range to keep to and the new firmware, if the command is for `name`. Both stay in the message.
+/// Measuring range and new firmware, if the command is for `name`. Both borrow from the message.
 ///
 /// # Errors
-/// When the message is no command.
+/// The message is not a command.
 pub fn obey<'a>(name: &str, message: &'a [u8]) -> Result<Option<(f32, &'a [u8])>, DecodeError> {
     let command = CommandRef::decode(message)?;
     Ok((command.name == name).then_some((command.range_max, command.firmware)))
@@ -39,7 +39,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_obeyed_by_whom_it_concerns() {
+    fn a_command_is_executed_by_its_addressee() {
         let command = sensor::Command { name: "front".into(), range_max: 4.0, firmware: [1, 2].into() };
         let mut message = lcm::codec::Vec::new();
         command.encode(&mut message).unwrap();

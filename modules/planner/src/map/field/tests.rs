@@ -1,4 +1,4 @@
-//! Distances against those counted cell by cell.
+//! Distances compared with a brute-force search.
 
 use super::*;
 
@@ -7,7 +7,7 @@ fn random(seed: &mut u32, count: usize) -> usize {
     (*seed >> 8) as usize % count
 }
 
-/// The same by looking at everything, and at the ring of cells outside.
+/// Distance by comparing with every cell, and with the ring of cells outside.
 fn brute(map: &Map, column: usize, row: usize) -> f32 {
     let (width, height) = (map.frame().width as i64, map.frame().height as i64);
     let (x, y) = (column as i64, row as i64);
@@ -47,7 +47,7 @@ fn distances_are_exact() {
 }
 
 #[test]
-fn unknown_cells_block_or_not_as_one_likes() {
+fn unknown_cells_block_as_configured() {
     let mut map = Map::around((0.0, 0.0), (5.0, 5.0), 0.05).unwrap();
     map.set(50, 50, Cell::Unknown);
     assert_eq!(Field::new(&map, Unknown::Blocked).cell(50, 50), 0.0);
@@ -69,7 +69,7 @@ fn obstacles_come_and_go_without_a_trace() {
     assert!(field.distance(2.0, 2.19) <= 0.0 && field.distance(2.3, 2.1) <= 0.0);
     let at = field.distance(2.0, 3.0);
     assert!((at - 0.8).abs() < 0.08, "{at}");
-    // Every cell has the least of its distances from the map and from each obstacle within reach.
+    // Each cell has the minimum of its distances from the map and from each obstacle within reach.
     for row in 0..80 {
         for column in 0..120 {
             let (x, y) = still.frame().centre(column, row);
