@@ -1,14 +1,14 @@
-//! Input that is dropped for what it is: counted by cause, so that each cause is told once, and once that it is over.
+//! Rejected input, counted by cause: each cause is reported once, and its end once.
 
 use base::{Duration, Fault, Instant};
 use std::collections::BTreeMap;
 
-/// A cause is over when nothing of its kind came for this long.
+/// A cause ends after this time without further occurrence.
 pub const OVER: Duration = Duration::from_secs(60);
-/// More different causes than this at once are dropped without a word.
+/// Maximum number of causes at a time; further ones are not reported.
 const CAUSES_MAX: usize = 64;
 
-/// What was dropped, by cause.
+/// Counts of rejected input, by cause.
 #[derive(Debug, Default)]
 pub struct BadInput {
     causes: BTreeMap<(Fault, String), Cause>,
@@ -21,7 +21,7 @@ struct Cause {
 }
 
 impl BadInput {
-    /// Counts `more` of a cause; true when it is to be told.
+    /// Counts `more` occurrences of a cause; true if the cause is to be reported.
     pub fn count(&mut self, now: Instant, fault: Fault, subject: &str, more: u64) -> bool {
         let cause = (fault, subject.to_owned());
         if let Some(known) = self.causes.get_mut(&cause) {
@@ -35,7 +35,7 @@ impl BadInput {
         room
     }
 
-    /// Takes a cause that is over, with how many there were.
+    /// Removes and returns a cause that has ended, with its number of occurrences.
     pub fn take_over(&mut self, now: Instant) -> Option<(Fault, String, u64)> {
         let over = self.causes.iter().find(|(_, cause)| now.since(cause.last) >= OVER)?.0.clone();
         let cause = self.causes.remove(&over)?;

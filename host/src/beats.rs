@@ -1,8 +1,8 @@
-//! Life, measured where work is done: each thread of a module counts up in a page that its watchdog reads.
+//! Heartbeats: each thread of a module increments a counter in a page that the watchdog reads.
 //!
-//! The page is a file of 4 KiB in memory (`docs/beats.md` has its format, which modules in any language may write). It
-//! is written and read by plain system calls: a page of a file system in memory never waits for a disk, and a reader is
-//! not hurt by a file that somebody cuts short, as a mapping would be.
+//! The page is a file of 4 KiB in memory; `docs/beats.md` specifies its format, which modules in any language may
+//! write. Plain system calls write and read it: a page in a memory file system never waits for a disk, and unlike a
+//! mapping it is harmless to the reader if somebody truncates the file.
 
 use base::{Duration, Instant};
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
@@ -12,25 +12,25 @@ use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Where a module finds its page.
+/// Environment variable with the path of the module's page.
 pub const VARIABLE: &str = "ADVEE_BEATS";
-/// A thread beats this often, or a little earlier when it is awake.
+/// Period of a thread's heartbeat; it may come [`EARLY`] earlier if the thread is awake.
 pub const PERIOD: Duration = Duration::from_millis(50);
 const EARLY: Duration = Duration::from_millis(10);
-/// The watchdog shows this often that it reads a page.
+/// Period at which the watchdog shows that it reads a page.
 const SHOWN: Duration = Duration::from_millis(500);
 
 const SIZE: usize = 4096;
 const MAGIC: [u8; 4] = *b"BEAT";
 const VERSION: u32 = 1;
-/// Where the first thread's entry begins, and how long each is.
+/// Offset of the first thread's entry; [`ENTRY`] is the length of each.
 const ENTRIES: usize = 64;
-/// Where the watchdog's own count is.
+/// Offset of the watchdog's own counter.
 const READER: u64 = 16;
 const ENTRY: usize = 64;
-/// Of an entry: a name, and the count behind it.
+/// Length of the name in an entry; the counter follows it.
 const NAME: usize = 48;
-/// As many threads fit.
+/// Maximum number of threads in a page.
 pub const THREADS_MAX: usize = (SIZE - ENTRIES) / ENTRY;
 
 /// A module's own page.
@@ -39,7 +39,7 @@ pub struct Beats {
     threads: usize,
 }
 
-/// What one thread beats with; it belongs to that thread.
+/// Heartbeat of one thread, owned by that thread.
 pub struct Beat {
     file: Arc<File>,
     place: u64,
@@ -48,10 +48,10 @@ pub struct Beat {
 }
 
 impl Beats {
-    /// The page that the watchdog gave this process; none when it was started by hand.
+    /// Opens the page that the watchdog created for this process; `None` if a person started it.
     ///
     /// # Errors
-    /// The page is not there, or no page.
+    /// The page does not exist or has no valid header.
     pub fn open() -> io::Result<Option<Self>> {
         match std::env::var_os(VARIABLE) {
             Some(path) => Self::at(Path::new(&path)).map(Some),
@@ -67,10 +67,11 @@ impl Beats {
         Ok(Self { file: Arc::new(file), threads: 0 })
     }
 
-    /// A thread's beat, which begins now. From the first one on the watchdog judges the process by its beats.
+    /// Registers a thread, whose first heartbeat is `now`. From the first registration on, the watchdog judges the
+    /// process by its heartbeats.
     ///
     /// # Errors
-    /// The page cannot be written, or is full.
+    /// The page cannot be written or is full.
     pub fn thread(&mut self, now: Instant, name: &str) -> io::Result<Beat> {
         if self.threads == THREADS_MAX {
             return Err(io::ErrorKind::StorageFull.into());
@@ -82,7 +83,7 @@ impl Beats {
         entry[NAME] = 1;
         self.file.write_all_at(&entry, place)?;
         self.threads += 1;
-        // The number of threads last: an entry counts when it is whole.
+        // The number of threads is written last: an entry counts once it is complete.
         let mut head = [0; 16];
         head[..4].copy_from_slice(&MAGIC);
         head[4..8].copy_from_slice(&VERSION.to_le_bytes());
@@ -94,20 +95,20 @@ impl Beats {
 }
 
 impl Beat {
-    /// Counts up when that is due; whether it was. To be called from the loop that does the work, at least each
+    /// Increments the counter if that is due; true if it did. The loop that does the work calls it at least every
     /// [`PERIOD`].
     pub fn beat(&mut self, now: Instant) -> bool {
         let due = self.next <= now + EARLY;
         if due {
             self.next = now + PERIOD;
             self.count = self.count.wrapping_add(1);
-            // A page that cannot be written is a beat that is missing, which the watchdog sees.
+            // A failed write is a missing heartbeat, which the watchdog detects.
             let _ = self.file.write_all_at(&self.count.to_le_bytes(), self.place);
         }
         due
     }
 
-    /// What the watchdog counts up in this page while it reads it; zero where it cannot be read.
+    /// Counter that the watchdog increments while it reads this page; 0 if it cannot be read.
     #[must_use]
     pub fn reader(&self) -> u32 {
         let mut count = [0; 4];
@@ -117,17 +118,17 @@ impl Beat {
         }
     }
 
-    /// When the next beat is due.
+    /// Deadline of the next heartbeat.
     #[must_use]
     pub fn next(&self) -> Instant {
         self.next
     }
 }
 
-/// The folder of a robot's pages: in its run folder where that lies in memory, else in `/dev/shm`.
+/// Creates the folder of a robot's pages: in its run folder if that is in memory, otherwise in `/dev/shm`.
 ///
 /// # Errors
-/// It cannot be made, or is somebody else's.
+/// The folder cannot be created or belongs to another user.
 pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
     let path = place(run_dir);
     match DirBuilder::new().mode(0o700).create(&path) {
@@ -141,7 +142,7 @@ pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
     Ok(path)
 }
 
-/// Where that folder is, or would be.
+/// Path of that folder, whether or not it exists.
 #[must_use]
 pub fn place(run_dir: &Path) -> PathBuf {
     let within = run_dir.join("beats");
@@ -156,14 +157,14 @@ fn shared_name(run_dir: &Path) -> String {
     format!("advee-beats-{}-{:016x}", nix::unistd::geteuid(), hash(run_dir))
 }
 
-/// The same for the same run folder, another one for another.
+/// Hash that identifies a run folder by its path.
 #[must_use]
 pub fn hash(run_dir: &Path) -> u64 {
     let path = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.into());
     fnv(path.as_os_str().as_encoded_bytes())
 }
 
-/// FNV-1a, 64 bits: for names, not for secrets.
+/// FNV-1a, 64 bits; for names, not for secrets.
 #[must_use]
 pub fn fnv(bytes: &[u8]) -> u64 {
     bytes
@@ -171,45 +172,45 @@ pub fn fnv(bytes: &[u8]) -> u64 {
         .fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3))
 }
 
-/// A thread that the watchdog reads of.
+/// State of a thread as the watchdog sees it.
 #[derive(Debug)]
 struct Thread {
     name: String,
     count: u32,
-    /// Time when its count was last seen to change.
+    /// Time at which its counter was last seen to change.
     last: Instant,
 }
 
-/// A module's page, as its watchdog reads it.
+/// A module's page as its watchdog reads it.
 #[derive(Debug)]
 pub struct Page {
     file: File,
     threads: Vec<Thread>,
-    /// Time when to show the next time that it is read.
+    /// Next time at which the watchdog shows that it reads the page.
     show: Instant,
 }
 
-/// What a page says.
+/// Result of reading a page.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Reading<'a> {
-    /// Nothing was written yet: the process is judged by its announcements.
+    /// No thread is registered yet: the process is judged by its announcements.
     Blank,
-    /// Of all its threads this one was silent longest: since then.
+    /// The thread whose last heartbeat is oldest.
     Oldest {
-        /// Name, for people.
+        /// Name of the thread, for people.
         thread: &'a str,
-        /// Time when it last beat.
+        /// Time of its last heartbeat.
         last: Instant,
     },
-    /// What stands there cannot be: forged, torn or of another version.
+    /// Invalid content: forged, torn or of another version.
     Bad(&'static str),
 }
 
 impl Page {
-    /// A blank page for a process that is about to be started; one of an earlier process is replaced.
+    /// Creates an empty page for a process that is about to start; it replaces that of an earlier process.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The page cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
         match fs::remove_file(path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -220,35 +221,36 @@ impl Page {
         Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
-    /// The page of a process that runs already.
+    /// Opens the page of a running process.
     ///
     /// # Errors
-    /// It is not there.
+    /// The page does not exist.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().read(true).write(true).custom_flags(nix::libc::O_NOFOLLOW).open(path)?;
         Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
-    /// Shows the module that somebody guards it, when that is due; also where what it writes itself is bad.
+    /// Increments the watchdog's counter if that is due, even if the module's part of the page is invalid.
     pub fn show(&mut self, now: Instant) {
         if self.show <= now {
             self.show = now + SHOWN;
-            // Another watchdog may have counted before.
+            // An earlier watchdog may have incremented it.
             let mut count = [0; 4];
             let _ = self.file.read_exact_at(&mut count, READER);
             let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER);
         }
     }
 
-    /// Threads as of the last look: their names, and when each was last seen to beat.
+    /// Names of the threads as of the last reading, and when each was last seen to beat.
     pub fn threads(&self) -> impl Iterator<Item = (&str, Instant)> {
         self.threads.iter().map(|thread| (thread.name.as_str(), thread.last))
     }
 
-    /// Looks at it. `held_up` is how long nobody looked beyond the usual: nobody is to blame for that.
+    /// Reads the page. `held_up` is the delay of the watchdog itself beyond its period, which is not charged to the
+    /// threads.
     pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
         let mut page = [0; SIZE];
-        // No more than is known to be written, and one thread that may have come.
+        // Length known to be written, and one thread that may have been added.
         let length = (ENTRIES + ENTRY * (self.threads.len() + 1)).min(SIZE);
         if self.file.read_exact_at(&mut page[..length], 0).is_err() {
             return Reading::Bad("is cut short");

@@ -1,39 +1,39 @@
-//! How the LCM bus fares as a host sees it: whether it accepts messages, and whether messages to it are lost.
+//! Health of the LCM bus as a host sees it: whether it accepts messages, and whether received messages are lost.
 
 use base::{Duration, Instant};
 use std::mem;
 
-/// The bus is asked this often although it says nothing: what is lost or over is known there.
+/// Polling period of a bus that does not become readable: counters of lost messages are read then.
 const SERVED: Duration = Duration::from_millis(100);
-/// Messages are no longer being lost when none was for this long.
+/// A loss ends after this time without a lost message.
 pub const LOSSES_OVER: Duration = Duration::from_secs(10);
 
 /// The state of a connection to the bus.
 #[derive(Debug)]
 pub struct BusHealth {
-    /// More messages may be there.
+    /// Unread messages may be available.
     pub more: bool,
-    /// When all messages were read last.
+    /// Time at which all messages were last read.
     served: Instant,
     /// The last message was not accepted.
     refuses: bool,
-    /// Messages lost since the start.
+    /// Number of messages lost since the start.
     lost: u64,
-    /// When the loss that is reported is over; none: no loss is reported.
+    /// End of the reported loss unless more is lost; `None` if no loss is reported.
     over: Option<Instant>,
 }
 
-/// A change in the loss of messages.
+/// Change in the loss of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Losses {
-    /// Messages were lost since the last look.
+    /// Messages were lost since the last call.
     Grow,
-    /// None was for [`LOSSES_OVER`].
+    /// No message was lost for [`LOSSES_OVER`].
     Over,
 }
 
 impl BusHealth {
-    /// A connection that has not been read yet.
+    /// Creates the state of a connection that has not been read yet.
     #[must_use]
     pub fn new() -> Self {
         Self { more: true, served: Instant::ZERO, refuses: false, lost: 0, over: None }
@@ -45,7 +45,7 @@ impl BusHealth {
         now.since(self.served) >= SERVED
     }
 
-    /// All messages have been read; `lost` were lost since the start.
+    /// All messages have been read; `lost` is the number of lost messages since the start.
     pub fn on_served(&mut self, now: Instant, lost: u64) -> Option<Losses> {
         (self.more, self.served) = (false, now);
         if lost > self.lost {
@@ -56,7 +56,7 @@ impl BusHealth {
         self.over.take_if(|over| *over <= now).map(|_| Losses::Over)
     }
 
-    /// A message was accepted, or was not; true if it is the first that is accepted again.
+    /// Result of a publication; true if it is the first accepted message after a refusal.
     pub fn on_published(&mut self, accepted: bool) -> bool {
         mem::replace(&mut self.refuses, !accepted) && accepted
     }

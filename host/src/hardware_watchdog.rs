@@ -1,6 +1,6 @@
-//! The computer's own watchdog (`/dev/watchdog`): it resets the computer unless it is fed.
+//! Hardware watchdog of the computer (`/dev/watchdog`), which resets the computer unless it is fed.
 //!
-//! It is armed by being opened and disarmed by a `V` before it is closed; closed without, as by a kill, it goes on
+//! Opening the device arms it; writing `V` before closing disarms it. Closed without that, as after a kill, it keeps
 //! counting (Documentation/watchdog/watchdog-api.rst).
 
 use super::sys;
@@ -11,20 +11,20 @@ use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-/// Limit is seconds: this is often enough.
+/// Feeding period; its timeout is in seconds.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// An armed one.
+/// An armed hardware watchdog.
 pub struct HardwareWatchdog {
     device: File,
     next: Instant,
 }
 
 impl HardwareWatchdog {
-    /// Arms it: from now on it is to be fed. Returns a line for people, too: after how many seconds it resets.
+    /// Arms it: from now on it must be fed. Also returns a line for people with the timeout.
     ///
     /// # Errors
-    /// One line why it cannot be.
+    /// The reason in one line.
     pub fn open(path: &Path, timeout_s: u32) -> Result<(Self, String), String> {
         let flags = nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY;
         let device = OpenOptions::new().write(true).custom_flags(flags).open(path);
@@ -36,16 +36,16 @@ impl HardwareWatchdog {
         Ok((Self { device, next: Instant::ZERO }, told))
     }
 
-    /// Feeds it, when that is due.
+    /// Feeds it if that is due.
     pub fn feed(&mut self, now: Instant) {
         if self.next <= now {
             self.next = now + PERIOD;
-            // One that takes nothing will tell by itself.
+            // A device that rejects the write resets the computer by itself.
             let _ = self.device.write_all(&[0]);
         }
     }
 
-    /// A clean end: the computer stays on.
+    /// Disarms it: the computer keeps running.
     pub fn disarm(mut self) {
         let _ = self.device.write_all(b"V");
     }

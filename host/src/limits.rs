@@ -1,5 +1,5 @@
-//! What a module's process may use: scheduling, processors, memory. Taken on by the new process itself, before it runs
-//! anything else.
+//! Resource limits of a module's process: scheduling, processors, memory. The new process applies them to itself before
+//! exec.
 
 use super::cgroups::Leaf;
 use super::sys;
@@ -12,22 +12,22 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::os::fd::OwnedFd;
 
-/// The limits of one module, as `modules.toml` has them.
+/// Limits of one module, as in `modules.toml`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Limits {
-    /// `SCHED_FIFO` priority, 1..=99; none: the normal scheduler.
+    /// `SCHED_FIFO` priority, 1..=99; `None`: the normal scheduler.
     pub rt_priority: Option<u8>,
-    /// Processors it may use; empty: all.
+    /// Processors that it may use; empty: all.
     pub cpus: Vec<u16>,
-    /// -20..=19.
+    /// Nice value, -20..=19.
     pub nice: i8,
-    /// Bytes; none: no limit.
+    /// Memory, bytes; `None`: unlimited.
     pub memory_max: Option<u64>,
-    /// Cores; none: no limit.
+    /// Processor time, cores; `None`: unlimited.
     pub cpu_max: Option<f64>,
 }
 
-/// What a new process takes on between fork and exec; all is prepared before.
+/// Limits prepared for application between fork and exec, where nothing may be allocated.
 pub struct Birth {
     nice: i8,
     cpus: Option<CpuSet>,
@@ -37,7 +37,7 @@ pub struct Birth {
     refused: OwnedFd,
 }
 
-/// What the machine may refuse; the number is what goes through the pipe.
+/// Limits that the machine may refuse; the number is the code in the pipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum Limit {
@@ -46,19 +46,18 @@ enum Limit {
     Cpus,
     Memory,
     Fifo,
-    /// None of them: the number of the process.
+    /// No limit: the process id.
     Number,
 }
 
-/// Of what goes through the pipe: what, a number, and a zero.
+/// Length of a record in the pipe: code, number, and a zero.
 const TOLD: usize = 6;
 
 impl Limits {
-    /// Prepares a birth: what is to be taken on, and where to read later what was refused. `leaf` is the module's
-    /// cgroup.
+    /// Prepares the limits of a process and the reader of refusals. `leaf` is the module's cgroup.
     ///
     /// # Errors
-    /// There is no descriptor left.
+    /// No descriptor is left.
     #[allow(clippy::useless_conversion, reason = "machines of 32 bits have narrower ones")]
     pub fn prepare(&self, leaf: Option<&Leaf>) -> io::Result<(Birth, Refused)> {
         let (read, refused) = pipe2(OFlag::O_CLOEXEC | OFlag::O_NONBLOCK)?;
@@ -86,7 +85,7 @@ impl Limits {
 }
 
 impl Birth {
-    /// To be called in the new process. Only system calls: nothing may allocate here.
+    /// Applies the limits in the new process. System calls only: nothing may be allocated here.
     pub(super) fn take_on(&self) {
         if let Some(leaf) = &self.leaf {
             self.told(Limit::Group, write(leaf, b"0").map(|_| ()).map_err(Into::into));
@@ -105,7 +104,7 @@ impl Birth {
         }
     }
 
-    /// Tells the number of the process that will run. Only system calls, here too.
+    /// Reports the id of the process that will run the module. System calls only, here too.
     pub(super) fn is_born(&self) {
         let [a, b, c, d] = std::process::id().to_le_bytes();
         let _ = write(&self.refused, &[Limit::Number as u8, a, b, c, d, 0]);
@@ -119,14 +118,15 @@ impl Birth {
     }
 }
 
-/// Where a process says which of its limits the machine refused.
+/// Reader of the limits that the machine refused.
 pub struct Refused {
     pipe: File,
     unprepared: Vec<String>,
 }
 
 impl Refused {
-    /// Once it has started: a line for each limit, and the number of the process where it was told.
+    /// To be called once the process has started: returns a line for each refused limit, and the process id if it was
+    /// reported.
     pub fn read(self) -> (Vec<String>, Option<u32>) {
         let (mut lines, mut pid) = (self.unprepared, None);
         let mut told = [0; 8 * TOLD];
@@ -150,17 +150,17 @@ impl Refused {
     }
 }
 
-/// Keeps the memory of a real-time process where it is: a page that must be fetched is a late cycle. Does nothing for
-/// others.
+/// Locks the memory of a real-time process, because fetching a page would delay a cycle. Does nothing for other
+/// processes.
 ///
 /// # Errors
-/// One line why it cannot be.
+/// The reason in one line.
 pub fn lock_memory() -> Result<(), String> {
     if !sys::is_fifo() {
         return Ok(());
     }
     let _ = setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY);
-    // A limit would refuse further memory later, when that hurts.
+    // With a limit, later allocations would fail at run time.
     match getrlimit(Resource::RLIMIT_MEMLOCK) {
         Ok((RLIM_INFINITY, _)) => mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE)
             .map_err(|errno| format!("mlockall: {}: its memory may be paged out", errno.desc())),
@@ -174,7 +174,7 @@ mod tests {
     use std::os::unix::process::CommandExt;
     use std::process::{Command, Stdio};
 
-    /// What a shell with these limits says to `script`, and what was refused.
+    /// Output of `script` in a shell with these limits, and the refused limits.
     fn run(limits: &Limits, script: &str) -> (String, Vec<String>) {
         let (birth, refused) = limits.prepare(None).unwrap();
         let mut command = Command::new("/bin/sh");

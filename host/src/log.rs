@@ -5,20 +5,20 @@ use base::{Level, Report, Severity};
 use std::fmt::{self, Display, Write as _};
 use std::io::Write;
 
-/// Prints for one module.
+/// Printer of one module's lines.
 #[derive(Clone, Debug)]
 pub struct Log {
     module: String,
 }
 
 impl Log {
-    /// A log of a module.
+    /// Creates the printer of a module.
     #[must_use]
     pub fn new(module: &str) -> Self {
         Self { module: module.into() }
     }
 
-    /// One report.
+    /// Prints a report.
     pub fn report(&self, report: &Report) {
         self.line(format_args!("{}", Shown(report)));
     }
@@ -31,10 +31,10 @@ impl Log {
         }
     }
 
-    /// One line of any kind.
+    /// Prints a line of any kind.
     pub fn line(&self, text: impl Display) {
         let time = TimeOfDay(clock::wall());
-        // One write a line: lines of several processes do not mix. With stderr gone there is nobody to tell.
+        // One write per line, so that lines of several processes do not mix. Without stderr nothing can be reported.
         let line = format!("{time} {} {text}\n", self.module);
         let _ = std::io::stderr().write_all(line.as_bytes());
     }
@@ -67,7 +67,7 @@ impl Display for OneLine<'_> {
     }
 }
 
-/// Nanoseconds since the UNIX epoch, shown as the time of the day.
+/// Nanoseconds since the UNIX epoch, displayed as the time of day.
 pub struct TimeOfDay(pub u64);
 
 impl Display for TimeOfDay {

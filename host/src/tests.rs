@@ -1,4 +1,4 @@
-//! The host with toy modules, on a bus of its own; the ports in pairs.
+//! The host with test modules on its own bus; ports in pairs.
 
 mod scribe;
 
@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-/// Numbers that no other test, of this process or another, has now.
+/// Numbers that no other test uses at the same time, in this process or another.
 fn unique() -> (u16, u8, u8) {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     let count = NEXT.fetch_add(1, Ordering::Relaxed);
@@ -34,10 +34,10 @@ fn path(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("advee-{name}-{}-{port}", std::process::id()))
 }
 
-/// What a toy noted, seen by its test.
+/// Events noted by a test module, read by its test.
 type Notes = Arc<Mutex<Vec<String>>>;
 
-/// Notes what happens; answers each odometry message; ticks every 10 ms; ends by itself after `life`.
+/// Notes all events, answers each odometry message, ticks every 10 ms, ends by itself after `life`.
 struct Toy {
     ports: Vec<PortSpec>,
     notes: Notes,
@@ -79,7 +79,7 @@ impl Module for Toy {
             Event::Timer => {
                 if self.end.is_some_and(|end| end <= now) {
                     self.end = None;
-                    // To this thread: it is the one that the host runs in.
+                    // To this thread, in which the host runs.
                     raise(Signal::SIGTERM).unwrap();
                 }
                 self.next = self.next.map(|next| next + Duration::from_millis(10));
@@ -252,7 +252,7 @@ fn a_port_that_is_not_there_is_told_once_and_found_when_it_comes() {
     assert!(notes[3].starts_with("down "), "lost with its other side: {notes:?}");
 }
 
-/// Takes inputs until there is one, for a second at most.
+/// Reads inputs until one comes, for a second at most.
 fn next_words(port: &mut dyn Device) -> Vec<Word> {
     for _ in 0..100 {
         match port.receive(clock::now()).unwrap() {
@@ -278,7 +278,7 @@ fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
         assert_eq!(simulator.device.send(clock::now(), &Output::Words(words.clone())), Ok(true));
         assert_eq!(next_words(&mut *driver.device), words);
         driver.device.close();
-        // Nobody listens: the words are gone, their time passes all the same, and the next listener hears nothing old.
+        // No listener: the words are lost, their time passes all the same, and the next listener receives nothing old.
         assert!(matches!(simulator.device.receive(clock::now()), Ok(Received::Nothing)));
         assert_eq!(simulator.device.send(clock::now(), &Output::Words(vec![Word::data(9); 100])), Ok(true));
         assert!(!simulator.device.wants_to_write() && simulator.device.sent_at().is_some());
@@ -304,7 +304,7 @@ fn sent_is_told_after_the_time_on_the_wire() {
     assert_eq!(driver.device.sent_at(), Some(now + Duration::from_millis(220)), "one after the other");
     assert!(driver.device.take_sent(now + Duration::from_millis(220)));
     assert!(!driver.device.take_sent(now + Duration::from_millis(220)), "once each");
-    // What does not leave is bounded, and refused whole.
+    // Output that does not leave is bounded, and rejected as a whole.
     let refused = (0..200).find(|_| driver.device.send(now, &words) == Ok(false));
     assert!(refused.is_some() && driver.device.wants_to_write());
 }

@@ -1,4 +1,4 @@
-//! Files as power cuts and crashes leave them.
+//! Files as power failures and crashes leave them.
 
 use super::*;
 use mcap::{Summary, WriteOptions, Writer};
@@ -8,7 +8,7 @@ use std::io::Cursor;
 use std::os::unix::fs::symlink;
 use std::process::Command;
 
-/// A folder of our own, gone at the end.
+/// A folder for one test, removed at its end.
 struct Made(PathBuf);
 
 impl Made {
@@ -82,7 +82,7 @@ fn what_was_cut_off_anywhere_has_an_index_afterwards_and_is_left_alone_the_next_
         assert_eq!(made.repair(), [""; 0]);
     }
     assert!(last > 800, "{last}");
-    // A block of zeros at the end is what some file systems leave.
+    // Some file systems leave a block of zeros at the end.
     fs::write(&path, [&whole[..data], &[0; 4096]].concat()).unwrap();
     assert_eq!((made.repair().len(), messages(&path)), (1, last));
 }

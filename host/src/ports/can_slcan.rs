@@ -1,7 +1,7 @@
 //! A CAN adapter on a serial device that speaks Lawicel's ASCII protocol (`slcan`): USB sticks, pseudo-terminals.
 //!
-//! The adapter decides what it tells of the bus: many tell nothing. Its flags are asked for once a second, beside the
-//! traffic, until it does not know the question.
+//! The adapter determines what is known of the bus; many report nothing. Its flags are polled once a second beside the
+//! traffic until it rejects that command.
 
 pub mod codec;
 
@@ -24,35 +24,35 @@ use std::io::ErrorKind;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::PathBuf;
 
-/// To a stick on USB the rate means nothing; to one behind a serial chip it is the usual one.
+/// Meaningless to an adapter on USB; the usual rate of one behind a serial chip.
 const BAUD: u32 = 115_200;
-/// An adapter that was in use is given so long to close its channel and to say what it still has to say.
+/// Time that an adapter in use has to close its channel and to finish its output.
 const SETTLE: Duration = Duration::from_millis(50);
-/// Flags are asked for this often.
+/// Period of polling the flags.
 const FLAGS: Duration = Duration::from_secs(1);
-/// Bytes per read.
+/// Maximum number of bytes per read.
 const READ_MAX: usize = 1024;
 
-/// The adapter.
+/// CAN adapter with the slcan protocol.
 pub struct CanSlcan {
     path: PathBuf,
     bitrate: u32,
-    /// True if frames with long identifiers are wanted.
+    /// True if frames with 29-bit identifiers are wanted.
     extended: bool,
     file: Option<OwnedFd>,
-    /// Opened, and its channel being closed until then.
+    /// End of the time in which the adapter closes its channel after opening.
     settles: Option<Instant>,
     lines: Lines,
     said: VecDeque<Said>,
-    /// Of a line that has not left as a whole.
+    /// Unsent rest of a line.
     rest: String,
     queue: Queue,
-    /// The commands that are not answered yet.
+    /// Commands without an answer so far.
     asked: VecDeque<Asked>,
-    /// When the flags are asked for next; none when the adapter has none.
+    /// Next time to poll the flags; `None` if the adapter has none.
     flags: Option<Instant>,
     health: Health,
-    /// To be told before the next thing is read.
+    /// Notices that are delivered before the next read.
     news: VecDeque<Notice>,
     restart: Restart,
 }
@@ -65,7 +65,7 @@ enum Asked {
 }
 
 impl CanSlcan {
-    /// An adapter at a device file, for a bus of so many bit/s.
+    /// Creates the port of an adapter at a device file, for a bus of `bitrate` bit/s.
     pub fn new(path: PathBuf, bitrate: u32) -> Self {
         Self {
             path,
@@ -89,7 +89,7 @@ impl CanSlcan {
         format!("{}: {why}", self.path.display())
     }
 
-    /// Opens the device and asks the adapter to leave the bus, whatever it was told before.
+    /// Opens the device and closes the adapter's channel, whatever its state.
     fn begin(&mut self, now: Instant) -> Result<(), Lost> {
         let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
         let file = open(&self.path, flags, Mode::empty()).map_err(|errno| self.lost(errno.desc()))?;
@@ -105,14 +105,14 @@ impl CanSlcan {
         (settings.c_cc[libc::VMIN], settings.c_cc[libc::VTIME]) = (1, 0);
         sys::set_line_settings(file.as_fd(), &settings, false).map_err(told)?;
         self.file = Some(file);
-        // The first end of line ends what another program has left unfinished.
+        // The first end of line completes whatever another program left unfinished.
         self.rest.push_str("\rC\r");
         self.flush()?;
         self.settles = Some(now + SETTLE);
         Ok(())
     }
 
-    /// Forgets what the adapter has said so far, and lets it join the bus.
+    /// Discards all input so far and opens the adapter's channel.
     fn join(&mut self, now: Instant, command: &str) -> Result<(), Lost> {
         let Some(file) = &self.file else { return Ok(()) };
         tcflush(file, FlushArg::TCIFLUSH).map_err(|errno| self.lost(errno.desc()))?;
@@ -125,7 +125,7 @@ impl CanSlcan {
         self.flush()
     }
 
-    /// Writes what has been begun.
+    /// Writes pending output.
     fn flush(&mut self) -> Result<(), Lost> {
         let Some(file) = &self.file else { return Ok(()) };
         while !self.rest.is_empty() {
@@ -152,7 +152,7 @@ impl CanSlcan {
         Ok(())
     }
 
-    /// Asks for the flags when that is due and the last answer has come.
+    /// Polls the flags if that is due and the last answer has arrived.
     fn ask_flags(&mut self, now: Instant) -> Result<(), Lost> {
         if self.flags.is_some_and(|due| due <= now) && self.asked.is_empty() {
             self.flags = Some(now + FLAGS);
@@ -163,7 +163,7 @@ impl CanSlcan {
         Ok(())
     }
 
-    /// The adapter has refused something.
+    /// The adapter rejected a command.
     fn refused(&mut self) -> Result<Received<'static>, Lost> {
         match self.asked.pop_front() {
             Some(Asked::Bitrate) => Err(self.lost(&format!("the adapter refuses {} bit/s", self.bitrate))),
@@ -178,7 +178,7 @@ impl CanSlcan {
 
     fn told_flags(&mut self, flags: Flags) {
         self.asked.retain(|asked| *asked != Asked::Flags);
-        // It tells no counters.
+        // Adapters do not report the error counters.
         self.told_health(Health { state: flags.state, ..Health::default() });
         self.news.extend(flags.error.then_some(Notice::Errors(1)));
         self.news.extend(flags.lost.then_some(Notice::Lost(1)));
@@ -191,14 +191,14 @@ impl CanSlcan {
         }
     }
 
-    /// What is handed out for what the adapter says, if anything is.
+    /// Result to deliver for a line of the adapter, if any.
     fn heard(&mut self, now: Instant, said: Said) -> Result<Option<Received<'static>>, Lost> {
         match said {
             Said::Frame(frame) if self.extended || matches!(frame.id(), Id::Standard(_)) => {
                 return Ok(Some(Received::input(now, Input::Can(frame))));
             }
             Said::Frame(_) | Said::Other => {}
-            // Frames are answered too, by some: only the answers to what comes first are waited for.
+            // Some adapters answer frames too; only answers to commands before them are awaited.
             Said::Yes if self.asked.front() == Some(&Asked::Flags) => {}
             Said::Yes => drop(self.asked.pop_front()),
             Said::No => return self.refused().map(Some),
@@ -212,19 +212,19 @@ impl CanSlcan {
         Ok(None)
     }
 
-    /// Drops what waits and has grown old; then what the kernel still has is older.
+    /// Drops pending frames that are too old; those still in the kernel are older.
     fn drop_old(&mut self, now: Instant) {
         if self.queue.drop_old(now) {
             self.drop_output();
         }
     }
 
-    /// What has not left is not to leave any more.
+    /// Discards all unsent output.
     fn drop_output(&mut self) {
         if let Some(file) = &self.file {
             let _ = tcflush(file, FlushArg::TCOFLUSH);
         }
-        // Should half a line have left, this ends it: the adapter refuses it.
+        // Ends a partial line, which the adapter rejects.
         self.rest.clear();
         self.rest.push('\r');
     }

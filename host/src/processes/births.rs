@@ -1,6 +1,6 @@
-//! Processes that are being started. A start waits for the kernel: for the program to be read from a disk, for the move
-//! to a cgroup, which takes a grace period of the whole machine (10 to 30 ms, more when others start much). Whoever
-//! guards must not wait with it, so each start has a thread of its own for as long as it lasts.
+//! Processes that are being started. A start waits for the kernel: to read the program from a disk, and to move to a
+//! cgroup, which takes a grace period of the whole machine (10 to 30 ms, more under load). The watchdog's loop must not
+//! wait with it, so each start has its own short-lived thread.
 
 use super::Unborn;
 use crate::limits::Refused;
@@ -12,44 +12,44 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 
-/// Of a thread that only starts a process.
+/// Stack of a thread that only starts a process, bytes.
 const STACK: usize = 64 << 10;
 
-/// Those that are on the way.
+/// Starts in progress.
 pub struct Births {
-    /// Counts those that are done.
+    /// Counts completed starts.
     done: Arc<EventFd>,
     send: Sender<(Unborn, Born)>,
     receive: Receiver<(Unborn, Born)>,
 }
 
-/// What came of one.
+/// Result of a start.
 pub struct Born {
-    /// Number, and itself where it is a child of ours; or one line why there is none.
+    /// Process id, and the child if it is ours; or one line with the reason why there is no process.
     pub process: Result<(u32, Option<Child>), String>,
-    /// Lines on the limits that it runs without.
+    /// Warnings about the limits that the machine refused.
     pub refused: Vec<String>,
 }
 
 impl Births {
-    /// None on the way.
+    /// Creates an empty set.
     ///
     /// # Errors
-    /// There is no descriptor left.
+    /// No descriptor is left.
     pub fn new() -> io::Result<Self> {
         let (send, receive) = channel();
         let done = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK)?;
         Ok(Self { done: Arc::new(done), send, receive })
     }
 
-    /// Starts a process. What `unborn` says is handed back with it.
+    /// Starts a process; `unborn` is returned together with the result.
     ///
     /// # Errors
-    /// There is no thread for it.
+    /// No thread can be created.
     pub fn begin(&self, command: Command, refused: Refused, unborn: Unborn) -> io::Result<()> {
         let (done, send) = (Arc::clone(&self.done), self.send.clone());
         let work = move || {
-            // The other side goes only with the whole process.
+            // The receiver exists as long as this process.
             let _ = send.send((unborn, start(command, refused)));
             let _ = done.write(1);
         };
@@ -57,15 +57,15 @@ impl Births {
         Ok(())
     }
 
-    /// Takes one that is done.
+    /// Removes and returns a completed start.
     pub fn poll(&mut self) -> Option<(Unborn, Born)> {
-        // First: one that comes from now on is told anew.
+        // Reset first: a start that completes from now on sets it again.
         let _ = self.done.read();
         self.receive.try_recv().ok()
     }
 }
 
-/// Readable when one may be done.
+/// Readable if a start may be complete.
 impl AsFd for Births {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.done.as_fd()
@@ -83,7 +83,7 @@ fn start(mut command: Command, refused: Refused) -> Born {
     let (refused, other) = refused.read();
     let process = match other {
         Some(pid) => {
-            // Only the one between, which has ended.
+            // The intermediate process, which has ended.
             let _ = child.wait();
             (pid, None)
         }

@@ -25,9 +25,9 @@ const LINE_MAX: usize = 4096;
 #[derive(Debug)]
 pub struct Stderr {
     file: File,
-    /// Number of bytes that are read.
+    /// Number of bytes read.
     read: u64,
-    /// A line without its end yet.
+    /// Start of a line whose end has not been read yet.
     begun: Vec<u8>,
 }
 
@@ -172,7 +172,7 @@ mod tests {
         let expected = [text(Level::Info, "one"), text(Level::Error, "two"), text(Level::Debug, "three")];
         assert_eq!(lines(&mut stderr, false), [&expected[..], &[text(Level::Info, "<9>four")]].concat());
         assert_eq!(lines(&mut stderr, false), []);
-        // Another watchdog goes on at the end, and the last line may have none.
+        // Another watchdog continues at the end; the last line may lack its line feed.
         let mut stderr = Stderr::open(&folder.0, "eye").unwrap();
         fs::write(path(&folder.0, "eye"), "from here on it is another text, longer than the one before").unwrap();
         assert_eq!(lines(&mut stderr, false), []);

@@ -1,11 +1,11 @@
-//! Processes of a shell, played with.
+//! Shell commands as modules.
 
 use super::*;
 use crate::clock;
 use std::path::Path;
 use std::thread::sleep;
 
-/// Starts this, whatever module is asked for.
+/// Starts this program, whatever module is requested.
 fn launch(program: &'static str, args: Vec<&'static str>, run_dir: Option<&Path>) -> Launch {
     let start = move |_: &str, _| {
         let mut command = Command::new(program);
@@ -19,7 +19,7 @@ fn shell(script: &'static str, run_dir: Option<&Path>) -> Launch {
     launch("/bin/sh", vec!["-c", script], run_dir)
 }
 
-/// Runs `script` by a shell and waits for the start.
+/// Runs `script` in a shell and waits for the start.
 fn start(script: &'static str) -> (Processes, u32) {
     let mut processes = Processes::new(clock::now(), shell(script, None), None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
@@ -28,7 +28,7 @@ fn start(script: &'static str) -> (Processes, u32) {
     (processes, started)
 }
 
-/// Waits up to 5 s for what comes of a start: its pid, or why there is none.
+/// Waits up to 5 s for the result of a start: its pid, or the reason of the failure.
 fn begun(processes: &mut Processes) -> Result<u32, String> {
     for _ in 0..1000 {
         processes.on_ends();
@@ -64,7 +64,7 @@ fn end(processes: &mut Processes) -> ExitStatus {
 }
 
 fn gone(pid: u32) -> bool {
-    // An orphan may stay a zombie where nobody reaps.
+    // An orphan may stay a zombie if no process reaps it.
     fs::read_to_string(format!("/proc/{pid}/stat")).map_or(true, |stat| stat.contains(") Z "))
 }
 
@@ -120,7 +120,7 @@ fn what_a_process_leaves_in_its_group_is_killed() {
 #[test]
 fn a_strange_pid_is_left_alone() {
     let (mut processes, pid) = start("sleep 100");
-    // Ourselves: this test would not live to tell.
+    // The pid of this test, which would not survive the signal.
     processes.command(ProcessCommand::Kill { pid: std::process::id() });
     processes.command(ProcessCommand::Kill { pid });
     assert_eq!(end(&mut processes), ExitStatus::Signal(9));
@@ -152,7 +152,7 @@ fn a_command_that_is_not_there_is_told() {
     assert_eq!(told, "/nonexistent/module: No such file or directory (os error 2)");
 }
 
-/// A run folder of one's own.
+/// A run folder for one test.
 struct Run(PathBuf);
 
 impl Run {
@@ -162,7 +162,7 @@ impl Run {
         Self(path)
     }
 
-    /// A watchdog's processes in this folder, and what it is told of earlier ones: pid and wanted state.
+    /// The processes of a watchdog in this folder, and the earlier ones reported to it: pid and wanted state.
     fn life(&self, script: &'static str) -> (Processes, Vec<(Option<u32>, State)>) {
         let mut processes = Processes::new(clock::now(), shell(script, Some(&self.0)), None).unwrap();
         let mut told = Vec::new();
@@ -193,7 +193,7 @@ fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
     assert_eq!(told, []);
     let pid = Run::spawn(&mut first);
     first.command(ProcessCommand::Remember { module: "m".into(), wanted: State::Stop, held: false });
-    // It is killed: nobody takes leave of anything.
+    // The watchdog is killed, without any cleanup.
     let child = first.running.remove(0).child.unwrap();
     drop(first);
 
@@ -202,7 +202,7 @@ fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
     second.on_ends();
     assert!(second.news.is_empty(), "it lives");
     second.command(ProcessCommand::Kill { pid });
-    // We are its parent in truth, and wait for it late.
+    // This test is the real parent and reaps it late.
     assert_eq!(end(&mut second), ExitStatus::Signal(9));
     drop(child);
     let (_, told) = run.life("exec sleep 100");
@@ -260,7 +260,7 @@ fn a_number_that_was_given_away_harms_nobody() {
         assert_eq!(told, [(None, State::Run)]);
         next.command(ProcessCommand::Kill { pid: child.id() });
     }
-    // In the right hands it is ours.
+    // With the right start time it is adopted.
     record(&of_another_start, start(&of_another_start));
     assert_eq!(run.life("exit 0").1, [(Some(of_another_start.id()), State::Run)]);
     for child in [&mut of_another_start, &mut unmarked] {

@@ -1,4 +1,4 @@
-//! A module that overhears the bus and writes what it hears into a folder.
+//! A module that receives the whole bus and writes it into a folder.
 
 use super::{Notes, host_of, lcm_url, path};
 use crate::clock;
@@ -14,7 +14,7 @@ use std::thread;
 
 const STORE: PortId = PortId(0);
 
-/// Writes each message that is no announcement as a line; ends itself when it heard `LAST`.
+/// Writes each message except announcements as a line; ends itself on receiving `LAST`.
 struct Scribe {
     ports: [PortSpec; 1],
     notes: Notes,

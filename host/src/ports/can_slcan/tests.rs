@@ -1,4 +1,4 @@
-//! The device on a pseudo-terminal whose other end plays the adapter.
+//! The device on a pseudo-terminal whose other end acts as the adapter.
 
 use super::*;
 use crate::ports::{Port, PortConfig, PortState};
@@ -6,7 +6,7 @@ use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
 
 const OPENING: &str = "\rC\rS8\rO\r";
 
-/// The adapter's end and the port, which has joined the bus.
+/// The adapter's end, and the port with its channel open.
 fn joined() -> (OwnedFd, Port) {
     let (adapter, mut port) = plugged();
     open_within(&mut port).unwrap();
@@ -34,7 +34,7 @@ fn open_within(port: &mut Port) -> Result<(), Lost> {
     Err("never".into())
 }
 
-/// What the port has written, as much of it as is expected: a terminal hands on in its own time.
+/// Output of the port, up to the length of the expected text: a terminal delivers with delay.
 fn heard(adapter: &OwnedFd, expected: &str) -> String {
     let until = clock::now() + Duration::from_secs(2);
     let mut text = String::new();
@@ -48,7 +48,7 @@ fn heard(adapter: &OwnedFd, expected: &str) -> String {
     text
 }
 
-/// All that the port writes within some time.
+/// All output of the port within some time.
 fn all(adapter: &OwnedFd) -> String {
     let (mut text, mut bytes) = (String::new(), [0; 4096]);
     loop {
@@ -67,7 +67,7 @@ fn say(adapter: &OwnedFd, text: &str) {
     assert_eq!(write(adapter, text.as_bytes()), Ok(text.len()));
 }
 
-/// What the port hands out now and soon, in words.
+/// Results of reading the port now and shortly after, as text.
 fn drain(port: &mut Port, now: Instant) -> Vec<String> {
     let mut told = Vec::new();
     let until = clock::now() + Duration::from_millis(50);
@@ -134,7 +134,7 @@ fn flags_are_asked_for_now_and_then_and_become_notices() {
     say(&adapter, "F20\r");
     assert_eq!(drain(&mut port, later(2)), [""; 0], "no news");
     assert_eq!((drain(&mut port, later(3)), all(&adapter)), (vec![], "F\rF\r".into()));
-    // No answer, no further question; a refusal ends them.
+    // Without an answer no further polling; a rejection ends it.
     assert_eq!((drain(&mut port, later(5)), all(&adapter)), (vec![], String::new()));
     say(&adapter, "\x07");
     assert_eq!(drain(&mut port, later(5)), ["the adapter does not tell how its controller is"]);

@@ -1,10 +1,10 @@
-//! The device on sockets that this kernel has.
+//! The device on sockets that every kernel has.
 
 use super::*;
 use base::can::Id;
 use std::net::{Ipv4Addr, UdpSocket};
 
-/// The interface with one end of a UDP connection for its socket, which counts what it loses as CAN's does.
+/// The interface with one end of a UDP connection as its socket, which counts losses like a CAN socket.
 fn connected() -> (CanSocket, UdpSocket) {
     let [ours, peer] = [(); 2].map(|()| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap());
     ours.connect(peer.local_addr().unwrap()).unwrap();
@@ -35,7 +35,7 @@ fn frames_that_found_the_buffer_full_are_counted_and_the_others_come_in_order() 
         }
     };
     drain(&mut port);
-    // Those lost since the last one that came are told with the next.
+    // Losses are reported together with the next frame.
     send(SENT);
     drain(&mut port);
     let count = SENT as usize + 1 - got.len();
@@ -53,7 +53,7 @@ fn error(class: u32, data: u64) -> [u8; FRAME] {
     raw
 }
 
-/// What is handed out now, in words.
+/// Results of reading the port now, as text.
 fn drain(port: &mut CanSocket, now: Instant) -> Vec<String> {
     let mut told = Vec::new();
     loop {
@@ -80,7 +80,7 @@ fn error_frames_become_notices_and_many_of_a_kind_few() {
     let (mut port, peer) = connected();
     let now = Instant::from_millis(1000);
     let send = |raw: [u8; FRAME]| peer.send(&raw).unwrap();
-    // A bus error in the data, three times; nobody acknowledges, twice.
+    // A bus error in the data, three times; a missing acknowledgement, twice.
     for _ in 0..3 {
         send(error(0x88, 0x0000_040A_0000_0000));
     }
@@ -104,7 +104,7 @@ fn error_frames_become_notices_and_many_of_a_kind_few() {
 #[test]
 fn a_frame_is_known_by_when_the_kernel_received_it() {
     let (mut port, peer) = connected();
-    // The kernel begins to stamp a little after it is asked to.
+    // The kernel starts to stamp shortly after the request.
     std::thread::sleep(Duration::from_millis(100));
     let before = clock::now();
     peer.send(&encode(&Frame::standard(0x181, &[]))).unwrap();
@@ -144,7 +144,7 @@ fn a_controller_that_the_kernel_restarts_is_waited_for() {
 
 #[test]
 fn what_the_kernel_does_not_take_waits_and_leaves_in_order() {
-    // A pipe of messages that holds few of them.
+    // A socket pair that holds few messages.
     let (ours, peer) = nix::sys::socket::socketpair(
         nix::sys::socket::AddressFamily::Unix,
         nix::sys::socket::SockType::SeqPacket,
@@ -179,7 +179,7 @@ fn what_the_kernel_does_not_take_waits_and_leaves_in_order() {
         next += 1;
     }
     assert_eq!(next, sent + 1);
-    // When nothing leaves, what waits is dropped.
+    // If nothing leaves, pending frames are dropped.
     while !port.wants_to_write() {
         assert_eq!(port.send(now, &frame(0)), Ok(true));
     }

@@ -10,41 +10,42 @@ use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFl
 use nix::unistd::read;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-/// Bytes per read.
+/// Maximum number of bytes per read.
 const READ_MAX: usize = 1024;
-/// Reads and lines without an event before others have their turn, for this long.
+/// Maximum number of reads and lines without an event; then the stream pauses for [`BREATH`], so that others are
+/// served.
 const READS_MAX: usize = 64;
 const BREATH: Duration = Duration::from_millis(1);
 
 const TIMER: u64 = 0;
 const FILE: u64 = 1;
 
-/// What a stream had for us.
+/// Result of reading a stream.
 pub enum Told {
-    /// Nothing more for now.
+    /// Empty: nothing more for now.
     Nothing,
-    /// This happened.
+    /// An event.
     Event(Event),
-    /// A line is wrong.
+    /// An invalid line.
     Wrong(String),
-    /// It has ended.
+    /// The stream has ended.
     End,
 }
 
-/// The stream.
+/// Stream of lines.
 pub struct Stream {
     file: OwnedFd,
     reader: Reader,
     timer: TimerFd,
-    /// Readable when the file is, or when what it waits for is over.
+    /// Readable if the file is, or if the current wait has ended.
     both: Epoll,
-    /// A file is always readable, and no epoll takes it.
+    /// False for a file, which is always readable and not accepted by epoll.
     polled: bool,
     waits: bool,
 }
 
 impl Stream {
-    /// A stream of lines from `file`, which does not block.
+    /// Creates the stream of a non-blocking descriptor.
     pub fn new(file: OwnedFd) -> nix::Result<Self> {
         let both = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC)?;
@@ -57,27 +58,27 @@ impl Stream {
         Ok(Self { file, reader: Reader::default(), timer, both, polled, waits: false })
     }
 
-    /// To wait for.
+    /// Descriptor to wait for.
     pub fn fd(&self) -> BorrowedFd<'_> {
         self.both.0.as_fd()
     }
 
-    /// True if it is a file, which ends once.
+    /// True for a file, which ends once.
     pub fn is_file(&self) -> bool {
         !self.polled
     }
 
-    /// The file itself.
+    /// Descriptor of the source.
     pub fn file(&self) -> BorrowedFd<'_> {
         self.file.as_fd()
     }
 
-    /// Takes one thing.
+    /// Returns the next result.
     pub fn poll(&mut self) -> Told {
         match self.try_poll() {
             Ok(told) => told,
             Err(Errno::EAGAIN | Errno::EINTR) => Told::Nothing,
-            // Whoever wrote is gone, in whatever manner.
+            // The writer is gone, for whatever reason.
             Err(_) => Told::End,
         }
     }
@@ -95,7 +96,7 @@ impl Stream {
                 Some(Ok(Line::Wait(Duration::ZERO))) => {}
                 Some(Ok(Line::Wait(wait))) => return self.pause(wait),
                 Some(Err(why)) => return Ok(Told::Wrong(why)),
-                // A FIFO that nobody has opened to write looks ended to who reads it.
+                // A FIFO without a writer reads as ended.
                 None if self.polled && !self.is_readable()? => return Ok(Told::Nothing),
                 None => {
                     let mut bytes = [0; READ_MAX];
@@ -107,7 +108,7 @@ impl Stream {
                 }
             }
         }
-        // Nothing but remarks, and no end of them.
+        // Only comments without end.
         self.pause(BREATH)
     }
 
@@ -124,7 +125,7 @@ impl Stream {
         Ok(Told::Nothing)
     }
 
-    /// While it waits, that more could be read is no reason to wake.
+    /// Enables or disables waking for input, which is not needed during a wait.
     fn heed(&self, heed: bool) -> nix::Result<()> {
         match (self.polled, heed) {
             (false, _) => Ok(()),

@@ -1,4 +1,4 @@
-//! Gamepads of lines: files, FIFOs, sockets, and what comes and goes.
+//! Gamepads of lines from files, FIFOs and sockets, and their coming and going.
 
 use super::*;
 use crate::clock;
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 const PAD: &str = "device A pad\naxis ABS_X 0 255 0 0 128\naxis ABS_Y 0 255 0 0 128\nbutton BTN_TL 0\nfound\n";
 
-/// A folder of the test's own, removed at the end.
+/// A folder for one test, removed at its end.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -40,7 +40,7 @@ fn port(folder: &Folder) -> Gamepad {
     port
 }
 
-/// What a device tells until it tells nothing for a while.
+/// Events of a device until it is silent for a while.
 fn told(device: &mut dyn Device, millis: u16) -> String {
     let mut told = Vec::new();
     loop {
@@ -135,7 +135,7 @@ fn remarks_without_end_hold_up_nobody() {
         let mut fds = [PollFd::new(port.fd().unwrap(), PollFlags::POLLIN)];
         assert_eq!(poll(&mut fds, PollTimeout::from(10_000_u16)), Ok(1), "it goes on by itself");
     }
-    // 64 reads of 1024 bytes, and others have theirs.
+    // 64 reads of 1024 bytes, then others are served.
     assert_eq!(turns, 400_000 / (64 * 1024));
 }
 
@@ -244,7 +244,7 @@ fn who_does_not_read_is_hung_up_on_and_comes_back() {
         }
     }
     assert_eq!(last.first(), Some(&false));
-    // A line that was cut off is told; then it connects anew and hears how the gamepad is.
+    // The truncated line is reported; then it reconnects and receives the current state of the gamepad.
     let rest = told(&mut port, 200);
     assert!(last.contains(&true) || rest.contains("gone"), "{last:?} {rest}");
     assert_eq!(told(&mut hub, 10), "");

@@ -1,5 +1,5 @@
-//! An adapter of the kernel's, by i2c-dev: `I2C_RDWR`, or, where the adapter speaks SMBus only, `I2C_SMBUS` for those
-//! transfers that are such commands.
+//! An adapter of the kernel through i2c-dev: `I2C_RDWR`, or, if the adapter supports only SMBus, `I2C_SMBUS` for those
+//! transfers that match an SMBus command.
 
 use super::{Blocking, Done, sys};
 use crate::ports::Lost;
@@ -10,7 +10,7 @@ use std::io;
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 
-// I2C_SMBUS_QUICK and so on (linux/i2c.h).
+// SMBus transaction types (linux/i2c.h).
 const QUICK: u32 = 0;
 const BYTE: u32 = 1;
 const BYTE_DATA: u32 = 2;
@@ -19,17 +19,17 @@ const PROC_CALL: u32 = 4;
 const BLOCK_DATA: u32 = 5;
 const I2C_BLOCK_DATA: u32 = 8;
 
-/// The longest block of SMBus.
+/// Maximum length of an SMBus block, bytes.
 const BLOCK_MAX: usize = 32;
 
 pub struct Dev {
     path: PathBuf,
     file: File,
-    /// It makes plain transfers.
+    /// Supports plain transfers.
     plain: bool,
-    /// It reads blocks.
+    /// Supports block reads.
     blocks: bool,
-    /// What it cannot do was said.
+    /// A missing capability was reported.
     told: bool,
 }
 
@@ -45,7 +45,7 @@ impl Dev {
         Ok(Self { path: path.into(), file, plain, blocks: functions & sys::FUNC_READ_BLOCK != 0, told: false })
     }
 
-    /// By `I2C_RDWR`.
+    /// Executes a transfer with `I2C_RDWR`.
     fn plain(&self, transfer: &Transfer) -> io::Result<Bytes> {
         let (mut write, mut read) = (transfer.write.clone(), [0; MAX]);
         let (count, block) = match transfer.read {
@@ -63,7 +63,7 @@ impl Dev {
         Ok(read[..count.min(MAX)].iter().copied().collect())
     }
 
-    /// By `I2C_SMBUS`; none when it is none of its commands.
+    /// Executes a transfer with `I2C_SMBUS`; `None` if it matches no SMBus command.
     fn command(&self, transfer: &Transfer) -> Option<io::Result<Bytes>> {
         let Command { read, command, size, mut data } = Command::of(transfer)?;
         let done = sys::smbus(self.file.as_fd(), transfer.address.get(), read, command, size, &mut data);
@@ -100,14 +100,14 @@ impl Blocking for Dev {
         };
         match done {
             Ok(read) => Ok((Ok(read), None)),
-            // While its file is open an adapter cannot go: what tells that it wants to is that its name has gone.
+            // An adapter cannot go while its file is open; its name disappears when it was unplugged.
             Err(_) if !self.path.exists() => Err("the adapter is gone".into()),
             Err(error) => Ok((outcome(&error), None)),
         }
     }
 }
 
-/// What an adapter's error is (Documentation/i2c/fault-codes.rst). Which byte was refused it does not say.
+/// Converts an adapter's error (Documentation/i2c/fault-codes.rst), which does not tell which byte was refused.
 fn outcome(error: &io::Error) -> Outcome {
     Err(match Errno::from_raw(error.raw_os_error().unwrap_or(0)) {
         Errno::ENXIO | Errno::EREMOTEIO | Errno::ENODEV => Error::NoAddress,
@@ -118,7 +118,7 @@ fn outcome(error: &io::Error) -> Outcome {
     })
 }
 
-/// What an `I2C_SMBUS` call is told.
+/// Arguments of an `I2C_SMBUS` call.
 #[derive(Debug, PartialEq)]
 struct Command {
     read: bool,
@@ -128,7 +128,7 @@ struct Command {
 }
 
 impl Command {
-    /// The command that says the same on the wire.
+    /// Finds the SMBus command with the same bytes on the wire.
     fn of(transfer: &Transfer) -> Option<Self> {
         let new = |read, command, size| Self { read, command, size, data: [0; sys::SMBUS_DATA] };
         let word = |read, command, low, high, size| {

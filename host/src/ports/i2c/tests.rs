@@ -1,4 +1,4 @@
-//! The simulator's socket, both ends; what a thread's transfers come to.
+//! Both ends of the simulator's socket; transfers in a thread.
 
 use super::*;
 use base::i2c::{Address, Bytes, Error, Read};

@@ -1,4 +1,4 @@
-//! Opening a serial device, and setting it up: what was asked for is read back, and what it cannot do is said.
+//! Opening and configuration of a serial device: the settings are read back, and unsupported ones are reported.
 
 use super::driver::Driver;
 use super::{Direction, TerminalConfig, Transport};
@@ -12,17 +12,17 @@ use nix::sys::termios::{FlushArg, tcflush};
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-/// What a receiver of 11 bits forgives, parts of the asked rate: half a bit over its length, shared by both ends.
+/// Maximum relative error of the bit rate: half a bit over the 11 bits of a word, shared by both ends.
 const BAUD_TOLERANCE: f64 = 0.02;
 
-/// An opened device.
+/// An open device.
 pub struct Opened {
     pub file: OwnedFd,
-    /// Lines for people: what is not as asked, and not bad enough to refuse.
+    /// Notes for people: differences from the requested settings that are tolerable.
     pub notes: Vec<String>,
 }
 
-/// Opens a device raw, 8 data bits, 1 stop bit, no parity or space parity, and keeps others out.
+/// Opens a device in raw mode, 8 data bits, 1 stop bit, no parity or space parity, and locks it exclusively.
 pub fn open_terminal(config: &TerminalConfig) -> Result<Opened, Lost> {
     let named = |why: &dyn std::fmt::Display| format!("{}: {why}", config.path.display());
     let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
@@ -72,15 +72,15 @@ fn set_up(
     Ok(())
 }
 
-/// The settings for nine bits at the rate of `config`, in place of what the device has.
+/// Settings for nine bits at the rate of `config`, based on the device's.
 fn raw(settings: termios2, config: &TerminalConfig) -> termios2 {
     let parity = config.transport == Transport::Parity;
     let mut raw = settings;
-    // A break is not ignored: it reads as an address word, and so ends the frame that it broke.
+    // A break is not ignored: it reads as an address word and so ends the frame that it interrupted.
     raw.c_iflag = if parity { libc::INPCK | libc::PARMRK } else { 0 };
     raw.c_oflag = 0;
     raw.c_lflag = 0;
-    // No CIBAUD bits: the input's speed is the output's.
+    // Without CIBAUD bits the input speed equals the output speed.
     raw.c_cflag = libc::CS8 | libc::CREAD | libc::CLOCAL | libc::BOTHER;
     if parity {
         raw.c_cflag |= libc::PARENB | CMSPAR;
@@ -99,7 +99,7 @@ pub fn with_parity(settings: &termios2, mark: bool) -> termios2 {
     settings
 }
 
-/// What a port made of the settings: what it did not take, in words.
+/// Compares the requested settings with those in effect; the error names the first unsupported one.
 fn compare(asked: &termios2, got: &termios2) -> Result<(), String> {
     let differs = |flags: libc::tcflag_t| (asked.c_cflag ^ got.c_cflag) & flags != 0;
     let wants_parity = asked.c_cflag & libc::PARENB != 0;

@@ -1,5 +1,5 @@
-//! The command that makes a port an EIA-485 port, where a board wants a register written for it: run before each
-//! opening, never waited for.
+//! Set-up command of a port, for boards that need a register written to enable EIA-485: run before each opening,
+//! without blocking.
 
 use crate::clock;
 use crate::ports::Lost;
@@ -8,14 +8,14 @@ use base::{Duration, Instant};
 use std::io::Read;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
-/// It may take so long.
+/// Timeout of the command.
 const LIMIT: Duration = Duration::from_secs(5);
-/// One that failed is tried again after this.
+/// Delay before a failed command is retried.
 const AGAIN: Duration = Duration::from_secs(5);
-/// So much of what it complains is passed on.
+/// Maximum length of its error output in the report, bytes.
 const COMPLAINT_MAX: u64 = 200;
 
-/// A command and how far it is.
+/// A command and its progress.
 pub struct Setup {
     command: Vec<String>,
     state: State,
@@ -29,24 +29,25 @@ enum State {
 }
 
 impl Setup {
-    /// A program and its arguments; nothing at all is done at once.
+    /// Creates a command from a program and its arguments; an empty one succeeds at once.
     pub fn new(command: Vec<String>) -> Self {
         Self { command, state: State::NotRun }
     }
 
-    /// True if it is running.
+    /// True while it is running.
     pub fn runs(&self) -> bool {
         matches!(self.state, State::Runs { .. })
     }
 
-    /// The next opening wants it run anew.
+    /// Requires a new run before the next opening.
     pub fn forget(&mut self) {
         if matches!(self.state, State::Done) {
             self.state = State::NotRun;
         }
     }
 
-    /// Starts it, or looks after it. `Ok` when the port may be opened; look again soon while [`Setup::runs`].
+    /// Starts the command or checks on it. `Ok` if the port may be opened; to be called again soon while
+    /// [`Setup::runs`].
     pub fn proceed(&mut self) -> Result<(), Lost> {
         let now = clock::now();
         if let State::Failed { again, .. } = self.state
@@ -64,7 +65,7 @@ impl Setup {
             let news = match child.try_wait() {
                 Ok(None) if now < *until => return Err(format!("set-up command {} runs", self.command[0])),
                 Ok(None) => {
-                    // Killed and reaped: not to be left over.
+                    // Killed and reaped, so that no zombie is left.
                     let _ = child.kill().and_then(|()| child.wait());
                     Err(format!("it takes longer than {} s", LIMIT.as_secs()))
                 }
@@ -103,8 +104,8 @@ fn start(program: &str, arguments: &[String]) -> std::io::Result<Child> {
     command.spawn()
 }
 
-/// How it ended, and the first line of what it said of that. It has ended, but what it started may hold its stderr
-/// open: only what is there is read.
+/// Exit status and first line of stderr. The command has ended, but its children may hold stderr open: only available
+/// data is read.
 fn complaint(child: &mut Child, status: ExitStatus) -> String {
     let mut said = Vec::new();
     if let Some(stderr) = &mut child.stderr {

@@ -1,4 +1,4 @@
-//! Serial devices on pseudo-terminals: all that has no parity.
+//! Serial devices on pseudo-terminals: everything except parity.
 
 use super::*;
 use crate::clock;
@@ -72,7 +72,7 @@ fn what_a_port_cannot_do_is_a_line_that_says_so() {
     );
 }
 
-/// Tries to open the port until `done`, for two seconds at most; what was told meanwhile.
+/// Attempts to open the port until `done`, for two seconds at most; returns the reports.
 fn try_until(port: &mut Port, done: impl Fn(&Port) -> bool) -> Vec<Result<(), Lost>> {
     let mut told = Vec::new();
     for _ in 0..400 {
@@ -91,7 +91,7 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
     let first = offer(&link);
     let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(TerminalConfig::new(link.clone(), 115_200)));
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
-    // Half a word waits in the codec when the adapter is pulled.
+    // Half a word is in the codec when the adapter is unplugged.
     write(first.file.as_ref().unwrap(), &[0x55]).unwrap();
     while !matches!(port.device.receive(clock::now()), Ok(Received::Input { .. })) {}
     drop(first);
@@ -126,7 +126,7 @@ fn the_set_up_command_is_run_before_each_opening_and_its_failure_keeps_the_port_
     let setup = vec!["/bin/sh".into(), "-c".into(), script];
     let config = TerminalConfig { setup, ..TerminalConfig::new(link.clone(), 115_200) };
     let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(config.clone()));
-    // That it takes a while is no news.
+    // The wait is not reported.
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
     port.lose(clock::now());
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);

@@ -1,4 +1,4 @@
-//! Folders made for the test; disks that are full or read-only where mounting is allowed.
+//! Folders for tests; full and read-only disks where mounting is permitted.
 
 use super::*;
 use crate::ports::threaded::Threaded;
@@ -17,7 +17,7 @@ use std::time::Duration;
 
 type Store = Threaded<Files>;
 
-/// A folder of our own, gone at the end.
+/// A folder for one test, removed at its end.
 struct Made(PathBuf);
 
 impl Made {
@@ -168,9 +168,9 @@ fn a_file_where_the_folder_should_be_is_told() {
     failed(disk.perform(Request::List));
 }
 
-/// Runs a test on a disk of 1 MB that nobody else sees; skips where this machine mounts none.
+/// Runs a test on a disk of 1 MB that no other process sees; skipped if mounting is not permitted.
 fn on_a_small_disk(name: &'static str, test: impl FnOnce(&Made) + Send + 'static) {
-    // A mount namespace of this thread and those that it starts; it goes with them.
+    // Mount namespace of this thread and its children; it ends with them.
     let tested = thread::spawn(move || {
         let made = Made::new(name);
         let mounted = unshare(CloneFlags::CLONE_NEWNS).is_ok()
@@ -205,11 +205,11 @@ fn a_full_disk_takes_all_or_nothing_and_goes_on_when_there_is_room() {
         done(disk.perform(remove("old")));
         done(disk.perform(append(&[4; 300_000])));
         assert_eq!(made.read("run/log_000.mcap")[300_000..], [4; 300_000]);
-        // Bytes of a file that somebody else removes are free when it is looked what is there.
+        // Bytes of a file that another process removes are free at the next query of the free space.
         fs::remove_file(made.0.join("log/run/log_000.mcap")).unwrap();
         assert_eq!(listed(&mut disk), [("run".into(), 0)]);
         assert!(done(disk.perform(create("run/log_001.mcap"))) > 900_000);
-        // No room for another name.
+        // No space for another name.
         let files = (0..100).find_map(|n| match disk.perform(create(&format!("run/log_{n:03}"))) {
             Answer::Failed(trouble) => Some(trouble),
             _ => None,
@@ -263,7 +263,7 @@ fn wait(store: &mut Store) -> Answer {
     }
 }
 
-/// Whether the disk of the test below lets anything through.
+/// True while the disk of the test below blocks.
 static STUCK: AtomicBool = AtomicBool::new(true);
 
 #[test]
@@ -288,7 +288,7 @@ fn a_disk_that_does_not_come_back_leaves_the_loop_free() {
             store
         }),
     );
-    // Nothing in there has waited for the disk.
+    // None of these calls waited for the disk.
     told.recv_timeout(Duration::from_secs(10)).unwrap();
     let mut store = loops.join().unwrap();
     STUCK.store(false, Ordering::Relaxed);

@@ -1,4 +1,4 @@
-//! Thermometers in a folder that is made for the test.
+//! Thermometers in a folder for one test.
 
 use super::*;
 use crate::ports::threaded::Threaded;
@@ -9,7 +9,7 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use std::fs;
 use std::path::Path;
 
-/// A folder of our own, gone at the end.
+/// A folder for one test, removed at its end.
 struct Made(PathBuf);
 
 impl Made {
@@ -82,7 +82,7 @@ fn what_is_damaged_missing_or_nonsense_is_told_as_such() {
         made.file("28-0316a2795bff/w1_slave", text);
         assert_eq!(made.temperature(), Err(error), "{:?}", String::from_utf8_lossy(text));
     }
-    // A folder where a file should be.
+    // A folder in place of a file.
     fs::remove_file(made.0.join("28-0316a2795bff/w1_slave")).unwrap();
     fs::create_dir(made.0.join("28-0316a2795bff/w1_slave")).unwrap();
     assert_eq!(made.temperature(), Err(Error::Other));
@@ -104,7 +104,7 @@ fn thermometers_alone_are_listed_in_order_and_not_too_many() {
     assert_eq!(list(&made).len(), base::w1::MAX);
 }
 
-/// Waits for what the folder's thread writes.
+/// Waits until the folder's thread has written everything.
 fn settle(folder: &mut Folder) {
     while folder.is_writing() {
         poll(&mut [PollFd::new(folder.fd().unwrap(), PollFlags::POLLIN)], PollTimeout::NONE).unwrap();
