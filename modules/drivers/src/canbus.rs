@@ -1,13 +1,12 @@
-//! `driver_canbus`: CANopen master of the propulsion and the steering drive, and the place where it is decided whether
-//! the robot may move.
+//! `driver_canbus`: CANopen master of the propulsion and the steering drive, which decides whether the robot may move.
 //!
-//! Read [`arbiter`] first (who may command), then [`surroundings`] (what else must be well), then `decide` here, which
-//! turns both into what the two axes are told. Everything that is not a clear permission is a quick stop.
+//! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
+//! here, which turns both into the goals of the two axes. Anything but a clear permission is a quick stop.
 //!
 //! Device    EPOS 70/10 and IclA N065; facts in `canopen::drives`
-//! Timing    a command lives 250 ms; the master's heartbeat leaves every 50 ms, so a dead host stops the drives
-//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself; so, too, after 2 s, where it
-//!           lives but does not answer
+//! Timing    a command is valid for 250 ms; the master's heartbeat is sent every 50 ms, so a dead host stops the drives
+//! Silence   of a drive: the other one stops, the node is booted again, nothing resumes by itself. The same after 2 s
+//!           if the drive sends heartbeats but does not answer
 
 pub mod arbiter;
 pub mod surroundings;
@@ -40,26 +39,26 @@ use requests::{Requests, Whose};
 use steering::Steering;
 use surroundings::Surroundings;
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_canbus";
 
 const CAN: PortId = PortId(0);
-/// Objects that are read when a drive has booted, or has been quiet.
+/// Objects that are read from a drive that has booted or has sent nothing for a while.
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
 const MEASURED: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
-/// Drives answer within a few ms. Two questions without an answer, and the robot stops.
+/// Drives answer within a few ms. Two requests without an answer stop the robot.
 const SDO_TIMEOUT: Duration = Duration::from_millis(250);
-/// A second master is told at most every 10 s while it is heard.
+/// Reported at most every 10 s while frames of a second master arrive; blocks motion for 11 s after the last one.
 const SECOND_MASTER: Duration = Duration::from_secs(11);
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
 const AXES_PERIOD: Duration = Duration::from_millis(200);
-/// Slower than this the robot stands, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
+/// Speed below which the robot counts as standing, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
 const STANDING: f64 = 0.02;
 
 base::deadlines! {
-    /// What the module itself waits for.
+    /// Deadlines of the module itself.
     enum Timer {
         /// `LL_DATA_MOTION` is published. Set from the start on.
         Motion,
@@ -69,12 +68,12 @@ base::deadlines! {
         Refused,
         /// No other source of the holder's priority has sent a command for its time to live. Set while it is reported.
         Contested,
-        /// The other master on the bus has been silent for long enough. Set while it stands against motion.
+        /// The other master on the bus has been silent for long enough. Set while it blocks motion.
         SecondMaster,
     }
 }
 
-/// The module.
+/// The module `driver_canbus`.
 pub struct Canbus {
     config: Config,
     ports: [PortSpec; 1],
@@ -86,22 +85,22 @@ pub struct Canbus {
     bus: Bus,
     requests: Requests,
     state: State,
-    /// The weightiest of what stands against any motion, as it was decided last.
+    /// Main objection to any motion as of the last decision.
     blocked: Option<Objection>,
     ignored: Ignored,
     holds: Holds,
     working: Option<bool>,
-    /// The planner was permitted to move the robot, as it was decided last.
+    /// The planner was permitted to move the robot as of the last decision.
     planned: bool,
     deadlines: Deadlines<Timer>,
     now: Instant,
 }
 
 impl Canbus {
-    /// The module.
+    /// Creates the module.
     ///
     /// # Errors
-    /// What CANopen does not allow: node ids out of range or given twice.
+    /// Invalid in CANopen: node ids out of range or used twice.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let ports = [PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } }];
         let propulsion = Propulsion::new(&config);
@@ -131,14 +130,14 @@ impl Canbus {
         })
     }
 
-    /// How its nodes are set up, drive by drive.
+    /// Configuration of each drive's node.
     pub fn nodes(&self) -> impl Iterator<Item = &NodeConfig> {
         let ids = [self.propulsion.drive.node, self.steering.drive.node];
         ids.into_iter().filter_map(|id| self.master.config(id))
     }
 
     fn on_message(&mut self, now: Instant, at: Instant, message: &Message, out: &mut Actions) {
-        // A clock that was wrong when it was received must not make it live longer.
+        // The clock may have been wrong at reception, which must not extend the command's life.
         let at = at.min(now);
         match message {
             Message::LlCmdMotion(command) => self.on_motion(now, at, command, out),
@@ -157,7 +156,7 @@ impl Canbus {
     }
 
     fn on_motion(&mut self, now: Instant, at: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
-        // A command that waited longer than it lives says what somebody wanted then, not what he wants now.
+        // A command that is already older than its time to live no longer expresses the source's intention.
         if now.since(at) >= self.config.ttl {
             return;
         }
@@ -171,7 +170,7 @@ impl Canbus {
         let (source, verdict) = self.arbiter.command(at, command, self.blocked.is_some());
         let why = match verdict {
             Verdict::Holds => None,
-            // What comes after the stop: whoever commands on through it must let go first.
+            // State after the stop: a source that commands on through it must send zero or nothing first.
             Verdict::Blocked if command.priority == arbiter::PLANNER => Some(Hold::PlannerLatched),
             Verdict::Blocked => (command.speed != 0.0).then_some(Hold::NotReleased),
             Verdict::Overruled => Some(Hold::Overruled),
@@ -186,7 +185,7 @@ impl Canbus {
         self.ignored.put(now + self.config.ttl, source, why);
     }
 
-    /// A command that no honest source sends: the robot stops, whoever sent it.
+    /// Rejects a command that no correct source sends: the robot stops, whatever the source.
     fn refuse(&mut self, now: Instant, command: &lowlevel::CmdMotion, out: &mut Actions) {
         let limits = &self.config.limits;
         let message = format!(
@@ -224,7 +223,7 @@ impl Canbus {
         }
     }
 
-    /// A node that is not booted does not move: it may be mended.
+    /// A node that is not booted does not move, so it may be written for repair.
     fn whose(&self, node: i32) -> Whose {
         let ours = [&self.propulsion.drive, &self.steering.drive];
         match ours.into_iter().find(|drive| i32::from(drive.node) == node) {
@@ -246,7 +245,7 @@ impl Canbus {
             self.on_heard(now, event, out);
         }
         let working = self.propulsion.drive.is_booted() && self.steering.drive.is_booted();
-        // Until the first success the module is starting; what it waits for has been reported.
+        // The module is starting until its first success; pending conditions have been reported.
         if working != self.working.unwrap_or(false) {
             self.working = Some(working);
             if working { out.working() } else { out.failed() }
@@ -329,12 +328,12 @@ impl Canbus {
             Heard::Stranger { node } => {
                 out.note(format!("node {node} on {} is not in the configuration", self.config.bus));
             }
-            // The drives tell it one by one.
+            // Reported for each drive.
             Heard::Ready | Heard::NotReady => {}
         }
     }
 
-    /// A transfer has ended: one of `LL_CMD_SDO`, of what the drives measure, or of homing.
+    /// A transfer has ended: of `LL_CMD_SDO`, of a drive's measured values, or of homing.
     fn on_sdo(
         &mut self,
         now: Instant,
@@ -343,7 +342,7 @@ impl Canbus {
         event: &Heard,
         out: &mut Actions,
     ) {
-        // What was requested from outside comes first: it may be an object that is asked for here, too.
+        // External requests come first: the object may be one that the driver reads, too.
         if self.requests.on_end(now, ticket, result, out) {
             return;
         }
@@ -363,11 +362,12 @@ impl Canbus {
         }
     }
 
-    /// Event-driven PDOs tell changes only, and the first ones may have left before the node counted as started.
+    /// Reads the state of a drive: event-driven PDOs report changes only, and the first ones may have been sent before
+    /// the node counted as started.
     fn ask_where_it_is(&mut self, now: Instant, node: u8) {
         let measured = if node == self.propulsion.drive.node { VELOCITY } else { POSITION };
         for index in [measured, STATUSWORD] {
-            // The queue of a node that has just booted has room for both.
+            // The queue of a freshly booted node has room for all of them.
             if self.master.sdo_read(now, node, index, 0).is_ok()
                 && let Some(drive) = self.drive_mut(node)
             {
@@ -389,7 +389,7 @@ impl Canbus {
         }
     }
 
-    /// A node for reports' subjects, and for people.
+    /// Name of a node as the subject of reports, and for people.
     fn name_of(&self, node: u8) -> (String, String) {
         let drives = [&self.propulsion.drive, &self.steering.drive];
         match (drives.into_iter().find(|drive| drive.node == node), node) {
@@ -403,12 +403,12 @@ impl Canbus {
         [&mut self.propulsion.drive, &mut self.steering.drive].into_iter().find(|drive| drive.node == node)
     }
 
-    /// Whether it is known to stand.
+    /// True if the robot is known to stand.
     fn is_standing(&self) -> bool {
         self.propulsion.is_slower(self.now, STANDING)
     }
 
-    /// All that stands against any motion, in the order in which an engineer would ask.
+    /// All objections to any motion, in the order in which an engineer would check them.
     fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
         let bus = self.bus.objection().map(Objection::Bus);
         let second_master = self.deadlines.is_set(Timer::SecondMaster).then_some(Objection::SecondMaster);
@@ -422,13 +422,13 @@ impl Canbus {
         let state = self.state.hold().filter(|_| !sabotage::is(Bug::StateIgnored)).map(Objection::State);
         let refused = self.deadlines.is_set(Timer::Refused).then_some(Objection::Refused);
         let not_homed = self.steering.why_not_homed().filter(|_| !sabotage::is(Bug::HomingNotRequired));
-        // The PAUSE line before the drives: it takes their feed away, and that they are in fault follows from it.
+        // The PAUSE line before the drives: it cuts their supply, and their faults follow from that.
         let devices = bus.into_iter().chain(second_master).chain(around(true)).chain(drives);
-        // Homing last: where it stands alone, it may be mended by moving the steering.
+        // Homing last: if it is the only objection, the steering may be moved to resolve it.
         devices.chain(state).chain(around(false)).chain(refused).chain(not_homed.map(Objection::NotHomed))
     }
 
-    /// All for which the robot does not do as it is commanded, the weightiest first; nothing while it does.
+    /// All causes for which the robot does not follow its command, main one first; empty while it does.
     fn causes(&self, now: Instant) -> impl Iterator<Item = Standing<'_>> + Clone {
         let blocked = self.objections(now).next().is_some();
         let holder = self.arbiter.current(now).map(|command| command.priority);
@@ -444,7 +444,7 @@ impl Canbus {
         objections.chain(to_planner).chain(ignored).chain(nobody)
     }
 
-    /// Turns what is known into what the axes are told. Called after every event.
+    /// Derives the goals of the axes from the current state. Called after every event.
     fn decide(&mut self, now: Instant, out: &mut Actions) {
         self.forget(now, out);
         let blocked = self.objections(now).next();
@@ -460,7 +460,7 @@ impl Canbus {
         match self.permitted(now) {
             Some((speed, steering)) => {
                 self.steering.go(steering);
-                // A robot that does not steer does not drive.
+                // Without steering the robot must not drive.
                 self.propulsion.drive(if self.steering.is_enabled() { speed } else { 0.0 });
             }
             None => {
@@ -483,8 +483,7 @@ impl Canbus {
         }
     }
 
-    /// Without an estimate, or the modules that it needs, the planner stops; when they come back that does not let it go
-    /// again.
+    /// Stops the planner if the estimate or a required module is lost; their return alone does not release it.
     fn watch_planner(&mut self, now: Instant) {
         let current = self.arbiter.current(now).filter(|command| command.priority == arbiter::PLANNER);
         let plans = current.is_some();
@@ -497,18 +496,18 @@ impl Canbus {
         self.planned = plans && !objects;
     }
 
-    /// The steering while nobody moves the robot: it is homed when nothing but that stands against motion, holds its
-    /// angle when nobody commands, and stops where it is when something is wrong.
+    /// Goal of the steering while no source moves the robot: it is homed if that is the only objection, holds its angle
+    /// without a command, and stops where it is if something is wrong.
     fn decide_steering(&mut self) {
         match &self.blocked {
             None => self.steering.hold(),
-            // Listed last: nothing else stands against motion.
+            // Last in the list: there is no other objection to motion.
             Some(Objection::NotHomed(_)) if self.is_standing() => self.steering.home(),
             Some(_) => self.steering.quick_stop(),
         }
     }
 
-    /// Speed and steering that may be driven now.
+    /// Speed, m/s, and steering angle, rad, that are permitted now.
     fn permitted(&self, now: Instant) -> Option<(f64, f64)> {
         if self.blocked.is_some() {
             return None;
@@ -551,7 +550,7 @@ impl Canbus {
         }
     }
 
-    /// Why it does not move, in words; empty when it does as commanded.
+    /// Reason why the robot does not move, in words; empty while it follows its command.
     fn reason(&self, now: Instant) -> String {
         if let Some(objection) = self.objections(now).next() {
             return self.words(objection);
@@ -669,7 +668,7 @@ impl Module for Canbus {
         ])
     }
 
-    /// The drives hold the robot's last speed until their ramp is done: the process stays, and its heartbeat with it.
+    /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then.
     fn finished(&self) -> bool {
         !self.bus.is_up() || !self.propulsion.drive.is_booted() || self.is_standing()
     }

@@ -1,12 +1,12 @@
 //! `driver_joydev`: a gamepad as a manual source of motion, with a dead-man button.
 //!
-//! Device    any with two axes and a button, as [`base::gamepad`] has it; docs/gamepad.md
-//! Commands  `LL_CMD_MOTION` of priority 2 at 20 Hz while the dead-man button is held, then a zero, then nothing
+//! Device    any with two axes and a button, as in [`base::gamepad`]; docs/gamepad.md
+//! Commands  `LL_CMD_MOTION` of priority 2 at 20 Hz while the dead-man button is held, then one zero, then nothing
 //! Data      `LL_DATA_JOYDEV` at 5 Hz
-//! Silence   a gamepad that is not there is no error; one that goes counts as let go, and so does one that came anew
+//! Silence   an absent gamepad is not an error; a gamepad that disappears, or appears again, counts as released
 //!
-//! Nothing moves the robot but a button that was seen to be let go and pressed, with both sticks seen in the middle since.
-//! In PAUSE it tells what the gamepad does and commands nothing, in STOP it does neither.
+//! Motion requires that the button was seen released and then pressed, and that both sticks were seen centred since. In
+//! PAUSE the gamepad is reported but commands nothing; in STOP it does neither.
 
 mod config;
 mod mapping;
@@ -21,11 +21,11 @@ use base::{Deadlines, Duration, Fault, Instant, Severity};
 use messages::lowlevel::{CmdMotion, DataJoydev};
 use module::{Actions, Event, Input, Line, Module, PortId, PortSpec, State};
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_joydev";
-/// What its commands call their source.
+/// Source name in its commands.
 pub const SOURCE: &str = "gamepad";
-/// A gamepad's priority among the sources of motion.
+/// Priority of a gamepad among the sources of motion.
 const PRIORITY: i8 = 2;
 
 const PORT: PortId = PortId(0);
@@ -33,7 +33,7 @@ const COMMAND: Duration = Duration::from_millis(50);
 const DATA: Duration = Duration::from_millis(200);
 
 base::deadlines! {
-    /// What the driver waits for.
+    /// Deadlines of the driver.
     enum Timer {
         /// A command is sent. Set while the dead-man button moves the robot.
         Command,
@@ -44,40 +44,40 @@ base::deadlines! {
     }
 }
 
-/// How the dead-man button is held.
+/// State of the dead-man button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Hold {
-    /// It is free.
+    /// Released.
     Free,
-    /// It was held when it could not count, and must be let go first.
+    /// Held since a time when it could not count; must be released first.
     Stale,
-    /// A stick was off the middle when it was pressed: zero is commanded until both have been there.
+    /// Pressed while a stick was off centre: zero is commanded until both were centred.
     OffCentre,
-    /// What the sticks ask for is commanded.
+    /// The sticks' values are commanded.
     Drives,
 }
 
-/// The driver.
+/// Driver of the gamepad.
 #[derive(Debug)]
 pub struct Joydev {
     config: Config,
     ports: [PortSpec; 1],
     state: State,
-    /// What is there, and what it is for; none: it cannot drive the robot.
+    /// Connected device and its mapping; without a mapping it cannot drive the robot.
     device: Option<(Device, Option<Mapping>)>,
     hold: Hold,
-    /// When it last told something.
+    /// Time of the last event.
     heard: Instant,
-    /// The steering angle that was commanded last, rad.
+    /// Last commanded steering angle, rad.
     steering: f64,
     deadlines: Deadlines<Timer>,
-    /// It was told that there is none.
+    /// Absence already reported.
     told_gone: bool,
-    /// How the button was held when it was last told that it moves nothing; free: nothing is to be told.
+    /// Last reported reason why the held button moves nothing; `Free`: nothing to report.
     told_hold: Hold,
 }
 
-/// What the gamepad asks for.
+/// Values requested by the gamepad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Asked {
     held: bool,
@@ -87,10 +87,10 @@ struct Asked {
 }
 
 impl Joydev {
-    /// The driver.
+    /// Creates the driver.
     ///
     /// # Errors
-    /// What cannot be meant.
+    /// The configuration is contradictory.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
         Ok(Self {
@@ -120,13 +120,13 @@ impl Joydev {
                     self.judge(now, out);
                 }
             }
-            // What belongs together is judged together.
+            // Changes that belong together are evaluated together.
             (News::Frame, Some(_)) => self.judge(now, out),
             _ => {}
         }
     }
 
-    /// It may be another one, or the same after it told what nobody heard: it counts as let go.
+    /// A gamepad appeared: it may be another one, or the same after unseen events. It counts as released.
     fn on_found(&mut self, now: Instant, device: &Device, out: &mut Actions) {
         self.let_go(now, out);
         let known = self.device.as_ref().is_some_and(|(own, _)| own.name() == device.name());
@@ -165,7 +165,7 @@ impl Joydev {
         }
     }
 
-    /// What it asks for; nothing when it is not there, or cannot drive the robot.
+    /// Requested values; zero if it is absent or cannot drive the robot.
     fn asked(&self) -> Asked {
         let Some((device, Some(mapping))) = &self.device else { return Asked::default() };
         let raw = |stick: &Stick| device.axis(stick.code).map_or(0, |axis| axis.value);
@@ -180,7 +180,7 @@ impl Joydev {
         }
     }
 
-    /// Decides whether it moves the robot.
+    /// Decides whether the gamepad moves the robot.
     fn judge(&mut self, now: Instant, out: &mut Actions) {
         let asked = self.asked();
         let before = self.hold;
@@ -200,7 +200,7 @@ impl Joydev {
         self.tell_hold(out);
     }
 
-    /// Ends the motion, whatever the button does.
+    /// Ends the motion, whatever the state of the button.
     fn let_go(&mut self, now: Instant, out: &mut Actions) {
         if self.hold.commands() {
             self.hold = Hold::Stale;
@@ -208,7 +208,7 @@ impl Joydev {
         }
     }
 
-    /// The last command: to stand, the wheels as they are.
+    /// Sends the last command: standstill with unchanged steering angle.
     fn zero(&mut self, now: Instant, out: &mut Actions) {
         self.deadlines.clear(Timer::Command);
         let steering = self.steering;
@@ -221,7 +221,7 @@ impl Joydev {
         out.publish(CmdMotion { timestamp, speed, steering, priority: PRIORITY, source });
     }
 
-    /// Tells why the button is held and moves nothing, where that could be expected of it.
+    /// Reports why the held button moves nothing, unless that is obvious.
     fn tell_hold(&mut self, out: &mut Actions) {
         let hold = if self.state == State::Run { self.hold } else { Hold::Free };
         if hold == self.told_hold {
@@ -287,14 +287,14 @@ impl Joydev {
         DataJoydev { timestamp, name, connected: self.device.is_some(), dead_man: held, speed, steering }
     }
 
-    /// When a gamepad that drives has been silent for too long.
+    /// Deadline at which a gamepad that drives has been silent for too long.
     fn silent_at(&self) -> Option<Instant> {
         self.config.quiet.filter(|_| self.hold.commands()).map(|quiet| self.heard + quiet)
     }
 }
 
 impl Hold {
-    /// Whether commands are sent.
+    /// True while commands are sent.
     const fn commands(self) -> bool {
         matches!(self, Self::OffCentre | Self::Drives)
     }

@@ -1,7 +1,8 @@
-//! What every driver of an EIA-485 bus does alike: polls on their grids, versions, boards that are lost and come back,
-//! who disturbs the bus, `LL_DATA_BUS` once a second. What the answers mean is the driver's affair.
+//! Common part of the EIA-485 drivers: periodic polls, versions, loss and return of boards, disturbances of the bus,
+//! `LL_DATA_BUS` once a second. The meaning of the answers is up to each driver.
 //!
-//! In STOP it asks nothing. It works while one board at least answers: a lost one is reported, all lost is an ERROR.
+//! Nothing is polled in STOP. The module works while at least one board answers: a lost one is reported, the loss of
+//! all is an ERROR.
 
 use base::{Duration, Fault, Instant, Severity, Ticker, earliest};
 use messages::lowlevel::{DataBus, Node};
@@ -16,24 +17,24 @@ use std::mem;
 
 /// The only port of such a driver.
 pub(crate) const PORT: PortId = PortId(0);
-/// How often `LL_DATA_BUS` is sent.
+/// Period of `LL_DATA_BUS`.
 const STATISTICS: Duration = Duration::from_secs(1);
 
-/// A board of the bus.
+/// A board on the bus.
 #[derive(Debug)]
 pub(crate) struct Board {
     name: String,
     address: u8,
-    /// All that it may be asked.
+    /// All its instructions.
     table: &'static [Instruction],
-    /// What it is asked again and again, and how often; the first goes on when it is lost.
+    /// Periodic requests and their periods; the first one continues when the board is lost.
     polls: Vec<(Instruction, Duration)>,
-    /// Since the port is up.
+    /// Has answered since the port came up.
     answered: bool,
-    /// Answers in a row that said it did not do what it was asked.
+    /// Number of consecutive answers with a refusal.
     refusals: u32,
     implausible: bool,
-    /// What was wrong the last time that it failed, for people.
+    /// Cause of its last failure, for people.
     fails: &'static str,
 }
 
@@ -43,16 +44,16 @@ impl Board {
     }
 }
 
-/// What a driver must know of what happened on its bus.
+/// Events on the bus that concern a driver.
 #[derive(Debug)]
 pub(crate) enum Heard {
-    /// A board did what it was asked.
+    /// A board answered.
     Answer { to: u8, instruction: u8, data: Data },
-    /// A board did not; it has been reported.
+    /// A request failed, which has been reported.
     Failed { to: u8, instruction: u8 },
-    /// A board that was lost answers; it may have forgotten what it was told.
+    /// A lost board answers again; it may have lost its settings.
     Back,
-    /// A board said something by itself.
+    /// A board sent something unsolicited.
     Unasked { from: u8, instruction: u8, data: Data },
 }
 
@@ -65,19 +66,19 @@ pub(crate) struct Line {
     master: Master,
     schedule: Schedule<NODES_MAX>,
     state: State,
-    /// None until the host has said.
+    /// `None` until the host has reported the port.
     up: Option<bool>,
     /// A request could not be sent, and none was since.
     stuck: bool,
-    /// What the shell was told last: whether it works.
+    /// Last result reported to the shell: true if it works.
     working: Option<bool>,
     statistics: Ticker,
-    /// Words that had crossed the wire when statistics were sent last.
+    /// Words on the wire as of the last statistics.
     words: u64,
 }
 
 impl Line {
-    /// A bus that is not open yet; each board with the time that it may take to answer.
+    /// Creates a bus that is not open yet; each board with its response timeout.
     pub fn new(bus: &str, config: master::Config, boards: Vec<(Board, Duration)>) -> Self {
         let mut master = Master::new(config);
         for (board, timeout) in &boards {
@@ -114,7 +115,7 @@ impl Line {
         self.state = state;
     }
 
-    /// Takes what the port says; answers whether it has just come up, or gone down.
+    /// Processes an input of the port; `Some(true)` if it just came up, `Some(false)` if it went down.
     pub fn on_port(&mut self, now: Instant, input: &Input<'_>, out: &mut Actions) -> Option<bool> {
         match input {
             Input::Up => {
@@ -162,7 +163,7 @@ impl Line {
         }
     }
 
-    /// Serves what is due.
+    /// Serves the deadlines.
     pub fn on_timer(&mut self, now: Instant, out: &mut Actions) {
         self.master.handle_timeout(now);
         if self.statistics.due(now) {
@@ -170,7 +171,7 @@ impl Line {
         }
     }
 
-    /// The next thing that the driver must know; to be called until there is none.
+    /// Next event for the driver; called until `None`.
     pub fn hear(&mut self, now: Instant, out: &mut Actions) -> Option<Heard> {
         while let Some(event) = self.master.poll_event() {
             if let Some(heard) = self.on_event(now, event, out) {
@@ -243,7 +244,7 @@ impl Line {
                     let message = format!("{board}: two boards answer at this address");
                     out.raise(Severity::Error, Fault::AddressClash, name, message);
                 } else {
-                    // That it fails is reported by itself; this is where to look.
+                    // The failure is reported separately; this is a hint to its cause.
                     out.note(format!("{board}: two boards talk at once there, or its transmitter is bad"));
                 }
             }
@@ -289,7 +290,7 @@ impl Line {
         let (name, board) = self.name(to);
         let message = format!("{board} {verb} instruction {instruction:#04x}");
         if version {
-            // Asked once only: what it would clear never comes.
+            // Asked only once: there will be no answer that would clear it.
             out.report(Severity::Warning, Fault::BoardRefused, name, format!("{message}; its version stays unknown"));
         } else {
             let message = format!("{message}; asked on, its data is missing");
@@ -297,7 +298,7 @@ impl Line {
         }
     }
 
-    /// Reports what a board cannot have said, once, and that it is over; answers whether it can.
+    /// Reports an implausible answer once, and its end; returns the value if plausible.
     pub fn judge<T>(&mut self, to: u8, result: Result<T, Implausible>, out: &mut Actions) -> Option<T> {
         let board = self.boards.iter_mut().find(|board| board.address == to)?;
         let stood = mem::replace(&mut board.implausible, result.is_err());
@@ -328,17 +329,17 @@ impl Line {
         self.boards.iter().find(|board| board.address == address).map_or("", |board| board.fails)
     }
 
-    /// Asks for this once, when no poll is due.
+    /// Queues a single request, sent when no poll is due.
     pub fn demand(&mut self, to: u8, instruction: &Instruction) {
         self.schedule.demand(Turn { to, instruction: instruction.code });
     }
 
-    /// Whether boards are asked: not in STOP, but in ERROR, to find out when it is over.
+    /// True if boards are polled: not in STOP, but in ERROR, to detect its end.
     fn asks(&self) -> bool {
         self.up == Some(true) && !matches!(self.state, State::Stop | State::Terminate)
     }
 
-    /// Whose turn it is, when the wire is free: to be asked by [`Line::ask`].
+    /// Next request if the wire is free, to be sent by [`Line::ask`].
     pub fn turn(&mut self, now: Instant) -> Option<Turn> {
         if self.asks() && self.master.is_idle() { self.schedule.due(now) } else { None }
     }
@@ -347,12 +348,12 @@ impl Line {
         let board = self.boards.iter().find(|board| board.address == to);
         let known = board.and_then(|board| board.table.iter().find(|known| known.code == instruction));
         if let Some(instruction) = known {
-            // Idle, and with less data than a frame has room for: never refused.
+            // Idle, and the data fits into a frame: never rejected.
             let _ = self.master.request(instruction.ask(to, data));
         }
     }
 
-    /// Sends what is to be sent, and tells the shell whether the module can work, when that has changed.
+    /// Sends pending output, and reports to the shell whether the module works, if that changed.
     pub fn serve(&mut self, now: Instant, out: &mut Actions) {
         if let Some(transmit) = self.master.poll_tx(now) {
             out.send_words(PORT, transmit.words);
@@ -379,14 +380,14 @@ impl Line {
         self.master.health(address) == Health::Lost
     }
 
-    /// A board's name for reports' subjects, and for people: name, address, bus.
+    /// Name of a board as the subject of reports, and for people with address and bus.
     pub fn name(&self, address: u8) -> (String, String) {
         let board = self.boards.iter().find(|board| board.address == address);
         let name = board.map_or("board", |board| &board.name);
         (name.to_owned(), format!("{name} ({address:#04x} on {})", self.bus))
     }
 
-    /// Who disturbs: a board by its name, or somebody whom nobody can name.
+    /// Name of the source of a disturbance: a board, or unknown.
     fn culprit(&self, who: Option<u8>) -> (String, String) {
         who.map_or_else(|| (self.bus.clone(), "somebody".into()), |address| self.name(address))
     }

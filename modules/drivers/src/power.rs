@@ -1,14 +1,14 @@
-//! The link to the power controller BR-PSC1.
+//! Link to the power controller BR-PSC1.
 //!
 //! Device    `docs/facts/boards.md` 6
-//! Protocol  the 9-bit frames of `rs485` on two pairs of wires: the board speaks by itself, too
-//! PAUSE     each word of the board on the PAUSE line becomes `LL_EVENT_STOP`: on change and every 500 ms. When the board
-//!           is silent nothing is sent, and who moves the robot stops it 1.2 s after the last one. So in every state
+//! Protocol  the 9-bit frames of `rs485` on two pairs of wires: the board also sends unsolicited frames
+//! PAUSE     each report of the board on the PAUSE line becomes `LL_EVENT_STOP`: on change and every 500 ms, in every
+//!           state. While the board is silent nothing is published, and the robot stops 1.2 s after the last report
 //! Data      `LL_DATA_POWER` with each answer (1 Hz), `LL_DATA_BUS` once a second
-//! Commands  `LL_CMD_POWER` in RUN; channel `host` means the whole robot: an ordered shutdown, or a restart
-//! The end   announced by the board, or ordered: the modules are ended, then the computer is halted
+//! Commands  `LL_CMD_POWER` in RUN; channel `host` means the whole robot: an orderly shutdown, or a restart
+//! The end   announced by the board, or commanded: the modules are ended, then the computer is halted
 //!
-//! In STOP it asks nothing, and switches nothing.
+//! In STOP nothing is polled or switched.
 
 mod channels;
 mod config;
@@ -33,51 +33,52 @@ use rs485::master;
 use rs485::schedule::Turn;
 use shutdown::{Aim, Shutdown};
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_power";
-/// The board tells of the PAUSE line every 500 ms; without a word for this long it is unknown (design, section 4).
+/// The board reports the PAUSE line every 500 ms; after this time without a report its state is unknown
+/// (docs/design.md, section 4).
 const PAUSE_UNKNOWN: Duration = Duration::from_millis(1200);
-/// No sensor of the board measures more, mA.
+/// Maximum plausible current of a channel, mA.
 const CURRENT_MAX: u16 = 40_000;
-/// A channel that is off draws less than this, mA.
+/// Maximum current of a channel that is off, mA.
 const OFF_DRAWS: u16 = 500;
-/// The battery is not low any more when it has so much more than the reserve.
+/// Charge above the reserve at which the battery is no longer low, as a fraction.
 const RESERVE_MARGIN: f64 = 0.02;
-/// A computer that still runs so long after it was halted was not.
+/// Time after which a computer that still runs after the command to halt was not halted.
 const HALTS_WITHIN: Duration = Duration::from_secs(60);
 const HOST: usize = 0;
 
 base::deadlines! {
-    /// What the driver itself waits for.
+    /// Deadlines of the driver itself.
     enum Timer {
         /// The state of the PAUSE line becomes unknown. Set while it is known.
         Pause,
-        /// A computer that was halted and still runs was not halted. Set after the command to halt.
+        /// The computer still runs after the command to halt. Set by that command.
         Halted,
     }
 }
 
-/// The driver of the power controller.
+/// Driver of the power controller.
 #[derive(Debug)]
 pub struct Power {
     config: Config,
     ports: [PortSpec; 1],
     line: Line,
     channels: Channels,
-    /// What the board is being told.
+    /// Channels and states being sent to the board.
     telling: (u8, u8),
     gauge: Gauge,
-    /// The last reported state of the PAUSE line: engaged or not, and its source.
+    /// Last reported state of the PAUSE line: engaged or not, and its source.
     pause: Option<(bool, u8)>,
     shutdown: Option<Shutdown>,
     deadlines: Deadlines<Timer>,
 }
 
 impl Power {
-    /// A driver that has not started.
+    /// Creates the driver, not started yet.
     ///
     /// # Errors
-    /// When the configuration cannot be.
+    /// The configuration is invalid.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
@@ -140,7 +141,7 @@ impl Power {
         }
     }
 
-    /// What its CRC lets pass and no battery of so many cells, no sensor, can say.
+    /// Checks for values that pass the CRC but that no sensor and no battery of this number of cells can produce.
     fn plausible(&self, currents: Currents) -> Result<Currents, Implausible> {
         if let Some(index) = currents.milliamps.iter().position(|milliamps| *milliamps > CURRENT_MAX) {
             return Err(Implausible::Value { index, value: currents.milliamps[index].into() });
@@ -184,7 +185,7 @@ impl Power {
 
     fn on_told(&mut self, now: Instant, target: u8) {
         let (mask, states) = self.telling;
-        // What the board does not mean to do stays to be told.
+        // Orders that the board does not confirm remain to be sent.
         let agreed = mask & !(target ^ states);
         self.channels.told(now, agreed, states);
         if let Some(shutdown) = &mut self.shutdown
@@ -253,7 +254,7 @@ impl Power {
         self.tell();
     }
 
-    /// Has the board told what it does not know yet.
+    /// Sends outstanding orders to the board.
     fn tell(&mut self) {
         let releases = self.shutdown.as_ref().is_some_and(Shutdown::releases);
         if self.channels.telling().is_some() || releases {
@@ -336,7 +337,7 @@ impl Power {
         }
         let releases = self.shutdown.as_ref().is_some_and(Shutdown::releases);
         let telling = if releases { Some((0xFF, 0)) } else { self.channels.telling() };
-        // Demanded twice, told once.
+        // Demanded twice, sent once.
         if let Some((mask, states)) = telling {
             self.telling = (mask, states);
             self.line.ask(turn, &build_set(mask, states));

@@ -1,14 +1,14 @@
 //! Bus B: the beacon scanner BR-SBS1.
 //!
 //! Device    `docs/facts/boards.md` 5
-//! Protocol  the 9-bit EIA-485 of `rs485`; the board asks nothing, it is asked
-//! Timing    asked at its rate (2011: 1 Hz), which is that of its sweep; how it is, every ten seconds
-//! Silence   after 16 failed transactions it is lost: reported, asked once a second, nothing is published
+//! Protocol  the 9-bit EIA-485 of `rs485`; the board answers requests only
+//! Timing    polled at its rate (2011: 1 Hz), which is that of its sweep; its status every ten seconds
+//! Silence   after 16 failed transactions it is lost: reported, polled once a second, nothing is published
 //! Data      `LL_DATA_BEACONS` with each answer; each sighting has its own instant and is published once.
 //!           `LL_DATA_BUS` once a second
-//! Commands  `LL_DATA_ACTIVE_BEACONS` says which beacons to look for; a board that was reset is told again
+//! Commands  `LL_DATA_ACTIVE_BEACONS` selects the beacons to look for; sent again to a board that was reset
 //!
-//! In STOP it asks nothing.
+//! Nothing is polled in STOP.
 
 mod sightings;
 
@@ -24,9 +24,9 @@ use rs485::schedule::Turn;
 use sightings::Sightings;
 use std::fmt;
 
-/// The module's name.
+/// Name of the module.
 pub const NAME: &str = "driver_rs485b";
-/// The board is asked how it is this often; that it was reset is known from it.
+/// Period of reading the board's status, which reveals a reset.
 const DEBUG: Duration = Duration::from_secs(10);
 
 /// Configuration of `driver_rs485b`; SI units.
@@ -70,27 +70,27 @@ impl fmt::Display for ConfigError {
 
 impl std::error::Error for ConfigError {}
 
-/// The driver of bus B.
+/// Driver of bus B.
 #[derive(Debug)]
 pub struct Rs485b {
     ports: [PortSpec; 1],
     line: Line,
     address: u8,
     sightings: Sightings,
-    /// Which beacons it shall look for; none: all.
+    /// Beacons to look for; empty: all.
     wanted: Vec<u8>,
-    /// What it was told, and what it is being told.
+    /// Beacons that were sent to it, and those being sent.
     told: Option<Vec<u8>>,
     telling: Vec<u8>,
-    /// Its count of sweeps, which falls when it is reset.
+    /// Its count of sweeps, which falls after a reset.
     sweeps: Option<u16>,
 }
 
 impl Rs485b {
-    /// A driver that has not started.
+    /// Creates the driver, not started yet.
     ///
     /// # Errors
-    /// When the configuration cannot be.
+    /// The configuration is invalid.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         if !(config.rate_hz.is_finite() && config.rate_hz > 0.0) {
             return Err(ConfigError::Rate);
@@ -128,7 +128,7 @@ impl Rs485b {
         }
     }
 
-    /// Has the board told which beacons to look for, where it does not know.
+    /// Sends the beacons to look for if the board does not have them.
     fn tell(&mut self) {
         if self.told.as_ref() != Some(&self.wanted) {
             self.line.demand(self.address, &SET_BEACON_IDS);
@@ -182,12 +182,12 @@ impl Rs485b {
             }
             _ => {}
         }
-        // With each answer, not with each failure: a board that is silent is not asked more.
+        // With each answer rather than each failure, so that a silent board is not asked more.
         self.tell();
     }
 }
 
-/// Whether a scanner can be told these beacons.
+/// True if this is a valid list of beacons for a scanner.
 fn is_list(ids: &[u8]) -> bool {
     ids.len() <= BEACONS && ids.iter().enumerate().all(|(place, id)| !ids[..place].contains(id))
 }
@@ -206,7 +206,7 @@ impl Module for Rs485b {
             Event::Start => self.line.start(now),
             Event::Port { port: PORT, input } => {
                 if self.line.on_port(now, &input, out) == Some(true) {
-                    // It may be another board, or the same one switched off meanwhile.
+                    // It may be another board, or was switched off meanwhile.
                     self.told = None;
                     self.tell();
                 }

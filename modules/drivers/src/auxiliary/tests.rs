@@ -1,5 +1,5 @@
-//! Transcripts: an emulated fan controller and thermometers in virtual time. A line of a transcript is what an operator
-//! sees, or what is published once a second.
+//! Transcripts: an emulated fan controller and thermometers in virtual time. Lines of a transcript are what an operator
+//! sees and what is published once a second.
 
 use super::*;
 use base::i2c::{Address, Bytes, Error};
@@ -13,18 +13,18 @@ use std::collections::{BTreeMap, VecDeque};
 
 const I2C: PortId = PortId(0);
 const W1: PortId = PortId(1);
-/// Of any transfer: about that of reading a byte at 100 kHz.
+/// Duration of any transfer: about that of reading a byte at 100 kHz.
 const TRANSFER: Duration = Duration::from_micros(400);
 const CONVERSION: Duration = Duration::from_millis(750);
 
-/// What is wrong with the chip.
+/// Fault of the chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Ails {
     Nothing,
     Silent,
     AllOnes,
     Stuck,
-    /// The adapter does not come back.
+    /// The adapter does not finish its transfer.
     Hangs,
 }
 
@@ -102,7 +102,7 @@ impl Rig {
         self.collect();
     }
 
-    /// So many seconds; what was logged.
+    /// Runs for this time, s; returns what was logged.
     fn run(&mut self, seconds: f64) -> String {
         let end = self.bench.now() + Duration::from_secs_f64(seconds);
         loop {
@@ -180,7 +180,7 @@ fn show(message: &DataTemperature) -> String {
     temperatures.chain(fans).collect::<Vec<_>>().join(", ")
 }
 
-/// What of a transcript an operator sees, without what is published.
+/// Lines of a transcript for operators, without the published data.
 fn news(log: &str) -> Vec<&str> {
     log.lines().filter(|line| !line.starts_with("box ")).collect()
 }
@@ -202,7 +202,7 @@ fn all_is_found_configured_and_told_once_a_second() {
     );
     rig.run(9.0);
     let log = rig.run(1.0);
-    // 35 °C is where the fans start with 30 %; each further degree adds 10/240.
+    // The fans start at 35 °C with 30 %; each further degree adds 10/240.
     assert_eq!(log, "box 40, drives 30.5, battery 21.5, fan_left 51% turns, fan_right 51% turns");
     rig.transfers = 0;
     assert_eq!(rig.run(10.0).lines().count(), 10);
@@ -230,7 +230,7 @@ fn a_fan_that_stands_is_told_and_that_it_turns_again() {
     rig.chip.set_stalled(1, true);
     let log = rig.run(10.0);
     assert!(news(&log)[0].starts_with("Error FanFailed: fan_right fails: 0 rpm at "), "{log}");
-    // The other helps.
+    // The other fan compensates.
     assert!(log.ends_with("fan_left 100% turns, fan_right 51% stands failed"), "{log}");
     rig.chip.set_stalled(1, false);
     let log = rig.run(10.0);
@@ -284,7 +284,7 @@ fn an_adapter_that_does_not_come_back_is_told_and_the_rest_goes_on() {
     let hangs = format!("Error ChipLost: {COMMON}: the adapter does not come back from a transfer");
     assert_eq!(news(&log), [&*hangs, "ERROR"]);
     assert!(log.ends_with("box NaN, drives NaN, battery 21.5, fan_left NaN% stands, fan_right NaN% stands"));
-    // At last it does.
+    // The adapter finishes at last.
     rig.ails = Ails::Nothing;
     rig.port(I2C, Input::I2c(&Err(Error::Other)));
     let log = rig.run(2.0);
@@ -364,7 +364,7 @@ fn a_thermometer_that_lost_its_supply_or_is_damaged_is_not_believed() {
         let mut rig = Rig::new();
         rig.run(10.0);
         rig.thermometers.insert(rom(1), said);
-        // Once is chance: the last value stands.
+        // A single failure is tolerated: the last value is kept.
         assert!(rig.run(2.0).ends_with("battery 21.5, fan_left 51% turns, fan_right 51% turns"), "{said:?}");
         let log = rig.run(5.0);
         assert_eq!(news(&log), [format!("Warning ThermometerBad: battery (28-000000000001 on w1): {why}")]);
@@ -372,7 +372,7 @@ fn a_thermometer_that_lost_its_supply_or_is_damaged_is_not_believed() {
         rig.thermometers.insert(rom(1), Ok(22_000));
         assert_eq!(news(&rig.run(3.0)), ["Notice ThermometerBad: battery measures again"]);
     }
-    // One that was hot before may be at 85 °C.
+    // A thermometer that was hot before may read 85 °C.
     let mut rig = Rig::new();
     rig.thermometers.insert(rom(1), Ok(84_500));
     assert!(news(&rig.run(3.0)).contains(&"Error OverTemperature: battery is 84.5 °C hot, above its limit of 50 °C"));

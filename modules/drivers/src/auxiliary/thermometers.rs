@@ -1,4 +1,4 @@
-//! The thermometers on 1-Wire: who is there, what each says, and who is not connected.
+//! Thermometers on 1-Wire: presence and value of each.
 
 use super::chip::tell_over;
 use super::config::{Thermometer, W1Config};
@@ -7,26 +7,26 @@ use base::{Fault, Severity};
 use messages::lowlevel::{DataTemperature, Temperature};
 use module::{Actions, PortId};
 
-/// What a DS18B20 says that has measured nothing since its supply came, thousandths of a degree.
+/// Reading of a DS18B20 that has not measured since power-on, thousandths of a degree.
 const POWER_ON: i32 = 85_000;
-/// One that was hotter than this before may well be at that.
+/// Last value above which [`POWER_ON`] is a plausible measurement, °C.
 const HOT_C: f64 = 80.0;
-/// A thermometer that fails so often in a row is reported; until then its last value stands.
+/// Number of consecutive failures that are reported; until then the last value is kept.
 const FAILURES: u8 = 3;
-/// An over-temperature is over this far below the limit, °C.
+/// An over-temperature ends at this difference below the limit, °C.
 const HYSTERESIS_C: f64 = 2.0;
 
-/// All of them.
+/// State of all thermometers.
 #[derive(Debug)]
 pub(super) struct Thermometers {
     bus: String,
     port: PortId,
-    /// What a port is asked that is not there has no answer.
+    /// The port is up; requests to a closed port are not answered.
     up: bool,
-    /// Those that are configured, in that order; then those that were found besides, by their codes.
+    /// The configured thermometers in that order, then others found on the bus, named by their codes.
     all: Vec<State>,
     configured: usize,
-    /// Whose turn it is; none: nothing is under way.
+    /// Current request; `None` if there is none.
     turn: Option<Turn>,
 }
 
@@ -39,7 +39,7 @@ enum Turn {
 #[derive(Debug)]
 struct State {
     known: Thermometer,
-    /// Whether it is on the bus; none until that is known.
+    /// Present on the bus; `None` if unknown.
     there: Option<bool>,
     value_c: Option<f64>,
     over: bool,
@@ -58,7 +58,7 @@ impl Thermometers {
         Self { bus: config.bus, port, up: false, configured: all.len(), all, turn: None }
     }
 
-    /// Looks who is there and asks each, unless that is still going on.
+    /// Lists the bus and reads each thermometer, unless that is still in progress.
     pub fn begin(&mut self, out: &mut Actions) {
         if self.up && self.turn.is_none() {
             self.turn = Some(Turn::List);
@@ -66,7 +66,7 @@ impl Thermometers {
         }
     }
 
-    /// The port is there.
+    /// The port came up.
     pub fn up(&mut self, asks: bool, out: &mut Actions) {
         self.up = true;
         if asks {
@@ -74,7 +74,7 @@ impl Thermometers {
         }
     }
 
-    /// The port is gone: what is under way has no answer.
+    /// The port is lost: the current request has no answer.
     pub fn down(&mut self, why: &str, out: &mut Actions) {
         (self.up, self.turn) = (false, None);
         out.note(format!("{}: {why}; tried again", self.bus));
@@ -98,7 +98,7 @@ impl Thermometers {
             let there = list.contains(&self.all[place].known.rom);
             self.set_there(place, there, out);
         }
-        // A stranger that has left is nobody's.
+        // A thermometer that is not configured is dropped when it disappears.
         let configured = self.configured;
         let mut place = 0;
         self.all.retain(|state| {
@@ -134,7 +134,7 @@ impl Thermometers {
         self.next(place + 1, asks, out);
     }
 
-    /// Asks the next one that is there.
+    /// Reads the next thermometer that is present.
     fn next(&mut self, from: usize, asks: bool, out: &mut Actions) {
         let place = (from..self.all.len()).find(|place| asks && self.all[*place].there == Some(true));
         self.turn = place.map(Turn::Of);
@@ -166,13 +166,13 @@ impl Thermometers {
         } else {
             out.note(format!("{name} ({rom} on {}): not connected", self.bus));
             (state.value_c, state.over, state.failures) = (None, false, 0);
-            // Of one that is not there nothing is known.
+            // Nothing is known of an absent thermometer.
             out.clear(Fault::ThermometerBad, name.as_str(), format!("{name} is not connected"));
             out.clear(Fault::OverTemperature, name.as_str(), format!("{name} is not connected"));
         }
     }
 
-    /// Adds what is known.
+    /// Adds the known values to a message.
     pub fn tell(&self, message: &mut DataTemperature) {
         message.temperatures.extend(self.all.iter().map(|state| Temperature {
             name: state.known.name.clone(),

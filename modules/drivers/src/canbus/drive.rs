@@ -1,5 +1,5 @@
-//! What both drives have in common: a node that boots, is lost and comes back, an axis that is walked through its
-//! states, faults that are told once and reset calmly.
+//! Common part of both drives: booting, loss and return of the node, the axis state machine, and faults, which are
+//! reported once and reset with pauses.
 
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::Master;
@@ -10,23 +10,24 @@ use messages::{Hold, lowlevel};
 use module::Actions;
 use std::fmt;
 
-/// A command that must arrive is repeated this often: a frame may be lost where CAN is carried by UDP.
+/// Period of repeating a command that has not taken effect: a frame may be lost if CAN is carried by UDP.
 const REPEAT: Duration = Duration::from_millis(50);
-/// A fault is reset this often; whether anything moves then is not decided here.
+/// Period of resetting a fault; motion is decided elsewhere.
 const RESET: Duration = Duration::from_secs(1);
-/// An axis that did not obey, or left by itself, stands against motion at least this long.
+/// Minimum time for which an axis that did not obey, or left operation by itself, blocks motion.
 const TROUBLE: Duration = Duration::from_millis(500);
-/// Event-driven PDOs tell changes only: after this long without one the drive is asked what it measures.
+/// Time without a PDO after which the drive's measured values are read, because event-driven PDOs report changes only.
 const QUIET: Duration = Duration::from_millis(400);
-/// What was measured longer ago is not known any more.
+/// Age beyond which measured values count as unknown.
 const KNOWN: Duration = Duration::from_secs(1);
 
-/// So many questions in a row without an answer, and it counts as deaf.
+/// Number of consecutive unanswered requests after which the drive counts as not answering.
 const UNANSWERED: u8 = 2;
-/// Deaf for so long, it is booted anew: what made it so (a foreign SDO, an NMT command) ends with a reset of its communication.
+/// Time without answers after which the drive is booted again: a reset of its communication ends possible causes (a
+/// foreign SDO, an NMT command).
 const DEAF: Duration = Duration::from_secs(2);
 
-/// Why a drive is not booted.
+/// Reason why a drive is not booted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Absence {
     Booting,
@@ -34,32 +35,32 @@ pub(super) enum Absence {
     Lost(LostReason),
 }
 
-/// What a drive did that was not commanded, or did not do.
+/// Uncommanded action of a drive, or failure to obey.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Trouble {
-    /// It left operation.
+    /// The axis left operation.
     Dropped { to: PowerState, statusword: u16 },
-    /// It does not reach a state.
+    /// The axis does not reach a state.
     Stuck { state: Option<PowerState>, goal: Goal, statusword: u16, controlword: u16, why: Why },
-    /// It does not acknowledge its set-point.
+    /// The drive does not acknowledge its set-point.
     NoTarget,
 }
 
-/// What stands against motion from a drive's side.
+/// Objection of a drive to motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Objection {
     Absent(Absence),
-    /// Requests are not answered.
+    /// The drive does not answer requests.
     Deaf,
     Trouble(Trouble),
-    /// In fault, with the error code of its emergency; 0: none was received.
+    /// The drive is in fault, with the error code of its emergency; 0 if none was received.
     Fault(u16),
-    /// Its state was not received yet.
+    /// The drive's state was not received yet.
     Unseen,
 }
 
 impl Objection {
-    /// The cause on `LL_DATA_HOLD`.
+    /// Cause in `LL_DATA_HOLD`.
     pub(super) fn hold(self) -> Hold {
         match self {
             Self::Absent(Absence::Booting) => Hold::DriveBooting,
@@ -75,7 +76,7 @@ impl Objection {
     }
 }
 
-/// In a sentence that begins with the drive.
+/// Predicate of a sentence whose subject is the drive.
 impl fmt::Display for Objection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -115,8 +116,8 @@ impl fmt::Display for Trouble {
     }
 }
 
-/// A fault, with its error code. A drive that broke before it was booted has told its emergency to nobody, and the reset
-/// of the boot-up takes its error history.
+/// Displays a fault with its error code. The emergency of a drive that failed before it was booted was lost, and the
+/// reset at boot-up clears its error history.
 struct InFault(u16);
 
 impl fmt::Display for InFault {
@@ -129,43 +130,44 @@ impl fmt::Display for InFault {
 }
 
 base::deadlines! {
-    /// What a drive waits for, beside its axis.
+    /// Deadlines of a drive, apart from those of its axis.
     enum Timer {
-        /// The drive is asked what it measures. Set while it is booted.
+        /// The drive's measured values are read. Set while it is booted.
         Ask,
         /// The last command is sent again. Set while it is booted.
         Repeat,
         /// A fault is reset. Set while the drive is in fault.
         Reset,
-        /// What the drive did uncommanded, or did not do, is judged again. Set while it stands against motion.
+        /// Trouble with the drive is evaluated again. Set while it blocks motion.
         Trouble,
-        /// The drive is booted anew: requests are not answered, whatever its heartbeat says. Set while that is so.
+        /// The drive is booted again because it does not answer, although its heartbeat continues. Set while that is
+        /// so.
         Deaf,
     }
 }
 
-/// One drive.
+/// State of one drive.
 pub(super) struct Drive {
     /// `propulsion` or `steering`.
     pub(super) name: &'static str,
     pub(super) node: u8,
     pub(super) axis: Axis,
     booted: bool,
-    /// Why it is not booted.
+    /// Reason why it is not booted.
     why: Absence,
-    /// Of the last emergency since it was booted.
+    /// Error code of the last emergency since it was booted.
     error_code: u16,
     trouble: Option<Trouble>,
     deadlines: Deadlines<Timer>,
     sent: Option<[u8; 6]>,
     changed: bool,
-    /// What was seen last may not be so: the drive is to be asked.
+    /// The last known state may be outdated: the drive is to be read.
     doubt: bool,
-    /// When it last told what it measures.
+    /// Time of its last measured value.
     measured: Instant,
-    /// Questions under way.
+    /// Number of pending requests.
     asked: u8,
-    /// Questions in a row that it did not answer.
+    /// Number of consecutive requests without an answer.
     unanswered: u8,
 }
 
@@ -200,7 +202,7 @@ impl Drive {
         self.deadlines.set(Timer::Repeat, now);
         self.deadlines.set(Timer::Ask, now + QUIET);
         self.changed = true;
-        // A fault that it had is gone with its reset, or told anew.
+        // An earlier fault was cleared by the reset, or will be reported again.
         for fault in [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch, Fault::DriveFault] {
             out.clear(fault, self.name, format!("{} drive (node {}) is there and set up", self.name, self.node));
         }
@@ -231,7 +233,7 @@ impl Drive {
     pub(super) fn on_emergency(&mut self, emergency: &Emergency, suppressed: u32, out: &mut Actions) {
         self.error_code = emergency.code;
         self.changed = true;
-        // The statusword that goes with it may have been lost.
+        // The accompanying statusword may have been lost.
         self.doubt |= emergency.code != 0;
         let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
         let more = if suppressed > 0 { format!(", {suppressed} more before it") } else { String::new() };
@@ -246,7 +248,7 @@ impl Drive {
         out.report(severity, Fault::DriveEmergency, self.name, message);
     }
 
-    /// Where the axis shall be; a drive that is not booted is not asked.
+    /// Sets the goal of the axis; ignored while the drive is not booted.
     pub(super) fn set_goal(&mut self, now: Instant, goal: Goal) {
         if self.booted {
             self.axis.set_goal(now, goal);
@@ -258,7 +260,7 @@ impl Drive {
         self.drain(now, out);
     }
 
-    /// It told what it measures.
+    /// A measured value was received.
     pub(super) fn on_measured(&mut self, now: Instant) {
         self.measured = now;
         if self.booted {
@@ -267,19 +269,19 @@ impl Drive {
         self.deadlines.clear(Timer::Deaf);
     }
 
-    /// A question is under way.
+    /// A request was sent.
     pub(super) fn on_asked(&mut self) {
         self.asked = self.asked.saturating_add(1);
     }
 
-    /// A question has ended, without an answer or with one.
+    /// A request has ended, with or without an answer.
     pub(super) fn on_answer(&mut self, now: Instant, answered: bool, out: &mut Actions) {
         self.asked = self.asked.saturating_sub(1);
         if answered {
             self.unanswered = 0;
             return;
         }
-        // One frame that is lost is asked for again.
+        // A single lost frame is requested again.
         self.unanswered = self.unanswered.saturating_add(1);
         self.doubt = true;
         if self.unanswered >= UNANSWERED && self.booted && !self.is_deaf() {
@@ -290,7 +292,8 @@ impl Drive {
         }
     }
 
-    /// Whether it is to be booted anew, as it has been deaf for too long; said again where that did not help.
+    /// True if the drive is to be booted again because it has not answered for too long; repeated if that does not
+    /// help.
     pub(super) fn gives_up(&mut self, now: Instant) -> bool {
         let due = self.deadlines.is_due(Timer::Deaf, now);
         if due {
@@ -299,17 +302,17 @@ impl Drive {
         due
     }
 
-    /// True while requests are not answered although the drive lives.
+    /// True while requests are not answered although the drive sends heartbeats.
     fn is_deaf(&self) -> bool {
         self.deadlines.is_set(Timer::Deaf)
     }
 
-    /// Whether what it measured is still so, as far as can be known.
+    /// True if its measured values are recent, as far as can be known.
     pub(super) fn is_known(&self, now: Instant) -> bool {
         self.booted && now.since(self.measured) < KNOWN
     }
 
-    /// It does not do as it is told: stands against motion until it was seen stopped.
+    /// The drive does not obey: blocks motion until it was seen stopped.
     pub(super) fn distrust(&mut self, now: Instant, why: Trouble) {
         self.set_trouble(now, why);
         self.doubt = true;
@@ -348,13 +351,13 @@ impl Drive {
         }
     }
 
-    /// Serves what is due; to be called after every event, before the frames are made.
+    /// Serves the deadlines; called after every event, before frames are generated.
     pub(super) fn handle_timeout(&mut self, now: Instant, out: &mut Actions) {
         if self.deadlines.take(Timer::Trouble, now)
             && let Some(why) = self.trouble.take()
             && !self.axis.is_reached()
         {
-            // It was told to stop and does not: that is no passing trouble.
+            // The drive does not obey a stop: not a temporary problem.
             self.distrust(now, why);
         }
         if self.deadlines.is_due(Timer::Ask, now) {
@@ -370,7 +373,7 @@ impl Drive {
         self.drain(now, out);
     }
 
-    /// Sends its frame when it says something new, or something that has not been seen done.
+    /// Sends the command frame if it differs from the last one, or has not taken effect.
     pub(super) fn send(&mut self, now: Instant, master: &mut Master, rpdo: u8, data: [u8; 6]) {
         if !self.booted {
             return;
@@ -381,7 +384,7 @@ impl Drive {
         }
     }
 
-    /// Nothing is on its way: what was commanded has been seen, and it is not motion.
+    /// True if nothing is pending: the command took effect, and it is not motion.
     fn is_at_rest(&self) -> bool {
         match self.axis.goal() {
             Goal::Enabled => false,
@@ -389,7 +392,7 @@ impl Drive {
         }
     }
 
-    /// What stands against motion from this drive's side.
+    /// Objection of this drive to motion.
     pub(super) fn objection(&self) -> Option<Objection> {
         if !self.booted {
             return Some(Objection::Absent(self.why));
@@ -407,7 +410,7 @@ impl Drive {
         }
     }
 
-    /// Its row in `LL_DATA_AXES`, but for what it measures.
+    /// Row of the drive in `LL_DATA_AXES`, without measured values.
     pub(super) fn row(&self, master: &Master, position: f64, velocity: f64) -> lowlevel::Axis {
         lowlevel::Axis {
             name: self.name.into(),
@@ -420,19 +423,19 @@ impl Drive {
         }
     }
 
-    /// Its node, and whether it is to be asked for its state; once.
+    /// Node id, and true once if its state is to be read.
     pub(super) fn take_doubt(&mut self) -> (u8, bool) {
         (self.node, std::mem::take(&mut self.doubt) && self.booted && self.asked == 0)
     }
 
-    /// Whether something of its state changed since the last call.
+    /// True if the drive's state changed since the last call.
     pub(super) fn take_changed(&mut self) -> bool {
         std::mem::take(&mut self.changed)
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let mut due = self.deadlines;
-        // Nothing to repeat; the grid goes on.
+        // Nothing to repeat, but the period is kept.
         if self.is_at_rest() {
             due.clear(Timer::Repeat);
         }

@@ -1,5 +1,5 @@
-//! What stands against any motion, with the figures of each cause: compared by value after every event, put into words only
-//! when a message is made.
+//! Objections to any motion with their details: compared by value after every event, converted to text only for
+//! messages.
 
 use super::{Canbus, NAME, drive, steering, surroundings};
 use base::Fault;
@@ -13,23 +13,23 @@ pub(super) enum Axis {
     Steering,
 }
 
-/// Why the robot must not move.
+/// Reason why the robot must not move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Objection {
     /// [`Hold::BusDown`] or [`Hold::BusUnacknowledged`].
     Bus(Hold),
     SecondMaster,
     Drive(Axis, drive::Objection),
-    /// This module is not in RUN: the cause of its state.
+    /// The module is not in RUN: the cause of its state.
     State(Hold),
     Around(surroundings::Objection),
-    /// A command was out of limits a moment ago.
+    /// A command was out of limits recently.
     Refused,
     NotHomed(steering::NotHomed),
 }
 
 impl Objection {
-    /// The fault that the stop is reported as; the others have reports of their own.
+    /// Fault as which the stop is reported; `None` for causes with their own reports.
     pub(super) fn fault(self) -> Option<Fault> {
         match self {
             Self::Around(around) => around.fault(),
@@ -39,7 +39,7 @@ impl Objection {
 }
 
 impl Canbus {
-    /// As `LL_DATA_HOLD` has it.
+    /// Row in `LL_DATA_HOLD`.
     pub(super) fn standing(&self, objection: Objection) -> Standing<'_> {
         let bus = self.config.bus.as_str();
         let (hold, subject) = match objection {
@@ -54,7 +54,7 @@ impl Canbus {
         Standing::new(hold, subject)
     }
 
-    /// The sentence in `LL_DATA_MOTION`, with the figures that the cause has.
+    /// Text in `LL_DATA_MOTION`, with the details of the cause.
     pub(super) fn words(&self, objection: Objection) -> String {
         match objection {
             Objection::Drive(axis, objection) => format!("the {} drive {objection}", self.drive(axis).name),

@@ -1,7 +1,7 @@
-//! `LL_CMD_SDO`: objects of any node, read and written for engineers while the robot is up.
+//! `LL_CMD_SDO`: engineers' access to the objects of any node while the robot is up.
 //!
-//! What moves a drive, or guards it, belongs to this driver and is not written for anybody; the rest of a drive of
-//! ours is written only while the robot stands.
+//! Objects that move or supervise a drive belong to this driver and cannot be written; the other objects of our drives
+//! can be written only while the robot stands.
 
 use base::Instant;
 use canopen::master::{RequestError, Ticket};
@@ -9,33 +9,33 @@ use canopen::{Abort, Master, sdo};
 use messages::lowlevel::{CmdSdo, DataSdo};
 use module::Actions;
 
-/// Requests under way at a time; further ones are refused.
+/// Maximum number of pending requests; further ones are rejected.
 const MAX: usize = 32;
 
-/// Longer data is written by block transfer, where the node knows that.
+/// Length above which data is written by block transfer, if the node supports that, bytes.
 const BLOCK: usize = 128;
 
-/// A request under way.
+/// A pending request.
 struct Pending {
     ticket: Ticket,
     request: CmdSdo,
 }
 
-/// All of them.
+/// All pending requests.
 #[derive(Default)]
 pub(super) struct Requests(Vec<Pending>);
 
-/// What the driver knows of the node that is asked.
+/// Relation of the requested node to this driver.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Whose {
-    /// A drive of ours; the robot is known to stand, or not.
+    /// One of our drives; `standing` if the robot is known to stand.
     Ours { standing: bool },
-    /// Some other node's.
+    /// Any other node.
     Others,
 }
 
 impl Requests {
-    /// Begins, or answers at once with why not.
+    /// Starts a request, or answers at once with the reason of rejection.
     pub(super) fn on_command(
         &mut self,
         now: Instant,
@@ -69,12 +69,12 @@ impl Requests {
             RequestError::QueueFull => Abort::OUT_OF_MEMORY,
             RequestError::TooLong => Abort::TOO_LONG,
         })?;
-        // What was sent once is not kept twice.
+        // The data is in the transfer and not needed again.
         self.0.push(Pending { ticket, request: CmdSdo { data: Vec::new(), ..request.clone() } });
         Ok(())
     }
 
-    /// A transfer ended; false when it was not one of these.
+    /// A transfer ended; false if it is not one of these requests.
     pub(super) fn on_end(
         &mut self,
         now: Instant,
@@ -91,7 +91,7 @@ impl Requests {
     }
 }
 
-/// Whether an object may be written for somebody else.
+/// Checks that an object may be written by an engineer.
 fn may_write(index: u16, whose: Whose) -> Result<(), Abort> {
     match (whose, index) {
         (Whose::Others, _) => Ok(()),

@@ -1,4 +1,4 @@
-//! The drive of the front wheels' steering: radians in, counts out; homed to its switch before anything moves.
+//! Drive of the front wheels' steering: converts rad to counts; homed to its switch before any motion.
 
 use super::drive::{Drive, Trouble};
 use super::{Config, SteeringConfig};
@@ -13,21 +13,21 @@ use canopen::{Event as Heard, Master, NodeConfig, Payload, sdo};
 use messages::{Hold, lowlevel};
 use module::Actions;
 
-/// A set-point is acknowledged within this time, or its edge is repeated.
+/// Timeout of a set-point's acknowledgement, after which its edge is repeated.
 const ACKNOWLEDGE: Duration = Duration::from_millis(100);
-/// So many edges in a row without an answer are worth a report.
+/// Number of consecutive unacknowledged edges that is reported.
 const TRIES: u32 = 5;
-/// A transfer of homing that is not answered is tried again so often: one lost frame is no reason to call a person.
+/// Number of retries of an unanswered homing transfer: a single lost frame need not be reported.
 const RETRIES: u8 = 2;
-/// After homing the wheels are straight when they are within this of the middle, rad.
+/// Maximum deviation from the middle at which the wheels count as straight after homing, rad.
 const STRAIGHT: f64 = 0.01;
-/// The edge of the switch is searched at this share of the speed towards it.
+/// Speed of the search for the switch's edge, relative to the speed towards it.
 const ZERO_SEARCH: f64 = 0.2;
-/// The ramps of the steering: its full speed in this time, and to a quick stop, s.
+/// Durations of the steering's ramps, s: to full speed, and from there to standstill in a quick stop.
 const RAMP: f64 = 0.1;
 const QUICK_STOP_RAMP: f64 = 0.05;
 
-/// What is wanted of the steering.
+/// Goal of the steering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Want {
     Stop,
@@ -36,29 +36,29 @@ enum Want {
     Home,
 }
 
-/// Whether the position means an angle.
+/// Relation of position to angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reference {
     None,
-    /// Homed; on the way to straight ahead.
+    /// Homed; moving to straight ahead.
     Centering,
     Known,
-    /// Homing failed; it is tried again when it is commanded.
+    /// Homing failed; retried on command.
     Failed(HomingError),
 }
 
-/// Why the steering has no reference.
+/// Reason why the steering has no reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum NotHomed {
     NotYet,
     Running,
-    /// Homed; on the way to straight ahead.
+    /// Homed; moving to straight ahead.
     Centering,
     Failed(HomingError),
 }
 
 impl NotHomed {
-    /// The cause on `LL_DATA_HOLD`.
+    /// Cause in `LL_DATA_HOLD`.
     pub(super) fn hold(self) -> Hold {
         match self {
             Self::NotYet => Hold::NotHomed,
@@ -76,13 +76,13 @@ pub(super) struct Steering {
     want: Want,
     reference: Reference,
     homing: Homing,
-    /// The transfer under way for homing, and how often it was not answered.
+    /// Current transfer of homing, and its number of unanswered attempts.
     access: Option<(Ticket, Access)>,
-    /// It is to be tried again.
+    /// Transfer to be repeated.
     again: Option<Access>,
     unanswered: u8,
     setpoint: Setpoint,
-    /// Counts, as the drive says.
+    /// Measured position, counts.
     position: Option<i32>,
 }
 
@@ -177,27 +177,27 @@ impl Steering {
         self.homing.handle_sdo(now, result);
     }
 
-    /// Steer to `angle`, rad.
+    /// Steers to `angle`, rad.
     pub(super) fn go(&mut self, angle: f64) {
         self.want = Want::Go(angle);
     }
 
-    /// Keep the angle.
+    /// Keeps the current angle.
     pub(super) fn hold(&mut self) {
         self.want = Want::Hold;
     }
 
-    /// Find the reference, then steer straight ahead.
+    /// Finds the reference, then steers straight ahead.
     pub(super) fn home(&mut self) {
         self.want = Want::Home;
     }
 
-    /// Forget the reference; it is looked for as soon as nothing else stands against motion.
+    /// Discards the reference; homing starts as soon as there is no other objection to motion.
     pub(super) fn home_again(&mut self) {
         self.reference = Reference::None;
     }
 
-    /// Stop where it is, by the quick stop ramp.
+    /// Stops at the current angle by the quick stop ramp.
     pub(super) fn quick_stop(&mut self) {
         self.want = Want::Stop;
     }
@@ -242,7 +242,7 @@ impl Steering {
                 out.clear(Fault::HomingFailed, "steering", "the steering is homed");
                 Reference::Centering
             }
-            // It was stopped for something else, and begins anew when that is over.
+            // Cancelled for another cause; restarts at its end.
             Err(HomingError::Cancelled) => Reference::None,
             Err(error) => {
                 let message = format!("homing the steering failed: {error}; `advee home steering` tries again");
@@ -255,7 +255,7 @@ impl Steering {
     fn advance_setpoint(&mut self, now: Instant, out: &mut Actions) {
         let ready = self.drive.axis.is_enabled() && !self.homing.is_running();
         if !ready {
-            // What stands on the wire until the axis is enabled again is where it is: nothing moves by enabling.
+            // Until the axis is enabled again the set-point follows the position, so that enabling moves nothing.
             self.setpoint.reset(self.position.unwrap_or(0));
             return;
         }
@@ -294,7 +294,7 @@ impl Steering {
         }
     }
 
-    /// rad, counter-clockwise; NaN while the drive has not told its position, or there is no reference for it.
+    /// Angle, rad, counter-clockwise; NaN if position or reference is unknown.
     pub(super) fn angle(&self) -> f64 {
         match (&self.reference, self.position) {
             (Reference::Known | Reference::Centering, Some(position)) => self.units.position_si(position),
@@ -306,7 +306,7 @@ impl Steering {
         self.reference == Reference::Known
     }
 
-    /// Why it is not homed; `None` when it is.
+    /// Reason why it is not homed; `None` if it is.
     pub(super) fn why_not_homed(&self) -> Option<NotHomed> {
         match self.reference {
             Reference::Known => None,

@@ -1,4 +1,4 @@
-//! The module against fake drives, in virtual time: each rule of who may move the robot, and what stops it.
+//! The module with fake drives in virtual time: every rule about permission to move, and every cause of a stop.
 
 mod bus;
 mod fake;
@@ -53,7 +53,7 @@ fn config() -> Config {
     }
 }
 
-/// The module, both drives, a wire that takes no time, and a watchdog that finds everything well.
+/// The module, both drives, a wire without delay, and a watchdog that reports all modules running.
 struct Robot {
     bench: Bench,
     epos: Fake,
@@ -92,7 +92,7 @@ impl Robot {
         robot
     }
 
-    /// Booted, homed, nobody commands.
+    /// Booted and homed, without a command.
     fn ready() -> Self {
         let mut robot = Self::new();
         robot.pass(3000);
@@ -183,18 +183,18 @@ impl Robot {
         self.motion().reason.clone()
     }
 
-    /// All that stands against motion: cause and subject.
+    /// Cause and subject of all holds.
     fn holds(&self) -> Vec<(Hold, &str)> {
         let cause = |hold: &lowlevel::Hold| hold.cause().expect("a number of this version");
         self.holds.holds.iter().map(|hold| (cause(hold), hold.subject.as_str())).collect()
     }
 
-    /// The weightiest of it.
+    /// Main hold.
     fn hold(&self) -> Option<Hold> {
         self.holds.first()
     }
 
-    /// The last RPDO4 and when it left.
+    /// Last RPDO4 and its time.
     fn last_rpdo4(&self) -> (Instant, [u8; 6]) {
         let (at, frame) = self.frames.iter().rev().find(|(_, frame)| frame.id() == can::Id::Standard(0x501)).unwrap();
         (*at, frame.data().try_into().unwrap())
@@ -261,7 +261,7 @@ fn a_command_out_of_limits_or_not_a_number_stops_whoever_moves() {
         robot.command(speed, steering);
         assert!(!robot.moves(), "{speed} {steering}");
         assert!(robot.errors.contains(&(Fault::MotionRefused, Severity::Error)));
-        // The honest source goes on commanding and must let go first.
+        // The correct source keeps commanding and must send zero or nothing first.
         robot.drive(0.4, 600);
         assert!(!robot.moves());
         robot.drive(0.0, 100);
@@ -354,7 +354,7 @@ fn a_drive_in_fault_stops_the_robot_and_is_reset_calmly() {
 
 #[test]
 fn a_drive_that_is_not_the_configured_one_never_moves() {
-    // Node 1 answers as the steering drive does.
+    // Node 1 answers like the steering drive.
     let mut robot = Robot::with(icla::dictionary(1), config());
     robot.drive(0.4, 5000);
     assert_eq!(robot.bench.shell.state(), State::Init);
@@ -372,12 +372,12 @@ fn a_drive_that_is_not_the_configured_one_never_moves() {
 fn another_master_on_the_bus_stops_the_robot() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
-    // Its heartbeat would keep the drives running when ours is gone.
+    // Its heartbeat would keep the drives running after ours is gone.
     robot.bench.can(PortId(0), can::Frame::standard(0x77F, &[0x05]));
     robot.drive(0.4, 200);
     assert!(!robot.moves());
     assert_eq!(robot.holds()[0], (Hold::SecondMaster, "can.main"));
-    // Nor does the steering move: what is asked of it waits.
+    // The steering does not move either: its goal waits.
     robot.pass(1000);
     robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
     robot.pass(1000);
@@ -474,7 +474,7 @@ fn any_frames_on_the_bus_are_survived() {
         robot.pass(random() % 2);
     }
     robot.pass(10_000);
-    // Homing may have met with a false statusword; then it waits for somebody's word.
+    // Homing may have seen a wrong statusword; then it waits for an operator's command.
     robot.bench.message(lowlevel::CmdHoming { timestamp: 0, axis: "steering".into() });
     robot.pass(10_000);
     assert!(robot.motion().homed, "{}", robot.reason());

@@ -1,8 +1,8 @@
-//! What a device's axes and buttons are for, and why one cannot drive the robot.
+//! Assignment of a device's axes and buttons, and reasons why a device cannot drive the robot.
 //!
 //! A gamepad by the kernel's rule (`Documentation/input/gamepad.rst`) has `BTN_SOUTH`, its left stick is `ABS_X` and
 //! `ABS_Y`, its right one `ABS_RX` and `ABS_RY`. A joystick has `BTN_TRIGGER` and `ABS_X`, `ABS_Y`. Values grow to the
-//! right and towards the one who holds it.
+//! right and towards the user.
 
 use super::config::{Config, StickConfig};
 use base::gamepad::{
@@ -12,39 +12,39 @@ use base::gamepad::{
 use std::borrow::Cow;
 use std::fmt;
 
-/// Where such devices have what asks for the speed: the first that it has.
+/// Axes for the speed, in order of preference.
 const SPEED: &[u16] = &[ABS_Y, ABS_RY, ABS_HAT0Y];
-/// And for the steering, a gamepad and any other.
+/// Axes for the steering of a gamepad, and of other devices.
 const STEERING_OF_PAD: &[u16] = &[ABS_RX, ABS_X, ABS_HAT0X];
 const STEERING: &[u16] = &[ABS_X, ABS_RX, ABS_WHEEL, ABS_HAT0X];
-/// And the dead-man button.
+/// Dead-man buttons, in order of preference.
 const DEAD_MAN: &[u16] = &[BTN_TL, BTN_TRIGGER];
 
-/// What a device's axes and buttons are for.
+/// Assignment of a device's axes and buttons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapping {
-    /// Forward is positive, m/s.
+    /// Axis of the speed, m/s; forward is positive.
     pub speed: Stick,
-    /// Left is positive, rad.
+    /// Axis of the steering, rad; left is positive.
     pub steering: Stick,
-    /// Held, it lets the sticks move the robot.
+    /// Button that must be held for the sticks to move the robot.
     pub dead_man: u16,
 }
 
-/// Why a device cannot drive the robot.
+/// Reason why a device cannot drive the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// There is no axis for this.
+    /// It has no axis for this purpose.
     NoAxis(&'static str),
-    /// The axis that is set for this is not there.
+    /// It lacks the axis that is configured for this purpose.
     AxisMissing(&'static str, u16),
-    /// There is one axis for both.
+    /// It has only one axis for both.
     OneAxis(u16),
-    /// An axis that has no two ends with a middle.
+    /// The range of an axis is too small or inverted.
     NoRange(Axis),
-    /// There is no button.
+    /// It has no button.
     NoButton,
-    /// The button that is set for the dead man is not there.
+    /// It lacks the configured dead-man button.
     ButtonMissing(u16),
 }
 
@@ -61,22 +61,22 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// An axis for people.
+/// Name of an axis for people.
 pub fn axis(code: u16) -> Cow<'static, str> {
     axis_name(code).map_or_else(|| format!("axis {code:#04x}").into(), Cow::Borrowed)
 }
 
-/// A button for people.
+/// Name of a button for people.
 pub fn button(code: u16) -> Cow<'static, str> {
     button_name(code).map_or_else(|| format!("button {code:#05x}").into(), Cow::Borrowed)
 }
 
 impl Mapping {
-    /// Says what is for what, by the configuration and else by what the device has.
+    /// Assigns axes and buttons by the configuration, or else by those that the device has.
     pub fn of(config: &Config, device: &Device) -> Result<Self, Refusal> {
         let is_pad = device.button(BTN_SOUTH).is_some();
         let steering = if is_pad { STEERING_OF_PAD } else { STEERING };
-        // What is set for one is not taken for the other.
+        // An axis that is configured for one purpose is not used for the other.
         let speed = pick(device, "speed", config.speed.axis, config.steering.axis, SPEED)?;
         let steering = pick(device, "steering", config.steering.axis, Some(speed.code), steering)?;
         let has = |code: &u16| device.button(*code).is_some();
@@ -96,7 +96,7 @@ impl Mapping {
     }
 }
 
-/// The axis for something: the one that is set, else the first of the usual ones, else any.
+/// Selects the axis for a purpose: the configured one, else the first of the usual ones, else any.
 fn pick<'a>(
     device: &'a Device,
     what: &'static str,
@@ -119,7 +119,7 @@ fn pick<'a>(
     }
 }
 
-/// An axis that asks for something.
+/// An axis with its conversion to a requested value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stick {
     /// `ABS_…`
@@ -134,13 +134,13 @@ pub struct Stick {
 
 impl Stick {
     fn new(config: &StickConfig, axis: &Axis) -> Result<Self, Refusal> {
-        // Where the least is above the greatest, values are not where the device says: the kernel passes on 0 to -1 for
-        // a byte whose upper end was misread.
+        // With minimum above maximum the device's description is wrong: the kernel passes on 0 to -1 for a byte whose
+        // upper end was misread.
         if i64::from(axis.max) - i64::from(axis.min) < 2 {
             return Err(Refusal::NoRange(*axis));
         }
         let half = (f64::from(axis.max) - f64::from(axis.min)) / 2.0;
-        // What would leave less than a tenth of the way is no dead zone but nonsense.
+        // A dead zone that leaves less than a tenth of the range is invalid.
         let flat = Some(f64::from(axis.flat) / half).filter(|flat| (0.0..=0.9).contains(flat));
         Ok(Self {
             code: axis.code,
@@ -153,20 +153,20 @@ impl Stick {
         })
     }
 
-    /// Where it is on its way, -1 to 1; what is beyond an end is at it.
+    /// Relative deflection, -1 to 1; values beyond an end are clamped.
     fn way(&self, raw: i32) -> f64 {
         let (min, max, raw) = (f64::from(self.min), f64::from(self.max), f64::from(raw.clamp(self.min, self.max)));
         (2.0 * (raw - min) / (max - min) - 1.0).clamp(-1.0, 1.0)
     }
 
-    /// Whether it is in the middle.
+    /// True if the stick is centred.
     pub fn is_centred(&self, raw: i32) -> bool {
         // The middle of 0 to 255 is between two values.
         let step = 1.0 / (f64::from(self.max) - f64::from(self.min));
         self.way(raw).abs() <= self.dead_zone.max(step)
     }
 
-    /// What it asks for, at most its limit either way.
+    /// Requested value, limited to the configured limit either way.
     pub fn asks(&self, raw: i32) -> f64 {
         if self.is_centred(raw) {
             return 0.0;
@@ -258,7 +258,7 @@ mod tests {
         let axes = |codes: &[u16]| codes.iter().map(|code| raw(*code, -1, 1)).collect::<Vec<_>>();
         let of = |codes: &[u16], buttons: &[u16]| mapped(&device(&axes(codes), buttons));
         assert_eq!(mapped(&pad()), Ok((ABS_Y, ABS_RX, BTN_TL)));
-        // A gamepad without a right stick; a joystick; a wheel; a pad that has a cross only; two sticks of any name.
+        // A gamepad without a right stick; a joystick; a wheel; a pad with only a D-pad; two sticks of any name.
         assert_eq!(of(&[ABS_X, ABS_Y], &[BTN_SOUTH, BTN_TL]), Ok((ABS_Y, ABS_X, BTN_TL)));
         assert_eq!(of(&[ABS_X, ABS_Y, ABS_RX], &[BTN_THUMB, BTN_TRIGGER]), Ok((ABS_Y, ABS_X, BTN_TRIGGER)));
         assert_eq!(of(&[ABS_WHEEL, ABS_Y], &[0x123]), Ok((ABS_Y, ABS_WHEEL, 0x123)));

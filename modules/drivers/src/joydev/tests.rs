@@ -1,4 +1,4 @@
-//! The driver and a gamepad, in virtual time.
+//! The driver and a gamepad in virtual time.
 
 use super::*;
 use base::gamepad::{ABS_RX, ABS_RY, ABS_X, ABS_Y, Axis, BTN_NORTH, BTN_SOUTH, BTN_TL, BTN_TR, BTN_WEST, Button};
@@ -20,7 +20,7 @@ pub(super) fn config() -> Config {
     }
 }
 
-/// A gamepad with two sticks of 16 bits, as most are.
+/// A gamepad with two sticks of 16 bits, the common type.
 pub(super) fn pad() -> Device {
     let mut device = Device::new("a pad");
     for code in [ABS_X, ABS_Y, ABS_RX, ABS_RY] {
@@ -51,7 +51,7 @@ impl Rig {
         rig
     }
 
-    /// The same with a gamepad at rest.
+    /// Additionally with a gamepad at rest.
     fn with_pad() -> Self {
         let mut rig = Self::new(config());
         rig.found(&pad());
@@ -89,7 +89,7 @@ impl Rig {
         self.collect();
     }
 
-    /// A line for each command, report, note and state: what the robot and people see. `LL_DATA_JOYDEV` apart.
+    /// A line for each command, report, note and state, without `LL_DATA_JOYDEV`.
     fn collect(&mut self) {
         for (at, action) in self.bench.done() {
             let ms = at.as_nanos() / 1_000_000;
@@ -366,8 +366,8 @@ fn a_configuration_that_cannot_be_meant_is_refused() {
     assert_eq!(refused(|c| c.scale = 0.0), ConfigError::Number);
 }
 
-/// Whatever comes in whatever order: commands are within the limits, only in RUN and while the button is held; the last
-/// one before a silence is zero.
+/// For any sequence of inputs: commands are within the limits, only in RUN and while the button is held; the last one
+/// before a silence is zero.
 #[test]
 fn nothing_moves_the_robot_but_a_button_that_is_held() {
     let mut chance = 0x2545_F491_4F6C_DD1D_u64;

@@ -1,36 +1,35 @@
-//! Orders for the channels: what is asked for, what was told, what has come of it. The board itself keeps the order in
-//! which several start or stop, and the time between them.
+//! Orders for the channels: requested, sent, completed. The board itself staggers the switching of several channels.
 
 use base::{Duration, Instant};
 use rs485::boards::psc1::CHANNELS;
 
-/// The board switches one channel a second at most; then it has had time enough.
+/// The board switches at most one channel a second; after this time it should have finished.
 const PATIENCE: Duration = Duration::from_secs(CHANNELS.len() as u64 + 3);
-/// A channel that is restarted rests this long.
+/// Off time of a channel that is restarted.
 const REST: Duration = Duration::from_secs(2);
 
-/// What becomes of a channel.
+/// State of an order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Order {
-    /// It shall be so, and be on again afterwards; once told, until when it may take.
+    /// Switch the channel to `on`, and on again afterwards if `again`; once it was sent, its deadline.
     Set { on: bool, again: bool, told: Option<Instant> },
-    /// It is off, and is started then.
+    /// Off, to be started at this time.
     Rests { until: Instant },
 }
 
-/// What came of an order.
+/// Result of an order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Outcome {
-    /// The channel is as it was ordered.
+    /// The channel has the ordered state.
     Done { channel: usize, on: bool },
-    /// The board did not switch it.
+    /// The board did not switch the channel.
     Stuck { channel: usize, on: bool },
 }
 
-/// The channels.
+/// State of the channels.
 #[derive(Debug, Default)]
 pub(super) struct Channels {
-    /// Which are on, as the board said last.
+    /// Channels that are on, as last reported.
     state: Option<u8>,
     orders: [Option<Order>; CHANNELS.len()],
 }
@@ -47,12 +46,12 @@ impl Channels {
         }
     }
 
-    /// Forgets all orders.
+    /// Discards all orders.
     pub fn forget(&mut self) {
         self.orders = Default::default();
     }
 
-    /// What the board is to be told: the channels, and their states.
+    /// Channels to be sent to the board, and their states.
     pub fn telling(&self) -> Option<(u8, u8)> {
         let (mut mask, mut states) = (0, 0);
         for (channel, order) in self.orders.iter().enumerate() {
@@ -64,7 +63,7 @@ impl Channels {
         (mask != 0).then_some((mask, states))
     }
 
-    /// The board was told this, and means to.
+    /// The board accepted these orders.
     pub fn told(&mut self, now: Instant, mask: u8, states: u8) {
         for (channel, order) in self.orders.iter_mut().enumerate() {
             if let Some(Order::Set { on, told: told @ None, .. }) = order
@@ -76,7 +75,7 @@ impl Channels {
         }
     }
 
-    /// The board says which channels are on.
+    /// Processes the reported states of the channels.
     pub fn on_state(&mut self, now: Instant, state: u8) -> Vec<Outcome> {
         self.state = Some(state);
         let mut outcomes = Vec::new();
@@ -95,7 +94,7 @@ impl Channels {
         outcomes
     }
 
-    /// Lets those start again that have rested; true when there is something to tell.
+    /// Starts channels whose off time has ended; true if there is something to send.
     pub fn on_timer(&mut self, now: Instant) -> bool {
         let mut rested = false;
         for order in &mut self.orders {

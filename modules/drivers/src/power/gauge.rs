@@ -1,11 +1,11 @@
-//! The battery's charge: ampere-hours counted, put right by the rest voltage where that says something.
+//! Battery charge: counted ampere-hours, corrected by the rest voltage where that is significant.
 //!
-//! LiFeYPO4 is flat in the middle, 0.1 V over 60 % (`docs/facts/robot.md` 2.4): below 15 % and above 95 % the voltage
-//! tells the charge, between them only the count does. At the start there is nothing but the voltage.
+//! The curve of LiFeYPO4 is flat in the middle, 0.1 V over 60 % (`docs/facts/robot.md` 2.4): below 15 % and above 95 %
+//! the voltage gives the charge, between them only the count does. At the start there is only the voltage.
 
 use base::{Duration, Instant};
 
-/// A cell's rest voltage over its charge (`docs/facts/robot.md` 2.4).
+/// Rest voltage of a cell, V, by charge (`docs/facts/robot.md` 2.4).
 const REST: [(f64, f64); 13] = [
     (2.50, 0.00),
     (2.95, 0.05),
@@ -21,29 +21,29 @@ const REST: [(f64, f64); 13] = [
     (3.36, 0.95),
     (3.40, 1.00),
 ];
-/// Where the voltage is believed.
+/// Charges below and above which the voltage is significant.
 const LOW: f64 = 0.15;
 const HIGH: f64 = 0.95;
-/// Of a cell, and of the wiring, ohm.
+/// Resistance of a cell, and of the wiring, ohm.
 const RESISTANCE: (f64, f64) = (0.0012, 0.008);
-/// At rest: less than this share of the capacity per hour, for so long.
+/// At rest: the current is below this fraction of the capacity per hour for [`RESTED`].
 const REST_RATE: f64 = 0.25;
 const RESTED: Duration = Duration::from_secs(30);
-/// The count is drawn to the rest voltage within this time.
+/// Time constant of the correction to the rest voltage.
 const CORRECTION: Duration = Duration::from_secs(60);
-/// The mean load is that of about this time.
+/// Time constant of the mean load.
 const MEAN: Duration = Duration::from_secs(60);
-/// What lies between two measurements farther apart is not known.
+/// Maximum interval between two measurements over which the charge is integrated.
 const GAP: Duration = Duration::from_secs(10);
-/// Below this load the time that remains is not known, A.
+/// Load below which the remaining time is unknown, A.
 const IDLE: f64 = 0.1;
 
-/// The gauge.
+/// Battery gauge.
 #[derive(Debug)]
 pub(super) struct Gauge {
     capacity_ah: f64,
     cells: f64,
-    /// None before the first measurement.
+    /// `None` before the first measurement.
     charge: Option<f64>,
     at: Instant,
     load: f64,
@@ -56,7 +56,7 @@ impl Gauge {
         Self { capacity_ah, cells, charge: None, at: Instant::ZERO, load: 0.0, resting_since: None }
     }
 
-    /// Takes a measurement: V and A of the whole battery. A second one at the same moment says nothing new.
+    /// Adds a measurement of the whole battery, V and A. A second one at the same time is ignored.
     pub fn measured(&mut self, now: Instant, volts: f64, amperes: f64) {
         let by_voltage = self.by_voltage(volts, amperes);
         let Some(charge) = self.charge else {
@@ -80,12 +80,12 @@ impl Gauge {
         self.charge = Some(charge.clamp(0.0, 1.0));
     }
 
-    /// 0..=1; NaN before the first measurement.
+    /// Charge, 0..=1; NaN before the first measurement.
     pub fn charge(&self) -> f64 {
         self.charge.unwrap_or(f64::NAN)
     }
 
-    /// Until it is empty at the mean load, s; NaN when that is not known.
+    /// Time until empty at the mean load, s; NaN if unknown.
     pub fn remaining(&self) -> f64 {
         if self.load < IDLE { f64::NAN } else { self.charge() * self.capacity_ah * 3600.0 / self.load }
     }
@@ -106,7 +106,7 @@ mod tests {
         Instant::ZERO + Duration::from_secs(seconds)
     }
 
-    /// A second after the other at one load and one voltage.
+    /// Measurements each second at constant load and voltage.
     fn run(gauge: &mut Gauge, from: u64, to: u64, volts: f64, amperes: f64) {
         (from..to).for_each(|second| gauge.measured(s(second), volts, amperes));
     }
@@ -117,7 +117,7 @@ mod tests {
         assert!(gauge.charge().is_nan() && gauge.remaining().is_nan());
         gauge.measured(s(0), 26.4, 0.0);
         assert!((gauge.charge() - 0.7).abs() < 1e-9, "3.30 V a cell: {}", gauge.charge());
-        // 8 A for an hour are 20 % of 40 Ah, whatever the voltage says meanwhile.
+        // 8 A for an hour are 20 % of 40 Ah, whatever the voltage.
         run(&mut gauge, 1, 3602, 26.0, 8.0);
         assert!((gauge.charge() - 0.5).abs() < 0.001, "{}", gauge.charge());
         assert!((gauge.remaining() - 0.5 * 40.0 / 8.0 * 3600.0).abs() < 30.0, "{}", gauge.remaining());

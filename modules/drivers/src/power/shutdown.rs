@@ -1,66 +1,66 @@
-//! The end, in good order: the modules are ended one after the other, those that were started last first; then the
-//! supply is let go, then the computer is halted.
+//! Orderly shutdown: the modules are ended one after the other in reverse order of their start, then the supply is
+//! released, then the computer is halted.
 
 use base::{Deadlines, Duration, Instant};
 use messages::common::{CmdState, DataProcesses, Process};
 use module::{Actions, State};
 
-/// TERMINATE is said again this often: the bus may lose a message.
+/// Period of repeating TERMINATE: the bus may lose a message.
 const REPEAT: Duration = Duration::from_millis(500);
-/// A module may take this long; where no watchdog tells of it, [`REPEAT`].
+/// Timeout of a module; without a watchdog that reports its end, [`REPEAT`].
 const MODULE: Duration = Duration::from_secs(3);
-/// What the computer needs to halt, of the time that the board gives.
+/// Time that the computer needs to halt, of the time that the board gives.
 const HALT: Duration = Duration::from_secs(10);
-/// The board is told within this time that the supply is needed no more, or not at all.
+/// Timeout of telling the board that the supply is no longer needed.
 const RELEASE: Duration = Duration::from_secs(1);
 
-/// What it is for.
+/// Purpose of a shutdown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Aim {
-    /// The supply is cut, whatever we do.
+    /// The supply is about to be cut.
     Cut,
-    /// An operator wants all off.
+    /// An operator commanded power-off.
     Off,
-    /// An operator wants the computer restarted.
+    /// An operator commanded a restart of the computer.
     Reboot,
 }
 
 base::deadlines! {
-    /// What a shutdown waits for.
+    /// Deadlines of a shutdown.
     enum Timer {
-        /// The module that is being ended, or the board that is to cut all, has had its time.
+        /// Timeout of the module that is being ended, or of the release of the supply.
         Step,
-        /// TERMINATE is sent to the module that is being ended, for the first time or again.
+        /// TERMINATE is sent to the current module, for the first time or again.
         Terminate,
-        /// The rest of the modules is not waited for any more: the computer must be halted in time.
+        /// The remaining modules are not waited for: the computer must be halted in time.
         Latest,
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    /// The module of this place is being ended.
+    /// The module with this index is being ended.
     Ending { place: usize },
-    /// The board is told to cut all.
+    /// The board is being told to cut the supply.
     Releasing,
     /// The computer may be halted.
     Ready,
 }
 
-/// A shutdown under way.
+/// A shutdown in progress.
 #[derive(Debug)]
 pub(super) struct Shutdown {
     pub aim: Aim,
-    /// In the order of their end.
+    /// Modules in the order of their end.
     modules: Vec<String>,
     stage: Stage,
     deadlines: Deadlines<Timer>,
-    /// The watchdog tells of the modules.
+    /// The watchdog reports the modules.
     guarded: bool,
 }
 
 impl Shutdown {
-    /// Begins now. `modules` in the order of their start; `seconds` until the supply is cut, where it is.
+    /// Starts at `now`. `modules` in the order of their start; `seconds` until the supply is cut, if it is.
     pub fn new(now: Instant, aim: Aim, modules: &[String], seconds: Option<u8>) -> Self {
         let modules: Vec<String> = modules.iter().rev().cloned().collect();
         let latest = match seconds {
@@ -72,12 +72,12 @@ impl Shutdown {
         Self { aim, modules, stage: Stage::Ending { place: 0 }, deadlines, guarded: false }
     }
 
-    /// The module that is being ended.
+    /// Module that is being ended.
     fn ending(&self) -> Option<&String> {
         if let Stage::Ending { place } = self.stage { self.modules.get(place) } else { None }
     }
 
-    /// The watchdog's list: goes on when the module is down.
+    /// Processes the watchdog's list: continues once the module is down.
     pub fn on_processes(&mut self, now: Instant, list: &DataProcesses) {
         if matches!(self.stage, Stage::Ending { .. }) && !self.guarded {
             self.guarded = true;
@@ -100,7 +100,7 @@ impl Shutdown {
         }
     }
 
-    /// Does what is due.
+    /// Serves the deadlines.
     pub fn advance(&mut self, now: Instant, source: &str, out: &mut Actions) {
         if matches!(self.stage, Stage::Ending { .. }) && self.deadlines.take(Timer::Step, now) {
             self.next(now);
@@ -128,7 +128,7 @@ impl Shutdown {
         }
     }
 
-    /// Whether the board is to be told to cut all.
+    /// True if the board is to be told to cut the supply.
     pub fn releases(&self) -> bool {
         self.stage == Stage::Releasing && self.aim == Aim::Off
     }
@@ -139,7 +139,7 @@ impl Shutdown {
         self.deadlines.clear_all();
     }
 
-    /// Whether the computer may be halted.
+    /// True if the computer may be halted.
     pub fn is_ready(&self) -> bool {
         self.stage == Stage::Ready
     }

@@ -1,4 +1,4 @@
-//! The driver against an emulated controller, on a small wire in virtual time.
+//! The driver with an emulated controller on a simulated wire in virtual time.
 
 use super::*;
 use crate::testing::Rig;
@@ -31,7 +31,7 @@ fn config() -> Config {
     }
 }
 
-/// A controller that switches at once what it switches.
+/// A controller that switches without delay.
 struct Board {
     on: u8,
     stuck: u8,
@@ -74,7 +74,7 @@ fn rig() -> Rig<Board> {
     rig_of(config())
 }
 
-/// Lets time pass on a link on which the board tells of the PAUSE line as it should.
+/// Lets time pass while the board reports the PAUSE line as it should.
 fn pass(rig: &mut Rig<Board>, mut millis: u64) {
     while millis > 0 {
         rig.says(0x80, &[0, 0]);
@@ -177,7 +177,7 @@ fn power_is_published_once_a_second_with_names_and_charge() {
     let channels: Vec<(&str, bool)> = last.channels.iter().map(|channel| (channel.name.as_str(), channel.on)).collect();
     assert_eq!((channels[0], channels[4], channels[7]), (("host", true), ("monitor", false), ("switch", true)));
     assert_eq!((last.voltage, last.channels[4].current), (26.3, 0.02));
-    // 5.8 A at first: 26.3 V + 5.8 A x 17.6 mohm are 3.3003 V a cell.
+    // 5.8 A at first: 26.3 V + 5.8 A x 17.6 mohm are 3.3003 V per cell.
     assert!((last.charge - 0.70).abs() < 0.01, "{}", last.charge);
     assert!(last.remaining > 4.5 * 3600.0 && last.remaining < 8.0 * 3600.0, "{}", last.remaining);
 }
@@ -200,7 +200,7 @@ fn channels_are_switched_and_restarted() {
     order(&mut rig, 4, CmdPower::OFF);
     order(&mut rig, 5, CmdPower::OFF);
     pass(&mut rig, 1500);
-    // The first went out at once.
+    // The first order was sent at once.
     assert_eq!(rig.board.told, [(0x10, 0), (0x20, 0)]);
     assert_eq!(rig.news(), "power channel monitor is off\npower channel audio is off");
     order(&mut rig, 4, CmdPower::ON);

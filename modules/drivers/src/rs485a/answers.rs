@@ -1,4 +1,4 @@
-//! What the boards answer, or fail to: from what is heard to messages.
+//! Conversion of the boards' answers and failures to messages.
 
 use super::odometry::Step;
 use super::{Kind, Rs485a};
@@ -9,9 +9,9 @@ use module::Actions;
 use rs485::boards::{Implausible, sd1, so1};
 use std::mem;
 
-/// `LL_DATA_RANGES` comes at least this often, whether boards answer or not.
+/// Maximum interval of `LL_DATA_RANGES`, even if no board answers.
 const RANGES_AGAIN: Duration = Duration::from_secs(1);
-/// Jumps of counters are reported this often at most.
+/// Minimum interval between reports of counter jumps.
 const JUMPS_EVERY: Duration = Duration::from_secs(10);
 
 impl Rs485a {
@@ -25,7 +25,7 @@ impl Rs485a {
 
     fn on_answer(&mut self, now: Instant, to: u8, instruction: u8, data: &[u8], out: &mut Actions) {
         let understood = match self.nodes.iter().find(|node| node.address == to).map(|node| node.kind) {
-            // It has let go of the PAUSE line.
+            // The board has released the PAUSE line.
             Some(Kind::Sd1) if instruction == sd1::CLEAR_PAUSE_SRC.code => return,
             Some(Kind::Sd1) => {
                 let both = self.line.judge(to, sd1::Both::parse(data), out);
@@ -42,7 +42,7 @@ impl Rs485a {
         }
     }
 
-    /// The board did not say what it was asked.
+    /// A request to a board failed.
     fn on_failure(&mut self, now: Instant, to: u8, instruction: u8, out: &mut Actions) {
         if instruction == sd1::GET_BOTH_DATA.code {
             self.on_ranges(now, to, None, out);
@@ -67,7 +67,7 @@ impl Rs485a {
         out.publish(DataIrs { timestamp, irs });
     }
 
-    /// `LL_DATA_RANGES`; again in a second where nothing new comes until then.
+    /// Publishes `LL_DATA_RANGES`, repeated after a second without new readings.
     pub(super) fn publish_readings(&mut self, now: Instant, out: &mut Actions) {
         if self.ranges.is_empty() {
             self.repeat = Instant::NEVER;
@@ -101,7 +101,7 @@ impl Rs485a {
     }
 }
 
-/// The counters of the left and the right wheel.
+/// Counters of the left and the right wheel.
 fn wheels(data: &[u8]) -> Result<(i16, i16), Implausible> {
     match so1::parse_ticks(data)?[..] {
         [left, right, ..] => Ok((left, right)),

@@ -1,4 +1,4 @@
-//! The driver against emulated boards, on a small wire in virtual time.
+//! The driver with emulated boards on a simulated wire in virtual time.
 
 use super::*;
 use base::serial::Word;
@@ -40,14 +40,14 @@ fn config() -> Config {
             node("sd1_front", FRONT, Kind::Sd1, 4.0),
             node("sd1_rear", REAR, Kind::Sd1, 4.0),
         ],
-        // Last first: the driver orders them.
+        // In reverse: the driver sorts them.
         srfs: (0..16).rev().map(|id| ranger(id, 8)).collect(),
         irs: (0..4).rev().map(|id| ranger(id, 2)).collect(),
         wheels: Wheels::default(),
     }
 }
 
-/// A board behind its slave: what it measures, and how it misbehaves.
+/// A board behind its slave: its measurements and its faults.
 struct FakeBoard {
     slave: Slave,
     dead: bool,
@@ -55,7 +55,7 @@ struct FakeBoard {
     status: Status,
     srfs: sd1::Srfs,
     irs: sd1::Irs,
-    /// Approaches a wall: its sonars fire in their slots, and read where it was then.
+    /// Approaches a wall: its sonars fire in their slots and measure the distance at that time.
     approach: Option<Approach>,
     ticks: Vec<i16>,
     /// Ticks per second, from 0 at `driving_since`.
@@ -64,19 +64,19 @@ struct FakeBoard {
     asked: Vec<u8>,
 }
 
-/// A robot that drives towards a wall all its sonars look at.
+/// A robot that drives towards a wall that all its sonars face.
 #[derive(Clone, Copy, Debug)]
 struct Approach {
-    /// Beginning of the board's first slot.
+    /// Begin of the board's first slot.
     phase: Duration,
-    /// m/s.
+    /// Speed, m/s.
     speed: f64,
     /// Distance at time zero, m.
     from: f64,
 }
 
 impl Approach {
-    /// The last finished slot of each channel at `now`, mm.
+    /// Last finished slot of each channel at `now`, mm.
     fn srfs(&self, now: Instant) -> sd1::Srfs {
         let slots = now.since(Instant::ZERO + self.phase).as_nanos() / sd1::SLOT.as_nanos();
         let measure = |channel: u128| {
@@ -87,7 +87,7 @@ impl Approach {
         (0..8).map(|channel| measure(channel).unwrap_or(sd1::NO_ECHO)).collect()
     }
 
-    /// When the sonar fired that measured this, s.
+    /// Time at which the sonar that measured this fired, s.
     fn fired(&self, distance: f64) -> f64 {
         (self.from - distance) / self.speed
     }
@@ -140,13 +140,13 @@ struct Wire {
     boards: [FakeBoard; 3],
     words: VecDeque<(Instant, Word, bool)>,
     sent: Option<Instant>,
-    /// The port takes what is sent and never says that it has left.
+    /// The port accepts output but never reports that it has left.
     port_stuck: bool,
     log: Vec<(Instant, Action)>,
 }
 
 impl Wire {
-    /// On a wire where nothing is open yet.
+    /// Creates a wire whose port is closed.
     fn closed() -> Self {
         Self::with(config())
     }
@@ -240,7 +240,7 @@ impl Wire {
         }
     }
 
-    /// Takes the messages of one kind since the last call, and when they were sent.
+    /// Takes the messages of one kind since the last call, with their times.
     fn take<T>(&mut self, kind: impl Fn(&Message) -> Option<T>) -> Vec<(Instant, T)> {
         let mut taken = Vec::new();
         self.log.retain(|(at, action)| match action {
@@ -270,7 +270,7 @@ impl Wire {
         self.take(|message| if let Message::LlDataBus(bus) = message { Some(bus.clone()) } else { None })
     }
 
-    /// Takes reports and states: what an operator sees.
+    /// Reports and states as an operator sees them.
     fn news(&mut self) -> String {
         let mut news = Vec::new();
         for (_, action) in std::mem::take(&mut self.log) {
@@ -286,7 +286,7 @@ impl Wire {
         news.join("\n")
     }
 
-    /// The reports so far, as people read them.
+    /// Texts of the reports so far.
     fn texts(&self) -> Vec<String> {
         let texts = self.log.iter().filter_map(|(_, action)| match action {
             Action::Report(report) => Some(report.message.clone()),
@@ -400,7 +400,7 @@ fn a_dead_board_is_degraded_then_lost_and_asked_once_a_second() {
     let srfs = wire.srfs();
     assert_eq!(srfs.len(), 20, "the other board's data goes on");
     assert_eq!(wire.bus().last().unwrap().1.nodes[1].state, 2);
-    // Asked once a second, without retries.
+    // Polled once a second, without retries.
     let timeouts = |wire: &mut Wire| {
         wire.run(ms(4000));
         wire.bus().iter().map(|(_, bus)| bus.nodes[1].timeouts).collect::<Vec<_>>()
@@ -583,7 +583,7 @@ fn a_port_that_does_not_send_is_reported_and_no_board_is_blamed() {
     wire.run(ms(1000));
     wire.news();
     wire.port_stuck = true;
-    // The boards hear nothing of what is stuck.
+    // The boards receive nothing of the stuck output.
     wire.boards.iter_mut().for_each(|board| board.dead = true);
     wire.run(ms(20_000));
     wire.port_stuck = false;
@@ -620,7 +620,7 @@ fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
     wire.port(Input::Up);
     wire.run(ms(3000));
     let (_, bus) = wire.bus().pop().unwrap();
-    // One round is 74 words; the boards' 200 us and two words of silence are owed three times.
+    // One round is 74 words, plus three times the boards' 200 us and two words of silence.
     let bound = 74.0 / (74.0 + 3.0 * (200.0 / 95.486 + 2.0));
     assert!(bus.load > 0.95 * bound, "{} of {bound}", bus.load);
     let requests: Vec<i64> = bus.nodes.iter().map(|node| node.requests).collect();
@@ -792,8 +792,8 @@ fn in_stop_and_without_a_port_ranges_are_not_known_and_that_is_published() {
     assert_eq!(statuses(&wire.ranges().pop().unwrap().1), "u".repeat(20));
 }
 
-/// How far the instants of readings are off at most, ms, and in the mean square: at this rate, over all phases of the
-/// board's slots, once `settle` has passed.
+/// Maximum and root mean square error of the readings' instants, ms, at this rate, over all phases of the board's
+/// slots, after `settle`.
 fn instants(rate_hz: f64, settle: Duration) -> (f64, f64) {
     let (mut worst, mut squares, mut count) = (0.0f64, 0.0, 0.0);
     for phase in 0..21 {
@@ -820,7 +820,7 @@ fn instants(rate_hz: f64, settle: Duration) -> (f64, f64) {
 
 #[test]
 fn each_reading_has_the_instant_at_which_its_sonar_fired_whatever_the_rate() {
-    // 4 Hz and less: a whole sweep may have passed since, and nothing narrows it down.
+    // At 4 Hz and below a whole sweep may have passed since, and nothing narrows the window.
     for rate in [2.0, 4.0] {
         let (worst, rms) = instants(rate, ms(1000));
         assert!(worst < 112.0 && rms < 68.0, "{rate} Hz: {worst:.1} ms at most, {rms:.1} ms");

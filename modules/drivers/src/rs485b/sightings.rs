@@ -1,4 +1,4 @@
-//! From an answer of the scanner to sightings, each at its own instant, none twice.
+//! Conversion of the scanner's answers to sightings, each with its own instant, without duplicates.
 
 use base::{Duration, Epoch, Instant};
 use messages::lowlevel::{Beacon, DataBeacons};
@@ -8,18 +8,18 @@ use rs485::frame::OVERHEAD;
 use rs485::word_time;
 use std::collections::BTreeMap;
 
-/// A sweep takes 1 s: what is this old the board has not kept.
+/// Maximum plausible age of a sighting, ms; a sweep takes 1 s.
 const OLD_MS: u16 = 2000;
-/// Two sightings of a beacon that are nearer to each other than this are one, told twice: a quarter of a sweep.
+/// Two sightings of a beacon at a smaller interval are the same one, reported twice: a quarter of a sweep.
 const SAME: Duration = Duration::from_millis(250);
-/// After it was told, the board may still have sightings of the sweep before, for this long.
+/// Time after a change of the selection for which the board may still report sightings of the previous sweep.
 const SETTLES: Duration = Duration::from_millis(1500);
 
-/// What is known of the scanner's sightings.
+/// State of the scanner's sightings.
 #[derive(Debug)]
 pub(super) struct Sightings {
     word: Duration,
-    /// Which beacons it looks for, since when; none: all.
+    /// Selected beacons, and the time of the selection; empty: all.
     active: Vec<u8>,
     since: Instant,
     last: BTreeMap<u8, Instant>,
@@ -30,23 +30,23 @@ impl Sightings {
         Self { word: word_time(baud), active: Vec::new(), since: Instant::ZERO, last: BTreeMap::new() }
     }
 
-    /// It was told to look for these.
+    /// The board was told to look for these beacons.
     pub fn looks_for(&mut self, now: Instant, ids: &[u8]) {
         self.active = ids.to_vec();
         self.since = now;
     }
 
-    /// Reads an answer whose last word was received at `now`; and whether a beacon is in it that the board should not
-    /// look for: it has forgotten what it was told.
+    /// Parses an answer whose last word was received at `now`. The flag is true if it contains a beacon that is not
+    /// selected: the board has lost its settings.
     ///
     /// # Errors
-    /// When the answer cannot be.
+    /// The answer is implausible.
     pub fn read(&mut self, now: Instant, epoch: Epoch, data: &[u8]) -> Result<(DataBeacons, bool), Implausible> {
         let sightings = parse_beacons(data)?;
         if let Some(index) = sightings.iter().position(|sighting| sighting.age_ms > OLD_MS) {
             return Err(Implausible::Value { index, value: sightings[index].age_ms.into() });
         }
-        // Ages are those at the answer's first word.
+        // Ages are relative to the answer's first word.
         let said = now - self.word * (data.len() + OVERHEAD) as u32;
         let (mut beacons, mut stranger) = (Vec::new(), false);
         for sighting in &sightings {

@@ -1,4 +1,4 @@
-//! The driver against an emulated scanner, on a small wire in virtual time.
+//! The driver with an emulated scanner on a simulated wire in virtual time.
 
 use super::*;
 use crate::testing::Rig;
@@ -25,7 +25,7 @@ fn config() -> Config {
     }
 }
 
-/// What it was told, in order; what it sees; when it was switched on.
+/// Received selections in order; sightings; time of switching on.
 #[derive(Default)]
 struct Scanner {
     told: Vec<Vec<u8>>,

@@ -1,4 +1,4 @@
-//! The bus itself, and the objects that are read and written for engineers.
+//! The bus itself, and engineers' access to objects.
 
 use super::*;
 use base::can::{BusState, Health, Notice};
@@ -36,7 +36,7 @@ fn the_bus_tells_its_load_its_frames_and_its_nodes_each_second() {
     robot.drive(0.4, 1000);
     let bus = robot.bus();
     assert_eq!((bus.bus.as_str(), bus.state, bus.errors), ("can.main", DataBus::ACTIVE, 0));
-    // 20 Hz of RPDO4, three heartbeats, and what the drives tell: some 100 frames of 100 bits at 1 Mbit/s.
+    // 20 Hz of RPDO4, three heartbeats, and the drives' PDOs: about 100 frames of 100 bits at 1 Mbit/s.
     let frames = bus.frames - before.frames;
     assert!((60..400).contains(&frames), "{frames}");
     assert!(bus.load > 60e-6 * frames as f64 && bus.load < 135e-6 * frames as f64, "{} of {frames} frames", bus.load);
@@ -110,7 +110,7 @@ fn errors_and_lost_frames_are_counted_and_a_bad_wire_is_told_once() {
     assert_eq!(robot.bus().errors, 120);
     robot.pass(2000);
     assert_eq!(robot.told(Fault::CanErrors), [Severity::Warning, Severity::Notice]);
-    // One now and then is what a CRC is for.
+    // Occasional errors are handled by the CRC.
     robot.notice(Notice::Errors(3));
     robot.pass(2000);
     assert_eq!(robot.told(Fault::CanErrors).len(), 2);
@@ -122,7 +122,7 @@ fn an_engineer_reads_objects_of_the_drives_and_is_told_why_not() {
     let answer = robot.sdo(1, 0x1018, 1, None);
     assert_eq!((answer.request, answer.node, answer.index, answer.subindex), (77, 1, 0x1018, 1));
     assert_eq!((answer.abort_code, answer.data), (0, vec![0xFB, 0, 0, 0]));
-    // What the driver itself asks for now and then.
+    // Objects that the driver itself reads at times.
     for (node, index, len) in [(1, 0x6041, 2), (2, 0x6064, 4), (1, 0x606C, 4)] {
         let answer = robot.sdo(node, index, 0, None);
         assert_eq!((answer.abort_code, answer.data.len()), (0, len), "0x{index:04X}");

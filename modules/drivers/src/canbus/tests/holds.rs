@@ -1,4 +1,4 @@
-//! What stands against motion, as `LL_DATA_HOLD` lists it: all of it, in order, with the moment it began.
+//! Holds as listed in `LL_DATA_HOLD`: all of them, in order, with the time at which each began.
 
 use super::super::objection::{Axis, Objection};
 use super::super::{drive, steering};
@@ -31,7 +31,7 @@ fn all_that_stands_is_listed_the_weightiest_first() {
     assert_eq!(robot.reason(), "PAUSE is engaged by bumper2");
     let latched: Vec<bool> = robot.holds.holds.iter().map(|hold| hold.latched).collect();
     assert_eq!(latched, [false, false, false, true]);
-    // One of them is over; the others have stood since the same moments as before.
+    // One has ended; the others keep their begin.
     let since = |robot: &Robot, hold: Hold| {
         robot.holds.holds.iter().find(|row| row.cause() == Some(hold)).map(|row| row.since).expect("it stands")
     };
@@ -104,7 +104,7 @@ fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() 
     assert_eq!(robot.holds(), [(Hold::PlannerLatched, "planner")]);
     assert_eq!(robot.holds.holds[0].words(), "planner must be let go by an operator first");
     robot.pass(300);
-    // Two gamepads and the planner behind a hand.
+    // Two gamepads and the planner behind a manual source.
     robot.drive(0.0, 50);
     robot.drive(0.4, 100);
     command(&mut robot, "planner", 0);
@@ -126,7 +126,7 @@ fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() 
         (Hold::PlannerLatched, "planner"),
     ];
     assert_eq!(robot.holds(), stands);
-    // Whoever lets go is not named any more.
+    // A released source is no longer named.
     robot.pass(300);
     robot.bench.message(pause(false, ""));
     robot.exchange();

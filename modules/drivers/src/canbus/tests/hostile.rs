@@ -1,4 +1,4 @@
-//! What goes wrong in ways that heartbeats do not show, and what was said before a stop.
+//! Failures that heartbeats do not reveal, and messages from before a stop.
 
 use super::*;
 use base::can::Id;
@@ -111,7 +111,7 @@ fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
 fn a_drive_that_turns_while_it_is_booted_again_is_told_to_stop_before_all_else() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
-    // Shorter than the drive's patience with the master's heartbeat.
+    // Shorter than the drive's timeout of the master's heartbeat.
     robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("bus-off") });
     robot.exchange();
     robot.pass(20);
@@ -146,7 +146,7 @@ fn a_command_from_the_future_lives_no_longer_than_any_other() {
 fn the_robot_does_not_drive_before_it_steers() {
     let mut robot = Robot::ready();
     robot.pass(500);
-    // Quick-stopped by PAUSE, then let go: both drives are to be enabled again, and the steering does not obey.
+    // Quick-stopped by PAUSE, then released: both drives are to be enabled again, and the steering does not obey.
     let pause = |engaged| lowlevel::EventStop { timestamp: 0, engaged, source: "button".into() };
     robot.bench.message(pause(true));
     robot.pass(200);
@@ -227,7 +227,7 @@ fn a_drive_that_stays_deaf_is_booted_anew() {
 #[test]
 fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
     let mut robot = Robot::ready();
-    // It rolls, pushed; the frame that would tell so is lost, and then the steering is to be homed.
+    // The robot rolls, pushed; the frame that would report it is lost, then the steering is to be homed.
     robot.epos.mute = true;
     robot.epos.node.set(0x606C, 0, 1000);
     robot.pass(20);
@@ -237,7 +237,7 @@ fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
     robot.pass(100);
     assert!(robot.errors.contains(&(Fault::CommandForbidden, Severity::Warning)));
     assert!(robot.motion().homed);
-    // The steering reboots: it is homed when the robot stands, not before.
+    // The steering reboots: it is homed once the robot stands, not before.
     let now = robot.bench.now();
     robot.icla.node.power_on(now);
     robot.pass(3000);
