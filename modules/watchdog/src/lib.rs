@@ -1,9 +1,10 @@
-//! The module that starts all modules, guards them, and keeps the state that an operator wants of each.
+//! Module that starts all other modules, supervises them, and keeps the wanted state of each.
 //!
-//! Policy only: it asks its host for processes ([`module::ProcessCommand`]) and hears what became of them, so the live
-//! and the virtual host run the same watchdog. A module whose threads beat is judged by their beats: 200 ms of silence
-//! of any of them is a hang. All are judged by their announcement (`CM_DATA_STATE`) besides, as in 2011: two seconds
-//! without one, checked every 200 ms, is a hang; for foreign modules that do not beat it is all there is.
+//! Policy only: it requests processes from its host ([`module::ProcessCommand`]) and receives their news, so the live
+//! and the virtual host run the same watchdog. A module with heartbeats is judged by them: 200 ms of silence of any of
+//! its threads is a hang. In addition all modules are judged by their announcement (`CM_DATA_STATE`) as in 2011: two
+//! seconds without one, checked every 200 ms, is a hang; for foreign modules without heartbeats this is the only
+//! criterion.
 #![forbid(unsafe_code)]
 
 mod guard;
@@ -17,25 +18,26 @@ use module::sabotage::{self, Bug};
 use module::{Actions, Cause, Event, ExitStatus, Module, ProcessCommand, ProcessEvent, State};
 use std::collections::BTreeMap;
 
-/// The watchdog's name as a module.
+/// Name of the watchdog as a module.
 pub const NAME: &str = "watchdog";
 
-/// `CM_DATA_PROCESSES` is sent this often, and at every change.
+/// Period of `CM_DATA_PROCESSES`, which is also published at every change.
 const PUBLISH: Duration = Duration::from_millis(100);
 /// Period of the lists in the name of modules without a process.
 const LISTS: Duration = Duration::from_secs(1);
-/// Modules are judged this often.
+/// Period of checking the modules.
 const CHECK: Duration = Duration::from_millis(200);
-/// A module that others depend on has come up when it announces another state than INIT, or after this long.
+/// A module that others depend on counts as up when it announces another state than INIT, or after this time.
 const DEPENDS_PATIENCE: Duration = Duration::from_secs(2);
-/// A process that hangs has this long between SIGTERM and SIGKILL.
+/// Time between SIGTERM and SIGKILL for a process that hangs.
 const HANG_GRACE: Duration = Duration::from_millis(200);
-/// What says that a module is down.
+/// Faults that report that a module is down.
 const DOWN: [Fault; 3] = [Fault::ModuleDied, Fault::ModuleHung, Fault::ModuleUnstartable];
-/// Modules that are not ours to guard are known for this long after their last announcement, and no more than so many.
+/// Time for which modules that are not supervised here are remembered after their last announcement, and
+/// [`OTHERS_MAX`], their maximum number.
 const OTHER_GONE: Duration = Duration::from_secs(5);
 const OTHERS_MAX: usize = 64;
-/// A watchdog that was not called for this long was held up itself, and heard nobody.
+/// Time between two calls after which the watchdog itself was held up and silence of the modules does not count.
 const HELD_UP: Duration = Duration::from_millis(500);
 
 /// What to guard and how.
@@ -85,7 +87,7 @@ base::deadlines! {
         Publish,
         /// Lists of faults of modules without a process are published.
         Lists,
-        /// All modules are judged.
+        /// All modules are checked.
         Check,
     }
 }
@@ -94,23 +96,23 @@ base::deadlines! {
 pub struct Watchdog {
     config: Config,
     guards: Vec<Guard>,
-    /// Modules that are not ours to guard, and when they were last heard.
+    /// Modules that are not supervised here, with the time of their last announcement.
     others: BTreeMap<String, Instant>,
-    /// What the host was last told of the critical modules.
+    /// Last health of the critical modules reported to the host.
     health: Option<(bool, String)>,
     deadlines: Deadlines<Timer>,
     started: Instant,
-    /// The last time it was called; what was due by then has been served.
+    /// Time of the last call; everything due by then has been served.
     now: Instant,
-    /// Something that `CM_DATA_PROCESSES` shows has changed.
+    /// Data in `CM_DATA_PROCESSES` has changed.
     changed: bool,
     ending: bool,
     all_up: bool,
 }
 
 impl Watchdog {
-    /// A watchdog that has started nothing yet. The configuration is the host's affair to check: names are unique,
-    /// dependencies exist and have no circle.
+    /// Creates a watchdog that has started nothing yet. The host must check the configuration: names are unique,
+    /// dependencies exist and are not circular.
     #[must_use]
     pub fn new(config: Config) -> Self {
         let guards = config.modules.iter().map(|module| Guard::new(module.clone())).collect();
@@ -152,7 +154,7 @@ impl Watchdog {
         }
     }
 
-    /// An earlier watchdog's module. One that is not in the list any more is ended.
+    /// Processes a module of an earlier watchdog. One that is no longer configured is ended.
     fn on_earlier(&mut self, module: &str, wanted: State, held: bool, pid: Option<u32>, out: &mut Actions) {
         let guard = match (self.guards.iter_mut().position(|guard| guard.config.name == module), pid) {
             (Some(index), _) => {
@@ -196,7 +198,7 @@ impl Watchdog {
             }
             return;
         }
-        // What changes its state announces itself out of turn.
+        // A change of state is announced at once and not counted.
         let counted = if guard.state == state { guard.count(now) } else { None };
         match counted {
             Some(true) => {
@@ -220,7 +222,7 @@ impl Watchdog {
             guard.settle(now, state, out);
             let took = now.since(guard.since).as_secs_f64();
             let name = &guard.config.name;
-            // In a storm its coming back is no news either.
+            // In a storm its return is not reported either.
             if !guard.storm {
                 for fault in DOWN {
                     out.clear(fault, name.as_str(), format!("{name} is back: {state} {took:.2} s after its start"));
@@ -235,7 +237,7 @@ impl Watchdog {
         }
     }
 
-    /// A module that somebody else started.
+    /// Processes an announcement of a module that another program started.
     fn on_other(&mut self, now: Instant, name: &str) {
         if let Some(heard) = self.others.get_mut(name) {
             *heard = now;
@@ -247,7 +249,7 @@ impl Watchdog {
         }
     }
 
-    /// Why nobody can execute a command, if that is so. What a running module refuses it reports itself.
+    /// Reason why no process can execute a command, if so. A running module reports its own refusals.
     fn unheard(&self, now: Instant, command: &common::CmdState) -> Option<&'static str> {
         let name = command.module.as_str();
         let guard = self.guards.iter().find(|guard| guard.config.name == name);
@@ -292,7 +294,7 @@ impl Watchdog {
             ProcessEvent::Started { module, pid } => {
                 if let Some(guard) = self.guards.iter_mut().find(|guard| guard.config.name == module) {
                     guard.on_started(now, pid, out);
-                    // A TERMINATE that came meanwhile was not heard by a process that was not there.
+                    // A TERMINATE during the start could not be received by the process.
                     if self.ending || guard.wanted == State::Terminate {
                         guard.end(now, self.config.end_within, out);
                     }
@@ -414,7 +416,7 @@ impl Watchdog {
         }
     }
 
-    /// Starts every module that is wanted, down, not delayed, and whose dependencies have come up.
+    /// Starts every module that is wanted, down and not delayed, and whose dependencies are up.
     fn start_what_may(&mut self, now: Instant, out: &mut Actions) {
         if self.ending {
             return;
@@ -441,7 +443,7 @@ impl Watchdog {
         })
     }
 
-    /// On the way down: ends every module that no running one depends on.
+    /// Shutting down: ends every module that no running one depends on.
     fn end_what_may(&mut self, now: Instant, out: &mut Actions) {
         if !self.ending {
             return;
@@ -458,7 +460,7 @@ impl Watchdog {
         }
     }
 
-    /// Tells the host how the critical modules are, where that is news.
+    /// Reports the health of the critical modules to the host if it changed.
     fn tell_health(&mut self, out: &mut Actions) {
         let sick = self.guards.iter().find(|guard| guard.config.critical && !guard.is_healthy());
         let run = self.guards.iter().filter(|guard| guard.state == State::Run).count();
@@ -481,7 +483,7 @@ impl Watchdog {
     }
 }
 
-/// A process hangs: it is told, then ended, whatever it says.
+/// A process hangs: reported, then ended.
 fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
     if sabotage::is(Bug::WatchdogDeaf) {
         return;
@@ -495,7 +497,7 @@ fn hangs(now: Instant, guard: &mut Guard, why: &str, out: &mut Actions) {
     }
 }
 
-/// It was restarted too often: told once, until it has lived for a while.
+/// It was restarted too often: reported once, until its uptime is sufficient.
 fn storms(guard: &Guard, out: &mut Actions) {
     let name = &guard.config.name;
     let message = format!("{name} ends again and again: further restarts are not told, until it lives");
@@ -553,7 +555,7 @@ impl Module for Watchdog {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        // A module that waits for its dependencies, not for time, is looked at when they change and at each check.
+        // A module that waits for its dependencies, not for time, is evaluated when they change and at each check.
         let guards = self.guards.iter().filter_map(Guard::poll_timeout).filter(|due| *due > self.now).min();
         earliest([self.deadlines.next(), guards])
     }

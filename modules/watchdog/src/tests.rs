@@ -1,4 +1,4 @@
-//! The watchdog against processes that the test plays.
+//! The watchdog with simulated processes.
 
 use crate::{Config, ModuleConfig, NAME, Watchdog};
 use base::{Duration, Epoch, Instant, Severity};
@@ -21,7 +21,7 @@ fn bench() -> Bench {
     Bench::new(Shell::new(config, Box::new(Watchdog::new(Config { modules, ..Config::default() }))))
 }
 
-/// Runs a transcript: `>` is what the world does, `<` what the watchdog asks or reports; the number is milliseconds.
+/// Runs a transcript: `>` is an input, `<` an action or report of the watchdog; the number is milliseconds.
 #[track_caller]
 fn check(transcript: &str) {
     let mut bench = bench();
@@ -402,7 +402,7 @@ fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
     bench.shell.handle(frozen, Event::Timer, &mut out);
     let ended = |action: &Action| matches!(action, Action::Process(ProcessCommand::Terminate { .. }));
     assert!(!out.drain().any(|action| ended(&action)));
-    // Who stays silent from then on is ended as ever.
+    // Modules that stay silent from then on are ended as usual.
     for ms in (100..=2200).step_by(100) {
         bench.shell.handle(frozen + Duration::from_millis(ms), Event::Timer, &mut out);
     }
@@ -494,7 +494,7 @@ fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
     let mut bench = bench();
     bench.event(Event::Start);
     feed(&mut bench, &["pid", "nerves", "7"]);
-    // What it commands when a second later nerves announces itself, and what it wants of it then.
+    // Commands of the watchdog when `nerves` announces itself a second later, and its wanted state then.
     let says = |bench: &mut Bench, state: &str| {
         bench.pass(Duration::from_secs(1));
         feed(bench, &["says", "nerves", state]);
@@ -512,17 +512,17 @@ fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
         })
     };
     assert_eq!(says(&mut bench, "RUN"), []);
-    // The module has not heard it.
+    // The module has missed it.
     feed(&mut bench, &["command", "nerves", "PAUSE"]);
     assert_eq!([says(&mut bench, "RUN"), says(&mut bench, "RUN")], [[], []]);
     assert_eq!(says(&mut bench, "RUN"), [("nerves".into(), State::Pause as i8, true)]);
     assert_eq!(says(&mut bench, "PAUSE"), []);
-    // The watchdog has not.
+    // The watchdog has missed it.
     for _ in 0..3 {
         assert_eq!(says(&mut bench, "STOP"), []);
     }
     assert_eq!(wanted(&mut bench), Some(State::Stop));
-    // Somebody else speaks in its name.
+    // Another sender announces in its name.
     for _ in 0..10 {
         feed(&mut bench, &["says", "nerves", "RUN"]);
         assert_eq!(says(&mut bench, "STOP"), []);
@@ -664,7 +664,7 @@ fn the_host_remembers_what_is_wanted_and_hears_how_the_critical_modules_are() {
     assert_eq!(told(&mut bench), ["true: ending"]);
 }
 
-/// The lists in a module's name since the last call: when, severity, since when.
+/// Lists in a module's name since the last call: time, severity, begin.
 fn lists(bench: &mut Bench, module: &str) -> Vec<(u64, i8, i64)> {
     let list = |(at, action): (Instant, Action)| match action {
         Action::Publish(Message::CmDataFaults(list)) if list.module == module => {
@@ -691,7 +691,7 @@ fn in_the_name_of_the_dead_it_says_that_their_faults_are_not_known() {
     feed(&mut bench, &["exit", "7", "64"]);
     let error = Severity::Error as i8;
     assert_eq!(lists(&mut bench, "nerves"), [(1500, error, 1500)], "at once");
-    // The next process is long in coming.
+    // The next process takes long to appear.
     for ms in [2500, 3600] {
         feed(&mut bench, &["says", "eyes", "RUN"]);
         run(&mut bench, ms);
@@ -702,7 +702,7 @@ fn in_the_name_of_the_dead_it_says_that_their_faults_are_not_known() {
     feed(&mut bench, &["says", "eyes", "RUN"]);
     run(&mut bench, 5000);
     assert_eq!(lists(&mut bench, "nerves"), []);
-    // What an operator wants down is down, and its faults are not known either.
+    // A module that an operator wants down is down, and its faults are unknown too.
     feed(&mut bench, &["command", "eyes", "TERMINATE"]);
     feed(&mut bench, &["exit", "8", "0"]);
     let notice = Severity::Notice as i8;
