@@ -1,32 +1,33 @@
-//! `LL_DATA_HOLD` of a module: all that stands against acting, since when, published at 5 Hz and on change.
+//! `LL_DATA_HOLD` of a module: the causes for which it does not act, each with its begin, published at 5 Hz and on
+//! change.
 
 use crate::Actions;
 use base::{Duration, Instant, Ticker};
 use messages::{Hold, lowlevel};
 
-/// The list is published this often, and at every change.
+/// Period of the list, which is also published at every change.
 const PERIOD: Duration = Duration::from_millis(200);
 
-/// A cause at this moment.
+/// An active cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Standing<'a> {
-    /// What.
+    /// Kind of cause.
     pub hold: Hold,
-    /// Which drive, bus, module, source or waypoint; empty where the cause has no subject.
+    /// Drive, bus, module, source or waypoint concerned; empty for a cause without a subject.
     pub subject: &'a str,
-    /// Stays until a person acts.
+    /// Active until a person acts.
     pub latched: bool,
 }
 
 impl<'a> Standing<'a> {
-    /// A cause about a subject, latched if its kind is.
+    /// Creates a cause about a subject, latched if its kind is.
     #[must_use]
     pub const fn new(hold: Hold, subject: &'a str) -> Self {
         Self { hold, subject, latched: hold.is_latched() }
     }
 }
 
-/// The list that was published last.
+/// Last published list.
 #[derive(Debug)]
 pub struct Holds {
     list: Vec<lowlevel::Hold>,
@@ -40,19 +41,19 @@ impl Default for Holds {
 }
 
 impl Holds {
-    /// Begins to publish at `now`.
+    /// Starts the periodic publication at `now`.
     pub fn start(&mut self, now: Instant) {
         self.ticker = Ticker::new(now, PERIOD);
     }
 
-    /// When the list is due next, changed or not.
+    /// Deadline of the next list, changed or not.
     #[must_use]
     pub fn next(&self) -> Instant {
         self.ticker.next()
     }
 
-    /// Publishes the causes at `now`, weightiest first, if they changed or the list is due. A cause keeps its `since` as
-    /// long as it stands with the same subject. Allocates only when it publishes. True when it did.
+    /// Publishes the causes at `now`, main one first, if they changed or the list is due. A cause keeps its `since` as
+    /// long as it is active with the same subject. Allocates only when it publishes. True if it did.
     pub fn publish<'a>(
         &mut self,
         now: Instant,
@@ -94,7 +95,7 @@ mod tests {
         Instant::from_millis(ms)
     }
 
-    /// What is published at `at`: code, subject, latched, ms since it began.
+    /// Published list at `at`: code, subject, latched, ms since its begin.
     fn told(holds: &mut Holds, at: u64, causes: &[Standing<'_>]) -> Option<Vec<(i32, String, bool, i64)>> {
         let mut out = Actions::default();
         let published = holds.publish(ms(at), "driver_canbus", causes.iter().copied(), &mut out);

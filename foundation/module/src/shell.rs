@@ -1,5 +1,4 @@
-//! What all modules share, done around them once: the state machine, its announcement, commands, reports, the list of
-//! active faults, texts, the end.
+//! Common part of all modules: state machine, announcement, state commands, reports, list of active faults, texts, end.
 
 use crate::call::{Call, CallLog};
 use crate::sabotage::{self, Bug};
@@ -10,33 +9,33 @@ use messages::{Channel, Message, common};
 use std::collections::BTreeMap;
 use std::mem;
 
-/// The state is announced and the active faults are listed this often, and at every change.
+/// Period of announcing the state and listing the active faults, both also at every change.
 const ANNOUNCE: Duration = Duration::from_secs(1);
-/// More different faults than this at once are not told apart: the oldest stay, further ones are not sent.
+/// Maximum number of different active faults: the oldest are kept, further ones are not published.
 const FAULTS_MAX: usize = 256;
 
-/// How a shell treats its module.
+/// Settings of a shell.
 #[derive(Clone, Debug)]
 pub struct ShellConfig {
-    /// The module's name: `driver_canbus`.
+    /// Name of the module: `driver_canbus`.
     pub name: String,
-    /// The state after INIT: RUN, or what an operator wanted before a restart. Others count as RUN.
+    /// State after INIT: RUN, or the one that an operator wanted before a restart. Other values count as RUN.
     pub wanted: State,
-    /// Reports of at least this severity are sent on `CM_EVENT_ERROR` and printed, and so is the end of such a fault;
-    /// others are dropped. The list on `CM_DATA_FAULTS` has all active faults, whatever their severity.
+    /// Reports of at least this severity are published on `CM_EVENT_ERROR` and printed, and so is the end of such a
+    /// fault; others are dropped. The list on `CM_DATA_FAULTS` contains all active faults, whatever their severity.
     pub report_from: Severity,
-    /// Lowest level of texts and reports that are printed; none: `report_from` for reports, INFO for texts.
+    /// Lowest level of texts and reports that are printed; `None`: `report_from` for reports, INFO for texts.
     pub print_from: Option<Level>,
-    /// Lowest level of texts and reports that are sent; none: `report_from` for reports, INFO for texts.
+    /// Lowest level of texts and reports that are published; `None`: `report_from` for reports, INFO for texts.
     pub send_from: Option<Level>,
-    /// Whether commands to module `*` are for it (for the watchdog they are not).
+    /// True if it follows commands to module `*` (the watchdog does not).
     pub obeys_all: bool,
-    /// After TERMINATE it has ended within this time, finished or not.
+    /// Maximum duration of the end after TERMINATE, finished or not.
     pub end_within: Duration,
 }
 
 impl ShellConfig {
-    /// A module that wants to RUN, sends all reports and obeys commands to all.
+    /// Settings of a module in RUN that publishes all reports and follows commands to all.
     #[must_use]
     pub fn new(name: impl Into<String>) -> Self {
         Self {
@@ -60,7 +59,7 @@ impl ShellConfig {
 }
 
 base::deadlines! {
-    /// What a shell waits for.
+    /// Deadlines of a shell.
     enum Timer {
         /// The next announcement of the state.
         Announce,
@@ -71,22 +70,22 @@ base::deadlines! {
     }
 }
 
-/// A module with what all modules share around it; what a host runs.
+/// A module together with the common part; the unit that a host runs.
 pub struct Shell {
     config: ShellConfig,
     module: Box<dyn Module>,
     state: State,
-    /// Where ERROR was entered from.
+    /// State from which ERROR was entered.
     before_error: State,
-    /// What the module said last of its device.
+    /// Last reported condition of the module.
     failed: bool,
     deadlines: Deadlines<Timer>,
     /// The active faults, each with its subject.
     faults: BTreeMap<(Fault, String), ActiveFault>,
-    /// True if the list of active faults is to be published at the end of this call.
+    /// The list of active faults is to be published at the end of this call.
     list_due: bool,
     texts: Texts,
-    /// Room for what the module answers.
+    /// Buffer for the module's actions.
     inner: Actions,
     ending: Ending,
     recorder: Option<Box<dyn CallLog>>,
@@ -101,12 +100,12 @@ struct ActiveFault {
     since: i64,
     /// Message of the last raise.
     message: String,
-    /// Whether its report was printed and sent; the report of its end is treated alike.
+    /// Its report was printed and published; the report of its end is treated alike.
     printed: bool,
     sent: bool,
 }
 
-/// How far the end has come.
+/// Progress of the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ending {
     No,
@@ -115,7 +114,7 @@ enum Ending {
 }
 
 impl Shell {
-    /// A shell around `module`, in INIT. `out` of later calls must have the same epoch as the first.
+    /// Creates a shell around `module`, in INIT. `out` of later calls must have the same epoch as the first.
     #[must_use]
     pub fn new(config: ShellConfig, module: Box<dyn Module>) -> Self {
         let mut deadlines = Deadlines::new().with(Timer::Announce, Instant::ZERO);
@@ -136,24 +135,24 @@ impl Shell {
         }
     }
 
-    /// Writes down from now on what it is told and what it answers; to be called before anything else.
+    /// Records all further calls and answers; to be called before anything else.
     pub fn record(&mut self, recorder: impl CallLog + 'static) {
         self.recorder = Some(Box::new(recorder));
     }
 
-    /// Whether some of what it was told is not written down, for want of room: the host reports that.
+    /// True if part of the record is missing because it did not fit; the host reports that.
     #[must_use]
     pub fn has_lost_inputs(&self) -> bool {
         self.recorder.as_ref().is_some_and(|recorder| recorder.has_gaps())
     }
 
-    /// The module's name.
+    /// Name of the module.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.config.name
     }
 
-    /// The state it is in.
+    /// Current state.
     #[must_use]
     pub fn state(&self) -> State {
         self.state
@@ -165,8 +164,8 @@ impl Shell {
         &*self.module
     }
 
-    /// The channels that its host subscribes to, so that other messages need not be decoded: commands to the state, and
-    /// the module's. A channel may come twice.
+    /// Channels that the host subscribes to, so that other messages need not be decoded: state commands, and the
+    /// module's channels. A channel may be listed twice.
     pub fn subscriptions(&self) -> impl Iterator<Item = Channel> {
         [Channel::CmCmdState].into_iter().chain(self.module.subscriptions().iter().copied())
     }
@@ -177,13 +176,13 @@ impl Shell {
         self.subscriptions().any(|subscribed| subscribed == channel)
     }
 
-    /// Takes one event, messages on channels without subscription too: they are ignored. Pushes what the host is to do:
+    /// Processes one event; messages on channels without a subscription are ignored. Pushes actions for the host:
     /// `Publish`, `Send`, `Report`, `Note`, `Process`, `State`, and `Exit` last.
     pub fn handle(&mut self, now: Instant, event: Event<'_>, out: &mut Actions) {
         self.recorded(now, &Call::Event(event), out, |shell, out| shell.take(now, event, out));
     }
 
-    /// Lets the recorder see a call and what follows from it.
+    /// Passes a call and its result to the recorder.
     fn recorded(&mut self, now: Instant, call: &Call<'_>, out: &mut Actions, f: impl FnOnce(&mut Self, &mut Actions)) {
         let before = out.as_slice().len();
         let Some(mut recorder) = self.recorder.take().filter(|_| self.ending != Ending::Done) else {
@@ -237,7 +236,7 @@ impl Shell {
         }
     }
 
-    /// The process was asked to end (SIGTERM, Ctrl-C): as a TERMINATE command.
+    /// The process was asked to end (SIGTERM, Ctrl-C): treated as a TERMINATE command.
     pub fn terminate(&mut self, now: Instant, out: &mut Actions) {
         self.recorded(now, &Call::Terminate, out, |shell, out| {
             if shell.state != State::Terminate {
@@ -247,7 +246,7 @@ impl Shell {
         });
     }
 
-    /// A fault that the host found: reported once until [`Shell::clear`].
+    /// Raises a fault found by the host: reported once until [`Shell::clear`].
     pub fn raise(&mut self, now: Instant, report: Report, out: &mut Actions) {
         self.recorded(now, &Call::Raise(&report), out, |shell, out| shell.fault(now, &report, out));
     }
@@ -277,7 +276,7 @@ impl Shell {
         }
     }
 
-    /// A fault that the host found stands no more; who was told of it is told of its end.
+    /// Clears a fault found by the host; its end is reported if its begin was.
     pub fn clear(&mut self, now: Instant, report: Report, out: &mut Actions) {
         self.recorded(now, &Call::Clear(&report), out, |shell, out| shell.fault_over(now, &report, out));
     }
@@ -288,7 +287,7 @@ impl Shell {
         self.report(now, report.clone(), active.sent, active.printed, out);
     }
 
-    /// Adds a line of the host for people, as if it were the module's.
+    /// Adds a text of the host, in the module's name.
     pub fn say(&mut self, now: Instant, level: Level, text: &str, out: &mut Actions) {
         self.recorded(now, &Call::Say(level, text), out, |shell, out| shell.text(now, level, text.into(), out));
     }
@@ -310,8 +309,8 @@ impl Shell {
         }
     }
 
-    /// Publishes the list of active faults if it is due, before the reports of the current call: a reader then knows the
-    /// subject of each report.
+    /// Publishes the list of active faults if it is due, before the reports of the current call, so that a reader knows
+    /// the subject of each report.
     fn list_faults(&mut self, now: Instant, before: usize, out: &mut Actions) {
         if !mem::take(&mut self.list_due) {
             return;
@@ -328,7 +327,7 @@ impl Shell {
         out.insert(before, Action::Publish(list.into()));
     }
 
-    /// When it wants the next `Event::Timer`.
+    /// Deadline of the next `Event::Timer`.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.deadlines.next()
@@ -341,7 +340,7 @@ impl Shell {
         if !out.as_slice()[before..].iter().any(is_for_the_shell) {
             return;
         }
-        // Entering a state on the way calls the module again, with a list of its own.
+        // Entering a state calls the module again, with another list.
         let mut inner = mem::take(&mut self.inner);
         out.split_off(before, &mut inner);
         for action in inner.drain() {
@@ -395,7 +394,7 @@ impl Shell {
                     self.config.wanted = to;
                 }
                 self.enter(now, to, out);
-                // It was led through STOP out of ERROR; its device is lost as before.
+                // It left ERROR through STOP; its device is still lost.
                 if self.failed && matches!(self.state, State::Run | State::Pause) {
                     self.before_error = self.state;
                     self.enter(now, State::Error, out);

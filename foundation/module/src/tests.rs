@@ -1,4 +1,4 @@
-//! The shell around a module that the test plays.
+//! The shell around test modules.
 
 use crate::bench::Bench;
 use crate::{Action, Actions, Channel, Event, Input, Message, Module, PortId, PortSpec, Shell, ShellConfig, State};
@@ -6,7 +6,7 @@ use base::{Duration, Fault, Instant, Level, Report, Severity};
 use messages::common::{self, DataFaults, EventText};
 use messages::lowlevel::{CmdHoming, CmdMotion};
 
-/// Does what its port tells it: `Up` is working, `Down` is failed; the reason says which fault to raise or clear.
+/// Acts on its port's input: `Up` is working, `Down` is failed; the reason names the fault to raise or clear.
 struct Toy {
     ports: [PortSpec; 1],
     finished: bool,
@@ -229,7 +229,7 @@ fn reports_begin_at_the_chosen_severity() {
     assert_eq!(errors(&mut bench), [(Fault::PortDown as i32, Severity::Notice as i8)], "the end of what was told");
 }
 
-/// The lists of active faults that were published since the last call, with their moments.
+/// Lists of active faults published since the last call, with their times.
 fn lists(bench: &mut Bench) -> Vec<(u64, DataFaults)> {
     let list = |(at, action): (Instant, Action)| match action {
         Action::Publish(Message::CmDataFaults(list)) => Some((at.as_nanos() / 1_000_000, list)),
@@ -242,7 +242,7 @@ fn subjects(list: &DataFaults) -> Vec<(i32, &str)> {
     list.faults.iter().map(|fault| (fault.number, fault.subject.as_str())).collect()
 }
 
-/// Raises and clears what the test says, as `raise SUBJECT SEVERITY MESSAGE` and `clear SUBJECT`, and says lines.
+/// Raises and clears faults by text: `raise SUBJECT SEVERITY MESSAGE` and `clear SUBJECT`; other lines are notes.
 struct Boards;
 
 impl Module for Boards {
@@ -315,7 +315,7 @@ fn the_list_comes_before_the_reports_that_it_explains_and_has_their_time() {
     let published = bench.published();
     let [Message::CmDataFaults(list), Message::CmEventError(error)] = &published[..] else { panic!("{published:?}") };
     assert_eq!((list.timestamp, list.faults[0].since), (error.timestamp, error.timestamp));
-    // Raised and cleared in one breath it was never active.
+    // Raised and cleared in the same call it was never active.
     order(&mut bench, "clear front\nraise front error silent\nclear front");
     let [(_, list)] = &lists(&mut bench)[..] else { panic!("one list") };
     assert_eq!(list.faults, []);
@@ -375,7 +375,7 @@ fn what_the_host_found_is_in_the_list() {
     assert_eq!(list.faults, []);
 }
 
-/// The texts that were sent, and those that were printed, since the last call.
+/// Texts published, and texts printed, since the last call.
 fn texts(bench: &mut Bench) -> [Vec<(i8, String)>; 2] {
     let (mut sent, mut printed) = (Vec::new(), Vec::new());
     for (_, action) in bench.done() {
@@ -400,7 +400,7 @@ fn texts_are_sent_and_printed_each_from_its_level_on() {
     let terminal = ShellConfig { print_from: Some(Level::Debug), send_from: Some(Level::Warning), ..usual.clone() };
     for (config, sent, printed) in [
         (usual, &[1, 2][..], &[1, 2][..]),
-        // The older key is about reports alone.
+        // The older key applies to reports only.
         (quiet, &[1, 2], &[1, 2]),
         (bus, &[0, 1, 2], &[]),
         (terminal, &[2], &[0, 1, 2]),
@@ -434,7 +434,7 @@ fn a_report_is_sent_and_printed_each_from_its_level_on_and_so_is_its_end() {
         bench.done();
         order(&mut bench, "raise front warning silent");
         assert_eq!(reports(&mut bench), expected);
-        // That it is graver by now does not matter: nothing was said of its beginning.
+        // A later raise with higher severity does not matter: its begin was not reported.
         order(&mut bench, "raise front error silent");
         order(&mut bench, "clear front");
         assert_eq!(reports(&mut bench), expected);

@@ -23,7 +23,7 @@ pub struct Texts {
 }
 
 impl Texts {
-    /// Returns the message for a text, or none if the rate is exceeded. The caller applies the threshold of levels.
+    /// Returns the message for a text, or `None` if the rate is exceeded. The caller applies the threshold of levels.
     pub fn take(
         &mut self,
         now: Instant,
