@@ -1,4 +1,4 @@
-//! What a shell answers, as bytes: its actions, and when it wants to be woken.
+//! Encoding of a shell's answer: its actions and its next deadline.
 
 use super::call::{before, since};
 use super::wire::{self, Take};
@@ -31,24 +31,24 @@ const SEND_ONE_WIRE: u8 = 20;
 const SEND_ONE_WIRE_IS: u8 = 21;
 const SEND_GAMEPAD: u8 = 22;
 const SEND_STORE: u8 = 23;
-// A line of another level than INFO, which is `NOTE`.
+// A text of another level than INFO, which is `NOTE`.
 const TEXT: u8 = 24;
 
-// When the shell wants to be woken: as before, never, or at a moment.
+// Next deadline: unchanged, none, or at an instant.
 const SAME: u8 = 0;
 const NEVER: u8 = 1;
 const AT: u8 = 2;
 
-/// What a shell answers to one call.
+/// Answer of a shell to one call.
 #[derive(Clone, Debug)]
 pub struct Answer {
     /// Its actions, in order.
     pub actions: Vec<Action>,
-    /// When it wants to be woken; none: as it said before.
+    /// Next deadline; `None`: unchanged.
     pub wake: Option<Option<Instant>>,
 }
 
-/// Appends an answer; `wake` is none where it is as before.
+/// Appends an answer; `wake` is `None` if unchanged.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, actions: &[Action], wake: Option<Option<Instant>>) {
     wire::varint(out, actions.len() as u64);
     for action in actions {
@@ -137,7 +137,7 @@ pub(super) fn put_action(out: &mut Vec<u8>, action: &Action) {
     }
 }
 
-/// A message that LCM cannot express has no bytes; what stands for it is the host's line about it.
+/// A message that LCM cannot encode is replaced by the host's text about it.
 fn put_publish(out: &mut Vec<u8>, message: &Message) {
     let begin = out.len();
     out.push(PUBLISH);
@@ -175,7 +175,7 @@ fn put_command(out: &mut Vec<u8>, command: &ProcessCommand) {
     }
 }
 
-/// Takes an answer, which must be all that is left.
+/// Parses an answer, which must fill the rest of the record.
 pub(super) fn take(mut take: Take<'_>, now: Instant) -> Result<Answer, Malformed> {
     let count = take.count()?;
     let mut actions = Vec::new();

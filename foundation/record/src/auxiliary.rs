@@ -1,11 +1,11 @@
-//! What crosses an I2C bus and a 1-Wire bus, as it stands in a record.
+//! Encoding of I2C transfers and 1-Wire requests.
 
 use super::Malformed;
 use super::wire::{self, Take};
 use base::i2c::{Outcome, Transfer, codec};
 use base::w1::{self, Answer, Request, Rom};
 
-// Requests and answers of a 1-Wire bus; what is wrong with a temperature follows.
+// Requests and answers of a 1-Wire bus; then the possible errors of a temperature.
 const LIST: u8 = 0;
 const TEMPERATURE: u8 = 1;
 const ABSENT: u8 = 2;

@@ -1,4 +1,4 @@
-//! What a host hands to a shell, as bytes.
+//! Encoding of a host's calls to a shell.
 
 use super::wire::{self, Take};
 use super::{Malformed, auxiliary, level, report, state, store, take_level, take_message, take_report, take_state};
@@ -41,7 +41,7 @@ const HEARD: u8 = 30;
 const STORE: u8 = 31;
 const SAY: u8 = 32;
 
-/// Appends a call. Moments in it are told relative to `now`.
+/// Appends a call. Instants are encoded relative to `now`.
 pub(super) fn put(out: &mut Vec<u8>, now: Instant, call: &Call<'_>) {
     match call {
         Call::Event(Event::Start) => out.push(START),
@@ -178,7 +178,7 @@ fn put_process(out: &mut Vec<u8>, now: Instant, event: &ProcessEvent<'_>) {
     }
 }
 
-/// Takes a call and shows it to `f`.
+/// Parses a call and passes it to `f`.
 pub(super) fn take<T>(take: &mut Take<'_>, now: Instant, f: impl FnOnce(Call<'_>) -> T) -> Result<T, Malformed> {
     let tag = take.u8()?;
     let event = match tag {
@@ -281,12 +281,12 @@ fn take_i32(take: &mut Take<'_>) -> Result<i32, Malformed> {
     i32::try_from(take.signed()?).map_err(|_| Malformed("a number in its range"))
 }
 
-/// How long before `now`, ns; any two moments can be told so.
+/// Time from `at` to `now`, ns; valid for any two instants.
 pub(super) fn since(now: Instant, at: Instant) -> i64 {
     now.as_nanos().wrapping_sub(at.as_nanos()) as i64
 }
 
-/// The moment so long before `now`.
+/// Instant that is `since` ns before `now`.
 pub(super) fn before(now: Instant, since: i64) -> Instant {
     Instant::from_nanos(now.as_nanos().wrapping_sub(since as u64))
 }

@@ -1,10 +1,10 @@
-//! What a gamepad tells, as bytes.
+//! Encoding of gamepad inputs.
 
 use super::Malformed;
 use super::wire::{self, Take};
 use base::gamepad::{Axis, Button, Device, Event, Input};
 
-// The first byte of each. Numbers are never reused.
+// First byte of each input. Numbers are never reused.
 const FOUND: u8 = 1;
 const GONE: u8 = 2;
 const AXIS: u8 = 3;
@@ -12,7 +12,7 @@ const PRESSED: u8 = 4;
 const LET_GO: u8 = 5;
 const FRAME: u8 = 6;
 
-/// Appends it.
+/// Appends an input.
 pub(super) fn gamepad(out: &mut Vec<u8>, input: Input<'_>) {
     let mut coded = |kind: u8, code: u16| {
         out.push(kind);
@@ -48,7 +48,7 @@ fn put_device(out: &mut Vec<u8>, device: &Device) {
     }
 }
 
-/// Takes it.
+/// Parses an input.
 pub(super) fn take_gamepad(take: &mut Take<'_>) -> Result<Event, Malformed> {
     Ok(match take.u8()? {
         FOUND => Event::Found(Box::new(take_device(take)?)),

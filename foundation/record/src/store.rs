@@ -1,4 +1,4 @@
-//! What a logger and its folder say to each other, as it stands in a record.
+//! Encoding of requests to a folder of log files, and their answers.
 
 use super::Malformed;
 use super::wire::{self, Take};

@@ -8,7 +8,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Sends a set-point for each command, and zero when none came for `ttl`.
+/// Sends a set-point for each command, and zero if none came for `ttl`.
 struct Driver {
     ttl: Duration,
     until: Option<Instant>,
@@ -64,7 +64,7 @@ fn list(roms: &[w1::Rom]) -> w1::Answer {
 
 type File = Rc<RefCell<Vec<u8>>>;
 
-/// A shell with a recorder, and the file that it writes. `room` says whether there is any.
+/// A shell with a recorder, and its file. `room` returns true while the sink accepts records.
 fn recorded(limit: u64, room: impl Fn() -> bool + 'static) -> (Shell, File) {
     let file = File::default();
     let (mut shell, to) = (shell(250), file.clone());
@@ -105,7 +105,7 @@ fn driven() -> Vec<u8> {
     file.take()
 }
 
-/// Reads to the end: how many records, and how it ends.
+/// Reads to the end; returns the number of records and the reason for the end.
 fn read(bytes: &[u8]) -> Result<(u32, End), Refusal> {
     let (mut reader, mut count) = (Reader::open(bytes)?, 0);
     let mut end = None;
@@ -181,7 +181,7 @@ fn a_file_that_is_cut_anywhere_says_where() {
         }
     }
     let (count, _) = read(&file).unwrap();
-    // Behind the header, behind the epoch, behind each record.
+    // After the header, after the epoch, after each record.
     assert_eq!(whole, count + 2);
 }
 
@@ -197,7 +197,7 @@ fn a_damaged_bit_anywhere_is_noticed() {
             match place {
                 0..8 => assert_eq!(refusal.why, Why::NotOne),
                 8..10 => assert!(matches!(refusal.why, Why::Version(_))),
-                // A longer record than the file has bytes looks like one that was cut.
+                // A record longer than the file looks like one that was truncated.
                 _ => assert!(matches!(refusal.why, Why::Damaged | Why::Cut), "byte {place}: {refusal}"),
             }
         }
@@ -235,7 +235,7 @@ fn what_found_no_room_leaves_a_gap_with_its_number() {
     });
     drive(&mut shell);
     let refusal = read(&file.borrow()).unwrap_err();
-    // One call found none; before the two after it there was none to tell of that.
+    // One call did not fit; nor did the record of that gap with the next two calls.
     assert_eq!(refusal.why, Why::Gap(3));
     assert_eq!(refusal.record, 9);
 }
@@ -249,7 +249,7 @@ fn what_found_no_room_before_the_end_is_told_too() {
         true
     });
     drive(&mut shell);
-    // The last is the end; before it comes the call that led to it.
+    // The last record is the end; before it comes the call that led to it.
     let (mut shell, file) = recorded(1 << 20, move || {
         count.set(count.get() + 1);
         count.get() != all.get() - 1
