@@ -54,7 +54,7 @@ mod tests {
     const BAD: Fault = Fault::MessageMalformed;
 
     #[test]
-    fn a_cause_is_told_once_counted_and_over_after_a_minute_without_it() {
+    fn a_cause_is_reported_once_counted_and_ends_after_a_minute_without_it() {
         let mut bad = BadInput::default();
         assert!(bad.count(at(1), BAD, "can.main", 1));
         assert!((2..=100).all(|second| !bad.count(at(second), BAD, "can.main", 1)));

@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_thread_is_told() {
+    fn the_thread_with_the_oldest_heartbeat_is_reported() {
         let dir = Dir::new("oldest");
         let (mut page, mut beats) = pair(&dir);
         let me = std::process::id();
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_beat_is_written_no_more_often_than_its_period() {
+    fn a_heartbeat_is_written_at_most_once_per_period() {
         let dir = Dir::new("period");
         let (mut page, mut beats) = pair(&dir);
         let mut beat = beats.thread(at(0), "main").unwrap();
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_held_up_himself_blames_nobody() {
+    fn a_delay_of_the_watchdog_is_not_charged_to_threads() {
         let dir = Dir::new("held");
         let (mut page, mut beats) = pair(&dir);
         let _beat = beats.thread(at(0), "main").unwrap();
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_bad_and_hurts_nobody() {
+    fn invalid_pages_are_rejected_without_harm() {
         let dir = Dir::new("bad");
         let path = dir.0.join("module");
         let me = std::process::id();
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_threads_than_fit() {
+    fn the_number_of_threads_is_bounded() {
         let dir = Dir::new("full");
         let (mut page, mut beats) = pair(&dir);
         for n in 0..THREADS_MAX {
@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn every_run_folder_has_pages_of_its_own() {
+    fn every_run_folder_has_its_own_pages() {
         let (a, b) = (Dir::new("a"), Dir::new("b"));
         let [a, again, b] = [&a, &a, &b].map(|dir| folder(&dir.0).unwrap());
         assert_eq!(a, again);

@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_is_over_10_s_after_the_last_lost_message() {
+    fn a_loss_ends_10_s_after_the_last_lost_message() {
         let mut health = BusHealth::new();
         assert_eq!(health.on_served(at(0), 3), Some(Losses::Grow));
         assert_eq!(health.on_served(at(9000), 4), Some(Losses::Grow));
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn acceptance_after_refusal_is_news_once() {
+    fn acceptance_after_refusal_is_reported_once() {
         let mut health = BusHealth::new();
         let published = [true, false, false, true, true].map(|accepted| health.on_published(accepted));
         assert_eq!(published, [false, false, false, true, false]);

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_written_where_the_group_has_them() {
+    fn limits_are_written_where_the_group_supports_them() {
         let groups = played("cpuset cpu io memory pids\n");
         groups.divide();
         for group in [&groups.own, &groups.robot] {

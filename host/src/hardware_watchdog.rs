@@ -57,7 +57,7 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn it_is_fed_each_second_and_disarmed_by_a_letter() {
+    fn the_watchdog_is_fed_each_second_and_disarmed_on_close() {
         let path = std::env::temp_dir().join(format!("advee-watchdog-{}", std::process::id()));
         fs::write(&path, "").unwrap();
         let (mut device, told) = HardwareWatchdog::open(&path, 10).unwrap();

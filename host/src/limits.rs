@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn real_time_is_taken_on_or_said_to_be_refused() {
+    fn real_time_priority_is_set_or_its_refusal_reported() {
         let limits = Limits { rt_priority: Some(7), ..Limits::default() };
         // Fields 40 and 41 of stat: priority and policy.
         let (said, refused) = run(&limits, "cut -d' ' -f40,41 /proc/self/stat");
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_held_is_said_and_the_process_starts() {
+    fn unsupported_limits_are_reported_and_the_process_starts() {
         let limits = Limits { cpus: vec![1023], cpu_max: Some(0.5), ..Limits::default() };
         let (said, refused) = run(&limits, "echo here");
         assert_eq!(said, "here\n");

@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pulse_arrives_and_nonsense_is_none() {
+    fn a_report_arrives_and_invalid_datagrams_are_ignored() {
         let (here, there) = FromWatchdog::pair().unwrap();
         let told = [true, false].map(|healthy| Pulse { healthy, status: "5 of 5 modules RUN".into() });
         for pulse in &told {

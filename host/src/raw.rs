@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_frame_is_told_too() {
+    fn incomplete_frames_are_recorded_too() {
         let mut tap = Tap::default();
         tap.received(ms(0), &Input::Words(&words("07 08 20! 01 00 11! 01")));
         assert_eq!(taken(&mut tap), ["0 0 -1 2 [07, 08]".replace("-1", "ffffffff"), "0 0 20 1 [01, 00]".into()]);
@@ -211,14 +211,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_without_end_is_told_in_bounded_pieces() {
+    fn endless_noise_is_recorded_in_bounded_pieces() {
         let mut tap = Tap::default();
         (0..1000).for_each(|n| tap.received(ms(n), &Input::Words(&[Word::data(n as u8)])));
         assert_eq!(taken(&mut tap).len(), 1000 / MAX_WORDS);
     }
 
     #[test]
-    fn what_comes_of_a_transfer_names_the_chip_that_was_asked() {
+    fn an_outcome_names_the_addressed_chip() {
         let mut tap = Tap::default();
         let transfer = |address, read| i2c::Transfer {
             address: i2c::Address::new(address).unwrap(),
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_can_frame_says_what_kind_it_is() {
+    fn a_can_frame_has_its_kind() {
         let mut tap = Tap::default();
         tap.received(ms(0), &Input::Can(can::Frame::standard(0x181, &[1])));
         tap.sent(ms(1), &Output::Can(can::Frame::remote(can::Id::Extended(0x1234), 2).unwrap()));

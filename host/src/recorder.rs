@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn each_life_has_a_file_and_all_of_it_is_there_when_it_ends() {
+    fn each_start_has_its_own_complete_file() {
         let run = Run::new("lives");
         for calls in [10_000, 20] {
             let mut shell = shell();
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_takes_nothing_stops_nobody_and_leaves_a_gap() {
+    fn a_blocked_disk_does_not_stop_the_module_and_leaves_a_gap() {
         let run = Run::new("slow");
         std::fs::create_dir_all(&run.0).unwrap();
         // A writer that never runs, like a disk that hangs.
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_written_is_told() {
+    fn a_file_that_cannot_be_written_is_reported() {
         let run = Run::new("full");
         let mut shell = shell();
         let shared = Arc::new(Shared::default());

@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_held_once_and_nothing_is_left() {
+    fn a_folder_is_locked_once_and_removed_at_the_end() {
         let path = fresh("held");
         let first = RunFolder::take(&path).unwrap();
         let Err(refusal) = RunFolder::take(&path) else { panic!("taken twice") };
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn what_others_put_there_stays() {
+    fn foreign_files_in_the_folder_are_kept() {
         let path = fresh("shared");
         let folder = RunFolder::take(&path).unwrap();
         fs::write(path.join("other"), "").unwrap();
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_cannot_be_made_is_one_line() {
+    fn a_folder_that_cannot_be_created_is_reported_in_one_line() {
         let Err(why) = RunFolder::take(Path::new("/proc/nothing/run")) else { panic!() };
         assert!(why.starts_with("run folder /proc/nothing/run: ") && !why.contains('\n'), "{why}");
     }

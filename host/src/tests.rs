@@ -137,7 +137,7 @@ fn count(notes: &Notes, what: &str) -> usize {
 const SHORT: Duration = Duration::from_millis(300);
 
 #[test]
-fn timers_come_on_their_grid_and_sigterm_ends_in_good_order() {
+fn timers_keep_their_period_and_sigterm_ends_in_good_order() {
     let (shell, notes) = Toy::new(SHORT, None, None);
     assert_eq!(host(shell, &lcm_url(), Vec::new()), 0);
     let ticks = count(&notes, "tick");
@@ -147,7 +147,7 @@ fn timers_come_on_their_grid_and_sigterm_ends_in_good_order() {
 }
 
 #[test]
-fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
+fn messages_are_exchanged_and_malformed_ones_reported_once_per_kind() {
     let url = lcm_url();
     let (shell, notes) = Toy::new(Duration::from_millis(600), None, None);
     let mut lcm = lcm::live::Lcm::new(&lcm::Url::parse(&url).unwrap().0).unwrap();
@@ -193,7 +193,7 @@ fn messages_come_in_and_go_out_and_nonsense_is_reported_once_per_kind() {
 }
 
 #[test]
-fn a_flood_of_messages_does_not_hold_timers_up() {
+fn a_flood_of_messages_does_not_delay_timers() {
     let url = lcm_url();
     let mut lcm = lcm::live::Lcm::new(&lcm::Url::parse(&url).unwrap().0).unwrap();
     let (toy, notes) = Toy::new(SHORT, None, None);
@@ -232,7 +232,7 @@ fn words_cross_a_pair_of_pseudo_terminal_and_terminal() {
 }
 
 #[test]
-fn a_port_that_is_not_there_is_told_once_and_found_when_it_comes() {
+fn a_missing_port_is_reported_once_and_opened_when_it_appears() {
     let link = path("late");
     let line = Some(("rs485.a", Line::Serial { baud: 115_200 }));
     let (driver, notes) = Toy::new(Duration::from_millis(800), line, None);
@@ -265,7 +265,7 @@ fn next_words(port: &mut dyn Device) -> Vec<Word> {
 }
 
 #[test]
-fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
+fn the_simulator_s_end_survives_closing_and_reopening_of_the_other() {
     let link = path("again");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     assert_eq!(simulator.try_open(clock::now()), Some(Ok(())));
@@ -288,7 +288,7 @@ fn the_simulator_s_side_survives_that_the_other_one_closes_and_opens_again() {
 }
 
 #[test]
-fn sent_is_told_after_the_time_on_the_wire() {
+fn sent_is_reported_after_the_time_on_the_wire() {
     let link = path("wire");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 9600 });
     simulator.device.open().unwrap();
@@ -310,7 +310,7 @@ fn sent_is_told_after_the_time_on_the_wire() {
 }
 
 #[test]
-fn a_terminal_is_held_by_one_even_if_that_one_is_root() {
+fn a_terminal_is_exclusive_even_for_root() {
     let link = path("held");
     let mut simulator = Port::new("a".into(), PortConfig::Pseudo { link: link.clone(), baud: 115_200 });
     simulator.device.open().unwrap();
@@ -323,7 +323,7 @@ fn a_terminal_is_held_by_one_even_if_that_one_is_root() {
 }
 
 #[test]
-fn frames_cross_a_multicast_bus_without_one_s_own_and_without_nonsense() {
+fn frames_cross_a_multicast_bus_without_own_and_invalid_ones() {
     let (port, a, b) = unique();
     let bus = SocketAddrV4::new(Ipv4Addr::new(239, 68, a, b), port);
     let mut ends = [0, 1].map(|_| Port::new("can.main".into(), PortConfig::CanUdp { bus }));
@@ -352,7 +352,7 @@ fn frames_cross_a_multicast_bus_without_one_s_own_and_without_nonsense() {
 }
 
 #[test]
-fn a_bus_that_is_none_is_one_clear_line() {
+fn an_invalid_bus_is_reported_in_one_line() {
     let Err(why) = bus::Bus::open("http://localhost", &[]) else { panic!() };
     assert!(why.contains("udpm://") && !why.contains('\n'), "{why}");
 }

@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cause_keeps_its_moment_until_it_ends_or_is_about_another_subject() {
+    fn a_cause_keeps_its_begin_until_it_ends_or_its_subject_changes() {
         let mut holds = Holds::default();
         let (bumper, drive) =
             (Standing::new(Hold::PauseBumper, "bumper2"), Standing::new(Hold::DriveFault, "propulsion"));

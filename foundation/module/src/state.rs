@@ -125,7 +125,7 @@ TERMINATE | -      | -      | -      | -      | -
 ";
 
     #[test]
-    fn the_transition_table_is_the_design_s() {
+    fn the_transition_table_matches_the_design() {
         use State::{Error, Init, Pause, Run, Stop, Terminate};
         let mut text = String::from("from \\ to | RUN    | PAUSE  | STOP   | ERROR  | TERMINATE\n");
         for from in [Init, Run, Pause, Stop, Error, Terminate] {

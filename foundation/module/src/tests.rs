@@ -101,7 +101,7 @@ fn a_module_that_is_ready_goes_to_the_wanted_state() {
 }
 
 #[test]
-fn error_returns_only_to_where_it_came_from() {
+fn error_returns_only_to_the_previous_state() {
     for wanted in [State::Run, State::Pause, State::Stop] {
         let mut bench = bench(wanted);
         bench.start();
@@ -120,7 +120,7 @@ fn error_returns_only_to_where_it_came_from() {
 }
 
 #[test]
-fn a_lost_device_is_not_forgotten_by_way_of_stop() {
+fn a_lost_device_is_remembered_through_stop() {
     let mut bench = bench(State::Run);
     bench.start();
     down(&mut bench);
@@ -181,7 +181,7 @@ fn a_fault_is_reported_once_and_cleared_once() {
 }
 
 #[test]
-fn the_end_waits_for_the_module_but_not_for_ever() {
+fn the_end_waits_for_the_module_for_a_limited_time() {
     let mut bench = bench(State::Run);
     bench.start();
     bench.message(command("toy", State::Terminate, false));
@@ -200,7 +200,7 @@ fn the_end_waits_for_the_module_but_not_for_ever() {
 }
 
 #[test]
-fn only_what_is_wanted_reaches_the_module() {
+fn only_subscribed_messages_reach_the_module() {
     let mut bench = bench(State::Run);
     assert_eq!(bench.shell.subscriptions().collect::<Vec<_>>(), [Channel::CmCmdState, Channel::LlCmdHoming]);
     assert!(bench.shell.wants(Channel::CmCmdState) && bench.shell.wants(Channel::LlCmdHoming));
@@ -283,7 +283,7 @@ fn order(bench: &mut Bench, text: &str) {
 }
 
 #[test]
-fn of_two_lost_boards_one_that_comes_back_leaves_the_other_in_the_list() {
+fn when_one_of_two_lost_boards_returns_the_other_stays_in_the_list() {
     let mut bench = boards(ShellConfig::new("driver"));
     bench.pass(Duration::from_millis(300));
     order(&mut bench, "raise front warning front is silent\nraise rear warning rear is silent");
@@ -322,7 +322,7 @@ fn the_list_comes_before_the_reports_that_it_explains_and_has_their_time() {
 }
 
 #[test]
-fn a_fault_raised_anew_is_no_report_but_its_severity_is_news() {
+fn a_fault_raised_again_is_reported_only_if_its_severity_changed() {
     let mut bench = boards(ShellConfig::new("driver"));
     order(&mut bench, "raise front warning one");
     bench.pass(Duration::from_millis(400));
@@ -340,7 +340,7 @@ fn a_fault_raised_anew_is_no_report_but_its_severity_is_news() {
 }
 
 #[test]
-fn the_list_has_what_no_report_is_sent_of_and_is_bounded() {
+fn the_list_includes_unreported_faults_and_is_bounded() {
     let config = ShellConfig { report_from: Severity::Error, ..ShellConfig::new("driver") };
     let mut bench = boards(config);
     bench.done();
@@ -361,7 +361,7 @@ fn the_list_has_what_no_report_is_sent_of_and_is_bounded() {
 }
 
 #[test]
-fn what_the_host_found_is_in_the_list() {
+fn faults_of_the_host_are_in_the_list() {
     let mut bench = boards(ShellConfig::new("driver"));
     bench.done();
     let mut out = Actions::default();
@@ -392,7 +392,7 @@ fn texts(bench: &mut Bench) -> [Vec<(i8, String)>; 2] {
 }
 
 #[test]
-fn texts_are_sent_and_printed_each_from_its_level_on() {
+fn texts_are_sent_and_printed_from_separate_levels() {
     let lines = |levels: &[i8]| levels.iter().map(|level| (*level, format!("L{level}"))).collect::<Vec<_>>();
     let usual = ShellConfig::new("driver");
     let quiet = ShellConfig { report_from: Severity::Error, ..usual.clone() };
@@ -413,7 +413,7 @@ fn texts_are_sent_and_printed_each_from_its_level_on() {
 }
 
 #[test]
-fn a_report_is_sent_and_printed_each_from_its_level_on_and_so_is_its_end() {
+fn reports_and_their_ends_are_sent_and_printed_from_separate_levels() {
     let reports = |bench: &mut Bench| {
         let (mut sent, mut printed) = (0, 0);
         for (_, action) in bench.done() {
@@ -442,7 +442,7 @@ fn a_report_is_sent_and_printed_each_from_its_level_on_and_so_is_its_end() {
 }
 
 #[test]
-fn a_module_that_talks_without_end_is_cut_short_on_the_bus_alone() {
+fn the_rate_of_texts_is_limited_on_the_bus_only() {
     let mut bench = boards(ShellConfig::new("driver"));
     bench.pass(Duration::from_millis(100));
     bench.done();

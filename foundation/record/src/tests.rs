@@ -144,7 +144,7 @@ fn the_same_shell_answers_the_same() {
 }
 
 #[test]
-fn another_constant_is_noticed_at_the_first_call_that_shows_it() {
+fn a_changed_constant_is_found_at_the_first_affected_call() {
     let difference = play(&driven(), shell(249)).unwrap();
     assert_eq!((difference.at, &*difference.call), (at(1002), "message LL_CMD_MOTION"));
     let First::Wake { was, is } = difference.first else { panic!("{difference:?}") };
@@ -152,7 +152,7 @@ fn another_constant_is_noticed_at_the_first_call_that_shows_it() {
 }
 
 #[test]
-fn another_action_is_shown_beside_the_recorded_one() {
+fn a_different_action_is_shown_beside_the_recorded_one() {
     let file = driven();
     let mut config = ShellConfig::new("driver");
     config.report_from = Severity::Error;
@@ -165,7 +165,7 @@ fn another_action_is_shown_beside_the_recorded_one() {
 }
 
 #[test]
-fn a_file_that_is_cut_anywhere_says_where() {
+fn a_truncation_anywhere_is_found_with_its_offset() {
     let file = driven();
     let mut whole = 0;
     for len in 0..file.len() {
@@ -186,7 +186,7 @@ fn a_file_that_is_cut_anywhere_says_where() {
 }
 
 #[test]
-fn a_damaged_bit_anywhere_is_noticed() {
+fn a_damaged_bit_anywhere_is_found() {
     let file = driven();
     for place in 0..file.len() {
         for bit in [0, 3, 7] {
@@ -205,7 +205,7 @@ fn a_damaged_bit_anywhere_is_noticed() {
 }
 
 #[test]
-fn a_record_that_is_taken_out_is_missed() {
+fn a_removed_record_is_found() {
     let file = driven();
     let mut reader = Reader::open(&file).unwrap();
     let mut places = Vec::new();
@@ -226,7 +226,7 @@ fn a_record_that_is_taken_out_is_missed() {
 }
 
 #[test]
-fn what_found_no_room_leaves_a_gap_with_its_number() {
+fn rejected_records_leave_a_gap_with_their_number() {
     let (calls, room) = (Rc::new(RefCell::new(0)), 10..13);
     let count = calls.clone();
     let (mut shell, file) = recorded(1 << 20, move || {
@@ -241,7 +241,7 @@ fn what_found_no_room_leaves_a_gap_with_its_number() {
 }
 
 #[test]
-fn what_found_no_room_before_the_end_is_told_too() {
+fn a_gap_before_the_end_is_recorded_too() {
     let (count, counted) = (Cell::new(0), Rc::new(Cell::new(0)));
     let all = counted.clone();
     let (mut shell, _) = recorded(1 << 20, move || {
@@ -259,7 +259,7 @@ fn what_found_no_room_before_the_end_is_told_too() {
 }
 
 #[test]
-fn what_cannot_even_be_begun_is_no_file_and_is_known_to_be_missing() {
+fn without_room_for_the_header_there_is_no_file_and_gaps_are_known() {
     let (mut shell, file) = recorded(u64::MAX, || false);
     assert!(shell.has_lost_inputs());
     drive(&mut shell);
@@ -267,7 +267,7 @@ fn what_cannot_even_be_begun_is_no_file_and_is_known_to_be_missing() {
 }
 
 #[test]
-fn at_its_limit_a_file_ends_and_is_good_up_to_there() {
+fn a_file_ends_validly_at_its_size_limit() {
     let (mut shell, file) = recorded(1200, || true);
     drive(&mut shell);
     let file = file.take();
@@ -278,7 +278,7 @@ fn at_its_limit_a_file_ends_and_is_good_up_to_there() {
 }
 
 #[test]
-fn a_file_that_is_another_s_is_none() {
+fn a_file_of_another_format_is_rejected() {
     for (bytes, why) in [
         (&b""[..], Why::Cut),
         (b"ADVEE", Why::Cut),
@@ -292,7 +292,7 @@ fn a_file_that_is_another_s_is_none() {
 }
 
 #[test]
-fn a_file_of_the_version_before_is_read_and_not_compared() {
+fn a_file_of_the_previous_version_is_read_but_not_compared() {
     let mut file = driven();
     assert!(Reader::open(&file).unwrap().comparable().is_ok());
     file[MAGIC.len()] = 1;
@@ -312,7 +312,7 @@ fn pad() -> gamepad::Device {
 }
 
 #[test]
-fn a_gamepad_with_more_than_it_can_have_is_refused() {
+fn a_gamepad_with_too_many_axes_is_rejected() {
     let mut bytes = Vec::new();
     pad::gamepad(&mut bytes, gamepad::Input::Found(&pad()));
     // The second axis with the code of the first.
@@ -461,7 +461,7 @@ fn every_action_is_read_as_it_was_written() {
 }
 
 #[test]
-fn a_message_that_cannot_be_sent_is_written_as_the_line_about_it() {
+fn a_message_that_cannot_be_encoded_is_recorded_as_a_text() {
     let message = lowlevel::CmdMotion { source: "a\0b".into(), ..Default::default() }.into();
     let mut bytes = Vec::new();
     answer::put(&mut bytes, at(0), &[Action::Publish(message)], None);

@@ -66,7 +66,7 @@ fn messages(path: &Path) -> u64 {
 }
 
 #[test]
-fn what_was_cut_off_anywhere_has_an_index_afterwards_and_is_left_alone_the_next_time() {
+fn a_truncated_log_is_indexed_once() {
     let (made, whole) = (Made::new("cut"), whole());
     let data = whole.len() * 9 / 10;
     let path = made.file("run/log_000.mcap", &whole);
@@ -88,7 +88,7 @@ fn what_was_cut_off_anywhere_has_an_index_afterwards_and_is_left_alone_the_next_
 }
 
 #[test]
-fn what_is_no_log_or_another_s_stays_as_it_is() {
+fn other_files_and_logs_in_use_are_left_unchanged() {
     let (made, whole) = (Made::new("others"), whole());
     let half = &whole[..whole.len() / 2];
     let outside = made.0.with_extension("outside");
@@ -109,7 +109,7 @@ fn what_is_no_log_or_another_s_stays_as_it_is() {
 }
 
 #[test]
-fn what_cannot_be_mended_is_told_and_stays() {
+fn an_irreparable_log_is_reported_and_kept() {
     let (made, mut damaged) = (Made::new("damaged"), whole());
     damaged.truncate(60_000);
     damaged[30_000..33_000].fill(0xFF);

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_waits_keeps_its_order_is_bounded_and_does_not_get_old() {
+    fn the_queue_is_ordered_and_bounded_in_number_and_age() {
         let mut queue = Queue::default();
         let frame = |n: u8| Frame::standard(0x600, &[n]);
         for n in 0..200 {

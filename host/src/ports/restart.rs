@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_restart_is_tried_later_each_time_and_soon_again_after_peace() {
+    fn restarts_back_off_until_the_bus_was_stable() {
         let mut restart = Restart::default();
         let (mut due, mut now) = (Vec::new(), Instant::from_millis(10_000));
         restart.off(now);

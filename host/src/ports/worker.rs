@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_call_that_does_not_come_back_leaves_its_caller_free_and_its_queue_bounded() {
+    fn a_blocked_call_does_not_block_the_caller_and_its_queue_is_bounded() {
         let (go, gate) = channel::<()>();
         let mut life = Life::default();
         let work = move |job| gate.recv().map(|()| job * 2).map_err(|_| "gone".into());

@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mark_is_of_the_command_but_not_of_the_first_state() {
+    fn a_mark_depends_on_the_command_but_not_on_the_first_state() {
         let mark = |args: &[&str]| super::mark(Path::new("/run/processes"), "m", Command::new("advee").args(args));
         let usual = mark(&["run", "m", "--state", "RUN", "--sim"]);
         assert!(usual.starts_with("/run/processes:m:") && usual.len() == 33, "{usual}");

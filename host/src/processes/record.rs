@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_by_the_next_one_of_the_same_boot() {
+    fn a_record_is_read_back_within_the_same_boot() {
         let path = fresh("same");
         let (mut first, told) = Record::read(&path, "b".into());
         told.unwrap();
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_that_is_none_is_told_and_empty() {
+    fn an_invalid_record_is_reported_and_empty() {
         let path = fresh("bad");
         let told = |text: &str| {
             fs::write(&path, text).unwrap();

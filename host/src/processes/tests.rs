@@ -69,7 +69,7 @@ fn gone(pid: u32) -> bool {
 }
 
 #[test]
-fn an_exit_code_is_told() {
+fn an_exit_code_is_reported() {
     let (mut processes, _) = start("exit 32");
     assert_eq!(end(&mut processes), ExitStatus::Code(32));
 }
@@ -100,7 +100,7 @@ fn terminate_ends_the_whole_group() {
 }
 
 #[test]
-fn what_a_process_leaves_in_its_group_is_killed() {
+fn processes_left_in_a_group_are_killed() {
     let dir = std::env::temp_dir().join(format!("advee-orphan-{}", std::process::id()));
     let path = dir.display().to_string();
     let script: &'static str = format!("trap '' TERM; sleep 100 & echo $! > {path}").leak();
@@ -118,7 +118,7 @@ fn what_a_process_leaves_in_its_group_is_killed() {
 }
 
 #[test]
-fn a_strange_pid_is_left_alone() {
+fn a_foreign_pid_is_ignored() {
     let (mut processes, pid) = start("sleep 100");
     // The pid of this test, which would not survive the signal.
     processes.command(ProcessCommand::Kill { pid: std::process::id() });
@@ -127,7 +127,7 @@ fn a_strange_pid_is_left_alone() {
 }
 
 #[test]
-fn what_a_process_uses_is_measured() {
+fn the_load_of_a_process_is_measured() {
     let (mut processes, pid) = start("while :; do :; done");
     assert!(Path::new(&format!("/proc/{pid}")).exists());
     sleep(std::time::Duration::from_millis(1100));
@@ -143,7 +143,7 @@ fn what_a_process_uses_is_measured() {
 }
 
 #[test]
-fn a_command_that_is_not_there_is_told() {
+fn a_missing_command_is_reported() {
     let launch = launch("/nonexistent/module", Vec::new(), None);
     let mut processes = Processes::new(clock::now(), launch, None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
@@ -210,7 +210,7 @@ fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
 }
 
 #[test]
-fn one_that_could_not_be_written_down_is_found() {
+fn a_process_without_a_recorded_pid_is_found() {
     let run = Run::new("starting");
     let (mut first, _) = run.life("exec sleep 100");
     let pid = Run::spawn(&mut first);
@@ -223,7 +223,7 @@ fn one_that_could_not_be_written_down_is_found() {
 }
 
 #[test]
-fn one_that_was_started_otherwise_is_ended() {
+fn a_process_with_another_command_line_is_ended() {
     let run = Run::new("otherwise");
     let (mut first, _) = run.life("exec sleep 100");
     Run::spawn(&mut first);
@@ -234,7 +234,7 @@ fn one_that_was_started_otherwise_is_ended() {
 }
 
 #[test]
-fn a_number_that_was_given_away_harms_nobody() {
+fn a_reused_pid_is_not_touched() {
     let run = Run::new("stale");
     let (first, _) = run.life("exit 0");
     let as_started = (first.launch.start)("m", State::Run).command;
@@ -271,7 +271,7 @@ fn a_number_that_was_given_away_harms_nobody() {
 }
 
 #[test]
-fn what_leaves_the_process_group_ends_with_the_cgroup() {
+fn processes_outside_the_group_end_with_the_cgroup() {
     let run = Run::new("cgroup");
     let file = run.0.join("pid");
     let script = format!("setsid sleep 100 & echo $! > {0}.new; mv {0}.new {0}; wait", file.display());

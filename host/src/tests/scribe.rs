@@ -76,7 +76,7 @@ impl Module for Scribe {
 }
 
 #[test]
-fn who_overhears_is_told_everything_as_bytes_and_what_it_writes_is_there_when_it_ends() {
+fn a_module_on_the_raw_bus_receives_all_bytes_and_its_file_is_complete() {
     let (folder, url, notes) = (path("scribe"), lcm_url(), Notes::default());
     let ports = [PortSpec { bus: "log".into(), line: Line::Store }];
     let scribe = Scribe { ports, notes: notes.clone(), asked: 0, ended: false };

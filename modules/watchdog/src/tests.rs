@@ -112,7 +112,7 @@ fn log(bench: &mut Bench, seen: &mut String) {
 }
 
 #[test]
-fn a_thread_that_does_not_beat_is_a_hang_however_well_the_others_talk() {
+fn a_thread_without_heartbeat_is_a_hang_despite_announcements() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -139,7 +139,7 @@ fn a_thread_that_does_not_beat_is_a_hang_however_well_the_others_talk() {
 }
 
 #[test]
-fn a_bad_page_of_beats_is_told_and_hurts_nobody() {
+fn an_invalid_heartbeat_page_is_reported_without_harm() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -166,7 +166,7 @@ fn modules_start_in_the_order_of_their_dependencies() {
 }
 
 #[test]
-fn a_dependency_that_stays_in_init_holds_others_up_for_two_seconds_only() {
+fn a_dependency_in_init_delays_others_for_two_seconds_only() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -179,7 +179,7 @@ fn a_dependency_that_stays_in_init_holds_others_up_for_two_seconds_only() {
 }
 
 #[test]
-fn a_dead_module_is_back_at_once_then_more_calmly() {
+fn a_dead_module_is_restarted_at_once_then_with_back_off() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -204,7 +204,7 @@ fn a_dead_module_is_back_at_once_then_more_calmly() {
 }
 
 #[test]
-fn a_hung_module_gets_sigterm_then_sigkill_then_a_new_life() {
+fn a_hung_module_gets_sigterm_then_sigkill_then_a_restart() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -353,7 +353,7 @@ fn a_command_to_a_process_that_is_being_started_is_not_lost() {
 }
 
 #[test]
-fn a_second_process_of_a_module_is_not_left() {
+fn a_second_process_of_a_module_is_killed() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -368,7 +368,7 @@ fn a_second_process_of_a_module_is_not_left() {
 }
 
 #[test]
-fn terminate_is_no_way_out_of_stop_but_for_an_operator() {
+fn only_an_operator_leads_out_of_stop_by_terminate() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -391,7 +391,7 @@ fn terminate_is_no_way_out_of_stop_but_for_an_operator() {
 }
 
 #[test]
-fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
+fn a_delayed_watchdog_ends_no_module_for_that() {
     let mut bench = bench();
     bench.event(Event::Start);
     bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
@@ -410,7 +410,7 @@ fn a_watchdog_that_was_held_up_itself_ends_nobody_for_it() {
 }
 
 #[test]
-fn an_earlier_watchdog_s_modules_are_adopted_and_what_was_wanted_of_them_stands() {
+fn modules_of_an_earlier_watchdog_are_adopted_with_their_wanted_states() {
     check(
         "0ms > earlier nerves STOP 7
          0ms > earlier eyes RUN 8
@@ -432,7 +432,7 @@ fn an_earlier_watchdog_s_modules_are_adopted_and_what_was_wanted_of_them_stands(
 }
 
 #[test]
-fn what_was_commanded_while_there_was_no_watchdog_counts_where_it_is_calmer() {
+fn a_restrictive_command_without_a_watchdog_is_kept() {
     check(
         "0ms > earlier nerves RUN 7
          0ms > earlier eyes STOP 8
@@ -448,7 +448,7 @@ fn what_was_commanded_while_there_was_no_watchdog_counts_where_it_is_calmer() {
 }
 
 #[test]
-fn what_died_unseen_is_told_and_started_and_what_was_ended_stays_so() {
+fn a_module_that_died_unseen_is_restarted_and_an_ended_one_is_not() {
     check(
         "0ms > earlier nerves RUN
          0ms > earlier eyes TERMINATE held
@@ -464,7 +464,7 @@ fn what_died_unseen_is_told_and_started_and_what_was_ended_stays_so() {
 }
 
 #[test]
-fn what_is_not_in_the_list_any_more_is_ended() {
+fn a_module_that_is_no_longer_configured_is_ended() {
     check(
         "0ms > earlier ears RUN 6
          0ms < sigterm 6
@@ -490,7 +490,7 @@ fn an_adopted_process_that_was_being_ended_is_ended() {
 }
 
 #[test]
-fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
+fn a_missed_command_counts_if_it_is_more_restrictive() {
     let mut bench = bench();
     bench.event(Event::Start);
     feed(&mut bench, &["pid", "nerves", "7"]);
@@ -530,7 +530,7 @@ fn a_command_that_one_of_the_two_did_not_hear_counts_where_it_is_calmer() {
 }
 
 #[test]
-fn a_storm_is_told_once_and_cleared_when_it_is_calm() {
+fn a_restart_storm_is_reported_once_and_cleared_at_its_end() {
     let mut bench = bench();
     bench.event(Event::Start);
     let mut told = Vec::new();
@@ -570,7 +570,7 @@ fn a_storm_is_told_once_and_cleared_when_it_is_calm() {
 }
 
 #[test]
-fn who_announces_another_s_name_is_told_and_changes_nothing() {
+fn an_announcement_in_another_name_is_reported_and_ignored() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -588,7 +588,7 @@ fn who_announces_another_s_name_is_told_and_changes_nothing() {
 }
 
 #[test]
-fn two_that_announce_one_name_are_told() {
+fn two_senders_of_one_name_are_reported() {
     let mut bench = bench();
     bench.event(Event::Start);
     bench.event(Event::Process(ProcessEvent::Started { module: "nerves", pid: 7 }));
@@ -612,7 +612,7 @@ fn two_that_announce_one_name_are_told() {
 }
 
 #[test]
-fn a_command_that_nobody_hears_is_told() {
+fn a_command_without_a_receiver_is_reported() {
     check(
         "0ms > start
          0ms < spawn nerves RUN
@@ -627,7 +627,7 @@ fn a_command_that_nobody_hears_is_told() {
 }
 
 #[test]
-fn the_host_remembers_what_is_wanted_and_hears_how_the_critical_modules_are() {
+fn the_host_stores_wanted_states_and_gets_the_health() {
     let mut bench = bench();
     let told = |bench: &mut Bench| {
         let told = bench.done().into_iter().filter_map(|(_, action)| match action {
@@ -678,7 +678,7 @@ fn lists(bench: &mut Bench, module: &str) -> Vec<(u64, i8, i64)> {
 }
 
 #[test]
-fn in_the_name_of_the_dead_it_says_that_their_faults_are_not_known() {
+fn faults_of_modules_without_a_process_are_published_as_unknown() {
     let mut bench = bench();
     let run = |bench: &mut Bench, ms: u64| bench.pass(Instant::from_millis(ms).since(bench.now()));
     bench.event(Event::Start);

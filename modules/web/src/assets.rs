@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_in_the_policy_ends_no_part_of_it() {
+    fn a_host_name_cannot_end_a_part_of_the_policy() {
         assert!(policy("localhost:8080").contains("connect-src 'self' ws://localhost:8080 wss://localhost:8080;"));
         for host in ["", "x; script-src *", "x y", "a'b"] {
             assert!(policy(host).contains("connect-src 'self';"), "{host}");

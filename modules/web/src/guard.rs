@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn hosts_are_the_robots_own() {
+    fn only_the_robot_s_own_host_names_are_accepted() {
         let guard = Guard { hosts: vec!["advee.local".into()], ..Guard::default() };
         let ask = |reached: &str, host: &str| ask(&guard, reached.parse().unwrap(), "/", &[("host", host)]);
         for host in ["localhost", "LocalHost:8080", "127.0.0.1:8080", "127.0.0.1", "[::1]:9000", "advee.local:80"] {
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn origins_are_ones_own_or_listed() {
+    fn only_own_and_listed_origins_are_accepted() {
         let origins = vec!["https://app.foxglove.dev".into(), "file://".into()];
         let guard = Guard { origins, ..Guard::default() };
         let ask = |origin: &str| ask(&guard, LOOPBACK, "/", &[("host", "localhost:8080"), ("origin", origin)]);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cookie_is_named_by_the_port_that_was_asked_for() {
+    fn the_cookie_is_named_by_the_requested_port() {
         let mut headers = HeaderMap::new();
         headers.insert("host", HeaderValue::from_static("localhost:9000"));
         assert_eq!(cookie_name(&headers, 8080), "advee-9000");
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn without_credentials_one_sees_on_the_robot_itself_alone() {
+    fn without_credentials_only_local_clients_may_view() {
         let guard = Guard { hosts: vec!["advee.local".into()], ..Guard::default() };
         assert_eq!(role(&guard, LOOPBACK, "/?token=x", &[("host", "localhost")]), Role::Viewer);
         assert_eq!(role(&guard, "10.0.0.5".parse().unwrap(), "/", &[("host", "advee.local")]), Role::Nobody);

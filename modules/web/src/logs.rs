@@ -231,7 +231,7 @@ mod tests {
     const NEW: &str = "2026_11_22_10_00_00";
 
     #[test]
-    fn what_is_listed_can_be_taken_and_nothing_else() {
+    fn only_listed_files_can_be_downloaded() {
         let folder = std::env::temp_dir().join(format!("advee-weblogs-{}", std::process::id()));
         let write = |path: &str| {
             let path = folder.join(path);
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_range_is_one_of_bytes() {
+    fn byte_ranges_are_parsed() {
         for (asked, got) in [
             ("bytes=0-4", Asked::Part(0, 5)),
             ("bytes=5-", Asked::Part(5, 10)),

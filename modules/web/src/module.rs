@@ -234,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn credentials_are_long_and_nobody_elses() {
+    fn credentials_are_long_and_readable_by_the_owner_only() {
         let path = std::env::temp_dir().join(format!("advee-token-{}", std::process::id()));
         let read = |text: &str, mode: u32| {
             fs::write(&path, text).unwrap();

@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_others_say_is_no_markup() {
+    fn foreign_text_is_escaped() {
         assert_eq!(escaped("<a href='x'>&\"</a>"), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;&lt;/a&gt;");
     }
 

@@ -173,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_kind_is_counted_for_itself_and_told_once() {
+    fn each_kind_is_counted_separately_and_reported_once() {
         let stats = Stats::default();
         for (times, refusal) in Refusal::ALL.into_iter().enumerate() {
             for _ in 0..=times {

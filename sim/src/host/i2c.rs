@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn without_chips_nobody_acknowledges_and_a_master_that_is_gone_is_told_nothing() {
+    fn without_chips_no_address_is_acknowledged_and_a_gone_master_gets_no_answer() {
         let mut wire = wire();
         wire.close(1);
         wire.send(owner(2), read_byte());
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_that_comes_after_the_master_gave_up_is_not_taken_for_the_next_one() {
+    fn a_late_answer_is_not_taken_for_that_of_the_next_transfer() {
         let mut wire = wire();
         wire.send(owner(2), read_byte());
         wire.send(owner(2), read_byte());

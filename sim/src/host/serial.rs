@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_sends_while_still_sending_follows_without_a_gap() {
+    fn output_queued_while_sending_follows_without_a_gap() {
         let mut wire = SerialWire::new(110_000, false, Random::new(1));
         wire.send(Instant::ZERO, owner(1), vec![Word::address(1); 3]);
         wire.send(Instant::from_nanos(50_000), owner(1), vec![Word::data(2); 2]);
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn two_who_talk_at_once_garble_exactly_what_overlaps() {
+    fn two_simultaneous_senders_garble_exactly_the_overlap() {
         let mut wire = SerialWire::new(110_000, false, Random::new(1));
         wire.send(Instant::ZERO, owner(1), vec![Word::data(0x55); 5]);
         wire.send(Instant::from_nanos(350_000), owner(2), vec![Word::data(0xAA); 5]);

@@ -182,7 +182,7 @@ fn fault(fault: &str, value: f64, duration: f64) -> simulation::CmdFault {
 }
 
 #[test]
-fn a_master_that_is_bus_off_is_told_so_stops_the_robot_and_comes_back() {
+fn a_master_that_is_bus_off_stops_the_robot_and_recovers() {
     let mut run = run(1);
     run.machine.inject(Instant::from_millis(10_000), fault("bus_off", 0.0, 0.5));
     run.machine.run_until(Instant::from_millis(10_140));
@@ -204,7 +204,7 @@ fn a_master_that_is_bus_off_is_told_so_stops_the_robot_and_comes_back() {
 }
 
 #[test]
-fn a_master_that_is_cut_off_learns_that_nobody_hears_it() {
+fn a_master_that_is_cut_off_detects_missing_acknowledgements() {
     let mut run = run(1);
     run.machine.inject(Instant::from_millis(10_000), fault("cut", 0.0, 0.3));
     run.machine.run_until(Instant::from_millis(11_000));

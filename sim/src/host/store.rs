@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_synchronized_is_gone_after_a_power_cut() {
+    fn unsynchronized_data_is_lost_in_a_power_failure() {
         let mut wire = Served::<Store>::default();
         ask(&mut wire, Request::Create { name: "run/a".into() });
         ask(&mut wire, append(10, true));
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_takes_nothing_more_and_tells_what_is_there() {
+    fn a_full_disk_rejects_writes_and_lists_its_files() {
         let mut wire = Served::<Store>::default();
         wire.server.disk.capacity = 100;
         ask(&mut wire, Request::Create { name: "run/a".into() });

@@ -188,7 +188,7 @@ fn a_run_in_pieces_is_the_run_in_one() {
 }
 
 #[test]
-fn what_was_lost_was_lost_for_one_receiver() {
+fn a_lost_message_is_lost_for_one_receiver() {
     let (mut machine, log) = pair(Config { lcm_loss: 1.0, ..Config::default() });
     machine.run_until(ms(500));
     assert!(!log.borrow().iter().any(|line| line.contains("clock") || line.contains("truth")));
@@ -219,7 +219,7 @@ fn the_frame_of_one_number_is_lost_and_no_other() {
 }
 
 #[test]
-fn a_hung_process_does_nothing_and_finds_its_input_afterwards() {
+fn a_hung_process_does_nothing_and_reads_its_input_afterwards() {
     let (mut machine, log) = pair(Config::default());
     machine.run_until(ms(105));
     machine.hang(1001);
@@ -242,7 +242,7 @@ fn a_process_that_hangs_before_it_starts_starts_when_it_goes_on() {
 }
 
 #[test]
-fn a_killed_process_is_gone_at_once_and_its_parent_hears_of_it() {
+fn a_killed_process_is_gone_at_once_and_its_parent_is_informed() {
     let (mut machine, log) = machine(Config::default());
     machine.spawn("parent", State::Run).unwrap();
     machine.run_until(ms(50));
@@ -336,7 +336,7 @@ fn news_of_pong(until: u64, mut each: impl FnMut(&mut Virtual, u32)) -> Vec<Stri
 }
 
 #[test]
-fn a_process_that_is_served_beats_and_one_that_hangs_is_told_of_each_20_ms() {
+fn a_served_process_has_heartbeats_and_a_hung_one_is_reported_every_20_ms() {
     let (mut machine, log) = machine(Config::default());
     machine.spawn("parent", State::Run).unwrap();
     machine.run_until(ms(60));
@@ -354,7 +354,7 @@ fn a_process_that_is_served_beats_and_one_that_hangs_is_told_of_each_20_ms() {
 }
 
 #[test]
-fn a_parent_that_hung_itself_blames_nobody_for_that_time() {
+fn a_hang_of_the_parent_is_not_charged_to_its_children() {
     let news = news_of_pong(1350, |machine, pong| {
         machine.hang(pong);
         machine.hang(1000);
@@ -366,7 +366,7 @@ fn a_parent_that_hung_itself_blames_nobody_for_that_time() {
 }
 
 #[test]
-fn a_process_that_crawls_is_served_late_in_order_and_beats_seldom() {
+fn a_slowed_process_is_served_late_in_order_with_rare_heartbeats() {
     let (mut machine, log) = pair(Config::default());
     machine.run_until(ms(105));
     machine.crawl(1001, Duration::from_millis(7));
@@ -393,7 +393,7 @@ fn a_process_that_crawls_is_served_late_in_order_and_beats_seldom() {
 }
 
 #[test]
-fn a_kept_process_is_back_at_once_then_more_calmly_and_adopts_what_lives() {
+fn a_supervised_process_is_restarted_with_back_off_and_adopts_the_living() {
     let (mut machine, log) = machine(Config { restart_delay_max: Duration::from_millis(150), ..Config::default() });
     let mut pid = machine.keep("parent").unwrap();
     machine.run_until(ms(100));
@@ -430,7 +430,7 @@ fn a_kept_process_is_back_at_once_then_more_calmly_and_adopts_what_lives() {
 }
 
 #[test]
-fn children_of_one_that_hangs_for_three_seconds_end_themselves() {
+fn children_end_themselves_if_their_parent_hangs_for_three_seconds() {
     let (mut machine, _) = machine(Config::default());
     machine.spawn("parent", State::Run).unwrap();
     machine.run_until(ms(1000));
@@ -442,7 +442,7 @@ fn children_of_one_that_hangs_for_three_seconds_end_themselves() {
 }
 
 #[test]
-fn a_step_of_the_clock_is_for_those_who_start_after_it() {
+fn a_clock_step_affects_processes_that_start_after_it() {
     let (mut machine, _) = pair(Config::default());
     let stamps = Rc::new(RefCell::new(Vec::new()));
     let inner = stamps.clone();

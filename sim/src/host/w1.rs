@@ -80,7 +80,7 @@ mod tests {
     use module::PortId;
 
     #[test]
-    fn a_thermometer_takes_its_time_and_one_that_leaves_meanwhile_is_absent() {
+    fn a_measurement_takes_time_and_a_thermometer_may_disappear_meanwhile() {
         let [kernel, master] = [1, 2].map(|pid| Owner { pid, port: PortId(0) });
         let [rom, other] = [1, 2].map(|serial| Rom::new(0x28, serial).unwrap());
         let mut wire = Served::<Thermometers>::default();

@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_come_in_chaos_only_and_are_over_in_calm_and_as_often_as_said() {
+    fn faults_occur_in_chaos_only_with_their_configured_frequency() {
         let scenario = scenario(vec![kind("x", 120.0)]);
         let mut count = 0;
         for episode in 0..100 {
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_seed_draws_the_same_and_another_kind_changes_nothing() {
+    fn equal_seeds_draw_equal_faults_independent_of_other_kinds() {
         let one = scenario(vec![kind("x", 120.0)]);
         let both = scenario(vec![kind("w", 500.0), kind("x", 120.0)]);
         assert_eq!(draw(&one, 7, 3), draw(&one, 7, 3));

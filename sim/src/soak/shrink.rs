@@ -37,7 +37,7 @@ mod tests {
     use super::shrink;
 
     #[test]
-    fn what_is_left_is_what_it_takes() {
+    fn shrinking_keeps_exactly_the_necessary_faults() {
         let whole: Vec<u32> = (0..100).collect();
         let mut asked = 0;
         let left = shrink(&whole, 1000, |list| {
@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn with_few_tries_it_is_not_the_smallest() {
+    fn shrinking_with_few_attempts_is_not_minimal() {
         let whole: Vec<u32> = (0..100).collect();
         let left = shrink(&whole, 2, |list| list.contains(&7));
         assert!(left.len() < 100 && left.contains(&7));

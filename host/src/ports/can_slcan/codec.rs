@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_flags_and_what_is_not_for_us_are_told_apart() {
+    fn answers_flags_and_foreign_lines_are_distinguished() {
         let flags = |state, lost, error| Said::Flags(Flags { state, lost, error });
         assert_eq!(said("\rz\rZ\r\x07"), [Said::Yes, Said::Yes, Said::Yes, Said::No]);
         assert_eq!(
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_line_is_malformed_and_the_next_one_is_good() {
+    fn a_malformed_line_does_not_affect_the_next_one() {
         for bad in [
             "t",
             "t18",

@@ -111,7 +111,7 @@ fn it_joins_the_bus_and_frames_cross() {
 }
 
 #[test]
-fn extended_frames_are_passed_over_where_they_are_not_wanted() {
+fn extended_frames_are_skipped_unless_wanted() {
     let (adapter, port) = plugged();
     let mut port = port.expecting(Line::Can { bitrate: 1_000_000 }, false);
     open_within(&mut port).unwrap();
@@ -120,7 +120,7 @@ fn extended_frames_are_passed_over_where_they_are_not_wanted() {
 }
 
 #[test]
-fn flags_are_asked_for_now_and_then_and_become_notices() {
+fn flags_are_polled_and_become_notices() {
     let (adapter, mut port) = joined();
     let now = clock::now();
     let later = |n| now + n * Duration::from_millis(1100);
@@ -142,7 +142,7 @@ fn flags_are_asked_for_now_and_then_and_become_notices() {
 }
 
 #[test]
-fn an_adapter_that_refuses_or_is_gone_or_bus_off_is_one_clear_line_and_is_opened_again() {
+fn an_adapter_that_refuses_vanishes_or_is_bus_off_is_reported_and_reopened() {
     let (adapter, mut port) = joined();
     say(&adapter, "\x07");
     assert_eq!(drain(&mut port, clock::now()), ["down: the adapter refuses 1000000 bit/s"]);
@@ -167,13 +167,13 @@ fn an_adapter_that_refuses_or_is_gone_or_bus_off_is_one_clear_line_and_is_opened
 }
 
 #[test]
-fn a_rate_that_the_protocol_does_not_have_is_refused() {
+fn an_unsupported_bit_rate_is_rejected() {
     let why = CanSlcan::new("/dev/null".into(), 83_333).open().unwrap_err();
     assert_eq!(why, "/dev/null: the slcan protocol has no 83333 bit/s");
 }
 
 #[test]
-fn what_the_device_does_not_take_waits_in_order_and_not_for_long() {
+fn unsent_frames_wait_in_order_for_a_limited_time() {
     let (adapter, mut port) = joined();
     let now = clock::now();
     let frame = |n: u16| Output::Can(Frame::standard(n, &[0; 8]));

@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interface_is_known_by_its_attributes() {
+    fn attributes_of_an_interface_are_parsed() {
         let health = Health { state: BusState::Passive, transmit_errors: 128, receive_errors: 5 };
         let expected = Link { bitrate: Some(500_000), health: Some(health), restart_ms: Some(0), queue: Some(10) };
         assert_eq!(Link::parse(&can(2)), expected);
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_answers_for_an_interface_that_has_no_bits_and_refuses_to_restart_it() {
+    fn an_interface_without_bit_timing_is_queried_and_not_restarted() {
         let link = Link::ask("lo").unwrap();
         assert_eq!((link.bitrate, link.health, link.restart_ms), (None, None, None));
         assert!(link.queue.is_some());
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restart_is_asked_for_as_ip_does() {
+    fn the_restart_request_equals_that_of_ip() {
         // Header: length, RTM_NEWLINK, request and acknowledge; interface 7; link info: kind "can", data: restart, 1.
         let mut expected = vec![56, 0, 0, 0, 16, 0, 5, 0];
         expected.extend([0; 12]);

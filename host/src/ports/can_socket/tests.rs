@@ -76,7 +76,7 @@ fn drain(port: &mut CanSocket, now: Instant) -> Vec<String> {
 }
 
 #[test]
-fn error_frames_become_notices_and_many_of_a_kind_few() {
+fn error_frames_become_notices_at_a_limited_rate() {
     let (mut port, peer) = connected();
     let now = Instant::from_millis(1000);
     let send = |raw: [u8; FRAME]| peer.send(&raw).unwrap();
@@ -102,7 +102,7 @@ fn error_frames_become_notices_and_many_of_a_kind_few() {
 }
 
 #[test]
-fn a_frame_is_known_by_when_the_kernel_received_it() {
+fn a_frame_has_the_receive_time_of_the_kernel() {
     let (mut port, peer) = connected();
     // The kernel starts to stamp shortly after the request.
     std::thread::sleep(Duration::from_millis(100));
@@ -118,7 +118,7 @@ fn a_frame_is_known_by_when_the_kernel_received_it() {
 }
 
 #[test]
-fn a_bit_rate_that_is_not_the_bus_s_is_one_clear_line_and_no_bit_rate_is_none() {
+fn a_wrong_bit_rate_is_reported_and_an_unknown_one_accepted() {
     let mut port = CanSocket::new("can0".into());
     port.expect(Line::Can { bitrate: 1_000_000 }, false);
     let at = |bitrate| Link { bitrate, ..Link::default() };
@@ -143,7 +143,7 @@ fn a_controller_that_the_kernel_restarts_is_waited_for() {
 }
 
 #[test]
-fn what_the_kernel_does_not_take_waits_and_leaves_in_order() {
+fn frames_that_the_kernel_does_not_take_are_queued_in_order() {
     // A socket pair that holds few messages.
     let (ours, peer) = nix::sys::socket::socketpair(
         nix::sys::socket::AddressFamily::Unix,
@@ -199,14 +199,14 @@ fn a_socket_with_an_error_pending_is_not_up() {
 }
 
 #[test]
-fn a_frame_of_a_strange_length_loses_the_port() {
+fn a_frame_of_invalid_length_closes_the_port() {
     let (mut port, peer) = connected();
     peer.send(&[0; FRAME - 1]).unwrap();
     assert_eq!(port.receive(Instant::ZERO).err().unwrap(), "lo: gives frames of a strange length");
 }
 
 #[test]
-fn an_interface_that_is_not_there_is_one_clear_line() {
+fn a_missing_interface_is_reported_in_one_line() {
     let reason = CanSocket::new("can_not_here".into()).open().unwrap_err();
     assert_eq!(reason, "can_not_here: there is no such interface");
 }

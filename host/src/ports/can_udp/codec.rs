@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_classic_frame_is_refused_with_the_reason() {
+    fn anything_but_a_classic_frame_is_rejected_with_the_reason() {
         let id: (&str, &[u8]) = ("arbitration_id", b"\x05");
         let base: (&str, &[u8]) = ("is_extended_id", b"\xC2");
         let refused = |pairs: &[(&str, &[u8])]| decode(&map(pairs)).unwrap_err();

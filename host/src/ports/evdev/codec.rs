@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn encoded_events_are_decoded_unchanged() {
         for line in read(SESSION.as_bytes(), 64) {
             if let Ok(Line::Event(event)) = line {
                 let mut text = String::new();
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_line_is_told_and_skipped() {
+    fn an_invalid_line_is_reported_and_skipped() {
         for wrong in [
             "found",
             "axis ABS_X 0 1 0 0 0",
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_with_too_much_is_cut_and_told() {
+    fn a_device_description_is_truncated_and_reported() {
         let mut text = String::from("device x\n");
         (0..40).for_each(|code| text.push_str(&format!("axis {code} 0 1 0 0 0\n")));
         text.push_str("found\n");

@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gamepad_is_no_mouse_tablet_keyboard_or_touch_screen() {
+    fn a_gamepad_is_distinguished_from_other_input_devices() {
         let device = |axes: &[u16], buttons: &[u16]| {
             let mut device = Device::new("x");
             for code in axes {

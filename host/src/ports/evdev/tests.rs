@@ -81,7 +81,7 @@ fn a_file_is_played_at_its_pace() {
 }
 
 #[test]
-fn a_fifo_is_a_gamepad_while_somebody_writes_there() {
+fn a_fifo_is_a_gamepad_while_it_has_a_writer() {
     let folder = Folder::new();
     mkfifo(&folder.path(), Mode::S_IRWXU).unwrap();
     let mut port = port(&folder);
@@ -101,7 +101,7 @@ fn a_fifo_is_a_gamepad_while_somebody_writes_there() {
 }
 
 #[test]
-fn what_comes_later_is_found_when_it_comes() {
+fn a_device_that_appears_later_is_found() {
     let folder = Folder::new();
     let mut port = port(&folder);
     assert_eq!(told(&mut port, 10), "gone");
@@ -121,7 +121,7 @@ fn a_folder_that_is_not_there_is_a_port_that_is_down() {
 }
 
 #[test]
-fn remarks_without_end_hold_up_nobody() {
+fn endless_comments_do_not_block_other_ports() {
     let folder = Folder::new();
     fs::write(folder.path(), "#\n".repeat(200_000) + PAD).unwrap();
     let mut port = port(&folder);
@@ -140,7 +140,7 @@ fn remarks_without_end_hold_up_nobody() {
 }
 
 #[test]
-fn what_is_no_event_device_is_told() {
+fn a_file_that_is_not_an_event_device_is_reported() {
     let folder = Folder::new();
     fs::write(folder.path(), "").unwrap();
     let mut port = Gamepad::new(GamepadPlace::Device(folder.path()), false);
@@ -169,7 +169,7 @@ fn pad() -> Event {
 }
 
 #[test]
-fn the_simulator_s_gamepad_is_heard_by_all_who_connect_whenever() {
+fn all_clients_receive_the_simulated_gamepad() {
     let folder = Folder::new();
     let (mut hub, mut first) = connected(&folder);
     assert_eq!(told(&mut first, 10), "gone");
@@ -211,7 +211,7 @@ fn a_simulator_that_ends_takes_its_gamepad_with_it_and_a_new_one_is_found() {
 }
 
 #[test]
-fn who_writes_to_the_simulator_plays_a_gamepad_until_he_hangs_up() {
+fn a_client_that_writes_acts_as_the_gamepad_until_it_hangs_up() {
     let folder = Folder::new();
     let (mut hub, _port) = connected(&folder);
     let mut player = UnixStream::connect(folder.path()).unwrap();
@@ -222,7 +222,7 @@ fn who_writes_to_the_simulator_plays_a_gamepad_until_he_hangs_up() {
 }
 
 #[test]
-fn who_does_not_read_is_hung_up_on_and_comes_back() {
+fn a_client_that_does_not_read_is_disconnected_and_reconnects() {
     let folder = Folder::new();
     let (mut hub, mut port) = connected(&folder);
     told(&mut port, 10);

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn transfers_that_are_smbus_commands_are_known() {
+    fn smbus_commands_are_recognized() {
         let command = |write: &[u8], read| {
             let Command { read, command, size, data } = Command::of(&transfer(write, read))?;
             Some((read, command, size, data[..4].to_vec()))
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_adapter_is_refused_by_name() {
+    fn a_file_that_is_not_an_adapter_is_rejected_by_name() {
         let why = |path: &str| Dev::open(Path::new(path)).err().unwrap();
         assert_eq!(why("/dev/null"), "/dev/null is no I2C adapter");
         assert!(why("/dev/no-such-i2c").starts_with("/dev/no-such-i2c: "));

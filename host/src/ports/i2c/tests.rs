@@ -70,7 +70,7 @@ fn each_master_gets_its_own_outcomes_in_order() {
 }
 
 #[test]
-fn a_master_that_goes_with_a_question_open_leaves_the_others_theirs() {
+fn a_master_that_disconnects_does_not_take_the_outcomes_of_others() {
     let path = path("gone");
     let (mut server, mut one) = opened(&path);
     let mut two = Socket::new(path);
@@ -87,7 +87,7 @@ fn a_master_that_goes_with_a_question_open_leaves_the_others_theirs() {
 }
 
 #[test]
-fn who_sends_what_is_no_transfer_is_let_go_and_the_others_stay() {
+fn a_master_that_sends_an_invalid_transfer_is_disconnected_alone() {
     let path = path("bad");
     let (mut server, mut good) = opened(&path);
     let bad = socket(AddressFamily::Unix, SockType::SeqPacket, SockFlag::empty(), None).unwrap();
@@ -124,7 +124,7 @@ fn a_path_may_be_longer_than_the_address_of_a_socket() {
 }
 
 #[test]
-fn why_an_adapter_refuses_is_told_before_the_outcome() {
+fn the_note_about_a_refusal_precedes_the_outcome() {
     let mut bus = I2c::dev("/dev/i2c-none".into());
     let work = |_: Transfer| Ok((Err(Error::Other), Some("the adapter cannot".to_string())));
     bus.worker = Some(Worker::start("i2c", &mut bus.life, work).unwrap());

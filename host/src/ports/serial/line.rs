@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_driver_drops_silently_is_named() {
+    fn settings_that_a_driver_drops_are_named() {
         let asked = raw(blank(), &config(Transport::Parity));
         let made = |change: fn(&mut termios2)| {
             let mut got = asked;

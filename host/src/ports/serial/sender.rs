@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn the_line_is_left_in_space_parity_to_hear_addresses() {
+    fn the_line_is_left_in_space_parity_to_receive_addresses() {
         let mut line = Log::default();
         send(&mut line, &[Word::data(1), Word::address(2)]).unwrap();
         assert_eq!(line.did, ["drain, space", "[01]", "drain, mark", "[02]", "drain, space"]);
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_goes_ends_the_output_at_once() {
+    fn a_vanishing_device_ends_the_output_at_once() {
         let mut line = Log { breaks_at: Some(2), ..Log::default() };
         assert!(send(&mut line, &frame()).is_err());
         assert_eq!(line.did, ["drain, mark", "[20]", "drain, space"]);

@@ -137,13 +137,13 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_succeeds_opens_the_way_and_none_does_too() {
+    fn a_successful_or_empty_command_permits_opening() {
         assert_eq!(run(&["/bin/true"]), Ok(()));
         assert_eq!(run(&[]), Ok(()));
     }
 
     #[test]
-    fn a_command_that_fails_is_a_line_with_what_it_said() {
+    fn a_failed_command_is_reported_with_its_error_output() {
         let failed = run(&["/bin/sh", "-c", "echo no such register >&2; exit 3"]).unwrap_err();
         assert!(failed.starts_with("set-up command /bin/sh -c "), "{failed}");
         assert!(failed.ends_with("exit status: 3: no such register"), "{failed}");
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_runs_once_an_opening_and_a_failed_one_not_at_every_try() {
+    fn a_command_runs_once_per_opening_and_is_retried_with_a_delay() {
         let file = std::env::temp_dir().join(format!("advee-setup-{}", std::process::id()));
         let script = format!("echo x >> {}; exit $(wc -l < {} | tr -d ' ')", file.display(), file.display());
         let mut setup = Setup::new(vec!["/bin/sh".into(), "-c".into(), script]);

@@ -30,7 +30,7 @@ fn a_pseudo_terminal_is_refused_for_parity_by_the_name_of_its_driver() {
 }
 
 #[test]
-fn a_port_without_a_wire_does_not_tell_whether_all_has_left() {
+fn a_port_without_a_wire_does_not_report_the_end_of_transmission() {
     let side = offer(&path("wire"));
     assert_eq!(sys::line_has_sent(side.file.as_ref().unwrap().as_fd()).unwrap(), None);
     let (no_terminal, _other) = nix::unistd::pipe().unwrap();
@@ -38,7 +38,7 @@ fn a_port_without_a_wire_does_not_tell_whether_all_has_left() {
 }
 
 #[test]
-fn what_a_killed_one_left_leads_nowhere_before_the_first_terminal_is_open() {
+fn a_stale_link_is_removed_before_the_first_terminal_is_open() {
     let link = path("left");
     std::os::unix::fs::symlink("/dev/pts/0", &link).unwrap();
     let _side = Serial::pseudo(link.clone(), 115_200);
@@ -46,7 +46,7 @@ fn what_a_killed_one_left_leads_nowhere_before_the_first_terminal_is_open() {
 }
 
 #[test]
-fn a_rate_beyond_the_list_of_posix_is_set_as_asked() {
+fn a_rate_beyond_the_list_of_posix_is_set_exactly() {
     let link = path("rate");
     let side = offer(&link);
     let mut device = Serial::terminal(TerminalConfig::new(link, 250_000));
@@ -56,7 +56,7 @@ fn a_rate_beyond_the_list_of_posix_is_set_as_asked() {
 }
 
 #[test]
-fn what_a_port_cannot_do_is_a_line_that_says_so() {
+fn unsupported_settings_are_reported_in_one_line() {
     let link = path("direction");
     let _side = offer(&link);
     let direction = Direction { rts_on_send: true, rts_after_send: false, delay_before_ms: 0, delay_after_ms: 0 };

@@ -81,7 +81,7 @@ fn listed(disk: &mut Disk) -> Vec<(String, u64)> {
 }
 
 #[test]
-fn files_are_made_written_listed_and_removed() {
+fn files_are_created_written_listed_and_removed() {
     let made = Made::new("life");
     let mut disk = made.disk();
     assert_eq!((listed(&mut disk), failed(disk.perform(append(b"x")))), (vec![], "no file is open".into()));
@@ -109,7 +109,7 @@ fn files_are_made_written_listed_and_removed() {
 }
 
 #[test]
-fn what_is_being_written_is_not_removed() {
+fn an_open_file_is_not_removed() {
     let made = Made::new("own");
     let mut disk = made.disk();
     done(disk.perform(create("run/log_000.mcap")));
@@ -146,7 +146,7 @@ fn nothing_outside_is_touched() {
 }
 
 #[test]
-fn a_folder_that_is_removed_is_told_and_made_again() {
+fn a_removed_folder_is_reported_and_created_again() {
     let made = Made::new("removed");
     let mut disk = made.disk();
     done(disk.perform(create("run/log_000.mcap")));
@@ -159,7 +159,7 @@ fn a_folder_that_is_removed_is_told_and_made_again() {
 }
 
 #[test]
-fn a_file_where_the_folder_should_be_is_told() {
+fn a_file_in_place_of_the_folder_is_reported() {
     let made = Made::new("file");
     fs::write(made.0.join("log"), "").unwrap();
     let mut disk = made.disk();
@@ -189,7 +189,7 @@ fn mount(args: &[&str]) -> bool {
 }
 
 #[test]
-fn a_full_disk_takes_all_or_nothing_and_goes_on_when_there_is_room() {
+fn writes_to_a_full_disk_are_atomic_and_resume_with_free_space() {
     on_a_small_disk("full", |made| {
         let mut disk = made.disk();
         done(disk.perform(create("old/log_000.mcap")));
@@ -219,7 +219,7 @@ fn a_full_disk_takes_all_or_nothing_and_goes_on_when_there_is_room() {
 }
 
 #[test]
-fn a_disk_that_becomes_read_only_is_told_as_such() {
+fn a_disk_that_becomes_read_only_is_reported_as_such() {
     on_a_small_disk("read-only", |made| {
         let mut disk = made.disk();
         done(disk.perform(create("run/log_000.mcap")));
@@ -236,7 +236,7 @@ fn a_disk_that_becomes_read_only_is_told_as_such() {
 }
 
 #[test]
-fn a_folder_that_may_not_be_written_is_told_as_such() {
+fn a_folder_without_write_permission_is_reported_as_such() {
     if nix::unistd::geteuid().is_root() {
         testing::machine_or_skip::<()>(Err("a user other than root, who may write everywhere".into()));
         return;
@@ -267,7 +267,7 @@ fn wait(store: &mut Store) -> Answer {
 static STUCK: AtomicBool = AtomicBool::new(true);
 
 #[test]
-fn a_disk_that_does_not_come_back_leaves_the_loop_free() {
+fn a_blocked_disk_does_not_block_the_loop() {
     let made = Made::new("slow");
     let mut store = Store::new(Files::new(made.0.join("log")));
     store.service.before = |_| {

@@ -56,7 +56,7 @@ fn ask(device: &mut dyn Device, request: Request) -> Answer {
 const GOOD: &[u8] = b"72 01 4b 46 7f ff 0e 10 57 : crc=57 YES\n72 01 4b 46 7f ff 0e 10 57 t=23125\n";
 
 #[test]
-fn what_the_kernel_writes_is_a_temperature() {
+fn temperatures_are_parsed_from_the_kernel_s_files() {
     let made = Made::new("good");
     made.file("28-0316a2795bff/w1_slave", GOOD);
     assert_eq!(made.temperature(), Ok(23_125));
@@ -66,7 +66,7 @@ fn what_the_kernel_writes_is_a_temperature() {
 }
 
 #[test]
-fn what_is_damaged_missing_or_nonsense_is_told_as_such() {
+fn damaged_missing_and_invalid_values_are_distinguished() {
     let made = Made::new("bad");
     assert_eq!(made.temperature(), Err(Error::Absent));
     for (text, error) in [
@@ -89,7 +89,7 @@ fn what_is_damaged_missing_or_nonsense_is_told_as_such() {
 }
 
 #[test]
-fn thermometers_alone_are_listed_in_order_and_not_too_many() {
+fn only_thermometers_are_listed_in_order_and_bounded() {
     let made = Made::new("list");
     let list = |made: &Made| match read::answer(&made.0, Request::List) {
         Answer::List(list) => list.iter().map(ToString::to_string).collect::<Vec<_>>(),
@@ -113,7 +113,7 @@ fn settle(folder: &mut Folder) {
 }
 
 #[test]
-fn the_simulator_s_folder_is_read_as_the_kernel_s() {
+fn the_simulator_s_folder_is_read_like_the_kernel_s() {
     let made = Made::new("both");
     made.file("28-00000000000b/w1_slave", GOOD);
     let (mut folder, mut port) = (Folder::new(made.0.clone()), Threaded::new(Thermometers(made.0.clone())));
@@ -138,7 +138,7 @@ fn the_simulator_s_folder_is_read_as_the_kernel_s() {
 }
 
 #[test]
-fn what_changes_faster_than_it_is_written_is_left_out() {
+fn superseded_values_are_not_written() {
     let made = Made::new("fast");
     let mut folder = Folder::new(made.0.clone());
     folder.open().unwrap();

@@ -188,7 +188,7 @@ fn news(log: &str) -> Vec<&str> {
 const COMMON: &str = "fan1 (0x18 on i2c.aux)";
 
 #[test]
-fn all_is_found_configured_and_told_once_a_second() {
+fn chips_are_found_configured_and_published_once_a_second() {
     let mut rig = Rig::new();
     let log = rig.run(0.9);
     assert_eq!(
@@ -210,7 +210,7 @@ fn all_is_found_configured_and_told_once_a_second() {
 }
 
 #[test]
-fn an_over_temperature_is_told_once_and_is_over_two_degrees_below() {
+fn an_over_temperature_is_reported_once_and_ends_two_degrees_below() {
     let mut rig = Rig::new();
     rig.run(10.0);
     rig.chip.set_temperature(0, 61.0);
@@ -224,7 +224,7 @@ fn an_over_temperature_is_told_once_and_is_over_two_degrees_below() {
 }
 
 #[test]
-fn a_fan_that_stands_is_told_and_that_it_turns_again() {
+fn a_stopped_fan_and_its_return_are_reported() {
     let mut rig = Rig::new();
     rig.run(10.0);
     rig.chip.set_stalled(1, true);
@@ -276,7 +276,7 @@ fn a_chip_that_was_reset_is_configured_again() {
 }
 
 #[test]
-fn an_adapter_that_does_not_come_back_is_told_and_the_rest_goes_on() {
+fn a_blocked_adapter_is_reported_and_the_thermometers_continue() {
     let mut rig = Rig::new();
     rig.run(10.0);
     rig.ails = Ails::Hangs;
@@ -292,7 +292,7 @@ fn an_adapter_that_does_not_come_back_is_told_and_the_rest_goes_on() {
 }
 
 #[test]
-fn a_port_that_goes_takes_what_is_known_with_it_and_late_outcomes_count_for_nothing() {
+fn a_lost_port_clears_its_values_and_late_outcomes_are_ignored() {
     let mut rig = Rig::new();
     rig.run(10.0002);
     rig.port(I2C, Input::Down("the adapter is gone"));
@@ -308,7 +308,7 @@ fn a_port_that_goes_takes_what_is_known_with_it_and_late_outcomes_count_for_noth
 }
 
 #[test]
-fn in_stop_nothing_is_asked_and_in_pause_all_is() {
+fn nothing_is_read_in_stop_and_everything_in_pause() {
     let mut rig = Rig::new();
     rig.run(10.0);
     rig.command(State::Stop);
@@ -323,7 +323,7 @@ fn in_stop_nothing_is_asked_and_in_pause_all_is() {
 }
 
 #[test]
-fn a_thermometer_that_is_not_connected_is_said_and_is_no_error() {
+fn an_absent_thermometer_is_a_note_and_not_an_error() {
     let mut rig = Rig::new();
     rig.run(10.0);
     rig.thermometers.clear();
@@ -355,7 +355,7 @@ fn thermometers_are_asked_when_their_port_comes_up_after_the_chips() {
 }
 
 #[test]
-fn a_thermometer_that_lost_its_supply_or_is_damaged_is_not_believed() {
+fn values_after_a_supply_loss_or_damage_are_rejected() {
     for (said, why) in [
         (Ok(85_000), "it says 85 °C: its supply was gone"),
         (Err(base::w1::Error::Crc), "what it sends is damaged"),
@@ -381,7 +381,7 @@ fn a_thermometer_that_lost_its_supply_or_is_damaged_is_not_believed() {
 }
 
 #[test]
-fn what_cannot_be_configured_is_refused() {
+fn an_invalid_configuration_is_rejected() {
     let refused = |change: &dyn Fn(&mut Config)| {
         let mut config = config();
         change(&mut config);
@@ -417,7 +417,7 @@ fn what_cannot_be_configured_is_refused() {
 }
 
 #[test]
-fn whatever_comes_from_the_ports_is_survived() {
+fn any_input_of_the_ports_is_survived() {
     let mut seed = 0x2545_F491_4F6C_DD1D_u64;
     let mut random = move || {
         seed ^= seed << 13;

@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_source_that_is_heard_late_while_the_robot_stands_does_not_go_on() {
+    fn a_source_received_late_at_standstill_does_not_continue() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         // Served at 260, received at 200: the driver was late, and the robot was stopped before.
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_source_that_was_heard_late_and_stopped_must_send_zero_or_nothing_too() {
+    fn a_source_received_late_and_stopped_must_send_zero_or_nothing_too() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         bench.0.decided(Instant::from_millis(1249));
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_operator_said_before_the_stop_was_over_does_not_let_the_planner_go() {
+    fn a_release_before_the_end_of_the_stop_does_not_release_the_planner() {
         let mut bench = Bench::new();
         bench.0.stopped(Instant::from_millis(1100));
         bench.0.release_planner(Instant::from_millis(1099));
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn a_source_that_was_forgotten_for_others_is_not_a_new_one() {
+    fn a_displaced_source_is_not_a_new_one() {
         let mut bench = Bench::new();
         assert_eq!(bench.say(0, "op", 1, 0.4), Holds);
         bench.0.stopped(Instant::from_millis(1001));

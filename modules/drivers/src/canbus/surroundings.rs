@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_critical_module_that_does_not_run_stands_against_motion() {
+    fn a_critical_module_that_does_not_run_blocks_motion() {
         let mut around = Surroundings::new(vec!["eyes".into()], vec![], false);
         assert_eq!(around.objection(at(0)), None, "run by hand, without a watchdog");
         around.on_processes(at(0), &processes(&["nerves"]));
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pause_line_must_be_known_and_open_where_there_is_one() {
+    fn the_pause_line_must_be_known_and_released_if_present() {
         let mut around = Surroundings::new(vec![], vec![], true);
         assert_eq!(around.objection(at(0)), Some(Objection::PauseUnknown), "nothing was received yet");
         let open = lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() };
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_stands_is_listed_with_its_subject() {
+    fn all_objections_are_listed_with_their_subjects() {
         let mut around = Surroundings::new(vec!["eyes".into(), "nerves".into(), "ears".into()], vec![], true);
         around.on_processes(at(0), &processes(&["nerves"]));
         let told = |around: &Surroundings, now| {
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_deadline_that_is_past_hides_none_that_comes() {
+    fn a_past_deadline_does_not_hide_a_future_one() {
         let mut around = Surroundings::new(vec![], vec![], true);
         around.on_processes(at(0), &processes(&[]));
         around.on_stop(at(100), &lowlevel::EventStop { timestamp: 0, engaged: false, source: String::new() });
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_or_old_estimate_does_not_carry_the_planner() {
+    fn a_lost_or_old_estimate_stops_the_planner() {
         let mut around = Surroundings::new(vec![], vec![], false);
         let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
         around.on_estimate(at(0), &fine);
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn a_module_that_the_planner_needs_stands_against_the_planner_alone() {
+    fn a_module_that_the_planner_needs_blocks_only_the_planner() {
         let mut around = Surroundings::new(vec![], vec!["map".into()], false);
         let fine = middlelevel::DataEstimate { quality: middlelevel::DataEstimate::FINE, ..Default::default() };
         around.on_estimate(at(0), &fine);

@@ -235,7 +235,7 @@ fn a_command_is_on_the_bus_in_the_same_turn() {
 }
 
 #[test]
-fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
+fn silence_is_a_quick_stop_after_the_time_to_live() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     assert!(robot.moves());
@@ -253,7 +253,7 @@ fn silence_is_a_quick_stop_when_the_command_has_lived_its_time() {
 }
 
 #[test]
-fn a_command_out_of_limits_or_not_a_number_stops_whoever_moves() {
+fn a_command_out_of_limits_or_not_a_number_stops_any_source() {
     for (speed, steering) in [(f64::NAN, 0.0), (0.0, f64::INFINITY), (1.3, 0.0), (0.4, -0.7)] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
@@ -335,7 +335,7 @@ fn a_lost_drive_stops_the_other_one_and_is_booted_again() {
 }
 
 #[test]
-fn a_drive_in_fault_stops_the_robot_and_is_reset_calmly() {
+fn a_drive_in_fault_stops_the_robot_and_is_reset_with_pauses() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     let now = robot.bench.now();
@@ -411,7 +411,7 @@ fn pause_and_stop_hold_the_quick_stop_and_keep_the_contact() {
 }
 
 #[test]
-fn a_lost_port_is_told_and_everything_begins_again_when_it_is_back() {
+fn a_lost_port_is_reported_and_its_return_restarts_everything() {
     let mut robot = Robot::ready();
     robot.bench.event(Event::Port { port: PortId(0), input: Input::Down("cable pulled") });
     robot.pass(500);
@@ -441,7 +441,7 @@ fn the_end_waits_until_the_robot_stands() {
 }
 
 #[test]
-fn homing_is_for_the_steering_and_for_a_robot_that_stands() {
+fn homing_applies_to_the_steering_at_standstill() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     let homing = |axis: &str| lowlevel::CmdHoming { timestamp: 0, axis: axis.into() };

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ends_ask_for_the_limit_and_the_middle_for_nothing() {
+    fn the_ends_give_the_limit_and_the_middle_zero() {
         let stick = stick(STICK, 0, 255);
         assert_eq!([0, 127, 128, 255].map(|raw| stick.asks(raw)), [0.6, 0.0, 0.0, -0.6]);
         // 10 % of 127.5 around 127.5.
@@ -240,13 +240,13 @@ mod tests {
     }
 
     #[test]
-    fn what_the_device_says_of_its_noise_is_heeded_and_nonsense_is_not() {
+    fn a_valid_dead_zone_of_the_device_is_used() {
         let dead_zone = |flat| Stick::new(&STICK, &Axis { flat, ..raw(ABS_Y, -100, 100) }).unwrap().dead_zone;
         assert_eq!([0, 5, 30, 90, 91, -7, i32::MAX].map(dead_zone), [0.1, 0.1, 0.3, 0.9, 0.1, 0.1, 0.1]);
     }
 
     #[test]
-    fn an_axis_without_a_way_is_refused() {
+    fn an_axis_without_a_range_is_rejected() {
         for (min, max) in [(5, 5), (0, 1), (0, -1), (i32::MAX, i32::MIN)] {
             let odd = device(&[raw(ABS_X, 0, 255), raw(ABS_Y, min, max)], &[BTN_TL]);
             assert_eq!(mapped(&odd), Err(format!("its ABS_Y goes from {min} to {max}")));
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_is_used_as_its_kind_is_built() {
+    fn axes_and_buttons_are_assigned_by_kind_of_device() {
         let axes = |codes: &[u16]| codes.iter().map(|code| raw(*code, -1, 1)).collect::<Vec<_>>();
         let of = |codes: &[u16], buttons: &[u16]| mapped(&device(&axes(codes), buttons));
         assert_eq!(mapped(&pad()), Ok((ABS_Y, ABS_RX, BTN_TL)));
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_lacks_something_is_refused_with_what_it_lacks() {
+    fn an_incomplete_device_is_rejected_with_the_reason() {
         let one = device(&[raw(ABS_Y, 0, 255)], &[BTN_TL]);
         assert_eq!(mapped(&one).unwrap_err(), "it has only ABS_Y for speed and steering");
         assert_eq!(mapped(&device(&[], &[BTN_TL])).unwrap_err(), "it has no axis for the speed");
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_set_must_be_there() {
+    fn configured_axes_and_buttons_must_exist() {
         let refused = |change: fn(&mut Config)| {
             let mut config = config();
             change(&mut config);

@@ -143,7 +143,7 @@ fn nothing_is_commanded_without_the_button() {
 }
 
 #[test]
-fn an_absent_gamepad_is_a_state_and_no_error() {
+fn an_absent_gamepad_is_not_an_error() {
     let mut rig = Rig::new(config());
     rig.news(News::Gone);
     rig.news(News::Gone);
@@ -161,7 +161,7 @@ fn an_absent_gamepad_is_a_state_and_no_error() {
 }
 
 #[test]
-fn five_times_a_second_it_tells_what_the_gamepad_does() {
+fn the_gamepad_is_published_five_times_a_second() {
     let mut rig = Rig::with_pad();
     rig.push(ABS_Y, -32_768);
     rig.press(BTN_TL, true);
@@ -228,7 +228,7 @@ fn a_stick_off_the_middle_must_go_there_first() {
 }
 
 #[test]
-fn what_happens_in_one_frame_is_judged_together() {
+fn events_of_one_frame_are_evaluated_together() {
     let mut rig = Rig::with_pad();
     rig.news(News::Button { code: BTN_TL, pressed: true });
     rig.news(News::Axis { code: ABS_Y, value: -32_768 });
@@ -238,7 +238,7 @@ fn what_happens_in_one_frame_is_judged_together() {
 }
 
 #[test]
-fn letting_go_counts_within_a_frame() {
+fn a_release_within_a_frame_counts() {
     let mut rig = Rig::with_pad();
     rig.press(BTN_TL, true);
     rig.push(ABS_Y, -32_768);
@@ -252,7 +252,7 @@ fn letting_go_counts_within_a_frame() {
 }
 
 #[test]
-fn when_events_were_lost_the_button_must_be_let_go() {
+fn after_lost_events_the_button_must_be_released() {
     let mut rig = Rig::with_pad();
     rig.press(BTN_TL, true);
     rig.push(ABS_Y, -32_768);
@@ -267,7 +267,7 @@ fn when_events_were_lost_the_button_must_be_let_go() {
 }
 
 #[test]
-fn in_pause_it_tells_and_does_not_command_and_in_stop_it_does_neither() {
+fn in_pause_it_publishes_without_commands_and_in_stop_neither() {
     let mut rig = Rig::with_pad();
     rig.press(BTN_TL, true);
     rig.push(ABS_Y, -32_768);
@@ -299,7 +299,7 @@ fn in_pause_it_tells_and_does_not_command_and_in_stop_it_does_neither() {
 }
 
 #[test]
-fn slow_and_fast_are_shares_of_the_limit() {
+fn slow_and_fast_scale_the_limit() {
     let gear = |button, scale| Some(Gear { button, scale });
     let config = Config { scale: 0.5, slow: gear(BTN_WEST, 0.25), fast: gear(BTN_NORTH, 1.0), ..config() };
     let mut rig = Rig::new(config);
@@ -316,7 +316,7 @@ fn slow_and_fast_are_shares_of_the_limit() {
 }
 
 #[test]
-fn one_that_says_nothing_for_too_long_counts_as_let_go_where_that_is_set() {
+fn a_silent_gamepad_counts_as_released_if_configured() {
     let mut rig = Rig::new(Config { quiet: Some(ms(500)), ..config() });
     rig.found(&pad());
     rig.press(BTN_TL, true);
@@ -332,7 +332,7 @@ fn one_that_says_nothing_for_too_long_counts_as_let_go_where_that_is_set() {
 }
 
 #[test]
-fn an_odd_device_is_connected_refused_with_the_reason_and_commands_nothing() {
+fn an_unsuitable_device_is_reported_and_commands_nothing() {
     let mut odd = Device::new("one stick");
     odd.add_axis(Axis { code: ABS_Y, min: 0, max: 255, fuzz: 0, flat: 0, value: 0 });
     odd.add_button(Button { code: BTN_TL, pressed: false });
@@ -349,7 +349,7 @@ fn an_odd_device_is_connected_refused_with_the_reason_and_commands_nothing() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_meant_is_refused() {
+fn a_contradictory_configuration_is_rejected() {
     let refused = |change: fn(&mut Config)| {
         let mut config = config();
         change(&mut config);

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn ampere_hours_are_counted_where_the_voltage_says_nothing() {
+    fn ampere_hours_are_counted_where_the_voltage_is_flat() {
         let mut gauge = Gauge::new(40.0, 8);
         assert!(gauge.charge().is_nan() && gauge.remaining().is_nan());
         gauge.measured(s(0), 26.4, 0.0);
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_the_voltage_puts_the_count_right_at_both_ends_and_not_between() {
+    fn at_rest_the_voltage_corrects_the_count_at_both_ends_only() {
         let full = |volts: f64, amperes: f64| {
             let mut gauge = Gauge::new(40.0, 8);
             gauge.measured(s(0), 26.4, 0.0);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn the_drop_at_its_resistance_is_allowed_for() {
+    fn the_voltage_drop_under_load_is_compensated() {
         let mut gauge = Gauge::new(40.0, 8);
         gauge.measured(s(0), 26.4 - 10.0 * 0.0176, 10.0);
         assert!((gauge.charge() - 0.7).abs() < 1e-9);

@@ -312,7 +312,7 @@ fn valid(ranges: &[Range]) -> Vec<i32> {
 }
 
 #[test]
-fn boards_let_go_of_the_pause_line_when_a_person_commands_run() {
+fn boards_release_the_pause_line_when_a_person_commands_run() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     let asked = |wire: &Wire| {
@@ -475,7 +475,7 @@ fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
 }
 
 #[test]
-fn in_stop_nothing_is_asked_and_in_pause_all_goes_on() {
+fn nothing_is_polled_in_stop_and_everything_in_pause() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.command(State::Pause);
@@ -524,7 +524,7 @@ fn a_board_that_does_not_know_its_instruction_is_reported_once_and_cleared() {
 }
 
 #[test]
-fn an_answer_that_cannot_be_is_dropped_and_reported_once() {
+fn an_implausible_answer_is_dropped_and_reported_once() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.news();
@@ -563,7 +563,7 @@ fn a_reset_of_the_odometry_board_makes_no_jump() {
 }
 
 #[test]
-fn counters_that_jump_all_the_time_are_told_every_ten_seconds_with_their_number() {
+fn repeated_counter_jumps_are_reported_every_ten_seconds_with_their_number() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.news();
@@ -628,7 +628,7 @@ fn rates_beyond_the_wire_s_limit_use_all_of_the_wire() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_is_refused() {
+fn an_invalid_configuration_is_rejected() {
     let refused = |change: fn(&mut Config)| {
         let mut config = config();
         change(&mut config);
@@ -652,7 +652,7 @@ fn words(text: &str) -> Vec<Word> {
 }
 
 #[test]
-fn what_is_on_the_wire_stands_in_the_boards_page() {
+fn the_wire_traffic_matches_the_documentation() {
     let mut config = config();
     config.nodes.truncate(2);
     config.srfs.retain(|ranger| ranger.board == FRONT);
@@ -713,7 +713,7 @@ fn statuses(ranges: &DataRanges) -> String {
 }
 
 #[test]
-fn a_reading_says_whether_it_was_measured_silent_or_is_not_known() {
+fn a_reading_is_measured_silent_or_unknown() {
     let mut wire = Wire::closed();
     wire.run(ms(1500));
     let before = wire.ranges();
@@ -739,7 +739,7 @@ fn a_reading_says_whether_it_was_measured_silent_or_is_not_known() {
 }
 
 #[test]
-fn ranges_of_a_board_that_fails_or_lies_are_not_known_at_once() {
+fn ranges_of_a_failing_or_implausible_board_are_unknown_at_once() {
     let mut wire = Wire::open();
     wire.run(ms(2000));
     wire.rear().srfs = [sd1::NO_ECHO; 8].into_iter().collect();
@@ -760,7 +760,7 @@ fn ranges_of_a_board_that_fails_or_lies_are_not_known_at_once() {
 }
 
 #[test]
-fn a_board_that_is_back_has_heard_nothing_only_after_a_sweep() {
+fn a_recovered_board_is_silent_only_after_a_sweep() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.front().dead = true;
@@ -774,7 +774,7 @@ fn a_board_that_is_back_has_heard_nothing_only_after_a_sweep() {
 }
 
 #[test]
-fn in_stop_and_without_a_port_ranges_are_not_known_and_that_is_published() {
+fn unknown_ranges_are_published_in_stop_and_without_a_port() {
     let mut wire = Wire::open();
     wire.run(ms(1000));
     wire.ranges();

@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sighting_that_is_told_twice_is_published_once() {
+    fn a_repeated_sighting_is_published_once() {
         let mut sightings = Sightings::new(115_200);
         assert_eq!(read(&mut sightings, 5000, &[sighting(1, 3)]).0.len(), 1);
         assert_eq!(read(&mut sightings, 5995, &[sighting(1, 998)]).0.len(), 0);
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_not_to_be_looked_for_is_left_out_and_tells_that_the_board_forgot() {
+    fn an_unselected_beacon_is_dropped_and_reveals_a_reset() {
         let mut sightings = Sightings::new(115_200);
         sightings.looks_for(at(5000), &[2]);
         assert_eq!(read(&mut sightings, 6000, &[sighting(1, 3)]), (vec![], false), "of the sweep before");
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn an_age_that_cannot_be_is_implausible() {
+    fn an_impossible_age_is_implausible() {
         let mut sightings = Sightings::new(115_200);
         let old = build_beacons(&[sighting(1, 3), sighting(2, 2001)]);
         let why = sightings.read(at(9000), Epoch::default(), &old);

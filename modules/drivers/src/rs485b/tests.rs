@@ -63,7 +63,7 @@ fn active(rig: &mut Rig<Scanner>, ids: &[i32]) {
 }
 
 #[test]
-fn it_tells_the_board_its_beacons_and_publishes_once_a_second() {
+fn beacons_are_selected_and_sightings_published_once_a_second() {
     let mut rig = rig();
     rig.run(ms(100));
     assert_eq!(rig.board.told, [[1, 2]]);
@@ -79,7 +79,7 @@ fn it_tells_the_board_its_beacons_and_publishes_once_a_second() {
 }
 
 #[test]
-fn commanded_beacons_are_told_and_nonsense_is_refused() {
+fn commanded_beacons_are_selected_and_invalid_ones_rejected() {
     let mut rig = rig();
     rig.run(ms(1500));
     rig.news();
@@ -98,7 +98,7 @@ fn commanded_beacons_are_told_and_nonsense_is_refused() {
 }
 
 #[test]
-fn a_board_that_was_reset_is_told_again() {
+fn a_board_that_was_reset_gets_its_beacons_again() {
     let mut rig = rig();
     rig.run(ms(15_000));
     assert_eq!(rig.board.told.len(), 1);
@@ -111,7 +111,7 @@ fn a_board_that_was_reset_is_told_again() {
 }
 
 #[test]
-fn a_lost_board_is_reported_not_pestered_and_told_when_it_is_back() {
+fn a_lost_board_is_polled_rarely_and_configured_on_return() {
     let mut rig = rig();
     rig.run(ms(1500));
     rig.news();
@@ -130,7 +130,7 @@ fn a_lost_board_is_reported_not_pestered_and_told_when_it_is_back() {
 }
 
 #[test]
-fn in_stop_it_asks_nothing_and_tells_later_what_was_commanded() {
+fn commands_received_in_stop_are_sent_later() {
     let mut rig = rig();
     rig.run(ms(1500));
     rig.command(State::Stop);
@@ -145,7 +145,7 @@ fn in_stop_it_asks_nothing_and_tells_later_what_was_commanded() {
 }
 
 #[test]
-fn what_cannot_be_is_reported_once_and_not_published() {
+fn an_implausible_answer_is_reported_once_and_not_published() {
     let mut rig = rig();
     rig.run(ms(500));
     beacons(&mut rig);
@@ -159,7 +159,7 @@ fn what_cannot_be_is_reported_once_and_not_published() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_is_refused() {
+fn an_invalid_configuration_is_rejected() {
     let refused = |change: fn(&mut Config)| {
         let mut config = config();
         change(&mut config);

@@ -185,7 +185,10 @@ fn each_fault_and_subject_has_a_status_of_its_own() {
     // It dies: nobody knows, until it is back.
     let down = Fault { number: 0x0307, subject: "driver_rs485a".into(), severity: Error::ERROR, ..Fault::default() };
     for _ in 0..2 {
-        assert_eq!(statuses(list(std::slice::from_ref(&down)).into()).0, of(&[(2, "driver_rs485a/ModuleDown"), (3, rear)]));
+        assert_eq!(
+            statuses(list(std::slice::from_ref(&down)).into()).0,
+            of(&[(2, "driver_rs485a/ModuleDown"), (3, rear)])
+        );
     }
     assert_eq!(statuses(list(&[]).into()).0, of(&[(0, rear), (0, "driver_rs485a/ModuleDown")]));
     // Somebody makes modules up.

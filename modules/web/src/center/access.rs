@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn roles_are_ordered_and_named_as_the_page_has_them() {
+    fn roles_match_the_page_in_order_and_names() {
         assert!(Role::Nobody < Role::Viewer && Role::Viewer < Role::Operator && Role::Operator < Role::Engineer);
         assert_eq!(serde_json::to_string(&Role::Engineer).unwrap(), "\"engineer\"");
     }
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn ten_wrong_ones_make_new_codes_and_a_minute_has_ten_tries() {
+    fn ten_wrong_codes_renew_the_codes_and_attempts_are_limited() {
         let mut access = fresh();
         let codes = access.codes().clone();
         for number in 0..10 {
@@ -401,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_what_can_be_seen() {
+    fn names_have_visible_characters_only() {
         assert_eq!(clean("  Jan\t K.\n").as_deref(), Some("Jan K."));
         assert_eq!(clean("\u{202e}nimda\u{0}").as_deref(), Some("nimda"));
         assert_eq!(clean(&"ž".repeat(40)), Some("ž".repeat(40)));
@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn the_one_unused_longest_goes_and_one_can_be_forgotten() {
+    fn the_least_recently_used_session_is_dropped_and_one_can_be_removed() {
         let mut access = fresh();
         for number in 0..40_u64 {
             let code = access.codes().operator.clone();
@@ -445,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_kept_is_known_again_unless_it_cannot_be() {
+    fn stored_sessions_are_restored_if_valid() {
         let good = Session::kept(7, "0123456789abcdef0123456789abcdef".into(), "phone", Role::Operator, at(0));
         let kept = vec![
             good.clone(),

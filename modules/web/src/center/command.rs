@@ -400,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn each_command_is_read_needs_somebody_and_says_something() {
+    fn each_command_is_parsed_with_its_role_and_output() {
         let mut said = Vec::new();
         for text in ALL {
             let command = Command::read(text).unwrap();
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_command_says_why_and_keeps_its_number() {
+    fn an_invalid_command_is_rejected_with_reason_and_number() {
         for (text, id) in [
             ("", None),
             ("null", None),
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_obeyed_is_said_in_words() {
+    fn impossible_commands_are_explained() {
         let real = Robot { simulated: false, ..robot() };
         for text in [
             r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
@@ -467,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_are_as_the_page_has_them() {
+    fn answers_match_the_page() {
         let limits = Limits { speed: 0.5, steering: 0.25 };
         for (answer, text) in [
             (

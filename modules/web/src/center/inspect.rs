@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn who_watches_sees_the_newest_at_once_and_not_too_often() {
+    fn a_watcher_gets_the_newest_message_at_once_at_a_limited_rate() {
         let mut inspector = Inspector::default();
         inspector.hear(T0, "LL_DATA_ODO", &odometry(1.0));
         assert!(!inspector.turn(T0, 1), "nobody watches");
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_shown_says_why() {
+    fn data_that_cannot_be_shown_has_a_reason() {
         let mut inspector = Inspector::default();
         let cases = [
             ("SOMETHING", vec![1, 2, 3], "none of the robot's types"),

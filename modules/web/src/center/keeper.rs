@@ -319,7 +319,7 @@ mod tests {
     const AT: &str = "127.0.0.1:8080";
 
     #[test]
-    fn a_restarted_server_knows_its_phones_and_has_new_codes() {
+    fn a_restarted_server_keeps_its_sessions_and_renews_its_codes() {
         let run = folder("restart");
         let open = || Keeper::open(&run, AT.parse().unwrap(), &[]).unwrap();
         let closed = |keeper: &Keeper| {
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_is_told_and_pairs_nobody() {
+    fn a_broken_store_is_reported_and_restores_no_session() {
         let run = folder("broken");
         fs::create_dir_all(run.join("web")).unwrap();
         for text in ["", "{}", "[{\"id\":1}]", &"[".repeat(100_000)] {

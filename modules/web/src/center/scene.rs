@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_of_dust_has_coarser_walls_but_not_more() {
+    fn a_noisy_map_has_coarser_but_not_more_walls() {
         let walls = outline(&map(500, 400, |x, y| (x + y) % 2 == 0));
         assert!(!walls.is_empty() && walls.len() <= WALLS_MAX, "{}", walls.len());
     }

@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_gets_all_parts_and_then_each_when_it_is_due() {
+    fn a_new_viewer_gets_all_parts_and_then_each_when_due() {
         let show = Show::new(Config::default());
         assert_eq!(show.turn(T0, Beside::default()), Instant::NEVER, "nobody looks");
         let (turns, mut place) = show.join();
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_viewer_gets_the_newest_and_a_map_comes_when_it_is_another() {
+    fn a_slow_viewer_gets_the_newest_parts_and_a_changed_map() {
         let show = Show::new(Config::default());
         let (_turns, mut place) = show.join();
         for turn in 0..100 {
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_viewer_watches_ends_with_it() {
+    fn watches_end_with_their_viewer() {
         let show = Show::new(Config::default());
         let (_turns, mut place) = show.join();
         show.watch(&mut place, vec!["STRANGE".into()]);

@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_later_sees_how_things_are_but_no_command_of_long_ago() {
+    fn a_late_client_gets_the_current_state_but_no_old_commands() {
         let mut hub = Hub::new(LIMITS);
         hub.publish(&topic(0, "/plan"), "ML_DATA_PLAN", 1, b"old");
         hub.publish(&topic(0, "/plan"), "ML_DATA_PLAN", 2, b"new");
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_put_together_of_several_messages_is_kept_whole() {
+    fn a_topic_of_several_messages_is_kept_complete() {
         let mut hub = Hub::new(LIMITS);
         let scene = topic(0, "/scene");
         hub.publish(&scene, "ML_DATA_ESTIMATE", 1_000_000_000, b"ellipse and outline");
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_viewer_gets_the_newest_of_each_and_nobody_else_less() {
+    fn a_slow_client_gets_the_newest_and_does_not_slow_others() {
         let mut hub = Hub::new(LIMITS);
         let (fast, slow) = (topic(0, "/fast"), topic(1, "/slow"));
         let viewers = [hub.join().0, hub.join().0];
@@ -470,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_or_too_many_is_counted_and_not_shown() {
+    fn excess_data_is_counted_and_not_shown() {
         let mut hub = Hub::new(LIMITS);
         for id in 0..5 {
             hub.publish(&topic(id, &format!("/{id}")), "C", 0, b"");
@@ -500,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn many_channels_are_told_in_pieces_and_the_rest_is_not_forgotten() {
+    fn many_channels_are_advertised_in_pieces_completely() {
         let mut hub = Hub::new(Limits { topics: 100, ..LIMITS });
         for id in 0..100 {
             hub.publish(&topic(id, &format!("/{id}")), "C", 0, b"");

@@ -203,7 +203,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_client_may_ask_for_is_read() {
+    fn valid_requests_of_a_client_are_parsed() {
         let text = r#"{"op":"subscribe","subscriptions":[{"id":0,"channelId":3},{"id":1,"channelId":5,"more":[]}]}"#;
         let [first, second] = [(0, 3), (1, 5)].map(|(id, channel_id)| Subscription { id, channel_id });
         assert_eq!(Request::text(text), Ok(Request::Subscribe(vec![first, second])));
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_granted_is_told_apart_from_nonsense() {
+    fn unsupported_requests_are_distinguished_from_invalid_ones() {
         for op in ["advertise", "setParameters", "fetchAsset", "subscribeConnectionGraph"] {
             let refused = Request::text(&format!(r#"{{"op":"{op}"}}"#)).unwrap_err();
             assert_eq!(refused, Refused::NotGranted(op.into()));
@@ -232,14 +232,14 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_is_short_whatever_it_is_about() {
+    fn refusals_are_bounded_in_length() {
         let text = format!(r#"{{"op":"{}"}}"#, "x".repeat(60_000));
         assert!(Request::text(&text).unwrap_err().to_string().len() < 300);
         assert!(status_error("\"\n\u{1}").contains(r#""\"\n\u0001""#));
     }
 
     #[test]
-    fn what_is_sent_is_as_the_protocol_has_it() {
+    fn output_matches_the_protocol() {
         assert_eq!(message_data(258, 3, b"x"), [1, 2, 1, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0, b'x']);
         assert_eq!(time(1 << 56), [2, 0, 0, 0, 0, 0, 0, 0, 1]);
         let channel = Channel {

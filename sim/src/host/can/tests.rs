@@ -101,7 +101,7 @@ fn us(micros: u64) -> Instant {
 }
 
 #[test]
-fn alone_on_its_wire_a_port_gets_passive_tries_for_ever_and_is_never_off() {
+fn a_port_alone_on_its_wire_becomes_passive_and_never_bus_off() {
     let mut wire = wire(1_000_000, 1);
     let sent = frame(0x181, &[1]);
     wire.send(Instant::ZERO, owner(1), sent);
@@ -153,7 +153,7 @@ fn a_destroyed_frame_is_sent_again_and_costs_an_error_frame() {
 }
 
 #[test]
-fn a_port_whose_every_frame_is_destroyed_goes_off_flushes_and_comes_back_later_each_time() {
+fn a_port_with_only_destroyed_frames_goes_bus_off_with_back_off() {
     let mut wire = wire(1_000_000, 2);
     wire.suffer(Instant::ZERO, Ailment::Corrupt(1), us(20_000_000));
     let (mut offs, mut backs, mut healths) = (Vec::new(), Vec::new(), Vec::new());
@@ -186,7 +186,7 @@ fn a_port_whose_every_frame_is_destroyed_goes_off_flushes_and_comes_back_later_e
 }
 
 #[test]
-fn who_is_cut_off_is_alone_and_says_nothing_old_when_it_is_back() {
+fn a_port_that_was_cut_off_sends_no_old_frames_afterwards() {
     let mut wire = CanWire::new(1_000_000, Random::new(1), None);
     wire.join(owner(1), &"master".into(), false);
     wire.join(owner(2), &"boards".into(), true);
@@ -209,7 +209,7 @@ fn who_is_cut_off_is_alone_and_says_nothing_old_when_it_is_back() {
 }
 
 #[test]
-fn passive_senders_on_either_side_of_a_cut_do_not_wake_each_other_for_ever() {
+fn passive_senders_on_both_sides_of_a_cut_settle() {
     let mut wire = CanWire::new(1_000_000, Random::new(1), None);
     wire.join(owner(1), &"master".into(), false);
     wire.join(owner(2), &"boards".into(), false);
@@ -226,7 +226,7 @@ fn passive_senders_on_either_side_of_a_cut_do_not_wake_each_other_for_ever() {
 }
 
 #[test]
-fn a_passive_sender_lets_others_begin_first() {
+fn a_passive_sender_yields_to_others() {
     let mut wire = wire(1_000_000, 2);
     wire.suffer(Instant::ZERO, Ailment::Corrupt(1), us(3000));
     wire.send(Instant::ZERO, owner(1), frame(0x001, &[1]));
@@ -242,7 +242,7 @@ fn a_passive_sender_lets_others_begin_first() {
 }
 
 #[test]
-fn noise_is_as_likely_as_it_is_said_and_repeats_with_its_seed() {
+fn noise_has_its_configured_rate_and_repeats_with_its_seed() {
     let run = |seed| {
         let mut wire = CanWire::new(1_000_000, Random::new(seed), None);
         wire.join(owner(1), &"a".into(), false);

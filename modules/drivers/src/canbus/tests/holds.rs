@@ -12,7 +12,7 @@ fn pause(engaged: bool, source: &str) -> lowlevel::EventStop {
 }
 
 #[test]
-fn all_that_stands_is_listed_the_weightiest_first() {
+fn all_holds_are_listed_main_one_first() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     assert_eq!((robot.holds(), robot.reason().as_str()), (vec![], ""), "it drives");
@@ -62,7 +62,7 @@ fn the_list_is_published_five_times_a_second_and_on_change() {
 }
 
 #[test]
-fn who_pulled_pause_is_a_number() {
+fn the_source_of_pause_is_a_number() {
     let mut robot = Robot::ready();
     for (source, hold) in [
         ("bumper1", Hold::PauseBumper),
@@ -85,7 +85,7 @@ fn who_pulled_pause_is_a_number() {
 }
 
 #[test]
-fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() {
+fn ignored_sources_are_named_and_the_planner_with_its_missing_needs() {
     let mut robot = Robot::ready();
     let command = |robot: &mut Robot, source: &str, priority| {
         robot.bench.message(lowlevel::CmdMotion {
@@ -134,7 +134,7 @@ fn sources_that_are_not_followed_are_named_and_the_planner_with_what_it_needs() 
 }
 
 #[test]
-fn a_planner_that_is_stopped_for_its_estimate_says_so_before_it_is_to_be_let_go() {
+fn a_lost_estimate_is_listed_before_the_latched_planner() {
     let mut robot = Robot::ready();
     let goal = Message::from(CmdGoal { waypoints: vec![Waypoint::default()], ..Default::default() });
     robot.bench.event(Event::Message { at: robot.bench.now(), message: &goal });
@@ -152,7 +152,7 @@ fn a_planner_that_is_stopped_for_its_estimate_says_so_before_it_is_to_be_let_go(
 }
 
 #[test]
-fn causes_are_compared_without_strings_and_their_words_are_those_of_the_list() {
+fn causes_are_compared_without_strings_and_their_texts_match_the_list() {
     fn is_plain<T: Copy + PartialEq>(_: T) {}
     let canbus = Canbus::new(config()).expect("a good configuration");
     let steering = |objection| Objection::Drive(Axis::Steering, objection);

@@ -36,7 +36,7 @@ fn arbiter_planner() -> i8 {
 }
 
 #[test]
-fn an_estimate_that_comes_back_does_not_let_the_planner_go_again() {
+fn a_recovered_estimate_does_not_release_the_planner() {
     let mut robot = Robot::ready();
     robot.goal(robot.bench.now());
     robot.plan(0.4, 500, true);
@@ -75,7 +75,7 @@ fn a_planner_that_dies_stops_the_robot_at_once_and_a_manual_source_drives_withou
 }
 
 #[test]
-fn a_goal_from_before_the_end_of_a_stop_does_not_let_the_planner_go() {
+fn a_goal_from_before_the_end_of_a_stop_does_not_release_the_planner() {
     let mut robot = Robot::ready();
     robot.goal(robot.bench.now());
     robot.plan(0.4, 500, true);
@@ -108,7 +108,7 @@ fn an_engaged_pause_line_stops_a_robot_without_a_power_controller_too() {
 }
 
 #[test]
-fn a_drive_that_turns_while_it_is_booted_again_is_told_to_stop_before_all_else() {
+fn a_turning_drive_is_stopped_before_it_is_booted_again() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     // Shorter than the drive's timeout of the master's heartbeat.
@@ -158,7 +158,7 @@ fn the_robot_does_not_drive_before_it_steers() {
 }
 
 #[test]
-fn a_stop_that_is_not_seen_done_is_commanded_for_ever_and_stands_against_motion() {
+fn an_unconfirmed_stop_is_repeated_and_blocks_motion() {
     let mut robot = Robot::ready();
     robot.drive(0.4, 500);
     robot.epos.stubborn = true;
@@ -181,7 +181,7 @@ fn a_stop_that_is_not_seen_done_is_commanded_for_ever_and_stands_against_motion(
 }
 
 #[test]
-fn a_drive_of_which_only_the_heartbeat_is_left_stops_the_robot() {
+fn a_drive_that_sends_only_heartbeats_stops_the_robot() {
     for propulsion in [true, false] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
@@ -203,7 +203,7 @@ fn a_drive_of_which_only_the_heartbeat_is_left_stops_the_robot() {
 }
 
 #[test]
-fn a_drive_that_stays_deaf_is_booted_anew() {
+fn a_drive_that_does_not_answer_is_booted_again() {
     for propulsion in [true, false] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);
@@ -225,7 +225,7 @@ fn a_drive_that_stays_deaf_is_booted_anew() {
 }
 
 #[test]
-fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
+fn the_steering_is_homed_only_at_known_standstill() {
     let mut robot = Robot::ready();
     // The robot rolls, pushed; the frame that would report it is lost, then the steering is to be homed.
     robot.epos.mute = true;
@@ -248,7 +248,7 @@ fn the_steering_is_not_homed_while_nobody_knows_that_the_robot_stands() {
 }
 
 #[test]
-fn a_fault_of_a_drive_that_reboots_is_over_and_the_next_one_is_told() {
+fn a_reboot_clears_the_fault_of_a_drive_and_the_next_one_is_reported() {
     let mut robot = Robot::ready();
     for n in 1..3 {
         let now = robot.bench.now();
@@ -264,7 +264,7 @@ fn a_fault_of_a_drive_that_reboots_is_over_and_the_next_one_is_told() {
 }
 
 #[test]
-fn a_priority_that_nobody_has_is_refused() {
+fn an_invalid_priority_is_rejected() {
     for priority in [-1, 4, i8::MIN, i8::MAX] {
         let mut robot = Robot::ready();
         robot.drive(0.4, 500);

@@ -71,7 +71,7 @@ fn timed(words: &[(u64, &str)]) -> Vec<(u64, String)> {
 }
 
 #[test]
-fn one_holds_it_and_others_are_told() {
+fn one_client_holds_the_authority_and_others_are_informed() {
     let mut bench = Bench::new(2);
     assert_eq!(bench.take(0, 1, None).unwrap(), ["1: the robot is yours", "2: a holds the robot"]);
     assert!(bench.take(1, 1, None).unwrap().is_empty(), "it has it already");
@@ -88,7 +88,7 @@ fn one_holds_it_and_others_are_told() {
 }
 
 #[test]
-fn a_hold_ends_with_three_zeros_and_is_over_for_good() {
+fn a_hold_ends_with_three_zeros_and_is_not_resumed() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     assert_eq!(bench.drive(100, 1, 1, 100, 0.3), ["a 0.3"]);
@@ -103,7 +103,7 @@ fn a_hold_ends_with_three_zeros_and_is_over_for_good() {
 }
 
 #[test]
-fn silence_ends_a_hold_and_a_new_press_says_no_more_zeros() {
+fn silence_ends_a_hold_and_a_new_press_stops_the_zeros() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -116,7 +116,7 @@ fn silence_ends_a_hold_and_a_new_press_says_no_more_zeros() {
 }
 
 #[test]
-fn what_the_network_kept_is_late() {
+fn commands_delayed_by_the_network_are_late() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     bench.authority.ping(at(90), 1, 80.0);
@@ -136,7 +136,7 @@ fn what_the_network_kept_is_late() {
 }
 
 #[test]
-fn what_is_heard_after_the_end_but_before_the_timer_is_after_the_end() {
+fn input_after_the_end_but_before_the_timer_is_ignored() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -145,7 +145,7 @@ fn what_is_heard_after_the_end_but_before_the_timer_is_after_the_end() {
 }
 
 #[test]
-fn repeated_late_foreign_and_impossible_ones_move_nothing() {
+fn repeated_late_foreign_and_invalid_commands_move_nothing() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -169,7 +169,7 @@ fn repeated_late_foreign_and_impossible_ones_move_nothing() {
 }
 
 #[test]
-fn losing_it_leaving_and_nonsense_end_the_hold() {
+fn lost_authority_disconnection_and_invalid_input_end_the_hold() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -186,7 +186,7 @@ fn losing_it_leaving_and_nonsense_end_the_hold() {
 }
 
 #[test]
-fn everybody_stops_it_and_the_planner_goes_on_when_the_drives_do() {
+fn every_client_may_stop_and_the_planner_resumes_with_the_drives() {
     let mut bench = Bench::new(2);
     bench.take(0, 1, None).unwrap();
     bench.drive(100, 1, 1, 100, 0.3);
@@ -204,7 +204,7 @@ fn everybody_stops_it_and_the_planner_goes_on_when_the_drives_do() {
 }
 
 #[test]
-fn clocks_that_drift_are_followed() {
+fn clock_drift_is_tracked() {
     let mut bench = Bench::new(1);
     bench.take(0, 1, None).unwrap();
     // An hour at 20 Hz; the page's clock is 100 ppm slow.
