@@ -4,7 +4,7 @@ use base::{Duration, Fault, Instant};
 use std::collections::BTreeMap;
 
 /// A cause ends after this time without further occurrence.
-pub const OVER: Duration = Duration::from_secs(60);
+pub const CAUSE_END: Duration = Duration::from_secs(60);
 /// Maximum number of causes at a time; further ones are not reported.
 const CAUSES_MAX: usize = 64;
 
@@ -36,8 +36,8 @@ impl BadInput {
     }
 
     /// Removes and returns a cause that has ended, with its number of occurrences.
-    pub fn take_over(&mut self, now: Instant) -> Option<(Fault, String, u64)> {
-        let over = self.causes.iter().find(|(_, cause)| now.since(cause.last) >= OVER)?.0.clone();
+    pub fn take_ended(&mut self, now: Instant) -> Option<(Fault, String, u64)> {
+        let over = self.causes.iter().find(|(_, cause)| now.since(cause.last) >= CAUSE_END)?.0.clone();
         let cause = self.causes.remove(&over)?;
         Some((over.0, over.1, cause.count))
     }
@@ -60,10 +60,10 @@ mod tests {
         assert!((2..=100).all(|second| !bad.count(at(second), BAD, "can.main", 1)));
         assert!(bad.count(at(100), BAD, "CM_CMD_STATE Fingerprint", 7), "another cause");
         assert!(bad.count(at(150), Fault::PortOverrun, "can.main", 1), "another fault");
-        assert_eq!(bad.take_over(at(159)), None);
-        assert_eq!(bad.take_over(at(160)), Some((BAD, "CM_CMD_STATE Fingerprint".into(), 7)));
-        assert_eq!(bad.take_over(at(160)), Some((BAD, "can.main".into(), 100)));
-        assert_eq!(bad.take_over(at(160)), None);
+        assert_eq!(bad.take_ended(at(159)), None);
+        assert_eq!(bad.take_ended(at(160)), Some((BAD, "CM_CMD_STATE Fingerprint".into(), 7)));
+        assert_eq!(bad.take_ended(at(160)), Some((BAD, "can.main".into(), 100)));
+        assert_eq!(bad.take_ended(at(160)), None);
         assert!(bad.count(at(161), BAD, "can.main", 1), "told again");
     }
 

@@ -14,40 +14,40 @@ use std::sync::Arc;
 
 /// Environment variable with the path of the module's page.
 pub const VARIABLE: &str = "ADVEE_BEATS";
-/// Period of a thread's heartbeat; it may come [`EARLY`] earlier if the thread is awake.
+/// Period of a thread's heartbeat; it may come [`EARLY_MAX`] earlier if the thread is awake.
 pub const PERIOD: Duration = Duration::from_millis(50);
-const EARLY: Duration = Duration::from_millis(10);
+const EARLY_MAX: Duration = Duration::from_millis(10);
 /// Period at which the watchdog shows that it reads a page.
-const SHOWN: Duration = Duration::from_millis(500);
+const SHOW_PERIOD: Duration = Duration::from_millis(500);
 
-const SIZE: usize = 4096;
+const PAGE_SIZE: usize = 4096;
 const MAGIC: [u8; 4] = *b"BEAT";
 const VERSION: u32 = 1;
-/// Offset of the first thread's entry; [`ENTRY`] is the length of each.
-const ENTRIES: usize = 64;
+/// Offset of the first thread's entry; [`ENTRY_SIZE`] is the length of each.
+const ENTRIES_OFFSET: usize = 64;
 /// Offset of the watchdog's own counter.
-const READER: u64 = 16;
-const ENTRY: usize = 64;
+const READER_OFFSET: u64 = 16;
+const ENTRY_SIZE: usize = 64;
 /// Length of the name in an entry; the counter follows it.
-const NAME: usize = 48;
+const NAME_SIZE: usize = 48;
 /// Maximum number of threads in a page.
-pub const THREADS_MAX: usize = (SIZE - ENTRIES) / ENTRY;
+pub const THREADS_MAX: usize = (PAGE_SIZE - ENTRIES_OFFSET) / ENTRY_SIZE;
 
 /// A module's own page.
-pub struct Beats {
+pub struct HeartbeatPage {
     file: Arc<File>,
     threads: usize,
 }
 
 /// Heartbeat of one thread, owned by that thread.
-pub struct Beat {
+pub struct Heartbeat {
     file: Arc<File>,
     place: u64,
     count: u32,
     next: Instant,
 }
 
-impl Beats {
+impl HeartbeatPage {
     /// Opens the page that the watchdog created for this process; `None` if a person started it.
     ///
     /// # Errors
@@ -72,15 +72,15 @@ impl Beats {
     ///
     /// # Errors
     /// The page cannot be written or is full.
-    pub fn thread(&mut self, now: Instant, name: &str) -> io::Result<Beat> {
+    pub fn thread(&mut self, now: Instant, name: &str) -> io::Result<Heartbeat> {
         if self.threads == THREADS_MAX {
             return Err(io::ErrorKind::StorageFull.into());
         }
-        let place = (ENTRIES + ENTRY * self.threads) as u64;
-        let mut entry = [0; ENTRY];
-        let name = &name.as_bytes()[..name.len().min(NAME)];
+        let place = (ENTRIES_OFFSET + ENTRY_SIZE * self.threads) as u64;
+        let mut entry = [0; ENTRY_SIZE];
+        let name = &name.as_bytes()[..name.len().min(NAME_SIZE)];
         entry[..name.len()].copy_from_slice(name);
-        entry[NAME] = 1;
+        entry[NAME_SIZE] = 1;
         self.file.write_all_at(&entry, place)?;
         self.threads += 1;
         // The number of threads is written last: an entry counts once it is complete.
@@ -90,15 +90,15 @@ impl Beats {
         head[8..12].copy_from_slice(&std::process::id().to_le_bytes());
         head[12..].copy_from_slice(&(self.threads as u32).to_le_bytes());
         self.file.write_all_at(&head, 0)?;
-        Ok(Beat { file: self.file.clone(), place: place + NAME as u64, count: 1, next: now + PERIOD })
+        Ok(Heartbeat { file: self.file.clone(), place: place + NAME_SIZE as u64, count: 1, next: now + PERIOD })
     }
 }
 
-impl Beat {
+impl Heartbeat {
     /// Increments the counter if that is due; true if it did. The loop that does the work calls it at least every
     /// [`PERIOD`].
     pub fn beat(&mut self, now: Instant) -> bool {
-        let due = self.next <= now + EARLY;
+        let due = self.next <= now + EARLY_MAX;
         if due {
             self.next = now + PERIOD;
             self.count = self.count.wrapping_add(1);
@@ -112,7 +112,7 @@ impl Beat {
     #[must_use]
     pub fn reader(&self) -> u32 {
         let mut count = [0; 4];
-        match self.file.read_exact_at(&mut count, READER) {
+        match self.file.read_exact_at(&mut count, READER_OFFSET) {
             Ok(()) => u32::from_le_bytes(count),
             Err(_) => 0,
         }
@@ -130,7 +130,7 @@ impl Beat {
 /// # Errors
 /// The folder cannot be created or belongs to another user.
 pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
-    let path = place(run_dir);
+    let path = folder_path(run_dir);
     match DirBuilder::new().mode(0o700).create(&path) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
         _ => {}
@@ -144,7 +144,7 @@ pub fn folder(run_dir: &Path) -> io::Result<PathBuf> {
 
 /// Path of that folder, whether or not it exists.
 #[must_use]
-pub fn place(run_dir: &Path) -> PathBuf {
+pub fn folder_path(run_dir: &Path) -> PathBuf {
     let within = run_dir.join("beats");
     match statfs(run_dir) {
         Ok(system) if system.filesystem_type() == TMPFS_MAGIC => within,
@@ -174,7 +174,7 @@ pub fn fnv(bytes: &[u8]) -> u64 {
 
 /// State of a thread as the watchdog sees it.
 #[derive(Debug)]
-struct Thread {
+struct ThreadState {
     name: String,
     count: u32,
     /// Time at which its counter was last seen to change.
@@ -183,9 +183,9 @@ struct Thread {
 
 /// A module's page as its watchdog reads it.
 #[derive(Debug)]
-pub struct Page {
+pub struct PageReader {
     file: File,
-    threads: Vec<Thread>,
+    threads: Vec<ThreadState>,
     /// Next time at which the watchdog shows that it reads the page.
     show: Instant,
 }
@@ -206,7 +206,7 @@ pub enum Reading<'a> {
     Bad(&'static str),
 }
 
-impl Page {
+impl PageReader {
     /// Creates an empty page for a process that is about to start; it replaces that of an earlier process.
     ///
     /// # Errors
@@ -217,7 +217,7 @@ impl Page {
             _ => {}
         }
         let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(path)?;
-        file.set_len(SIZE as u64)?;
+        file.set_len(PAGE_SIZE as u64)?;
         Ok(Self { file, threads: Vec::new(), show: Instant::ZERO })
     }
 
@@ -233,11 +233,11 @@ impl Page {
     /// Increments the watchdog's counter if that is due, even if the module's part of the page is invalid.
     pub fn show(&mut self, now: Instant) {
         if self.show <= now {
-            self.show = now + SHOWN;
+            self.show = now + SHOW_PERIOD;
             // An earlier watchdog may have incremented it.
             let mut count = [0; 4];
-            let _ = self.file.read_exact_at(&mut count, READER);
-            let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER);
+            let _ = self.file.read_exact_at(&mut count, READER_OFFSET);
+            let _ = self.file.write_all_at(&u32::from_le_bytes(count).wrapping_add(1).to_le_bytes(), READER_OFFSET);
         }
     }
 
@@ -249,9 +249,9 @@ impl Page {
     /// Reads the page. `held_up` is the delay of the watchdog itself beyond its period, which is not charged to the
     /// threads.
     pub fn read(&mut self, now: Instant, pid: u32, held_up: Duration) -> Reading<'_> {
-        let mut page = [0; SIZE];
+        let mut page = [0; PAGE_SIZE];
         // Length known to be written, and one thread that may have been added.
-        let length = (ENTRIES + ENTRY * (self.threads.len() + 1)).min(SIZE);
+        let length = (ENTRIES_OFFSET + ENTRY_SIZE * (self.threads.len() + 1)).min(PAGE_SIZE);
         if self.file.read_exact_at(&mut page[..length], 0).is_err() {
             return Reading::Bad("is cut short");
         }
@@ -272,7 +272,7 @@ impl Page {
             () if count < self.threads.len() => return Reading::Bad("has lost threads"),
             () => {}
         }
-        if length < ENTRIES + ENTRY * count && self.file.read_exact_at(&mut page, 0).is_err() {
+        if length < ENTRIES_OFFSET + ENTRY_SIZE * count && self.file.read_exact_at(&mut page, 0).is_err() {
             return Reading::Bad("is cut short");
         }
         let word = |place: usize| {
@@ -281,18 +281,22 @@ impl Page {
             u32::from_le_bytes(bytes)
         };
         for (index, thread) in self.threads.iter_mut().enumerate() {
-            let beats = word(ENTRIES + ENTRY * index + NAME);
+            let beats = word(ENTRIES_OFFSET + ENTRY_SIZE * index + NAME_SIZE);
             thread.last = if beats == thread.count { (thread.last + held_up).min(now) } else { now };
             thread.count = beats;
         }
         for index in self.threads.len()..count {
-            let entry = &page[ENTRIES + ENTRY * index..][..NAME];
-            let end = entry.iter().position(|byte| *byte == 0).unwrap_or(NAME);
+            let entry = &page[ENTRIES_OFFSET + ENTRY_SIZE * index..][..NAME_SIZE];
+            let end = entry.iter().position(|byte| *byte == 0).unwrap_or(NAME_SIZE);
             let name = String::from_utf8_lossy(&entry[..end]).escape_debug().to_string();
-            self.threads.push(Thread { name, count: word(ENTRIES + ENTRY * index + NAME), last: now });
+            self.threads.push(ThreadState {
+                name,
+                count: word(ENTRIES_OFFSET + ENTRY_SIZE * index + NAME_SIZE),
+                last: now,
+            });
         }
         match self.threads.iter().min_by_key(|thread| thread.last) {
-            Some(Thread { name, last, .. }) => Reading::Oldest { thread: name, last: *last },
+            Some(ThreadState { name, last, .. }) => Reading::Oldest { thread: name, last: *last },
             None => Reading::Blank,
         }
     }
@@ -324,9 +328,9 @@ mod tests {
         Instant::from_millis(ms)
     }
 
-    fn pair(dir: &Dir) -> (Page, Beats) {
+    fn pair(dir: &Dir) -> (PageReader, HeartbeatPage) {
         let path = dir.0.join("module");
-        (Page::create(&path).unwrap(), Beats::at(&path).unwrap())
+        (PageReader::create(&path).unwrap(), HeartbeatPage::at(&path).unwrap())
     }
 
     #[test]
@@ -371,7 +375,7 @@ mod tests {
             page.show(at(ms));
         }
         assert_eq!(beat.reader(), 2);
-        Page::open(&dir.0.join("module")).unwrap().show(at(5000));
+        PageReader::open(&dir.0.join("module")).unwrap().show(at(5000));
         assert_eq!(beat.reader(), 3, "the next watchdog goes on");
     }
 
@@ -391,10 +395,10 @@ mod tests {
         let path = dir.0.join("module");
         let me = std::process::id();
         let file = |bytes: &[u8]| {
-            let mut whole = vec![0; SIZE];
+            let mut whole = vec![0; PAGE_SIZE];
             whole[..bytes.len()].copy_from_slice(bytes);
             fs::write(&path, whole).unwrap();
-            Page::open(&path).unwrap()
+            PageReader::open(&path).unwrap()
         };
         let head = |version: u32, pid: u32, threads: u32| {
             [MAGIC, version.to_le_bytes(), pid.to_le_bytes(), threads.to_le_bytes()].concat()
@@ -407,13 +411,13 @@ mod tests {
         assert!(bad(&head(1, me, 0)) && bad(&head(1, me, THREADS_MAX as u32 + 1)) && bad(&head(1, me, u32::MAX)));
         let mut two = file(&head(1, me, 2));
         two.read(at(0), me, Duration::ZERO);
-        fs::write(&path, vec![0xFF; SIZE]).unwrap();
+        fs::write(&path, vec![0xFF; PAGE_SIZE]).unwrap();
         assert!(matches!(two.read(at(1), me, Duration::ZERO), Reading::Bad(_)));
         fs::write(&path, b"short").unwrap();
         assert_eq!(two.read(at(1), me, Duration::ZERO), Reading::Bad("is cut short"));
         let mut seed = 1_u64;
         for _ in 0..2000 {
-            let random: Vec<u8> = (0..SIZE)
+            let random: Vec<u8> = (0..PAGE_SIZE)
                 .map(|_| {
                     seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                     (seed >> 56) as u8

@@ -14,7 +14,7 @@ pub struct Bus {
     /// Buffer of the encoded message.
     buffer: Vec<u8>,
     /// Number of datagrams that LCM rejected, by kind, as of the last report.
-    told: Vec<(&'static str, u64)>,
+    reported: Vec<(&'static str, u64)>,
 }
 
 /// Result of a receive call.
@@ -54,21 +54,21 @@ pub struct Raw<'a> {
 impl Bus {
     /// Joins the bus and subscribes to channels: names, or regular expressions that must match a whole name.
     pub fn open(url: &str, channels: &[&str]) -> Result<Self, String> {
-        Self::open_roomy(url, channels, 0)
+        Self::open_with_buffer(url, channels, 0)
     }
 
-    /// Like [`Bus::open`], with a receive buffer of at least `room` bytes, or the size in the URL if that is larger.
+    /// Like [`Bus::open`], with a receive buffer of at least `buffer_size` bytes, or the size in the URL if that is larger.
     /// The kernel limits it to `net.core.rmem_max`.
-    pub fn open_roomy(url: &str, channels: &[&str], room: usize) -> Result<Self, String> {
+    pub fn open_with_buffer(url: &str, channels: &[&str], buffer_size: usize) -> Result<Self, String> {
         let (mut place, _) = Url::parse(url).map_err(|error| error.to_string())?;
         if let Url::Udpm(udpm) = &mut place {
-            udpm.recv_buf_size = udpm.recv_buf_size.max(room);
+            udpm.recv_buf_size = udpm.recv_buf_size.max(buffer_size);
         }
         let mut lcm = Lcm::new(&place).map_err(|error| format!("LCM bus {url}: {error}"))?;
         for channel in channels {
             lcm.subscribe(channel).map_err(|error| error.to_string())?;
         }
-        Ok(Self { lcm, buffer: Vec::new(), told: Vec::new() })
+        Ok(Self { lcm, buffer: Vec::new(), reported: Vec::new() })
     }
 
     /// Publishes a message on its channel.
@@ -93,36 +93,36 @@ impl Bus {
 
     /// Reports datagrams rejected since the last call because they are not LCM's: cause, one line, number. They reach
     /// every process on the bus.
-    pub fn rejected(&mut self, mut tell: impl FnMut(String, String, u64)) {
+    pub fn rejected(&mut self, mut report: impl FnMut(String, String, u64)) {
         for rejections in self.lcm.rejections() {
             let Rejected { why, .. } = rejections.last;
-            let told = match self.told.iter_mut().find(|(kind, _)| *kind == why.kind()) {
-                Some((_, told)) => std::mem::replace(told, rejections.count),
+            let reported = match self.reported.iter_mut().find(|(kind, _)| *kind == why.kind()) {
+                Some((_, reported)) => std::mem::replace(reported, rejections.count),
                 None => {
-                    self.told.push((why.kind(), rejections.count));
+                    self.reported.push((why.kind(), rejections.count));
                     0
                 }
             };
-            if rejections.count > told {
-                tell(format!("lcm {}", why.kind()), rejections.last.to_string(), rejections.count - told);
+            if rejections.count > reported {
+                report(format!("lcm {}", why.kind()), rejections.last.to_string(), rejections.count - reported);
             }
         }
     }
 
     /// Receives the next message and decodes it.
     pub fn receive(&mut self, now: Instant) -> Received {
-        self.overhear(now, |_, _| true)
+        self.receive_with(now, |_, _| true)
     }
 
-    /// Receives the next message and passes its bytes to `hear`, which returns true if it is to be decoded too.
-    pub fn overhear(&mut self, now: Instant, hear: impl FnOnce(Instant, &Raw<'_>) -> bool) -> Received {
+    /// Receives the next message and passes its bytes to `on_raw`, which returns true if it is to be decoded too.
+    pub fn receive_with(&mut self, now: Instant, on_raw: impl FnOnce(Instant, &Raw<'_>) -> bool) -> Received {
         let raw = match self.receive_raw() {
             Ok(Some(raw)) => raw,
             Ok(None) => return Received::Nothing,
             Err(why) => return Received::Broken(why),
         };
         let at = clock::received(now, raw.received_ns);
-        if !hear(at, &raw) {
+        if !on_raw(at, &raw) {
             return Received::Foreign;
         }
         match Message::receive(raw.channel, raw.data) {

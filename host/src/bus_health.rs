@@ -4,9 +4,9 @@ use base::{Duration, Instant};
 use std::mem;
 
 /// Polling period of a bus that does not become readable: counters of lost messages are read then.
-const SERVED: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 /// A loss ends after this time without a lost message.
-pub const LOSSES_OVER: Duration = Duration::from_secs(10);
+pub const LOSS_END: Duration = Duration::from_secs(10);
 
 /// The state of a connection to the bus.
 #[derive(Debug)]
@@ -20,29 +20,29 @@ pub struct BusHealth {
     /// Number of messages lost since the start.
     lost: u64,
     /// End of the reported loss unless more is lost; `None` if no loss is reported.
-    over: Option<Instant>,
+    loss_end: Option<Instant>,
 }
 
 /// Change in the loss of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Losses {
     /// Messages were lost since the last call.
-    Grow,
-    /// No message was lost for [`LOSSES_OVER`].
-    Over,
+    Growing,
+    /// No message was lost for [`LOSS_END`].
+    Ended,
 }
 
 impl BusHealth {
     /// Creates the state of a connection that has not been read yet.
     #[must_use]
     pub fn new() -> Self {
-        Self { more: true, served: Instant::ZERO, refuses: false, lost: 0, over: None }
+        Self { more: true, served: Instant::ZERO, refuses: false, lost: 0, loss_end: None }
     }
 
     /// True if the bus is to be read although it did not become readable.
     #[must_use]
     pub fn is_due(&self, now: Instant) -> bool {
-        now.since(self.served) >= SERVED
+        now.since(self.served) >= POLL_PERIOD
     }
 
     /// All messages have been read; `lost` is the number of lost messages since the start.
@@ -50,10 +50,10 @@ impl BusHealth {
         (self.more, self.served) = (false, now);
         if lost > self.lost {
             self.lost = lost;
-            self.over = Some(now + LOSSES_OVER);
-            return Some(Losses::Grow);
+            self.loss_end = Some(now + LOSS_END);
+            return Some(Losses::Growing);
         }
-        self.over.take_if(|over| *over <= now).map(|_| Losses::Over)
+        self.loss_end.take_if(|loss_end| *loss_end <= now).map(|_| Losses::Ended)
     }
 
     /// Result of a publication; true if it is the first accepted message after a refusal.
@@ -81,10 +81,10 @@ mod tests {
     #[test]
     fn a_loss_ends_10_s_after_the_last_lost_message() {
         let mut health = BusHealth::new();
-        assert_eq!(health.on_served(at(0), 3), Some(Losses::Grow));
-        assert_eq!(health.on_served(at(9000), 4), Some(Losses::Grow));
+        assert_eq!(health.on_served(at(0), 3), Some(Losses::Growing));
+        assert_eq!(health.on_served(at(9000), 4), Some(Losses::Growing));
         assert_eq!(health.on_served(at(18_999), 4), None);
-        assert_eq!(health.on_served(at(19_000), 4), Some(Losses::Over));
+        assert_eq!(health.on_served(at(19_000), 4), Some(Losses::Ended));
         assert_eq!(health.on_served(at(60_000), 4), None, "once");
     }
 

@@ -31,7 +31,7 @@ pub struct Leaf {
 
 /// Limits that a group enforces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Held {
+pub struct EnforcedLimits {
     /// Memory.
     pub memory: bool,
     /// Processor time.
@@ -108,7 +108,7 @@ impl Cgroups {
 impl Leaf {
     /// Sets the limits, bytes and cores, `None` being unlimited; returns those that are in effect.
     #[must_use]
-    pub fn limit(&self, memory_max: Option<u64>, cpu_max: Option<f64>) -> Held {
+    pub fn limit(&self, memory_max: Option<u64>, cpu_max: Option<f64>) -> EnforcedLimits {
         let memory = memory_max.map_or("max".into(), |bytes| bytes.to_string());
         let cpu = cpu_max.map_or("max".into(), |cores| format!("{:.0}", cores * PERIOD_US as f64));
         // Existing files only: on another file system, or without the controller, the file is absent.
@@ -116,7 +116,7 @@ impl Leaf {
             let mut file = OpenOptions::new().write(true).open(self.path.join(file))?;
             io::Write::write_all(&mut file, value.as_bytes())
         };
-        Held {
+        EnforcedLimits {
             memory: set("memory.max", memory).is_ok() && memory_max.is_some(),
             cpu: set("cpu.max", format!("{cpu} {PERIOD_US}")).is_ok() && cpu_max.is_some(),
         }
@@ -124,7 +124,7 @@ impl Leaf {
 
     /// File to which a process writes `0` to join this group.
     #[must_use]
-    pub fn entrance(&self) -> Option<File> {
+    pub fn join_file(&self) -> Option<File> {
         OpenOptions::new().write(true).open(self.path.join("cgroup.procs")).ok()
     }
 
@@ -204,10 +204,10 @@ mod tests {
         for name in ["memory.max", "cpu.max", "cgroup.kill"] {
             fs::write(file(name), "").unwrap();
         }
-        assert_eq!(leaf.limit(Some(1 << 20), Some(0.25)), Held { memory: true, cpu: true });
+        assert_eq!(leaf.limit(Some(1 << 20), Some(0.25)), EnforcedLimits { memory: true, cpu: true });
         let said = ["memory.max", "cpu.max"].map(|name| fs::read_to_string(file(name)).unwrap());
         assert_eq!(said, ["1048576", "25000 100000"]);
-        assert_eq!(leaf.limit(None, None), Held::default());
+        assert_eq!(leaf.limit(None, None), EnforcedLimits::default());
         leaf.kill();
         assert_eq!(fs::read_to_string(file("cgroup.kill")).unwrap(), "1");
         fs::remove_dir_all(&groups.own).unwrap();
@@ -218,7 +218,7 @@ mod tests {
         let groups = played("");
         groups.divide();
         assert!(!groups.own.join("cgroup.subtree_control").exists());
-        assert_eq!(groups.leaf("m").unwrap().limit(Some(1), Some(1.0)), Held::default());
+        assert_eq!(groups.leaf("m").unwrap().limit(Some(1), Some(1.0)), EnforcedLimits::default());
         fs::remove_dir_all(&groups.own).unwrap();
     }
 }

@@ -29,11 +29,11 @@ impl HardwareWatchdog {
         let flags = nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY;
         let device = OpenOptions::new().write(true).custom_flags(flags).open(path);
         let device = device.map_err(|error| format!("hardware watchdog {}: {error}: there is none", path.display()))?;
-        let told = match sys::set_watchdog_timeout(device.as_fd(), timeout_s) {
+        let note = match sys::set_watchdog_timeout(device.as_fd(), timeout_s) {
             Ok(seconds) => format!("hardware watchdog {}: resets after {seconds} s", path.display()),
             Err(error) => format!("hardware watchdog {}: its own time limit stands: {error}", path.display()),
         };
-        Ok((Self { device, next: Instant::ZERO }, told))
+        Ok((Self { device, next: Instant::ZERO }, note))
     }
 
     /// Feeds it if that is due.
@@ -60,8 +60,8 @@ mod tests {
     fn the_watchdog_is_fed_each_second_and_disarmed_on_close() {
         let path = std::env::temp_dir().join(format!("advee-watchdog-{}", std::process::id()));
         fs::write(&path, "").unwrap();
-        let (mut device, told) = HardwareWatchdog::open(&path, 10).unwrap();
-        assert!(told.contains("its own time limit stands"), "a file has no limit to set: {told}");
+        let (mut device, note) = HardwareWatchdog::open(&path, 10).unwrap();
+        assert!(note.contains("its own time limit stands"), "a file has no limit to set: {note}");
         for ms in (0..3000).step_by(100) {
             device.feed(Instant::from_millis(ms));
         }

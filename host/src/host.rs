@@ -4,9 +4,9 @@
 //! source delays the others by at most one turn.
 
 use super::bad_input::{self, BadInput};
-use super::beats::{Beat, Beats};
+use super::beats::{Heartbeat, HeartbeatPage};
 use super::bus::{Bus, Received as FromBus};
-use super::bus_health::{BusHealth, LOSSES_OVER, Losses};
+use super::bus_health::{BusHealth, LOSS_END, Losses};
 use super::clock;
 use super::limits;
 use super::log::{Log, OneLine};
@@ -36,19 +36,19 @@ use std::process::{Command, Stdio};
 /// Maximum number of inputs taken from one source in one turn.
 const BURST: usize = 64;
 /// Socket buffer of a module that receives the whole bus, bytes: a third of a second at 50 MB/s.
-const ROOM: usize = 16 << 20;
+const RAW_RECEIVE_BUFFER: usize = 16 << 20;
 /// Time that the last output of a module has to leave the process.
-const FLUSH: Duration = Duration::from_millis(100);
+const FLUSH_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// A module that a watchdog started ends after this time without a sign of any watchdog.
-const UNGUARDED: Duration = Duration::from_secs(3);
+const UNSUPERVISED_MAX: Duration = Duration::from_secs(3);
 /// SIGALRM deadlines, s: while waiting for a watchdog, and while exiting. They end the process in case it hangs.
-const ALARM: (u32, u32) = (4, 3);
+const ALARM_S: (u32, u32) = (4, 3);
 
 const TIMER: u64 = 0;
 const SIGNALS: u64 = 1;
 const BUS: u64 = 2;
-const ENDS: u64 = 3;
+const PROCESSES: u64 = 3;
 const PORTS: u64 = 4;
 
 /// Resources of a module.
@@ -100,7 +100,7 @@ struct Host {
     /// Connection to the process that supervises the watchdog; watchdog only.
     parent: Option<ToParent>,
     /// Time of the last sign of any watchdog; `None` if no watchdog supervises this process.
-    guarded: Option<Instant>,
+    watchdog_seen: Option<Instant>,
     /// Last value of the watchdog's counter in the heartbeat page.
     reader: u32,
     epoll: Epoll,
@@ -110,7 +110,7 @@ struct Host {
     real_time: bool,
     signals: SignalFd,
     /// Heartbeat of this loop.
-    beat: Option<Beat>,
+    beat: Option<Heartbeat>,
     end: Option<(u8, Instant)>,
 }
 
@@ -118,14 +118,14 @@ impl Host {
     fn open(mut shell: Shell, config: HostConfig) -> Result<Self, String> {
         // Before any thread can start, because threads inherit the signal mask.
         let signals = signals().map_err(|errno| format!("signalfd: {}", errno.desc()))?;
-        let guarded = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
-        if guarded.is_some() {
-            alarm::set(ALARM.0);
+        let watchdog_seen = std::env::var_os(processes::VARIABLE).map(|_| clock::now());
+        if watchdog_seen.is_some() {
+            alarm::set(ALARM_S.0);
         }
-        let beats = Beats::open().map_err(|error| format!("the page of beats: {error}"))?;
+        let beats = HeartbeatPage::open().map_err(|error| format!("the page of beats: {error}"))?;
         let mut channels: Vec<Channel> = shell.subscriptions().collect();
         // The heartbeat page shows the watchdog too, at lower cost.
-        channels.extend(guarded.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
+        channels.extend(watchdog_seen.filter(|_| beats.is_none()).map(|_| Channel::CmDataProcesses));
         let overhears = shell.module().overhears();
         channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
@@ -133,7 +133,7 @@ impl Host {
             true => vec![".*"],
             false => channels.into_iter().map(Channel::name).collect(),
         };
-        let bus = Bus::open_roomy(&config.lcm_url, &channels, if overhears { ROOM } else { 0 })?;
+        let bus = Bus::open_with_buffer(&config.lcm_url, &channels, if overhears { RAW_RECEIVE_BUFFER } else { 0 })?;
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");
         let taps = taps(config.raw, specs.len());
@@ -152,7 +152,7 @@ impl Host {
         let processes = config.launch.map(|launch| Processes::new(clock::now(), launch, config.beats)).transpose()?;
         let mut lines: Vec<String> = limits::lock_memory().err().into_iter().map(|why| why.to_string()).collect();
         if let Some(processes) = &processes {
-            epoll.add(processes, EpollEvent::new(EpollFlags::EPOLLIN, ENDS)).map_err(polled)?;
+            epoll.add(processes, EpollEvent::new(EpollFlags::EPOLLIN, PROCESSES)).map_err(polled)?;
         }
         let parent = processes.is_some().then(|| ToParent::open(clock::now())).transpose();
         let recording = config.inputs.and_then(|inputs| {
@@ -177,7 +177,7 @@ impl Host {
             ports,
             processes,
             parent: parent.map_err(|error| format!("the parent's socket: {error}"))?.flatten(),
-            guarded,
+            watchdog_seen,
             reader: 0,
             epoll,
             timer,
@@ -191,7 +191,7 @@ impl Host {
 
     fn run(mut self) -> Result<u8, String> {
         // Processes that an earlier watchdog left come before everything else.
-        self.tell_of_processes();
+        self.report_processes();
         self.feed(Event::Start);
         for line in mem::take(&mut self.lines) {
             self.say(Level::Warning, &line);
@@ -219,7 +219,7 @@ impl Host {
                     TIMER => self.armed = None,
                     SIGNALS => self.serve_signals(),
                     BUS => self.health.more = true,
-                    ENDS => self.serve_ends(),
+                    PROCESSES => self.serve_processes(),
                     port => self.port_ready((port - PORTS) as usize, event.events()),
                 }
             }
@@ -229,7 +229,7 @@ impl Host {
             for index in 0..self.ports.len() {
                 self.serve_port(index);
             }
-            self.end_unguarded();
+            self.end_unsupervised();
         }
     }
 
@@ -276,10 +276,10 @@ impl Host {
         let processes = self.processes.as_ref().and_then(Processes::poll_timeout);
         let taps = self.taps.iter().flatten().filter_map(|(_, tap)| tap.poll_timeout()).min();
         let end = self.end.map(|(_, until)| until);
-        let beat = self.beat.as_ref().map(Beat::next);
+        let beat = self.beat.as_ref().map(Heartbeat::next);
         let parent = self.parent.as_ref().map(ToParent::next);
-        let unguarded = self.guarded.map(|heard| heard + UNGUARDED);
-        earliest([shell, ports, taps, processes, end, beat, parent, unguarded])
+        let unsupervised = self.watchdog_seen.map(|sign| sign + UNSUPERVISED_MAX);
+        earliest([shell, ports, taps, processes, end, beat, parent, unsupervised])
     }
 
     fn arm(&mut self, now: Instant, due: Option<Instant>) -> nix::Result<()> {
@@ -304,7 +304,7 @@ impl Host {
             self.feed(Event::Timer);
         }
         if self.beat.as_mut().is_some_and(|beat| beat.beat(now)) {
-            self.look_for_watchdog(now);
+            self.check_watchdog(now);
         }
         if let Some(trouble) = self.recording.as_mut().and_then(Recording::trouble) {
             self.raise(Fault::InputsLost, "inputs", trouble);
@@ -315,7 +315,7 @@ impl Host {
         }
         if let Some(processes) = &mut self.processes {
             processes.handle_timeout(now);
-            self.tell_of_processes();
+            self.report_processes();
         }
         // Last, after all the work whose progress it confirms.
         if let Some(parent) = &mut self.parent {
@@ -330,48 +330,49 @@ impl Host {
         }
     }
 
-    fn serve_ends(&mut self) {
+    fn serve_processes(&mut self) {
         // Messages sent before the end come first: a module that announced its end has not crashed.
         self.serve_bus();
         if let Some(processes) = &mut self.processes {
             processes.on_ends();
         }
-        self.tell_of_processes();
+        self.report_processes();
     }
 
     /// Reads the watchdog's counter in the heartbeat page.
-    fn look_for_watchdog(&mut self, now: Instant) {
-        if let (Some(beat), Some(_)) = (&self.beat, self.guarded) {
+    fn check_watchdog(&mut self, now: Instant) {
+        if let (Some(beat), Some(_)) = (&self.beat, self.watchdog_seen) {
             let reader = beat.reader();
             if mem::replace(&mut self.reader, reader) != reader {
-                self.hear_watchdog(now);
+                self.on_watchdog_sign(now);
             }
         }
     }
 
-    fn hear_watchdog(&mut self, now: Instant) {
-        if let Some(heard) = &mut self.guarded {
-            *heard = now;
-            alarm::set(ALARM.0);
+    fn on_watchdog_sign(&mut self, now: Instant) {
+        if let Some(sign) = &mut self.watchdog_seen {
+            *sign = now;
+            alarm::set(ALARM_S.0);
         }
     }
 
     /// Ends a module whose watchdog died and was not replaced. Decided only when all input has been read: after a delay
     /// of this process itself, the sign of a watchdog may still wait there.
-    fn end_unguarded(&mut self) {
-        if self.health.more || self.guarded.is_none() {
+    fn end_unsupervised(&mut self) {
+        if self.health.more || self.watchdog_seen.is_none() {
             return;
         }
         let now = clock::now();
-        let unheard = |guarded: Option<Instant>| guarded.is_some_and(|heard| now.since(heard) >= UNGUARDED);
-        if !unheard(self.guarded) {
+        let is_unsupervised =
+            |watchdog_seen: Option<Instant>| watchdog_seen.is_some_and(|sign| now.since(sign) >= UNSUPERVISED_MAX);
+        if !is_unsupervised(self.watchdog_seen) {
             return;
         }
-        self.look_for_watchdog(now);
-        if unheard(self.guarded) {
-            self.guarded = None;
-            alarm::set(ALARM.1);
-            self.say(Level::Warning, &format!("no watchdog was heard for {} s: it ends", UNGUARDED.as_secs()));
+        self.check_watchdog(now);
+        if is_unsupervised(self.watchdog_seen) {
+            self.watchdog_seen = None;
+            alarm::set(ALARM_S.1);
+            self.say(Level::Warning, &format!("no watchdog was heard for {} s: it ends", UNSUPERVISED_MAX.as_secs()));
             self.shell.terminate(now, &mut self.out);
             self.act();
         }
@@ -383,19 +384,19 @@ impl Host {
             match self.receive(now) {
                 FromBus::Nothing => {
                     self.on_bus_served(now);
-                    self.watch_datagrams(now);
-                    self.tell_what_is_over(now);
+                    self.report_datagrams(now);
+                    self.report_ended_causes(now);
                     return;
                 }
                 FromBus::Message { at, message } => {
                     if let Channel::CmDataProcesses = message.channel() {
-                        self.hear_watchdog(now);
+                        self.on_watchdog_sign(now);
                     }
                     self.feed(Event::Message { at, message: &message });
                 }
                 FromBus::Foreign => {}
                 FromBus::Malformed { subject, why } => {
-                    self.drop_bad(now, Fault::MessageMalformed, subject, why, 1);
+                    self.reject_input(now, Fault::MessageMalformed, subject, why, 1);
                 }
                 FromBus::Broken(why) => {
                     self.health.more = false;
@@ -412,9 +413,9 @@ impl Host {
         if !self.shell.module().overhears() {
             return self.bus.receive(now);
         }
-        let follows_watchdog = self.guarded.is_some() && self.beat.is_none();
+        let follows_watchdog = self.watchdog_seen.is_some() && self.beat.is_none();
         let (shell, out) = (&mut self.shell, &mut self.out);
-        let received = self.bus.overhear(now, |at, raw| {
+        let received = self.bus.receive_with(now, |at, raw| {
             shell.handle(now, Event::Heard { at, channel: raw.channel, data: raw.data }, out);
             let wanted = |channel| shell.wants(channel) || (channel == Channel::CmDataProcesses && follows_watchdog);
             Channel::from_name(raw.channel).is_some_and(wanted)
@@ -471,7 +472,7 @@ impl Host {
                 }
                 self.queue_news();
             }
-            Action::Exit(code) => self.end = Some((code, clock::now() + FLUSH)),
+            Action::Exit(code) => self.end = Some((code, clock::now() + FLUSH_TIMEOUT)),
             Action::Run(command) => self.run_command(&command),
             // Handled within the shell; the state is announced on the bus.
             Action::Raise(_) | Action::Clear(_) | Action::Condition(_) | Action::State(_) => {}
@@ -510,12 +511,12 @@ impl Host {
         let count = if overhears { self.bus.missed() } else { self.bus.kernel_dropped() };
         match self.health.on_served(now, count) {
             None => {}
-            Some(Losses::Grow) => {
+            Some(Losses::Growing) => {
                 let why = "LCM bus: messages are lost: they come faster than they are taken";
                 self.raise(Fault::PortOverrun, "lcm", why);
             }
-            Some(Losses::Over) => {
-                let message = format!("LCM bus: no message lost for {} s; {count} in all", LOSSES_OVER.as_secs());
+            Some(Losses::Ended) => {
+                let message = format!("LCM bus: no message lost for {} s; {count} in all", LOSS_END.as_secs());
                 let report = Report::new(Severity::Notice, Fault::PortOverrun, "lcm", message);
                 self.shell.clear(now, report, &mut self.out);
                 self.act();
@@ -524,27 +525,27 @@ impl Host {
     }
 
     /// Reports datagrams that are not LCM's. Every process receives them, so only the watchdog's process reports them.
-    fn watch_datagrams(&mut self, now: Instant) {
+    fn report_datagrams(&mut self, now: Instant) {
         if self.processes.is_none() {
             return;
         }
         let mut rejected = Vec::new();
         self.bus.rejected(|cause, why, count| rejected.push((cause, why, count)));
         for (cause, why, count) in rejected {
-            self.drop_bad(now, Fault::MessageMalformed, cause, why, count);
+            self.reject_input(now, Fault::MessageMalformed, cause, why, count);
         }
     }
 
     /// Counts rejected input and reports each cause once.
-    fn drop_bad(&mut self, now: Instant, fault: Fault, cause: String, why: String, count: u64) {
+    fn reject_input(&mut self, now: Instant, fault: Fault, cause: String, why: String, count: u64) {
         if self.bad.count(now, fault, &cause, count) {
             self.raise(fault, cause, why);
         }
     }
 
-    fn tell_what_is_over(&mut self, now: Instant) {
-        while let Some((fault, cause, count)) = self.bad.take_over(now) {
-            let message = format!("{cause}: well for {} s; it was so {count} times", bad_input::OVER.as_secs());
+    fn report_ended_causes(&mut self, now: Instant) {
+        while let Some((fault, cause, count)) = self.bad.take_ended(now) {
+            let message = format!("{cause}: well for {} s; it was so {count} times", bad_input::CAUSE_END.as_secs());
             let report = Report::new(Severity::Notice, fault, cause, message);
             self.shell.clear(now, report, &mut self.out);
             self.act();
@@ -552,7 +553,7 @@ impl Host {
     }
 
     /// Passes news of the processes to the watchdog.
-    fn tell_of_processes(&mut self) {
+    fn report_processes(&mut self) {
         self.queue_news();
         self.act();
     }
@@ -569,7 +570,7 @@ impl Host {
         while let Some(line) = self.processes.as_mut().and_then(Processes::poll_line) {
             self.relay(line);
         }
-        self.count_left_out();
+        self.publish_omitted();
     }
 
     /// Prints and publishes a line of a foreign module in that module's name.
@@ -589,7 +590,7 @@ impl Host {
     }
 
     /// Publishes the numbers of omitted lines of foreign modules.
-    fn count_left_out(&mut self) {
+    fn publish_omitted(&mut self) {
         let (now, epoch) = (clock::now(), self.out.epoch());
         let count = |(module, texts): (&String, &mut Texts)| texts.left_out(now, epoch.timestamp(now), module);
         let messages: Vec<Message> = self.foreign.iter_mut().filter_map(count).map(Message::from).collect();
@@ -673,14 +674,14 @@ impl Host {
     fn port_time(&mut self, index: usize) {
         let now = clock::now();
         let id = PortId(index as u8);
-        let told = matches!(self.ports[index].state, PortState::Down { told: true, .. });
+        let reported = matches!(self.ports[index].state, PortState::Down { reported: true, .. });
         match self.ports[index].try_open(now) {
             Some(Ok(())) => match self.watch(index) {
                 Ok(()) => self.feed(Event::Port { port: id, input: Input::Up }),
                 Err(errno) => self.lose(index, errno.desc()),
             },
             // The port stays down, but the reason changed since the module was informed.
-            Some(Err(reason)) if told => {
+            Some(Err(reason)) if reported => {
                 let text = format!("{}: {reason}", self.ports[index].name);
                 self.say(Level::Warning, &text);
             }
@@ -738,7 +739,7 @@ impl Host {
                     let name = port.name.clone();
                     let why = format!("{name}: {why}");
                     // Separate from faults of the output.
-                    self.drop_bad(now, fault, format!("{name} input"), why, 1);
+                    self.reject_input(now, fault, format!("{name} input"), why, 1);
                 }
                 Ok(Received::Note(text)) => {
                     if self.notes[index] != text {

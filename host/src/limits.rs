@@ -28,7 +28,7 @@ pub struct Limits {
 }
 
 /// Limits prepared for application between fork and exec, where nothing may be allocated.
-pub struct Birth {
+pub struct PreparedLimits {
     nice: i8,
     cpus: Option<CpuSet>,
     fifo: Option<u8>,
@@ -51,7 +51,7 @@ enum Limit {
 }
 
 /// Length of a record in the pipe: code, number, and a zero.
-const TOLD: usize = 6;
+const RECORD_LEN: usize = 6;
 
 impl Limits {
     /// Prepares the limits of a process and the reader of refusals. `leaf` is the module's cgroup.
@@ -59,7 +59,7 @@ impl Limits {
     /// # Errors
     /// No descriptor is left.
     #[allow(clippy::useless_conversion, reason = "machines of 32 bits have narrower ones")]
-    pub fn prepare(&self, leaf: Option<&Leaf>) -> io::Result<(Birth, Refused)> {
+    pub fn prepare(&self, leaf: Option<&Leaf>) -> io::Result<(PreparedLimits, Refused)> {
         let (read, refused) = pipe2(OFlag::O_CLOEXEC | OFlag::O_NONBLOCK)?;
         let mut unprepared = Vec::new();
         let mut cpus = CpuSet::new();
@@ -72,45 +72,45 @@ impl Limits {
         if self.cpu_max.is_some() && !held.cpu {
             unprepared.push("cpu_max: no cgroup that could hold it; it may use more".into());
         }
-        let birth = Birth {
+        let birth = PreparedLimits {
             nice: self.nice,
             cpus: (!self.cpus.is_empty()).then_some(cpus),
             fifo: self.rt_priority,
             data: self.memory_max.filter(|_| !held.memory).map(|bytes| bytes.try_into().unwrap_or(RLIM_INFINITY)),
-            leaf: leaf.and_then(Leaf::entrance),
+            leaf: leaf.and_then(Leaf::join_file),
             refused,
         };
         Ok((birth, Refused { pipe: File::from(read), unprepared }))
     }
 }
 
-impl Birth {
+impl PreparedLimits {
     /// Applies the limits in the new process. System calls only: nothing may be allocated here.
-    pub(super) fn take_on(&self) {
+    pub(super) fn apply(&self) {
         if let Some(leaf) = &self.leaf {
-            self.told(Limit::Group, write(leaf, b"0").map(|_| ()).map_err(Into::into));
+            self.report(Limit::Group, write(leaf, b"0").map(|_| ()).map_err(Into::into));
         }
         if self.nice != 0 {
-            self.told(Limit::Nice, sys::set_nice(self.nice));
+            self.report(Limit::Nice, sys::set_nice(self.nice));
         }
         if let Some(cpus) = &self.cpus {
-            self.told(Limit::Cpus, sched_setaffinity(Pid::from_raw(0), cpus).map_err(Into::into));
+            self.report(Limit::Cpus, sched_setaffinity(Pid::from_raw(0), cpus).map_err(Into::into));
         }
         if let Some(bytes) = self.data {
-            self.told(Limit::Memory, setrlimit(Resource::RLIMIT_DATA, bytes, bytes).map_err(Into::into));
+            self.report(Limit::Memory, setrlimit(Resource::RLIMIT_DATA, bytes, bytes).map_err(Into::into));
         }
         if let Some(priority) = self.fifo {
-            self.told(Limit::Fifo, sys::set_fifo(priority, false));
+            self.report(Limit::Fifo, sys::set_fifo(priority, false));
         }
     }
 
     /// Reports the id of the process that will run the module. System calls only, here too.
-    pub(super) fn is_born(&self) {
+    pub(super) fn report_pid(&self) {
         let [a, b, c, d] = std::process::id().to_le_bytes();
         let _ = write(&self.refused, &[Limit::Number as u8, a, b, c, d, 0]);
     }
 
-    fn told(&self, limit: Limit, result: io::Result<()>) {
+    fn report(&self, limit: Limit, result: io::Result<()>) {
         if let Err(error) = result {
             let [a, b, c, d] = error.raw_os_error().unwrap_or(0).to_le_bytes();
             let _ = write(&self.refused, &[limit as u8, a, b, c, d, 0]);
@@ -129,12 +129,12 @@ impl Refused {
     /// reported.
     pub fn read(self) -> (Vec<String>, Option<u32>) {
         let (mut lines, mut pid) = (self.unprepared, None);
-        let mut told = [0; 8 * TOLD];
-        let length = (&self.pipe).read(&mut told).unwrap_or(0);
-        for told in told[..length].chunks_exact(TOLD) {
-            let number = i32::from_le_bytes([told[1], told[2], told[3], told[4]]);
+        let mut report = [0; 8 * RECORD_LEN];
+        let length = (&self.pipe).read(&mut report).unwrap_or(0);
+        for report in report[..length].chunks_exact(RECORD_LEN) {
+            let number = i32::from_le_bytes([report[1], report[2], report[3], report[4]]);
             let error = io::Error::from_raw_os_error(number);
-            lines.push(match told[0] {
+            lines.push(match report[0] {
                 limit if limit == Limit::Group as u8 => format!("cgroup: {error}; it is guarded by its process group"),
                 limit if limit == Limit::Nice as u8 => format!("nice: {error}; it runs at the usual one"),
                 limit if limit == Limit::Cpus as u8 => format!("cpus: {error}; it may use all"),

@@ -20,7 +20,7 @@ impl Log {
 
     /// Prints a report.
     pub fn report(&self, report: &Report) {
-        self.line(format_args!("{}", Shown(report)));
+        self.line(format_args!("{}", ReportLine(report)));
     }
 
     /// Prints a line with its level; INFO has no prefix.
@@ -40,9 +40,9 @@ impl Log {
     }
 }
 
-struct Shown<'a>(&'a Report);
+struct ReportLine<'a>(&'a Report);
 
-impl Display for Shown<'_> {
+impl Display for ReportLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let report = self.0;
         let severity = match report.severity {
@@ -86,9 +86,9 @@ mod tests {
     #[test]
     fn a_report_is_one_line_that_names_what_it_is_about() {
         let report = Report::new(Severity::Warning, Fault::BoardLost, "sd1_front", "no answer\nfor 2 s");
-        assert_eq!(Shown(&report).to_string(), "WARNING BoardLost sd1_front: no answer for 2 s");
+        assert_eq!(ReportLine(&report).to_string(), "WARNING BoardLost sd1_front: no answer for 2 s");
         let report = Report::new(Severity::Error, Fault::WatchdogSilent, "", "it stops");
-        assert_eq!(Shown(&report).to_string(), "ERROR WatchdogSilent: it stops");
+        assert_eq!(ReportLine(&report).to_string(), "ERROR WatchdogSilent: it stops");
     }
 
     #[test]

@@ -22,11 +22,11 @@ use std::time::Duration;
 /// Maximum rate, bytes per second read and written.
 const RATE: u64 = 32_000_000;
 /// Number of bytes between two pauses.
-const PACE: u64 = 1 << 18;
+const PAUSE_BYTES: u64 = 1 << 18;
 /// Final bytes of a complete file.
 const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 /// Maximum number of folder entries that are examined.
-const ENTRIES: usize = 100_000;
+const ENTRIES_MAX: usize = 100_000;
 
 /// Starts to repair the files in a folder of runs; continues until all are done or the process ends. Each incomplete
 /// file gets a line in the log.
@@ -36,7 +36,7 @@ pub fn start(folder: PathBuf, log: Log) {
     if nix::sys::signal::pthread_sigmask(SigmaskHow::SIG_SETMASK, Some(&all), Some(&mut before)).is_err() {
         return;
     }
-    let told = log.clone();
+    let note = log.clone();
     let started = thread::Builder::new().name("repair".into()).spawn(move || {
         // On Linux this applies to the calling thread only.
         let _ = crate::sys::set_nice(19);
@@ -44,24 +44,24 @@ pub fn start(folder: PathBuf, log: Log) {
     });
     let _ = before.thread_set_mask();
     if let Err(error) = started {
-        told.line(format_args!("logs of earlier runs are not mended: {error}"));
+        note.line(format_args!("logs of earlier runs are not mended: {error}"));
     }
 }
 
 /// Repairs the files in a folder of runs; reports each incomplete file in a line.
-fn repair(folder: &Path, rate: u64, mut tell: impl FnMut(String)) {
+fn repair(folder: &Path, rate: u64, mut report: impl FnMut(String)) {
     // The folder need not exist yet.
     let Ok(root) = File::open(folder).map(OwnedFd::from) else { return };
     for run in names(&root, Type::Directory) {
         let flags = OFlag::O_RDONLY | OFlag::O_DIRECTORY | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC;
         let Ok(run_folder) = openat(&root, run.as_c_str(), flags, Mode::empty()) else { continue };
         for name in names(&run_folder, Type::File).into_iter().filter(|name| name.to_bytes().ends_with(b".mcap")) {
-            let told = mend(&run_folder, &name, rate);
+            let note = repair_file(&run_folder, &name, rate);
             let name = || format!("{}/{}", run.to_string_lossy(), name.to_string_lossy()).escape_debug().to_string();
-            match told {
+            match note {
                 Ok(None) => {}
-                Ok(Some(told)) => tell(format!("{}: {told}", name())),
-                Err(error) => tell(format!("{}: it has no index, and cannot get one now: {error}", name())),
+                Ok(Some(note)) => report(format!("{}: {note}", name())),
+                Err(error) => report(format!("{}: it has no index, and cannot get one now: {error}", name())),
             }
         }
     }
@@ -71,7 +71,7 @@ fn repair(folder: &Path, rate: u64, mut tell: impl FnMut(String)) {
 fn names(folder: &OwnedFd, kind: Type) -> Vec<CString> {
     let flags = OFlag::O_RDONLY | OFlag::O_DIRECTORY | OFlag::O_CLOEXEC;
     let Ok(mut listed) = Dir::openat(folder, ".", flags, Mode::empty()) else { return Vec::new() };
-    let entries = listed.iter().flatten().take(ENTRIES);
+    let entries = listed.iter().flatten().take(ENTRIES_MAX);
     // File systems without entry types: the type is checked when the entry is opened.
     let fits = entries.filter(|entry| entry.file_type().is_none_or(|is| is == kind));
     let mut names: Vec<CString> = fits.map(|entry| entry.file_name().into()).collect();
@@ -81,7 +81,7 @@ fn names(folder: &OwnedFd, kind: Type) -> Vec<CString> {
 }
 
 /// Repairs a file; returns the outcome if it was incomplete.
-fn mend(folder: &OwnedFd, name: &CString, rate: u64) -> io::Result<Option<String>> {
+fn repair_file(folder: &OwnedFd, name: &CString, rate: u64) -> io::Result<Option<String>> {
     // A pipe of that name must not block.
     let flags = OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
     let mut reading = File::from(openat(folder, name.as_c_str(), flags | OFlag::O_RDONLY, Mode::empty())?);
@@ -97,7 +97,7 @@ fn mend(folder: &OwnedFd, name: &CString, rate: u64) -> io::Result<Option<String
         unlinkat(folder, name.as_c_str(), UnlinkatFlags::NoRemoveDir)?;
         return Ok(Some("removed: there was nothing in it".into()));
     }
-    match recover::seal(Calm { file: &file, rate, spent: 0 }, &mut |_, _| ()) {
+    match recover::seal(RateLimited { file: &file, rate, spent: 0 }, &mut |_, _| ()) {
         Ok(Sealed::Whole) => Ok(None),
         Ok(Sealed::Sealed(report)) => {
             file.set_len(report.written)?;
@@ -125,16 +125,16 @@ fn is_whole(file: &mut File) -> io::Result<bool> {
 }
 
 /// A file that is read and written at a limited rate.
-struct Calm<'a> {
+struct RateLimited<'a> {
     file: &'a File,
     rate: u64,
     spent: u64,
 }
 
-impl Calm<'_> {
+impl RateLimited<'_> {
     fn spend(&mut self, bytes: io::Result<usize>) -> io::Result<usize> {
         self.spent += *bytes.as_ref().unwrap_or(&0) as u64;
-        if self.spent >= PACE {
+        if self.spent >= PAUSE_BYTES {
             thread::sleep(Duration::from_nanos(self.spent * 1_000_000_000 / self.rate));
             self.spent = 0;
         }
@@ -142,14 +142,14 @@ impl Calm<'_> {
     }
 }
 
-impl Read for Calm<'_> {
+impl Read for RateLimited<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.file.read(buffer);
         self.spend(read)
     }
 }
 
-impl Write for Calm<'_> {
+impl Write for RateLimited<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.file.write(bytes);
         self.spend(written)
@@ -160,7 +160,7 @@ impl Write for Calm<'_> {
     }
 }
 
-impl Seek for Calm<'_> {
+impl Seek for RateLimited<'_> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.file.seek(to)
     }

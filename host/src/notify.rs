@@ -10,23 +10,23 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 /// Environment variable of the watchdog's process, set if its standard input is a socket to its parent.
 pub const VARIABLE: &str = "ADVEE_UP";
-/// Period of the reports to the parent; up to [`LATER`] later if the process is awake then anyway.
+/// Period of the reports to the parent; up to [`SLACK`] later if the process is awake then anyway.
 const PERIOD: Duration = Duration::from_millis(100);
-const LATER: Duration = Duration::from_millis(50);
+const SLACK: Duration = Duration::from_millis(50);
 /// Maximum length of a status, bytes; the rest is cut off.
 const STATUS_MAX: usize = 200;
 
 /// Report of the watchdog to its parent, ten times a second: it is alive, the critical modules are healthy or not, and
 /// a short text for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Pulse {
+pub struct HealthReport {
     /// True if all critical modules are healthy.
     pub healthy: bool,
     /// Summary of all modules.
     pub status: String,
 }
 
-impl Pulse {
+impl HealthReport {
     fn encode(&self) -> String {
         let status: String = self.status.chars().filter(|c| !c.is_control()).take(STATUS_MAX).collect();
         format!("{}{status}", if self.healthy { '+' } else { '-' })
@@ -43,7 +43,7 @@ impl Pulse {
 /// The watchdog's side.
 pub struct ToParent {
     socket: UnixDatagram,
-    pulse: Pulse,
+    pulse: HealthReport,
     next: Instant,
 }
 
@@ -58,12 +58,12 @@ impl ToParent {
         }
         let socket = UnixDatagram::from(io::stdin().as_fd().try_clone_to_owned()?);
         socket.set_nonblocking(true)?;
-        Ok(Some(Self { socket, pulse: Pulse { healthy: false, status: "starting".into() }, next: now }))
+        Ok(Some(Self { socket, pulse: HealthReport { healthy: false, status: "starting".into() }, next: now }))
     }
 
     /// Sets the content of the following reports.
     pub fn set(&mut self, healthy: bool, status: String) {
-        self.pulse = Pulse { healthy, status };
+        self.pulse = HealthReport { healthy, status };
     }
 
     /// Sends a report if that is due.
@@ -78,7 +78,7 @@ impl ToParent {
     /// Deadline of the next report.
     #[must_use]
     pub fn next(&self) -> Instant {
-        self.next + LATER
+        self.next + SLACK
     }
 }
 
@@ -97,11 +97,11 @@ impl FromWatchdog {
     }
 
     /// Receives a report.
-    pub fn poll(&self) -> Option<Pulse> {
+    pub fn poll(&self) -> Option<HealthReport> {
         let mut datagram = [0; 1 + 4 * STATUS_MAX];
         loop {
             let length = self.0.recv(&mut datagram).ok()?;
-            if let Some(pulse) = Pulse::decode(&datagram[..length]) {
+            if let Some(pulse) = HealthReport::decode(&datagram[..length]) {
                 return Some(pulse);
             }
         }
@@ -152,7 +152,7 @@ impl Manager {
 
     /// Forwards the state of the robot: `READY=1` when it is healthy for the first time, `STATUS=` when that changed,
     /// and `WATCHDOG=1` only while it is healthy.
-    pub fn pulse(&mut self, now: Instant, pulse: &Pulse) {
+    pub fn pulse(&mut self, now: Instant, pulse: &HealthReport) {
         let mut text = String::new();
         if pulse.healthy && !self.ready {
             self.ready = true;
@@ -191,14 +191,14 @@ mod tests {
     #[test]
     fn a_report_arrives_and_invalid_datagrams_are_ignored() {
         let (here, there) = FromWatchdog::pair().unwrap();
-        let told = [true, false].map(|healthy| Pulse { healthy, status: "5 of 5 modules RUN".into() });
+        let told = [true, false].map(|healthy| HealthReport { healthy, status: "5 of 5 modules RUN".into() });
         for pulse in &told {
             there.send(pulse.encode().as_bytes()).unwrap();
             there.send(b"").unwrap();
             there.send(&[0xFF; 2000]).unwrap();
         }
         assert_eq!([here.poll(), here.poll(), here.poll()], [Some(told[0].clone()), Some(told[1].clone()), None]);
-        let long = Pulse { healthy: true, status: "x\n".repeat(999) }.encode();
+        let long = HealthReport { healthy: true, status: "x\n".repeat(999) }.encode();
         assert_eq!(long, format!("+{}", "x".repeat(STATUS_MAX)));
     }
 
@@ -210,7 +210,7 @@ mod tests {
         manager.set_nonblocking(true).unwrap();
         let mut notify = Manager::at(&format!("@{name}"), Some(Duration::from_secs(2))).unwrap();
         let mut said = |ms: u64, healthy: bool, status: &str| {
-            notify.pulse(Instant::from_millis(ms), &Pulse { healthy, status: status.into() });
+            notify.pulse(Instant::from_millis(ms), &HealthReport { healthy, status: status.into() });
             let mut text = [0; 200];
             let length = manager.recv(&mut text).unwrap_or(0);
             String::from_utf8(text[..length].to_vec()).unwrap()

@@ -217,7 +217,7 @@ pub enum PortState {
         /// Time of the next attempt.
         retry: Instant,
         /// True if the module was informed.
-        told: bool,
+        reported: bool,
     },
 }
 
@@ -241,7 +241,7 @@ impl Port {
             PortConfig::W1Folder { folder } => Box::new(w1::Folder::new(folder)),
             PortConfig::Store { folder } => Box::new(Threaded::new(store::Files::new(folder))),
         };
-        let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, told: false };
+        let state = PortState::Down { since: Instant::ZERO, retry: Instant::ZERO, reported: false };
         Self { name, device, state, more: false, overrun: false, polls_write: false, why: Lost::new() }
     }
 
@@ -256,12 +256,12 @@ impl Port {
     pub fn lose(&mut self, now: Instant) {
         self.device.close();
         (self.more, self.polls_write) = (false, false);
-        self.state = PortState::Down { since: now, retry: now + RETRY_SOON, told: true };
+        self.state = PortState::Down { since: now, retry: now + RETRY_SOON, reported: true };
     }
 
     /// Attempts to open the device if that is due. `Some(Err)` at the first failure and when the reason changes.
     pub fn try_open(&mut self, now: Instant) -> Option<Result<(), Lost>> {
-        let PortState::Down { since, retry, told } = self.state else {
+        let PortState::Down { since, retry, reported } = self.state else {
             return None;
         };
         if now < retry {
@@ -275,14 +275,14 @@ impl Port {
                 Some(Ok(()))
             }
             Err(_) if self.device.is_preparing() => {
-                self.state = PortState::Down { since, retry: now + RETRY_SOON, told };
+                self.state = PortState::Down { since, retry: now + RETRY_SOON, reported };
                 None
             }
             Err(reason) => {
                 let since = if since == Instant::ZERO { now } else { since };
                 let pause = if now.since(since) < Duration::from_secs(1) { RETRY_SOON } else { RETRY };
-                self.state = PortState::Down { since, retry: now + pause, told: true };
-                let news = !told || reason != self.why;
+                self.state = PortState::Down { since, retry: now + pause, reported: true };
+                let news = !reported || reason != self.why;
                 self.why.clone_from(&reason);
                 news.then_some(Err(reason))
             }

@@ -5,22 +5,21 @@
 //! that is kept in a file ([`record`]). A pidfd reports the end of a child and of an adopted process alike; the parent
 //! of an adopted process (`advee up`) keeps its exit status readable for a moment.
 
-mod births;
 mod identity;
 mod record;
+mod starts;
 mod stderr;
 #[cfg(test)]
 mod tests;
 
 use self::record::Record;
-use super::beats::{self, Page, Reading};
+use super::beats::{self, PageReader, Reading};
 use super::cgroups::{Cgroups, Leaf};
 use super::clock;
 use super::limits::Limits;
 use super::notify;
 use super::sys;
 use base::{Duration, Instant, Level, Ticker};
-use births::{Births, Born};
 use identity::Stat;
 pub use identity::{VARIABLE, children};
 use module::{ExitStatus, ProcessCommand, ProcessEvent, State};
@@ -28,6 +27,7 @@ use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags};
 use nix::sys::signal::{Signal, killpg};
 use nix::sys::wait::{Id, WaitPidFlag, WaitStatus, waitid};
 use nix::unistd::{Pid, SysconfVar, sysconf};
+use starts::{StartResult, Starts};
 use std::collections::{BTreeSet, VecDeque};
 use std::fs;
 use std::io;
@@ -38,13 +38,13 @@ use std::process::{Child, Command, Stdio};
 use stderr::Stderr;
 
 /// Period of measuring the processes' load.
-const USAGE: Duration = Duration::from_secs(1);
+const USAGE_PERIOD: Duration = Duration::from_secs(1);
 /// Period of checking their heartbeats.
-const LOOK: Duration = Duration::from_millis(20);
+const HEARTBEAT_PERIOD: Duration = Duration::from_millis(20);
 /// Delay of a thread at which its heartbeat counts as missing.
-const LATE: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
+const LATE_AFTER: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
 /// Period of reading the standard error of foreign modules.
-const LINES: Duration = Duration::from_millis(100);
+const LINES_PERIOD: Duration = Duration::from_millis(100);
 /// File name of the record in the run folder.
 const RECORD: &str = "processes";
 
@@ -111,8 +111,8 @@ pub struct Processes {
     running: Vec<Process>,
     record: Option<Record>,
     groups: Option<Cgroups>,
-    births: Births,
-    /// Pidfds, readable once their process has ended, and the births, readable once one may be complete.
+    starts: Starts,
+    /// Pidfds, readable once their process has ended, and the starts, readable once one may be complete.
     ends: Epoll,
     usage: Ticker,
     /// Folder of the heartbeat pages; `None`: modules are judged by their announcements only.
@@ -139,7 +139,7 @@ struct Process {
     /// `None` if the kernel provides no pidfd: the process is polled.
     end: Option<OwnedFd>,
     leaf: Option<Leaf>,
-    page: Option<Page>,
+    page: Option<PageReader>,
     /// Standard error of a foreign module.
     stderr: Option<(Stderr, LinesFrom)>,
     /// Its heartbeat page has invalid content.
@@ -151,10 +151,10 @@ struct Process {
 }
 
 /// Data of a process that is being started.
-struct Unborn {
+struct PendingStart {
     module: String,
     leaf: Option<Leaf>,
-    page: Option<io::Result<Page>>,
+    page: Option<io::Result<PageReader>>,
     stderr: Option<(Stderr, LinesFrom)>,
 }
 
@@ -188,8 +188,8 @@ impl Processes {
     pub fn new(now: Instant, launch: Launch, beats: Option<PathBuf>) -> Result<Self, String> {
         let value = |name, usual| sysconf(name).ok().flatten().map_or(usual, |value| value as f64);
         let ends = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(|errno| format!("epoll: {}", errno.desc()))?;
-        let births = Births::new().map_err(|error| format!("eventfd: {error}"))?;
-        ends.add(&births, EpollEvent::new(EpollFlags::EPOLLIN, 0))
+        let starts = Starts::new().map_err(|error| format!("eventfd: {error}"))?;
+        ends.add(&starts, EpollEvent::new(EpollFlags::EPOLLIN, 0))
             .map_err(|errno| format!("epoll: {}", errno.desc()))?;
         let groups = launch.run_dir.as_ref().and_then(|run_dir| Cgroups::open(&group_name(run_dir), launch.divides));
         let mut processes = Self {
@@ -197,13 +197,13 @@ impl Processes {
             running: Vec::new(),
             record: None,
             groups,
-            births,
+            starts,
             ends,
-            usage: Ticker::new(now + USAGE, USAGE),
+            usage: Ticker::new(now + USAGE_PERIOD, USAGE_PERIOD),
             beats,
-            looks: Ticker::new(now + LOOK, LOOK),
+            looks: Ticker::new(now + HEARTBEAT_PERIOD, HEARTBEAT_PERIOD),
             looked: now,
-            reads: Ticker::new(now + LINES, LINES),
+            reads: Ticker::new(now + LINES_PERIOD, LINES_PERIOD),
             lines: VecDeque::new(),
             news: VecDeque::new(),
             notes: VecDeque::new(),
@@ -257,7 +257,7 @@ impl Processes {
         // The descriptor refers to the current owner of the number, which must be the recorded process.
         Stat::of(pid).filter(|stat| stat.start == start && !stat.zombie)?;
         identity::mark_of(pid).filter(|mark| mark.starts_with(owner))?;
-        let page = self.beats.as_ref().and_then(|folder| Page::open(&folder.join(module)).ok());
+        let page = self.beats.as_ref().and_then(|folder| PageReader::open(&folder.join(module)).ok());
         let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(module).ok());
         let mut process = Process {
             pid,
@@ -293,7 +293,7 @@ impl Processes {
             ProcessCommand::Terminate { pid } => self.signal(pid, Signal::SIGTERM),
             ProcessCommand::Kill { pid } => self.signal(pid, Signal::SIGKILL),
             ProcessCommand::Remember { module, wanted, held } => {
-                self.write_down(&module, |entry| (entry.wanted, entry.held) = (wanted, held));
+                self.record_entry(&module, |entry| (entry.wanted, entry.held) = (wanted, held));
             }
             // Handled by the host, which reports it to the parent.
             ProcessCommand::Health { .. } => {}
@@ -310,10 +310,10 @@ impl Processes {
         let page = self.beats.as_ref().map(|folder| {
             let path = folder.join(&module);
             command.env(beats::VARIABLE, &path);
-            Page::create(&path)
+            PageReader::create(&path)
         });
         // Recorded before the process exists, so that a successor can look for it.
-        self.write_down(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
+        self.record_entry(&module, |entry| (entry.process, entry.starting, entry.wanted) = (None, true, wanted));
         let leaf = self.groups.as_ref().and_then(|groups| groups.leaf(&module).ok());
         let stderr = self.launch.run_dir.as_ref().filter(|_| foreign).map(|run_dir| Stderr::create(run_dir, &module));
         let stderr = match stderr {
@@ -327,27 +327,27 @@ impl Processes {
             }
             None => None,
         };
-        let unborn = Unborn { module: module.clone(), leaf, page, stderr };
-        let begun = limits.prepare(unborn.leaf.as_ref()).and_then(|(birth, refused)| {
-            sys::give_limits(&mut command, birth, foreign.then(foster).flatten());
-            self.births.begin(command, refused, unborn)
+        let pending = PendingStart { module: module.clone(), leaf, page, stderr };
+        let begun = limits.prepare(pending.leaf.as_ref()).and_then(|(birth, refused)| {
+            sys::give_limits(&mut command, birth, foreign.then(subreaper).flatten());
+            self.starts.begin(command, refused, pending)
         });
         if let Err(error) = begun {
-            self.stillborn(module, error.to_string());
+            self.start_failed(module, error.to_string());
         }
     }
 
     /// Completes a start, successful or not.
-    fn on_birth(&mut self, Unborn { module, leaf, page, stderr }: Unborn, born: Born) {
-        for line in born.refused {
+    fn on_start_result(&mut self, PendingStart { module, leaf, page, stderr }: PendingStart, result: StartResult) {
+        for line in result.refused {
             self.note(format!("{module}: {line}"));
         }
-        let (pid, child) = match born.process {
+        let (pid, child) = match result.process {
             Ok(process) => process,
-            Err(reason) => return self.stillborn(module, reason),
+            Err(reason) => return self.start_failed(module, reason),
         };
         let start = Stat::of(pid).map(|stat| stat.start);
-        self.write_down(&module, |entry| {
+        self.record_entry(&module, |entry| {
             (entry.process, entry.starting) = (start.map(|start| (pid, start)), false);
         });
         self.news.push_back(News::Started { module: module.clone(), pid });
@@ -375,12 +375,12 @@ impl Processes {
         self.running.push(process);
     }
 
-    fn stillborn(&mut self, module: String, reason: String) {
-        self.write_down(&module, |entry| entry.starting = false);
+    fn start_failed(&mut self, module: String, reason: String) {
+        self.record_entry(&module, |entry| entry.starting = false);
         self.news.push_back(News::Unstartable { module, reason });
     }
 
-    fn write_down(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
+    fn record_entry(&mut self, module: &str, change: impl FnOnce(&mut record::Entry)) {
         let Some(record) = &mut self.record else { return };
         if let Err(error) = record.change(module, change) {
             let line = format!("{}: {error}: a new watchdog will not know these processes", record.path().display());
@@ -402,10 +402,10 @@ impl Processes {
         }
     }
 
-    /// Some processes may have ended or been born; finds out which.
+    /// Some processes may have ended or been started; finds out which.
     pub fn on_ends(&mut self) {
-        while let Some((unborn, born)) = self.births.poll() {
-            self.on_birth(unborn, born);
+        while let Some((pending, result)) = self.starts.poll() {
+            self.on_start_result(pending, result);
         }
         let mut ended = Vec::new();
         let (news, lines) = (&mut self.news, &mut self.lines);
@@ -419,14 +419,14 @@ impl Processes {
             status.is_none()
         });
         for (module, pid) in ended {
-            self.write_down(&module, |entry| entry.process = entry.process.filter(|(own, _)| *own != pid));
+            self.record_entry(&module, |entry| entry.process = entry.process.filter(|(own, _)| *own != pid));
         }
     }
 
     /// Checks and measures the processes if that is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         if self.looks.due(now) {
-            self.look(now);
+            self.check_heartbeats(now);
             if self.running.iter().any(|process| process.end.is_none()) {
                 self.on_ends();
             }
@@ -449,10 +449,10 @@ impl Processes {
     }
 
     /// Checks the heartbeats.
-    fn look(&mut self, now: Instant) {
-        let held_up = now.since(self.looked + LOOK);
+    fn check_heartbeats(&mut self, now: Instant) {
+        let held_up = now.since(self.looked + HEARTBEAT_PERIOD);
         // A small delay of the check itself is no excuse for late threads.
-        let held_up = if held_up < LATE { Duration::ZERO } else { held_up };
+        let held_up = if held_up < LATE_AFTER { Duration::ZERO } else { held_up };
         self.looked = now;
         for process in &mut self.running {
             let (Some(page), pid) = (&mut process.page, process.pid) else { continue };
@@ -466,7 +466,7 @@ impl Processes {
                     if !std::mem::replace(&mut process.beats, true) {
                         self.news.push_back(News::Beating { pid });
                     }
-                    if now.since(last) >= LATE {
+                    if now.since(last) >= LATE_AFTER {
                         self.news.push_back(News::Silent { pid, thread: thread.into(), last });
                     }
                 }
@@ -480,8 +480,8 @@ impl Processes {
 
     /// Aligns the checks with another periodic deadline, which saves wake-ups.
     pub fn align(&mut self, now: Instant, due: Instant) {
-        let ahead = due.since(now).as_nanos() % LOOK.as_nanos();
-        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), LOOK);
+        let ahead = due.since(now).as_nanos() % HEARTBEAT_PERIOD.as_nanos();
+        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), HEARTBEAT_PERIOD);
     }
 
     /// Deadline of the next check or measurement.
@@ -529,7 +529,7 @@ impl Processes {
     }
 }
 
-/// Readable if some processes have ended or been born.
+/// Readable if some processes have ended or been result.
 impl AsFd for Processes {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.ends.0.as_fd()
@@ -605,7 +605,7 @@ fn exit_status(status: std::process::ExitStatus) -> ExitStatus {
 }
 
 /// Our parent if it is `advee up`, which adopts orphans.
-fn foster() -> Option<Pid> {
+fn subreaper() -> Option<Pid> {
     std::env::var_os(notify::VARIABLE).map(|_| nix::unistd::getppid())
 }
 

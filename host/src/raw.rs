@@ -9,7 +9,7 @@ use rs485::frame::{HEADER, MAX_WORDS, OVERHEAD};
 use std::collections::VecDeque;
 
 /// Flag of an incomplete frame on EIA-485: cut short, or of another length than it states.
-pub const PART: i32 = 1;
+pub const INCOMPLETE: i32 = 1;
 /// Flag of words on EIA-485 without an address word before them; `id` is -1.
 pub const STRAY: i32 = 2;
 /// Flags of a CAN frame: extended identifier, remote frame.
@@ -26,7 +26,7 @@ const STUCK: i32 = 5;
 const OTHER: i32 = 6;
 
 /// Pause after which a frame counts as finished: longer than any board may pause between two words.
-const OVER: Duration = Duration::from_millis(20);
+const FRAME_PAUSE: Duration = Duration::from_millis(20);
 
 /// The tap on one port.
 #[derive(Debug, Default)]
@@ -92,7 +92,7 @@ impl Tap {
     /// Deadline of [`Tap::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        (!self.words.is_empty()).then(|| self.last + OVER)
+        (!self.words.is_empty()).then(|| self.last + FRAME_PAUSE)
     }
 
     /// Removes and returns the next frame with the time of its first word; its timestamp is not set yet.
@@ -119,7 +119,7 @@ impl Tap {
             return;
         };
         let (id, flags, from) = match first.ninth {
-            true => (i32::from(first.byte), if is_whole(&self.words) { 0 } else { PART }, 1),
+            true => (i32::from(first.byte), if is_whole(&self.words) { 0 } else { INCOMPLETE }, 1),
             false => (-1, STRAY, 0),
         };
         let data = self.words.drain(..).skip(from).map(|word| word.byte).collect();

@@ -22,13 +22,13 @@ pub const FOLDER: &str = "inputs";
 /// Period of emptying the buffer.
 const PERIOD: Duration = Duration::from_millis(100);
 /// Size of the buffer, bytes: more than a minute of a driver's inputs.
-const ROOM: usize = 1 << 20;
+const BUFFER_MAX: usize = 1 << 20;
 /// Free space that is left on the disk, bytes.
-const FLOOR: u64 = 64 << 20;
+const FREE_MIN: u64 = 64 << 20;
 /// Number of bytes written between two checks of the free space.
-const LOOK: u64 = 1 << 20;
+const FREE_CHECK_BYTES: u64 = 1 << 20;
 /// Maximum time that the end of the module waits for the disk.
-const LAST: Duration = Duration::from_millis(500);
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Settings of a recording.
 pub struct Inputs {
@@ -101,7 +101,7 @@ impl Drop for Recording {
         // The feeder closed the buffer when the shell was dropped; should it still exist, it adds nothing more.
         self.shared.closed.store(true, Ordering::Release);
         thread.thread().unpark();
-        let until = Instant::now() + LAST;
+        let until = Instant::now() + CLOSE_TIMEOUT;
         while !thread.is_finished() && Instant::now() < until {
             thread::sleep(Duration::from_millis(1));
         }
@@ -127,14 +127,14 @@ impl Feeder {
         let room = match self.shared.waiting.try_lock() {
             Ok(mut waiting) => {
                 waiting.append(&mut self.held);
-                let room = waiting.len() + record.len() <= ROOM;
+                let room = waiting.len() + record.len() <= BUFFER_MAX;
                 if room {
                     waiting.extend_from_slice(record);
                 }
                 room
             }
             Err(_) => {
-                let room = self.held.len() + record.len() <= ROOM;
+                let room = self.held.len() + record.len() <= BUFFER_MAX;
                 if room {
                     self.held.extend_from_slice(record);
                 }
@@ -158,12 +158,12 @@ impl Drop for Feeder {
 impl Shared {
     /// Thread function: writes the buffered records until no more are added.
     fn write(&self, mut file: File) {
-        let (mut taken, mut unlooked, mut works) = (Vec::new(), LOOK, true);
+        let (mut taken, mut unchecked, mut works) = (Vec::new(), FREE_CHECK_BYTES, true);
         loop {
             // Read before the last look into the buffer, which then contains everything added before the close.
             let closed = self.closed.load(Ordering::Acquire);
             mem::swap(&mut *self.waiting.lock().unwrap_or_else(PoisonError::into_inner), &mut taken);
-            if works && let Err(error) = put(&mut file, &taken, &mut unlooked) {
+            if works && let Err(error) = put(&mut file, &taken, &mut unchecked) {
                 works = false;
                 *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
             }
@@ -176,13 +176,13 @@ impl Shared {
     }
 }
 
-fn put(file: &mut File, bytes: &[u8], unlooked: &mut u64) -> io::Result<()> {
-    *unlooked += bytes.len() as u64;
-    if *unlooked >= LOOK {
-        *unlooked = 0;
+fn put(file: &mut File, bytes: &[u8], unchecked: &mut u64) -> io::Result<()> {
+    *unchecked += bytes.len() as u64;
+    if *unchecked >= FREE_CHECK_BYTES {
+        *unchecked = 0;
         let disk = fstatvfs(&*file)?;
-        if (disk.blocks_available() as u128 * disk.fragment_size() as u128) < FLOOR.into() {
-            return Err(io::Error::new(ErrorKind::StorageFull, format!("less than {} MiB are free", FLOOR >> 20)));
+        if (disk.blocks_available() as u128 * disk.fragment_size() as u128) < FREE_MIN.into() {
+            return Err(io::Error::new(ErrorKind::StorageFull, format!("less than {} MiB are free", FREE_MIN >> 20)));
         }
     }
     file.write_all(bytes)
@@ -278,7 +278,7 @@ mod tests {
         let mut recording = Recording { shared: shared.clone(), thread: None, told: false };
         assert_eq!(recording.trouble().unwrap(), "inputs are no longer recorded whole: the disk is too slow");
         assert_eq!(recording.trouble(), None, "told once");
-        assert!(shared.waiting.lock().unwrap().len() <= ROOM);
+        assert!(shared.waiting.lock().unwrap().len() <= BUFFER_MAX);
         // Now the writer runs.
         let path = run.0.join("file");
         let file = File::create(&path).unwrap();

@@ -52,7 +52,7 @@ impl RunFolder {
     }
 
     /// Removes the lock file, and the folder if it is empty.
-    pub fn give_back(self) {
+    pub fn release(self) {
         let _ = fs::remove_file(self.path.join("lock"));
         drop(self.lock);
         let _ = fs::remove_dir(&self.path);
@@ -75,9 +75,9 @@ mod tests {
         let expected =
             format!("run folder {} is held by another advee up, process {}", path.display(), std::process::id());
         assert_eq!(refusal, expected);
-        first.give_back();
+        first.release();
         assert!(!path.exists());
-        RunFolder::take(&path).unwrap().give_back();
+        RunFolder::take(&path).unwrap().release();
         assert!(!path.exists());
     }
 
@@ -86,7 +86,7 @@ mod tests {
         let path = fresh("shared");
         let folder = RunFolder::take(&path).unwrap();
         fs::write(path.join("other"), "").unwrap();
-        folder.give_back();
+        folder.release();
         assert!(path.join("other").exists() && !path.join("lock").exists());
         fs::remove_dir_all(&path).unwrap();
     }

@@ -1,7 +1,7 @@
 //! System calls without a safe wrapper.
 #![allow(unsafe_code)]
 
-use super::limits::Birth;
+use super::limits::PreparedLimits;
 use nix::errno::Errno;
 use nix::libc;
 use nix::sys::epoll::{Epoll, EpollEvent};
@@ -175,18 +175,18 @@ pub fn die_with_parent(command: &mut Command) {
 /// Prepares a command whose process outlives this one, starts with no signal blocked, and has these limits. Limits
 /// that the machine refuses are reported through the birth's pipe; the process starts without them.
 ///
-/// With `foster`, our parent and a subreaper, the process becomes its child and is killed when it ends. `spawn` then
+/// With `subreaper`, our parent and a subreaper, the process becomes its child and is killed when it ends. `spawn` then
 /// returns an intermediate process that has ended already; the birth's pipe reports the id of the real one.
-pub fn give_limits(command: &mut Command, birth: Birth, foster: Option<nix::unistd::Pid>) {
+pub fn give_limits(command: &mut Command, limits: PreparedLimits, subreaper: Option<nix::unistd::Pid>) {
     let parent = nix::unistd::getpid();
     let prepare = move || {
         nix::sys::signal::SigSet::empty().thread_set_mask()?;
-        if let Some(foster) = foster {
-            go_to(foster, &birth)?;
+        if let Some(subreaper) = subreaper {
+            move_to(subreaper, &limits)?;
         }
-        birth.take_on();
+        limits.apply();
         // No process would know it and be able to end it.
-        if nix::unistd::getppid() != foster.unwrap_or(parent) {
+        if nix::unistd::getppid() != subreaper.unwrap_or(parent) {
             return Err(io::ErrorKind::NotFound.into());
         }
         Ok(())
@@ -198,7 +198,7 @@ pub fn give_limits(command: &mut Command, birth: Birth, foster: Option<nix::unis
 
 /// Continues in a child with its own process group, which the kernel gives to the next subreaper when the intermediate
 /// process ends.
-fn go_to(foster: nix::unistd::Pid, birth: &Birth) -> io::Result<()> {
+fn move_to(subreaper: nix::unistd::Pid, limits: &PreparedLimits) -> io::Result<()> {
     // SAFETY: the caller is the only thread of a process that was just forked, and makes system calls only.
     match unsafe { libc::fork() } {
         -1 => return Err(io::Error::last_os_error()),
@@ -207,9 +207,9 @@ fn go_to(foster: nix::unistd::Pid, birth: &Birth) -> io::Result<()> {
         _ => unsafe { libc::_exit(0) },
     }
     nix::unistd::setpgid(nix::unistd::Pid::from_raw(0), nix::unistd::Pid::from_raw(0))?;
-    birth.is_born();
+    limits.report_pid();
     let between = nix::unistd::getppid();
-    while nix::unistd::getppid() == between && between != foster {
+    while nix::unistd::getppid() == between && between != subreaper {
         // SAFETY: takes and returns plain numbers.
         unsafe { libc::sched_yield() };
     }

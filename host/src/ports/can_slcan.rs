@@ -11,7 +11,7 @@ use super::{Device, Lost, Received};
 use crate::{clock, sys};
 use base::can::{BusState, Frame, Health, Id, Notice};
 use base::{Duration, Fault, Instant};
-use codec::{Flags, Lines, Said};
+use codec::{AdapterLine, Flags, Lines};
 use module::{Input, Line, Output};
 use nix::errno::Errno;
 use nix::fcntl::{OFlag, open};
@@ -29,7 +29,7 @@ const BAUD: u32 = 115_200;
 /// Time that an adapter in use has to close its channel and to finish its output.
 const SETTLE: Duration = Duration::from_millis(50);
 /// Period of polling the flags.
-const FLAGS: Duration = Duration::from_secs(1);
+const FLAGS_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum number of bytes per read.
 const READ_MAX: usize = 1024;
 
@@ -43,22 +43,22 @@ pub struct CanSlcan {
     /// End of the time in which the adapter closes its channel after opening.
     settles: Option<Instant>,
     lines: Lines,
-    said: VecDeque<Said>,
+    unread: VecDeque<AdapterLine>,
     /// Unsent rest of a line.
     rest: String,
     queue: Queue,
     /// Commands without an answer so far.
-    asked: VecDeque<Asked>,
+    pending: VecDeque<PendingCommand>,
     /// Next time to poll the flags; `None` if the adapter has none.
     flags: Option<Instant>,
     health: Health,
     /// Notices that are delivered before the next read.
-    news: VecDeque<Notice>,
+    notices: VecDeque<Notice>,
     restart: Restart,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Asked {
+enum PendingCommand {
     Bitrate,
     Open,
     Flags,
@@ -74,13 +74,13 @@ impl CanSlcan {
             file: None,
             settles: None,
             lines: Lines::default(),
-            said: VecDeque::new(),
+            unread: VecDeque::new(),
             rest: String::new(),
             queue: Queue::default(),
-            asked: VecDeque::new(),
+            pending: VecDeque::new(),
             flags: None,
             health: Health::default(),
-            news: VecDeque::new(),
+            notices: VecDeque::new(),
             restart: Restart::default(),
         }
     }
@@ -116,11 +116,11 @@ impl CanSlcan {
     fn join(&mut self, now: Instant, command: &str) -> Result<(), Lost> {
         let Some(file) = &self.file else { return Ok(()) };
         tcflush(file, FlushArg::TCIFLUSH).map_err(|errno| self.lost(errno.desc()))?;
-        self.lines.forget();
+        self.lines.clear();
         self.rest.push_str(command);
         self.rest.push_str("O\r");
-        self.asked.extend([Asked::Bitrate, Asked::Open]);
-        self.flags = Some(now + FLAGS);
+        self.pending.extend([PendingCommand::Bitrate, PendingCommand::Open]);
+        self.flags = Some(now + FLAGS_PERIOD);
         self.restart.on(now);
         self.flush()
     }
@@ -148,15 +148,15 @@ impl CanSlcan {
             Err(Errno::EAGAIN | Errno::EINTR) => 0,
             Err(errno) => return Err(self.lost(errno.desc())),
         };
-        self.said.extend(bytes[..length].iter().filter_map(|byte| self.lines.push(*byte)));
+        self.unread.extend(bytes[..length].iter().filter_map(|byte| self.lines.push(*byte)));
         Ok(())
     }
 
     /// Polls the flags if that is due and the last answer has arrived.
-    fn ask_flags(&mut self, now: Instant) -> Result<(), Lost> {
-        if self.flags.is_some_and(|due| due <= now) && self.asked.is_empty() {
-            self.flags = Some(now + FLAGS);
-            self.asked.push_back(Asked::Flags);
+    fn poll_flags(&mut self, now: Instant) -> Result<(), Lost> {
+        if self.flags.is_some_and(|due| due <= now) && self.pending.is_empty() {
+            self.flags = Some(now + FLAGS_PERIOD);
+            self.pending.push_back(PendingCommand::Flags);
             self.rest.push_str("F\r");
             self.flush()?;
         }
@@ -164,11 +164,11 @@ impl CanSlcan {
     }
 
     /// The adapter rejected a command.
-    fn refused(&mut self) -> Result<Received<'static>, Lost> {
-        match self.asked.pop_front() {
-            Some(Asked::Bitrate) => Err(self.lost(&format!("the adapter refuses {} bit/s", self.bitrate))),
-            Some(Asked::Open) => Err(self.lost("the adapter does not open its channel")),
-            Some(Asked::Flags) => {
+    fn on_rejection(&mut self) -> Result<Received<'static>, Lost> {
+        match self.pending.pop_front() {
+            Some(PendingCommand::Bitrate) => Err(self.lost(&format!("the adapter refuses {} bit/s", self.bitrate))),
+            Some(PendingCommand::Open) => Err(self.lost("the adapter does not open its channel")),
+            Some(PendingCommand::Flags) => {
                 self.flags = None;
                 Ok(Received::Note("the adapter does not tell how its controller is".into()))
             }
@@ -176,35 +176,35 @@ impl CanSlcan {
         }
     }
 
-    fn told_flags(&mut self, flags: Flags) {
-        self.asked.retain(|asked| *asked != Asked::Flags);
+    fn on_flags(&mut self, flags: Flags) {
+        self.pending.retain(|pending| *pending != PendingCommand::Flags);
         // Adapters do not report the error counters.
-        self.told_health(Health { state: flags.state, ..Health::default() });
-        self.news.extend(flags.error.then_some(Notice::Errors(1)));
-        self.news.extend(flags.lost.then_some(Notice::Lost(1)));
+        self.on_health(Health { state: flags.state, ..Health::default() });
+        self.notices.extend(flags.error.then_some(Notice::Errors(1)));
+        self.notices.extend(flags.lost.then_some(Notice::Lost(1)));
     }
 
-    fn told_health(&mut self, health: Health) {
+    fn on_health(&mut self, health: Health) {
         if health != self.health {
             self.health = health;
-            self.news.push_back(Notice::Health(health));
+            self.notices.push_back(Notice::Health(health));
         }
     }
 
     /// Result to deliver for a line of the adapter, if any.
-    fn heard(&mut self, now: Instant, said: Said) -> Result<Option<Received<'static>>, Lost> {
-        match said {
-            Said::Frame(frame) if self.extended || matches!(frame.id(), Id::Standard(_)) => {
+    fn on_line(&mut self, now: Instant, line: AdapterLine) -> Result<Option<Received<'static>>, Lost> {
+        match line {
+            AdapterLine::Frame(frame) if self.extended || matches!(frame.id(), Id::Standard(_)) => {
                 return Ok(Some(Received::input(now, Input::Can(frame))));
             }
-            Said::Frame(_) | Said::Other => {}
+            AdapterLine::Frame(_) | AdapterLine::Other => {}
             // Some adapters answer frames too; only answers to commands before them are awaited.
-            Said::Yes if self.asked.front() == Some(&Asked::Flags) => {}
-            Said::Yes => drop(self.asked.pop_front()),
-            Said::No => return self.refused().map(Some),
-            Said::Flags(flags) => self.told_flags(flags),
-            Said::Health(health) => self.told_health(health),
-            Said::Malformed => {
+            AdapterLine::Acknowledged if self.pending.front() == Some(&PendingCommand::Flags) => {}
+            AdapterLine::Acknowledged => drop(self.pending.pop_front()),
+            AdapterLine::Rejected => return self.on_rejection().map(Some),
+            AdapterLine::Flags(flags) => self.on_flags(flags),
+            AdapterLine::Health(health) => self.on_health(health),
+            AdapterLine::Malformed => {
                 let what = "dropped a line that is none of the slcan protocol";
                 return Ok(Some(Received::Fault(Fault::MessageMalformed, what.into())));
             }
@@ -274,12 +274,12 @@ impl Device for CanSlcan {
             let _ = self.flush();
         }
         (self.file, self.settles) = (None, None);
-        self.lines.forget();
+        self.lines.clear();
         self.rest.clear();
-        self.said.clear();
+        self.unread.clear();
         self.queue.clear();
-        self.asked.clear();
-        self.news.clear();
+        self.pending.clear();
+        self.notices.clear();
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -287,22 +287,22 @@ impl Device for CanSlcan {
     }
 
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
-        self.ask_flags(now)?;
+        self.poll_flags(now)?;
         loop {
-            if let Some(notice) = self.news.pop_front() {
+            if let Some(notice) = self.notices.pop_front() {
                 return Ok(Received::input(now, Input::CanNotice(notice)));
             }
             if self.health.state == BusState::Off {
                 self.restart.off(now);
                 return Err(self.lost("bus-off"));
             }
-            if self.said.is_empty() {
+            if self.unread.is_empty() {
                 self.read()?;
             }
-            let Some(said) = self.said.pop_front() else {
+            let Some(line) = self.unread.pop_front() else {
                 return Ok(Received::Nothing);
             };
-            if let Some(received) = self.heard(now, said)? {
+            if let Some(received) = self.on_line(now, line)? {
                 return Ok(received);
             }
         }

@@ -11,7 +11,7 @@ use super::{Device, Lost, Received};
 use crate::{clock, sys};
 use base::can::{BusState, Frame, Health, Notice};
 use base::{Duration, Fault, Instant};
-use frame::{Came, FRAME, decode, encode};
+use frame::{FRAME, KernelFrame, decode, encode};
 use link::Link;
 use module::{Input, Line, Output};
 use nix::cmsg_space;
@@ -30,9 +30,9 @@ type Stamped = ([u8; FRAME], Option<u64>);
 /// Receive buffer, bytes, if the kernel permits: some thousand frames.
 const RECEIVE_BUFFER: usize = 1 << 20;
 /// Minimum interval between reports of errors on the wire, and of missing acknowledgements.
-const NEWS: Duration = Duration::from_millis(100);
+const REPORT_INTERVAL: Duration = Duration::from_millis(100);
 /// Length of the transmit queue beyond which frames of other programs delay ours by milliseconds.
-const LONG_QUEUE: u32 = 100;
+const QUEUE_LONG: u32 = 100;
 
 /// CAN interface.
 pub struct CanSocket {
@@ -48,7 +48,7 @@ pub struct CanSocket {
     dropped: u32,
     untold: u32,
     /// Results to deliver before the socket is read again.
-    news: VecDeque<News>,
+    pending: VecDeque<Pending>,
     /// Number of unreported errors on the wire, and the earliest time of the next report.
     errors: u32,
     quiet: Instant,
@@ -57,7 +57,7 @@ pub struct CanSocket {
 }
 
 /// Pending result of a read.
-enum News {
+enum Pending {
     Notice(Notice),
     Note(String),
     Fault(String),
@@ -85,7 +85,7 @@ impl CanSocket {
             control: cmsg_space!(u32, TimeSpec),
             dropped: 0,
             untold: 0,
-            news: VecDeque::new(),
+            pending: VecDeque::new(),
             errors: 0,
             quiet: Instant::ZERO,
             queue: Queue::default(),
@@ -126,7 +126,7 @@ impl CanSocket {
     }
 
     /// Restarts a controller that is bus-off if that is due; returns the reason why it is still off.
-    fn bring_back(&mut self, now: Instant, link: &Link) -> Result<(), Lost> {
+    fn restart_controller(&mut self, now: Instant, link: &Link) -> Result<(), Lost> {
         let interface = &self.interface;
         if link.health.is_none_or(|health| health.state != BusState::Off) {
             return Ok(());
@@ -200,42 +200,42 @@ impl CanSocket {
     }
 
     /// Processes a frame of the kernel, which may yield more than one result.
-    fn take(&mut self, now: Instant, came: Came, stamp: Option<u64>) {
+    fn take(&mut self, now: Instant, came: KernelFrame, stamp: Option<u64>) {
         let count = mem::take(&mut self.untold);
         if count > 0 {
             let what = format!("{}: the receive buffer ran over: {count} frames are lost", self.interface);
-            self.news.extend([News::Fault(what), News::Notice(Notice::Lost(count))]);
+            self.pending.extend([Pending::Fault(what), Pending::Notice(Notice::Lost(count))]);
         }
         match came {
-            Came::Frame(frame) => {
-                self.tell_errors(now);
+            KernelFrame::Frame(frame) => {
+                self.report_errors(now);
                 let at = stamp.map_or(now, |stamp| clock::received(now, stamp));
-                self.news.push_back(News::Frame { frame, at, stamp });
+                self.pending.push_back(Pending::Frame { frame, at, stamp });
             }
-            Came::Error(error) => {
+            KernelFrame::Error(error) => {
                 self.errors = self.errors.saturating_add(u32::from(error.on_the_wire));
                 if error.lost {
-                    self.news.push_back(News::Fault("the controller's receive buffer ran over".into()));
+                    self.pending.push_back(Pending::Fault("the controller's receive buffer ran over".into()));
                 }
-                self.news.extend(error.note.map(|note| News::Note(note.into())));
+                self.pending.extend(error.note.map(|note| Pending::Note(note.into())));
                 let again = now >= self.quiet;
                 let told = |notice: &Notice| again || *notice != Notice::NoAcknowledge;
-                self.news.extend(error.notices().filter(told).map(News::Notice));
+                self.pending.extend(error.notices().filter(told).map(Pending::Notice));
                 if error.no_acknowledge && again {
-                    self.quiet = now + NEWS;
+                    self.quiet = now + REPORT_INTERVAL;
                 }
-                self.tell_errors(now);
+                self.report_errors(now);
                 if error.is_off() {
-                    self.news.push_back(News::Off);
+                    self.pending.push_back(Pending::Off);
                 }
             }
         }
     }
 
-    fn tell_errors(&mut self, now: Instant) {
+    fn report_errors(&mut self, now: Instant) {
         if self.errors > 0 && now >= self.quiet {
-            self.quiet = now + NEWS;
-            self.news.push_back(News::Notice(Notice::Errors(mem::take(&mut self.errors))));
+            self.quiet = now + REPORT_INTERVAL;
+            self.pending.push_back(Pending::Notice(Notice::Errors(mem::take(&mut self.errors))));
         }
     }
 
@@ -258,12 +258,12 @@ impl CanSocket {
         if !self.queue.drop_old(now) || now < self.quiet {
             return;
         }
-        self.quiet = now + NEWS;
+        self.quiet = now + REPORT_INTERVAL;
         if let Some(health) = self.ask().health {
-            self.news.push_back(News::Notice(Notice::Health(health)));
+            self.pending.push_back(Pending::Notice(Notice::Health(health)));
             // The only node on a bus becomes error-passive, and its counter stops at this value.
             if health.state == BusState::Passive && health.transmit_errors == 128 {
-                self.news.push_back(News::Notice(Notice::NoAcknowledge));
+                self.pending.push_back(Pending::Notice(Notice::NoAcknowledge));
             }
         }
     }
@@ -281,7 +281,7 @@ impl Device for CanSocket {
         self.close();
         let (now, link) = (clock::now(), self.ask());
         self.check_bitrate(&link)?;
-        self.bring_back(now, &link)?;
+        self.restart_controller(now, &link)?;
         let reason = |error: io::Error| match error.raw_os_error() {
             Some(errno) => self.lost(Errno::from_raw(errno)),
             None => format!("{}: {error}", self.interface),
@@ -297,21 +297,21 @@ impl Device for CanSocket {
             .map_err(|errno| self.lost(errno))?;
         self.socket = Some(socket);
         self.restart.on(now);
-        if let Some(length) = link.queue.filter(|length| *length > LONG_QUEUE) {
+        if let Some(length) = link.queue.filter(|length| *length > QUEUE_LONG) {
             let what = format!(
                 "{length} frames of others may wait before ours (ip link set {} txqueuelen 10)",
                 self.interface
             );
-            self.news.push_back(News::Note(what));
+            self.pending.push_back(Pending::Note(what));
         }
         let health = link.health.filter(|health| *health != Health::default());
-        self.news.extend(health.map(|health| News::Notice(Notice::Health(health))));
+        self.pending.extend(health.map(|health| Pending::Notice(Notice::Health(health))));
         Ok(())
     }
 
     fn close(&mut self) {
         (self.socket, self.dropped, self.untold, self.errors) = (None, 0, 0, 0);
-        self.news.clear();
+        self.pending.clear();
         self.queue.clear();
     }
 
@@ -321,16 +321,16 @@ impl Device for CanSocket {
 
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
         loop {
-            match self.news.pop_front() {
-                Some(News::Frame { frame, at, stamp }) => {
+            match self.pending.pop_front() {
+                Some(Pending::Frame { frame, at, stamp }) => {
                     return Ok(Received::Input { input: Input::Can(frame), at, stamp });
                 }
-                Some(News::Notice(notice)) => return Ok(Received::input(now, Input::CanNotice(notice))),
-                Some(News::Note(note)) => return Ok(Received::Note(note)),
-                Some(News::Fault(what)) => return Ok(Received::Fault(Fault::PortOverrun, what)),
+                Some(Pending::Notice(notice)) => return Ok(Received::input(now, Input::CanNotice(notice))),
+                Some(Pending::Note(note)) => return Ok(Received::Note(note)),
+                Some(Pending::Fault(what)) => return Ok(Received::Fault(Fault::PortOverrun, what)),
                 // Reopened when the controller is back on the bus; until then nothing is sent that would be outdated by
                 // then.
-                Some(News::Off) => {
+                Some(Pending::Off) => {
                     self.restart.off(now);
                     return Err(format!("{}: bus-off", self.interface));
                 }

@@ -34,11 +34,11 @@ pub struct CanUdp {
     dropped: u32,
     untold: (u32, u32),
     /// Datagram received with such a count, delivered after the report.
-    next: Option<Came>,
+    next: Option<Datagram>,
 }
 
 /// A datagram of another node.
-struct Came {
+struct Datagram {
     /// The frame, or the reason why it is invalid.
     frame: Result<Frame, String>,
     at: Instant,
@@ -67,7 +67,7 @@ impl CanUdp {
     }
 
     /// Reads until a datagram of another node arrives.
-    fn read(&mut self, now: Instant) -> Result<Option<Came>, Lost> {
+    fn read(&mut self, now: Instant) -> Result<Option<Datagram>, Lost> {
         let Some(sockets) = &self.sockets else {
             return Ok(None);
         };
@@ -102,7 +102,7 @@ impl CanUdp {
                 let refused = |why| format!("dropped a datagram from {whom} that is no frame: {why}");
                 let frame = codec::decode(&datagram[..length]).map_err(refused);
                 let at = stamp.map_or(now, |stamp| clock::received(now, stamp));
-                return Ok(Some(Came { frame, at, stamp }));
+                return Ok(Some(Datagram { frame, at, stamp }));
             }
         }
     }
@@ -179,8 +179,8 @@ impl Device for CanUdp {
         }
         Ok(match self.next.take() {
             None => Received::Nothing,
-            Some(Came { frame: Ok(frame), at, stamp }) => Received::Input { input: Input::Can(frame), at, stamp },
-            Some(Came { frame: Err(why), .. }) => Received::Fault(Fault::MessageMalformed, why),
+            Some(Datagram { frame: Ok(frame), at, stamp }) => Received::Input { input: Input::Can(frame), at, stamp },
+            Some(Datagram { frame: Err(why), .. }) => Received::Fault(Fault::MessageMalformed, why),
         })
     }
 

@@ -34,7 +34,7 @@ use std::os::unix::fs::FileTypeExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
-use stream::{Stream, Told};
+use stream::{Stream, StreamItem};
 
 /// Folder of the event devices.
 const INPUT: &str = "/dev/input";
@@ -64,11 +64,11 @@ pub struct Gamepad {
     opened: Option<Opened>,
     source: Option<Source>,
     /// Its presence was reported, its absence not yet.
-    there: bool,
+    present: bool,
     /// A file has been played, which happens once.
     played: bool,
     /// Events to deliver; the current one stays until the next call.
-    told: VecDeque<Event>,
+    events: VecDeque<Event>,
     current: Option<Event>,
     /// Reason why it could not be opened.
     note: Option<String>,
@@ -83,7 +83,7 @@ struct Opened {
 
 /// Delay before looking for another gamepad after one disappeared: a peer that hangs up at once is not reconnected at
 /// once.
-const AGAIN: Duration = Duration::from_millis(100);
+const RETRY_DELAY: Duration = Duration::from_millis(100);
 
 impl Opened {
     fn new() -> nix::Result<Self> {
@@ -121,8 +121,8 @@ impl Opened {
 impl Gamepad {
     /// Creates the port of a gamepad; with `grab` no other program receives the events of an event device.
     pub fn new(place: GamepadPlace, grab: bool) -> Self {
-        let (told, current) = (VecDeque::new(), None);
-        Self { place, grab, opened: None, source: None, there: false, played: false, told, current, note: None }
+        let (events, current) = (VecDeque::new(), None);
+        Self { place, grab, opened: None, source: None, present: false, played: false, events, current, note: None }
     }
 
     /// Folders whose changes may mean that the gamepad appeared, outermost first.
@@ -165,7 +165,7 @@ impl Gamepad {
             (_, Ok(Some((source, device)))) => {
                 if opened.any.add(source.fd(), EpollEvent::new(EpollFlags::EPOLLIN, 2)).is_ok() {
                     self.source = Some(source);
-                    self.told.extend(device.map(|device| Event::Found(Box::new(device))));
+                    self.events.extend(device.map(|device| Event::Found(Box::new(device))));
                 }
             }
             (_, Err((_, Errno::ENOENT | Errno::ECONNREFUSED))) => {}
@@ -206,12 +206,13 @@ impl Gamepad {
     fn lose(&mut self) {
         let source = self.source.take();
         self.played |= matches!(source, Some(Source::Stream(stream)) if stream.is_file());
-        if self.there {
-            self.told.push_back(Event::Gone);
+        if self.present {
+            self.events.push_back(Event::Gone);
         }
         if let Some(opened) = &self.opened {
             // If the timer fails, changes in the folder remain as a trigger.
-            let _ = opened.again.set(Expiration::OneShot(TimeSpec::from_duration(AGAIN)), TimerSetTimeFlags::empty());
+            let _ =
+                opened.again.set(Expiration::OneShot(TimeSpec::from_duration(RETRY_DELAY)), TimerSetTimeFlags::empty());
         }
     }
 }
@@ -251,16 +252,16 @@ impl Device for Gamepad {
         opened.watch(&self.folders())?;
         self.opened = Some(opened);
         self.look();
-        if self.told.is_empty() {
-            self.told.push_back(Event::Gone);
+        if self.events.is_empty() {
+            self.events.push_back(Event::Gone);
         }
         Ok(())
     }
 
     fn close(&mut self) {
         (self.source, self.opened, self.note, self.current) = (None, None, None, None);
-        self.told.clear();
-        (self.there, self.played) = (false, false);
+        self.events.clear();
+        (self.present, self.played) = (false, false);
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -271,30 +272,30 @@ impl Device for Gamepad {
         if let Some(note) = self.note.take() {
             return Ok(Received::Note(note));
         }
-        if self.told.is_empty() {
+        if self.events.is_empty() {
             if self.opened.as_ref().is_some_and(|opened| opened.changed(|name| self.matters(name))) {
                 self.look();
             }
             match &mut self.source {
                 None => {}
                 Some(Source::Kernel(device)) => {
-                    let read = device.read(&mut self.told);
+                    let read = device.read(&mut self.events);
                     if read.is_err() {
                         self.lose();
                     }
                 }
                 Some(Source::Stream(stream)) => match stream.poll() {
-                    Told::Event(event) => self.told.push_back(event),
-                    Told::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
-                    Told::End => self.lose(),
-                    Told::Nothing => {}
+                    StreamItem::Event(event) => self.events.push_back(event),
+                    StreamItem::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
+                    StreamItem::End => self.lose(),
+                    StreamItem::Nothing => {}
                 },
             }
         }
-        self.current = self.told.pop_front();
+        self.current = self.events.pop_front();
         match &self.current {
-            Some(Event::Found(_)) => self.there = true,
-            Some(Event::Gone) => self.there = false,
+            Some(Event::Found(_)) => self.present = true,
+            Some(Event::Gone) => self.present = false,
             _ => {}
         }
         Ok(match &self.current {

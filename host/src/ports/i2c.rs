@@ -69,7 +69,7 @@ impl I2c {
 impl Device for I2c {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        if self.life.lasts() {
+        if self.life.is_alive() {
             return Err("its last transfer has not come back".into());
         }
         let mut bus = self.open_bus()?;
@@ -109,7 +109,7 @@ impl Device for I2c {
         let (Some(worker), Output::I2c(transfer)) = (&mut self.worker, output) else {
             return Ok(false);
         };
-        Ok(worker.give(transfer.clone()))
+        Ok(worker.queue(transfer.clone()))
     }
 }
 

@@ -185,7 +185,7 @@ impl Serial {
     }
 
     /// The other end of a pseudo-terminal is closed: output is lost, as on a wire without a listener.
-    fn nobody_listens(&mut self, now: Instant) {
+    fn drop_without_listener(&mut self, now: Instant) {
         let waiting = self.queue.len();
         self.queue.clear();
         self.count_written(now, waiting);
@@ -203,7 +203,7 @@ impl Serial {
         }
     }
 
-    fn write_what_goes(&mut self, now: Instant) -> Result<(), Lost> {
+    fn write_pending(&mut self, now: Instant) -> Result<(), Lost> {
         while !self.queue.is_empty() {
             let Some(file) = &self.file else {
                 return Ok(());
@@ -215,7 +215,7 @@ impl Serial {
                 }
                 Err(Errno::EAGAIN) => return Ok(()),
                 Err(Errno::EINTR) => {}
-                Err(Errno::EIO) if self.by_edge() => self.nobody_listens(now),
+                Err(Errno::EIO) if self.by_edge() => self.drop_without_listener(now),
                 Err(errno) => return Err(errno.desc().into()),
             }
         }
@@ -223,7 +223,7 @@ impl Serial {
     }
 
     /// Collects the results of the sending thread.
-    fn look_after_sender(&mut self, now: Instant) -> Result<(), Lost> {
+    fn poll_sender(&mut self, now: Instant) -> Result<(), Lost> {
         let Some(sender) = &mut self.sender else {
             return Ok(());
         };
@@ -318,7 +318,7 @@ impl Device for Serial {
     }
 
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
-        self.look_after_sender(now)?;
+        self.poll_sender(now)?;
         if let Some(note) = self.notes.pop_front() {
             return Ok(Received::Note(note));
         }
@@ -337,7 +337,7 @@ impl Device for Serial {
                 Err(Errno::EINTR) => {}
                 Err(Errno::EAGAIN) => return Ok(Received::Nothing),
                 Err(Errno::EIO) if self.by_edge() => {
-                    self.nobody_listens(now);
+                    self.drop_without_listener(now);
                     return Ok(Received::Nothing);
                 }
                 Err(errno) => return Err(errno.desc().into()),
@@ -361,7 +361,7 @@ impl Device for Serial {
         }
         self.queue.extend(words.iter().copied().flat_map(TwoByte::encode));
         self.outputs.push_back((self.written + self.queue.len() as u64, words.len() as u64));
-        self.write_what_goes(now)?;
+        self.write_pending(now)?;
         Ok(true)
     }
 
@@ -370,7 +370,7 @@ impl Device for Serial {
     }
 
     fn on_writable(&mut self, now: Instant) -> Result<(), Lost> {
-        self.write_what_goes(now)
+        self.write_pending(now)
     }
 
     fn sent_at(&self) -> Option<Instant> {

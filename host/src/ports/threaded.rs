@@ -42,7 +42,7 @@ impl<S: Service> Threaded<S> {
 impl<S: Service> Device for Threaded<S> {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        if self.life.lasts() {
+        if self.life.is_alive() {
             return Err(S::BUSY.into());
         }
         let mut work = self.service.work();
@@ -68,6 +68,6 @@ impl<S: Service> Device for Threaded<S> {
 
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
         let (Some(worker), Some(request)) = (&mut self.worker, S::request(output)) else { return Ok(false) };
-        Ok(worker.give(request.clone()))
+        Ok(worker.queue(request.clone()))
     }
 }

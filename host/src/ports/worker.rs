@@ -27,7 +27,7 @@ pub struct Life(Weak<()>);
 
 impl Life {
     /// True if it is alive, possibly in a call that does not return.
-    pub fn lasts(&self) -> bool {
+    pub fn is_alive(&self) -> bool {
         self.0.strong_count() > 0
     }
 }
@@ -66,7 +66,7 @@ impl<J: Send + 'static, A: Send + 'static> Worker<J, A> {
     }
 
     /// Queues a job; false if too many are outstanding.
-    pub fn give(&mut self, job: J) -> bool {
+    pub fn queue(&mut self, job: J) -> bool {
         let room = self.waiting < OUTSTANDING && self.jobs.try_send(job).is_ok();
         self.waiting += usize::from(room);
         room
@@ -105,15 +105,15 @@ mod tests {
         let mut life = Life::default();
         let work = move |job| gate.recv().map(|()| job * 2).map_err(|_| "gone".into());
         let mut worker = Worker::start("test", &mut life, work).unwrap();
-        let given = (0..20).filter(|n| worker.give(*n)).count();
+        let given = (0..20).filter(|n| worker.queue(*n)).count();
         assert_eq!((given, worker.take()), (OUTSTANDING, None));
         go.send(()).unwrap();
         assert_eq!(answer(&mut worker), Ok(0));
-        assert!(worker.give(20) && !worker.give(21));
+        assert!(worker.queue(20) && !worker.queue(21));
         drop(worker);
-        assert!(life.lasts(), "it is still in its call");
+        assert!(life.is_alive(), "it is still in its call");
         drop(go);
-        while life.lasts() {
+        while life.is_alive() {
             thread::yield_now();
         }
     }

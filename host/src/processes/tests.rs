@@ -24,22 +24,22 @@ fn start(script: &'static str) -> (Processes, u32) {
     let mut processes = Processes::new(clock::now(), shell(script, None), None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
     processes.command(spawn);
-    let started = begun(&mut processes).unwrap();
+    let started = start_result(&mut processes).unwrap();
     (processes, started)
 }
 
 /// Waits up to 5 s for the result of a start: its pid, or the reason of the failure.
-fn begun(processes: &mut Processes) -> Result<u32, String> {
+fn start_result(processes: &mut Processes) -> Result<u32, String> {
     for _ in 0..1000 {
         processes.on_ends();
-        let mut begun = None;
+        let mut start_result = None;
         processes.poll_event(|event| match event {
-            ProcessEvent::Started { module: "m", pid } => begun = Some(Ok(pid)),
-            ProcessEvent::Unstartable { module: "m", reason } => begun = Some(Err(reason.into())),
+            ProcessEvent::Started { module: "m", pid } => start_result = Some(Ok(pid)),
+            ProcessEvent::Unstartable { module: "m", reason } => start_result = Some(Err(reason.into())),
             other => panic!("{other:?}"),
         });
-        if let Some(begun) = begun {
-            return begun;
+        if let Some(start_result) = start_result {
+            return start_result;
         }
         sleep(std::time::Duration::from_millis(5));
     }
@@ -148,8 +148,8 @@ fn a_missing_command_is_reported() {
     let mut processes = Processes::new(clock::now(), launch, None).unwrap();
     let spawn = ProcessCommand::Spawn { module: "m".into(), wanted: State::Run };
     processes.command(spawn);
-    let told = begun(&mut processes).unwrap_err();
-    assert_eq!(told, "/nonexistent/module: No such file or directory (os error 2)");
+    let reported = start_result(&mut processes).unwrap_err();
+    assert_eq!(reported, "/nonexistent/module: No such file or directory (os error 2)");
 }
 
 /// A run folder for one test.
@@ -165,17 +165,17 @@ impl Run {
     /// The processes of a watchdog in this folder, and the earlier ones reported to it: pid and wanted state.
     fn life(&self, script: &'static str) -> (Processes, Vec<(Option<u32>, State)>) {
         let mut processes = Processes::new(clock::now(), shell(script, Some(&self.0)), None).unwrap();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         while processes.poll_event(|event| match event {
-            ProcessEvent::Earlier { pid, wanted, .. } => told.push((pid, wanted)),
+            ProcessEvent::Earlier { pid, wanted, .. } => reported.push((pid, wanted)),
             other => panic!("{other:?}"),
         }) {}
-        (processes, told)
+        (processes, reported)
     }
 
     fn spawn(processes: &mut Processes) -> u32 {
         processes.command(ProcessCommand::Spawn { module: "m".into(), wanted: State::Run });
-        begun(processes).unwrap()
+        start_result(processes).unwrap()
     }
 }
 
@@ -189,24 +189,24 @@ impl Drop for Run {
 #[test]
 fn a_process_of_an_earlier_watchdog_is_adopted_and_its_end_is_seen() {
     let run = Run::new("adopted");
-    let (mut first, told) = run.life("exec sleep 100");
-    assert_eq!(told, []);
+    let (mut first, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, []);
     let pid = Run::spawn(&mut first);
     first.command(ProcessCommand::Remember { module: "m".into(), wanted: State::Stop, held: false });
     // The watchdog is killed, without any cleanup.
     let child = first.running.remove(0).child.unwrap();
     drop(first);
 
-    let (mut second, told) = run.life("exec sleep 100");
-    assert_eq!(told, [(Some(pid), State::Stop)]);
+    let (mut second, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, [(Some(pid), State::Stop)]);
     second.on_ends();
     assert!(second.news.is_empty(), "it lives");
     second.command(ProcessCommand::Kill { pid });
     // This test is the real parent and reaps it late.
     assert_eq!(end(&mut second), ExitStatus::Signal(9));
     drop(child);
-    let (_, told) = run.life("exec sleep 100");
-    assert_eq!(told, [(None, State::Stop)], "what is wanted outlives it");
+    let (_, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, [(None, State::Stop)], "what is wanted outlives it");
 }
 
 #[test]
@@ -214,10 +214,10 @@ fn a_process_without_a_recorded_pid_is_found() {
     let run = Run::new("starting");
     let (mut first, _) = run.life("exec sleep 100");
     let pid = Run::spawn(&mut first);
-    first.write_down("m", |entry| (entry.process, entry.starting) = (None, true));
+    first.record_entry("m", |entry| (entry.process, entry.starting) = (None, true));
     let _child = first.running.remove(0).child;
-    let (mut second, told) = run.life("exec sleep 100");
-    assert_eq!(told, [(Some(pid), State::Run)]);
+    let (mut second, reported) = run.life("exec sleep 100");
+    assert_eq!(reported, [(Some(pid), State::Run)]);
     second.command(ProcessCommand::Kill { pid });
     end(&mut second);
 }
@@ -228,8 +228,8 @@ fn a_process_with_another_command_line_is_ended() {
     let (mut first, _) = run.life("exec sleep 100");
     Run::spawn(&mut first);
     let mut child = first.running.remove(0).child.unwrap();
-    let (_second, told) = run.life("exec sleep 200");
-    assert_eq!(told, [(None, State::Run)]);
+    let (_second, reported) = run.life("exec sleep 200");
+    assert_eq!(reported, [(None, State::Run)]);
     assert_eq!(child.wait().unwrap().signal(), Some(9));
 }
 
@@ -252,12 +252,12 @@ fn a_reused_pid_is_not_touched() {
     let start = |child: &Child| Stat::of(child.id()).unwrap().start;
     let record = |child: &Child, start: u64| {
         let (mut life, _) = run.life("exit 0");
-        life.write_down("m", |entry| entry.process = Some((child.id(), start)));
+        life.record_entry("m", |entry| entry.process = Some((child.id(), start)));
     };
     for (child, start) in [(&of_another_start, start(&of_another_start) + 1), (&unmarked, start(&unmarked))] {
         record(child, start);
-        let (mut next, told) = run.life("exit 0");
-        assert_eq!(told, [(None, State::Run)]);
+        let (mut next, reported) = run.life("exit 0");
+        assert_eq!(reported, [(None, State::Run)]);
         next.command(ProcessCommand::Kill { pid: child.id() });
     }
     // With the right start time it is adopted.
@@ -317,7 +317,7 @@ fn a_foreign_module_s_lines_are_read_until_its_end_and_by_the_next_watchdog() {
     let line = |level, text: &str| Line { module: "m".into(), level, text: text.into(), from };
     let mut first = Processes::new(clock::now(), launch(), None).unwrap();
     first.command(ProcessCommand::Spawn { module: "m".into(), wanted: State::Run });
-    begun(&mut first).unwrap();
+    start_result(&mut first).unwrap();
     let said = (0..500).find_map(|_| {
         sleep(std::time::Duration::from_millis(10));
         first.handle_timeout(clock::now());

@@ -26,13 +26,13 @@ const BUS_ERROR: u8 = 0x80;
 
 /// Decoded line of an adapter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Said {
+pub enum AdapterLine {
     /// A frame from the bus.
     Frame(Frame),
     /// The last command was executed.
-    Yes,
+    Acknowledged,
     /// The last command was rejected.
-    No,
+    Rejected,
     /// Flags of the controller.
     Flags(Flags),
     /// State and error counters.
@@ -96,7 +96,7 @@ pub struct Lines {
 
 impl Lines {
     /// Adds a byte; returns the decoded line if the byte ends one.
-    pub fn push(&mut self, byte: u8) -> Option<Said> {
+    pub fn push(&mut self, byte: u8) -> Option<AdapterLine> {
         if byte != CR && byte != BEL {
             self.too_long |= self.line.len() >= LINE_MAX;
             if !self.too_long {
@@ -104,37 +104,37 @@ impl Lines {
             }
             return None;
         }
-        let said = match &self.line[..] {
-            _ if self.too_long => Said::Malformed,
+        let decoded = match &self.line[..] {
+            _ if self.too_long => AdapterLine::Malformed,
             // BEL aborts an incomplete line.
-            _ if byte == BEL => Said::No,
+            _ if byte == BEL => AdapterLine::Rejected,
             line => decode(line),
         };
-        self.forget();
-        Some(said)
+        self.clear();
+        Some(decoded)
     }
 
     /// Discards an incomplete line.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         self.line.clear();
         self.too_long = false;
     }
 }
 
-fn decode(line: &[u8]) -> Said {
+fn decode(line: &[u8]) -> AdapterLine {
     let Some((kind, rest)) = line.split_first() else {
-        return Said::Yes;
+        return AdapterLine::Acknowledged;
     };
     let said = match kind {
-        b't' | b'T' | b'r' | b'R' => frame(*kind, rest).map(Said::Frame),
-        b'z' | b'Z' if rest.is_empty() => Some(Said::Yes),
-        b'F' if rest.len() == 2 => hex(rest).map(|flags| Said::Flags(of_flags(flags as u8))),
-        b's' => health(rest).map(Said::Health),
+        b't' | b'T' | b'r' | b'R' => frame(*kind, rest).map(AdapterLine::Frame),
+        b'z' | b'Z' if rest.is_empty() => Some(AdapterLine::Acknowledged),
+        b'F' if rest.len() == 2 => hex(rest).map(|flags| AdapterLine::Flags(of_flags(flags as u8))),
+        b's' => health(rest).map(AdapterLine::Health),
         // A version, a number, or another computer's command on the same line: C, O, S, L, F, V, N and others.
-        b'A'..=b'Z' | b'a'..=b'z' => Some(Said::Other),
+        b'A'..=b'Z' | b'a'..=b'z' => Some(AdapterLine::Other),
         _ => None,
     };
-    said.unwrap_or(Said::Malformed)
+    said.unwrap_or(AdapterLine::Malformed)
 }
 
 fn frame(kind: u8, rest: &[u8]) -> Option<Frame> {
@@ -188,7 +188,7 @@ fn hex(digits: &[u8]) -> Option<u32> {
 mod tests {
     use super::*;
 
-    fn said(text: &str) -> Vec<Said> {
+    fn said(text: &str) -> Vec<AdapterLine> {
         let mut lines = Lines::default();
         text.bytes().filter_map(|byte| lines.push(byte)).collect()
     }
@@ -205,17 +205,20 @@ mod tests {
         for (text, frame) in cases {
             let mut line = String::new();
             encode(&frame, &mut line);
-            assert_eq!((line.as_str(), said(text)), (text, vec![Said::Frame(frame)]));
+            assert_eq!((line.as_str(), said(text)), (text, vec![AdapterLine::Frame(frame)]));
             assert!(line.len() <= LINE_MAX);
         }
         // Lower-case letters, and a time.
-        assert_eq!(said("t1811ab1F2a\r"), [Said::Frame(Frame::standard(0x181, &[0xAB]))]);
+        assert_eq!(said("t1811ab1F2a\r"), [AdapterLine::Frame(Frame::standard(0x181, &[0xAB]))]);
     }
 
     #[test]
     fn answers_flags_and_foreign_lines_are_distinguished() {
-        let flags = |state, lost, error| Said::Flags(Flags { state, lost, error });
-        assert_eq!(said("\rz\rZ\r\x07"), [Said::Yes, Said::Yes, Said::Yes, Said::No]);
+        let flags = |state, lost, error| AdapterLine::Flags(Flags { state, lost, error });
+        assert_eq!(
+            said("\rz\rZ\r\x07"),
+            [AdapterLine::Acknowledged, AdapterLine::Acknowledged, AdapterLine::Acknowledged, AdapterLine::Rejected]
+        );
         assert_eq!(
             said("F00\rF24\rF84\rF09\r"),
             [
@@ -225,8 +228,9 @@ mod tests {
                 flags(BusState::Active, true, false),
             ]
         );
-        let health =
-            |state, transmit_errors, receive_errors| Said::Health(Health { state, transmit_errors, receive_errors });
+        let health = |state, transmit_errors, receive_errors| {
+            AdapterLine::Health(Health { state, transmit_errors, receive_errors })
+        };
         assert_eq!(
             said("sw100000\rsp000130\rsb000255\rsa000000\r"),
             [
@@ -236,7 +240,7 @@ mod tests {
                 health(BusState::Active, 0, 0),
             ]
         );
-        assert_eq!(said("V1013\rNA123\rC\rS8\rO\r"), [Said::Other; 5]);
+        assert_eq!(said("V1013\rNA123\rC\rS8\rO\r"), [AdapterLine::Other; 5]);
     }
 
     #[test]
@@ -267,15 +271,15 @@ mod tests {
             let bytes = format!("{bad}\rt1811AB\r");
             let expected = match bad {
                 // Another computer polls the flags.
-                "F" | "FGG" => vec![Said::Other, Said::Malformed],
-                _ => vec![Said::Malformed],
+                "F" | "FGG" => vec![AdapterLine::Other, AdapterLine::Malformed],
+                _ => vec![AdapterLine::Malformed],
             };
             let heard = said(&bytes);
             assert!(expected.contains(&heard[0]), "{bad}: {heard:?}");
-            assert_eq!(heard[1..], [Said::Frame(Frame::standard(0x181, &[0xAB]))], "{bad}");
+            assert_eq!(heard[1..], [AdapterLine::Frame(Frame::standard(0x181, &[0xAB]))], "{bad}");
         }
         let flood = "t".repeat(100_000) + "\rt1811AB\r";
-        assert_eq!(said(&flood), [Said::Malformed, Said::Frame(Frame::standard(0x181, &[0xAB]))]);
+        assert_eq!(said(&flood), [AdapterLine::Malformed, AdapterLine::Frame(Frame::standard(0x181, &[0xAB]))]);
     }
 
     #[test]

@@ -10,7 +10,7 @@ const OPENING: &str = "\rC\rS8\rO\r";
 fn joined() -> (OwnedFd, Port) {
     let (adapter, mut port) = plugged();
     open_within(&mut port).unwrap();
-    assert_eq!(heard(&adapter, OPENING), OPENING);
+    assert_eq!(on_line(&adapter, OPENING), OPENING);
     (adapter, port)
 }
 
@@ -35,7 +35,7 @@ fn open_within(port: &mut Port) -> Result<(), Lost> {
 }
 
 /// Output of the port, up to the length of the expected text: a terminal delivers with delay.
-fn heard(adapter: &OwnedFd, expected: &str) -> String {
+fn on_line(adapter: &OwnedFd, expected: &str) -> String {
     let until = clock::now() + Duration::from_secs(2);
     let mut text = String::new();
     while text.len() < expected.len() && clock::now() < until {
@@ -103,11 +103,11 @@ fn it_joins_the_bus_and_frames_cross() {
     let frame = Frame::standard(0x601, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]);
     assert_eq!(port.device.send(now, &Output::Can(frame)), Ok(true));
     let line = "t60184041600000000000\r";
-    assert_eq!(heard(&adapter, line), line);
+    assert_eq!(on_line(&adapter, line), line);
     say(&adapter, "z\rrubbish\r??\r\x07");
     assert_eq!(drain(&mut port, now), ["MessageMalformed", "MessageMalformed", "PortOverrun"]);
     port.lose(now);
-    assert_eq!(heard(&adapter, "\rC\r"), "\rC\r");
+    assert_eq!(on_line(&adapter, "\rC\r"), "\rC\r");
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn an_adapter_that_refuses_vanishes_or_is_bus_off_is_reported_and_reopened() {
     assert_eq!(drain(&mut port, clock::now()), ["down: the adapter refuses 1000000 bit/s"]);
     assert_eq!(all(&adapter), "\rC\r");
     open_within(&mut port).unwrap();
-    assert_eq!(heard(&adapter, OPENING), OPENING);
+    assert_eq!(on_line(&adapter, OPENING), OPENING);
     say(&adapter, "\r\x07");
     assert_eq!(drain(&mut port, clock::now()), ["down: the adapter does not open its channel"]);
     assert_eq!(all(&adapter), "\rC\r");

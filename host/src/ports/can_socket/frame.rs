@@ -32,7 +32,7 @@ const IN_ACK_SLOT: u8 = 0x19;
 
 /// Decoded frame of the socket.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Came {
+pub enum KernelFrame {
     /// A frame from the bus.
     Frame(Frame),
     /// An error frame of the kernel.
@@ -83,10 +83,10 @@ pub fn encode(frame: &Frame) -> [u8; FRAME] {
 }
 
 /// Decodes a frame in the kernel's layout; `None` if it is invalid.
-pub fn decode(raw: &[u8; FRAME]) -> Option<Came> {
+pub fn decode(raw: &[u8; FRAME]) -> Option<KernelFrame> {
     let flags = u32::from_ne_bytes([raw[0], raw[1], raw[2], raw[3]]);
     if flags & ERROR != 0 {
-        return Some(Came::Error(error(flags, &raw[8..])));
+        return Some(KernelFrame::Error(error(flags, &raw[8..])));
     }
     let id = match flags & EXTENDED {
         0 => Id::Standard((flags & 0x7FF) as u16),
@@ -97,7 +97,7 @@ pub fn decode(raw: &[u8; FRAME]) -> Option<Came> {
         0 => Frame::new(id, &raw[8..8 + usize::from(length)]),
         _ => Frame::remote(id, length),
     };
-    frame.map(Came::Frame)
+    frame.map(KernelFrame::Frame)
 }
 
 fn error(class: u32, data: &[u8]) -> Error {
@@ -147,7 +147,7 @@ mod tests {
             Frame::new(Id::Extended(0x1FFF_FFFF), &[0xFF; 8]).unwrap(),
         ];
         for frame in frames {
-            assert_eq!(decode(&encode(&frame)), Some(Came::Frame(frame)));
+            assert_eq!(decode(&encode(&frame)), Some(KernelFrame::Frame(frame)));
         }
     }
 
@@ -157,7 +157,7 @@ mod tests {
         raw[..4].copy_from_slice(&(ERROR | class).to_ne_bytes());
         raw[4] = 8;
         raw[8..].copy_from_slice(&data.to_be_bytes());
-        let Some(Came::Error(error)) = decode(&raw) else { panic!("{class:x}") };
+        let Some(KernelFrame::Error(error)) = decode(&raw) else { panic!("{class:x}") };
         error
     }
 

@@ -91,12 +91,12 @@ fn error_frames_become_notices_at_a_limited_rate() {
     send(encode(&Frame::standard(0x181, &[7])));
     assert_eq!(drain(&mut port, now), ["Errors(1)", "Passive 128 0", "[7]"]);
     send(error(0x20, 0));
-    assert_eq!(drain(&mut port, now + NEWS), ["NoAcknowledge"]);
+    assert_eq!(drain(&mut port, now + REPORT_INTERVAL), ["NoAcknowledge"]);
     send(encode(&Frame::standard(0x181, &[8])));
-    assert_eq!(drain(&mut port, now + 2 * NEWS), ["Errors(2)", "[8]"], "those that were not told");
+    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), ["Errors(2)", "[8]"], "those that were not told");
     send(error(0x204, 0x0001_0000_0000_0000));
     let ran_over = "the controller's receive buffer ran over";
-    assert_eq!(drain(&mut port, now + 2 * NEWS), [ran_over, "Active 0 0", "Lost(1)"]);
+    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), [ran_over, "Active 0 0", "Lost(1)"]);
     send(error(0x240, 0x0000_0000_0000_F800));
     assert_eq!(drain(&mut port, now), ["Off 248 0", "down: lo: bus-off"]);
 }
@@ -135,11 +135,11 @@ fn a_controller_that_the_kernel_restarts_is_waited_for() {
     let off = Health { state: BusState::Off, ..Health::default() };
     let link = |health, restart_ms| Link { health, restart_ms, ..Link::default() };
     let now = Instant::from_millis(1);
-    let by_itself = port.bring_back(now, &link(Some(off), Some(100)));
+    let by_itself = port.restart_controller(now, &link(Some(off), Some(100)));
     assert_eq!(by_itself, Err("can0: bus-off; the kernel restarts it after 100 ms (restart-ms)".into()));
-    assert_eq!(port.bring_back(now, &link(Some(off), Some(0))), Err("can0: bus-off".into()));
-    assert_eq!(port.bring_back(now, &link(Some(Health::default()), Some(0))), Ok(()));
-    assert_eq!(port.bring_back(now, &Link::default()), Ok(()));
+    assert_eq!(port.restart_controller(now, &link(Some(off), Some(0))), Err("can0: bus-off".into()));
+    assert_eq!(port.restart_controller(now, &link(Some(Health::default()), Some(0))), Ok(()));
+    assert_eq!(port.restart_controller(now, &Link::default()), Ok(()));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! events; a client that writes lines acts as the gamepad for the simulator until it hangs up.
 
 use super::codec;
-use super::stream::{Stream, Told};
+use super::stream::{Stream, StreamItem};
 use super::{Device, Lost, Received};
 use base::gamepad::{self, Event};
 use base::{Fault, Instant};
@@ -63,7 +63,7 @@ impl Hub {
                 continue;
             }
             let found = self.device.clone().map(Event::Found);
-            if found.is_none_or(|found| tell(&stream, &found)) {
+            if found.is_none_or(|found| send_event(&stream, &found)) {
                 self.clients.push(Client { stream, plays: false });
             }
         }
@@ -71,7 +71,7 @@ impl Hub {
 }
 
 /// Sends an event; false if it could not be written completely, after which the stream would be invalid.
-fn tell(stream: &Stream, event: &Event) -> bool {
+fn send_event(stream: &Stream, event: &Event) -> bool {
     let mut text = String::new();
     codec::encode(event, &mut text);
     write(stream.file(), text.as_bytes()) == Ok(text.len())
@@ -101,14 +101,14 @@ impl Device for Hub {
         let mut place = 0;
         while let Some(client) = self.clients.get_mut(place) {
             match client.stream.poll() {
-                Told::Event(event) => {
+                StreamItem::Event(event) => {
                     client.plays = true;
                     let event = self.current.insert(event);
                     return Ok(Received::input(now, Input::Gamepad(event.as_input())));
                 }
-                Told::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
-                Told::Nothing => place += 1,
-                Told::End => {
+                StreamItem::Wrong(why) => return Ok(Received::Fault(Fault::MessageMalformed, why)),
+                StreamItem::Nothing => place += 1,
+                StreamItem::End => {
                     if self.clients.remove(place).plays {
                         return Ok(Received::input(now, Input::Gamepad(gamepad::Input::Gone)));
                     }
@@ -121,7 +121,7 @@ impl Device for Hub {
     fn send(&mut self, _now: Instant, output: &Output) -> Result<bool, Lost> {
         let Output::Gamepad(event) = output else { return Ok(false) };
         gamepad::keep(&mut self.device, event);
-        self.clients.retain(|client| client.plays || tell(&client.stream, event));
+        self.clients.retain(|client| client.plays || send_event(&client.stream, event));
         Ok(true)
     }
 }

@@ -99,7 +99,7 @@ impl Kernel {
     }
 
     /// Reads available events. An error means that the device is lost: ENODEV after unplugging.
-    pub fn read(&mut self, told: &mut VecDeque<Event>) -> nix::Result<()> {
+    pub fn read(&mut self, events: &mut VecDeque<Event>) -> nix::Result<()> {
         let mut bytes = [0; EVENT * EVENTS];
         let count = match read(&self.file, &mut bytes) {
             Ok(0) => return Err(Errno::ENODEV),
@@ -110,23 +110,23 @@ impl Kernel {
         for event in bytes[..count].chunks_exact(EVENT) {
             let Some(&[a, b, c, d, value @ ..]) = event.last_chunk::<8>() else { continue };
             let (kind, code) = (u16::from_ne_bytes([a, b]), u16::from_ne_bytes([c, d]));
-            self.on_event(kind, code, i32::from_ne_bytes(value), told)?;
+            self.on_event(kind, code, i32::from_ne_bytes(value), events)?;
         }
         Ok(())
     }
 
-    fn on_event(&mut self, kind: u16, code: u16, value: i32, told: &mut VecDeque<Event>) -> nix::Result<()> {
+    fn on_event(&mut self, kind: u16, code: u16, value: i32, events: &mut VecDeque<Event>) -> nix::Result<()> {
         match (kind, code, value) {
             (EV_SYN, SYN_DROPPED, _) => self.lost = true,
             (EV_SYN, SYN_REPORT, _) if self.lost => {
                 self.lost = false;
-                told.push_back(Event::Found(Box::new(self.describe()?)));
+                events.push_back(Event::Found(Box::new(self.describe()?)));
             }
             _ if self.lost => {}
-            (EV_SYN, SYN_REPORT, _) => told.push_back(Event::Frame),
-            (EV_ABS, ..) => told.push_back(Event::Axis { code, value }),
+            (EV_SYN, SYN_REPORT, _) => events.push_back(Event::Frame),
+            (EV_ABS, ..) => events.push_back(Event::Axis { code, value }),
             // Value 2 is the repetition of a key that is held.
-            (EV_KEY, BTN_MISC.., 0 | 1) => told.push_back(Event::Button { code, pressed: value == 1 }),
+            (EV_KEY, BTN_MISC.., 0 | 1) => events.push_back(Event::Button { code, pressed: value == 1 }),
             _ => {}
         }
         Ok(())

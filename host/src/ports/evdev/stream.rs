@@ -12,16 +12,16 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 /// Maximum number of bytes per read.
 const READ_MAX: usize = 1024;
-/// Maximum number of reads and lines without an event; then the stream pauses for [`BREATH`], so that others are
+/// Maximum number of reads and lines without an event; then the stream pauses for [`PAUSE`], so that others are
 /// served.
 const READS_MAX: usize = 64;
-const BREATH: Duration = Duration::from_millis(1);
+const PAUSE: Duration = Duration::from_millis(1);
 
 const TIMER: u64 = 0;
 const FILE: u64 = 1;
 
 /// Result of reading a stream.
-pub enum Told {
+pub enum StreamItem {
     /// Empty: nothing more for now.
     Nothing,
     /// An event.
@@ -74,42 +74,42 @@ impl Stream {
     }
 
     /// Returns the next result.
-    pub fn poll(&mut self) -> Told {
+    pub fn poll(&mut self) -> StreamItem {
         match self.try_poll() {
             Ok(told) => told,
-            Err(Errno::EAGAIN | Errno::EINTR) => Told::Nothing,
+            Err(Errno::EAGAIN | Errno::EINTR) => StreamItem::Nothing,
             // The writer is gone, for whatever reason.
-            Err(_) => Told::End,
+            Err(_) => StreamItem::End,
         }
     }
 
-    fn try_poll(&mut self) -> nix::Result<Told> {
+    fn try_poll(&mut self) -> nix::Result<StreamItem> {
         if self.waits {
             let mut count = [0; 8];
             read(&self.timer, &mut count)?;
             self.waits = false;
-            self.heed(true)?;
+            self.set_interest(true)?;
         }
         for _ in 0..READS_MAX {
             match self.reader.poll() {
-                Some(Ok(Line::Event(event))) => return Ok(Told::Event(event)),
+                Some(Ok(Line::Event(event))) => return Ok(StreamItem::Event(event)),
                 Some(Ok(Line::Wait(Duration::ZERO))) => {}
                 Some(Ok(Line::Wait(wait))) => return self.pause(wait),
-                Some(Err(why)) => return Ok(Told::Wrong(why)),
+                Some(Err(why)) => return Ok(StreamItem::Wrong(why)),
                 // A FIFO without a writer reads as ended.
-                None if self.polled && !self.is_readable()? => return Ok(Told::Nothing),
+                None if self.polled && !self.is_readable()? => return Ok(StreamItem::Nothing),
                 None => {
                     let mut bytes = [0; READ_MAX];
                     let count = read(&self.file, &mut bytes)?;
                     if count == 0 {
-                        return Ok(Told::End);
+                        return Ok(StreamItem::End);
                     }
                     self.reader.push(&bytes[..count]);
                 }
             }
         }
         // Only comments without end.
-        self.pause(BREATH)
+        self.pause(PAUSE)
     }
 
     fn is_readable(&self) -> nix::Result<bool> {
@@ -118,16 +118,16 @@ impl Stream {
         Ok(events[..count].iter().any(|event| event.data() == FILE))
     }
 
-    fn pause(&mut self, wait: Duration) -> nix::Result<Told> {
+    fn pause(&mut self, wait: Duration) -> nix::Result<StreamItem> {
         self.timer.set(Expiration::OneShot(TimeSpec::from_duration(wait)), TimerSetTimeFlags::empty())?;
         self.waits = true;
-        self.heed(false)?;
-        Ok(Told::Nothing)
+        self.set_interest(false)?;
+        Ok(StreamItem::Nothing)
     }
 
     /// Enables or disables waking for input, which is not needed during a wait.
-    fn heed(&self, heed: bool) -> nix::Result<()> {
-        match (self.polled, heed) {
+    fn set_interest(&self, interested: bool) -> nix::Result<()> {
+        match (self.polled, interested) {
             (false, _) => Ok(()),
             (true, true) => self.both.add(&self.file, EpollEvent::new(EpollFlags::EPOLLIN, FILE)),
             (true, false) => self.both.delete(&self.file),

@@ -30,7 +30,7 @@ pub struct Dev {
     /// Supports block reads.
     blocks: bool,
     /// A missing capability was reported.
-    told: bool,
+    reported: bool,
 }
 
 impl Dev {
@@ -42,7 +42,7 @@ impl Dev {
         if !plain && functions & sys::FUNC_READ_BYTE_DATA == 0 {
             return Err(format!("{}: the adapter makes neither plain transfers nor SMBus commands", path.display()));
         }
-        Ok(Self { path: path.into(), file, plain, blocks: functions & sys::FUNC_READ_BLOCK != 0, told: false })
+        Ok(Self { path: path.into(), file, plain, blocks: functions & sys::FUNC_READ_BLOCK != 0, reported: false })
     }
 
     /// Executes a transfer with `I2C_RDWR`.
@@ -80,9 +80,9 @@ impl Dev {
     }
 
     fn refuse(&mut self, what: &str) -> Done {
-        let told = std::mem::replace(&mut self.told, true);
+        let reported = std::mem::replace(&mut self.reported, true);
         let note = format!("{}: the adapter cannot {what}", self.path.display());
-        (Err(Error::Other), (!told).then_some(note))
+        (Err(Error::Other), (!reported).then_some(note))
     }
 }
 

@@ -9,11 +9,11 @@ use std::io::Read;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
 /// Timeout of the command.
-const LIMIT: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Delay before a failed command is retried.
-const AGAIN: Duration = Duration::from_secs(5);
+const RETRY_DELAY: Duration = Duration::from_secs(5);
 /// Maximum length of its error output in the report, bytes.
-const COMPLAINT_MAX: u64 = 200;
+const ERROR_OUTPUT_MAX: u64 = 200;
 
 /// A command and its progress.
 pub struct Setup {
@@ -57,7 +57,7 @@ impl Setup {
         }
         if let (State::NotRun, Some((program, arguments))) = (&self.state, self.command.split_first()) {
             self.state = match start(program, arguments) {
-                Ok(child) => State::Runs { child, until: now + LIMIT },
+                Ok(child) => State::Runs { child, until: now + TIMEOUT },
                 Err(error) => self.failed(now, &error.to_string()),
             };
         }
@@ -67,10 +67,10 @@ impl Setup {
                 Ok(None) => {
                     // Killed and reaped, so that no zombie is left.
                     let _ = child.kill().and_then(|()| child.wait());
-                    Err(format!("it takes longer than {} s", LIMIT.as_secs()))
+                    Err(format!("it takes longer than {} s", TIMEOUT.as_secs()))
                 }
                 Ok(Some(status)) if status.success() => Ok(()),
-                Ok(Some(status)) => Err(complaint(child, status)),
+                Ok(Some(status)) => Err(describe_failure(child, status)),
                 Err(error) => Err(error.to_string()),
             };
             self.state = match news {
@@ -85,7 +85,7 @@ impl Setup {
     }
 
     fn failed(&self, now: Instant, why: &str) -> State {
-        State::Failed { why: format!("set-up command {}: {why}", self.command.join(" ")), again: now + AGAIN }
+        State::Failed { why: format!("set-up command {}: {why}", self.command.join(" ")), again: now + RETRY_DELAY }
     }
 }
 
@@ -106,12 +106,12 @@ fn start(program: &str, arguments: &[String]) -> std::io::Result<Child> {
 
 /// Exit status and first line of stderr. The command has ended, but its children may hold stderr open: only available
 /// data is read.
-fn complaint(child: &mut Child, status: ExitStatus) -> String {
+fn describe_failure(child: &mut Child, status: ExitStatus) -> String {
     let mut said = Vec::new();
     if let Some(stderr) = &mut child.stderr {
         use nix::fcntl::{FcntlArg, OFlag, fcntl};
         if fcntl(&*stderr, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).is_ok() {
-            let _ = stderr.take(COMPLAINT_MAX).read_to_end(&mut said);
+            let _ = stderr.take(ERROR_OUTPUT_MAX).read_to_end(&mut said);
         }
     }
     let said = String::from_utf8_lossy(&said);

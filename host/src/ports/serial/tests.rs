@@ -74,15 +74,15 @@ fn unsupported_settings_are_reported_in_one_line() {
 
 /// Attempts to open the port until `done`, for two seconds at most; returns the reports.
 fn try_until(port: &mut Port, done: impl Fn(&Port) -> bool) -> Vec<Result<(), Lost>> {
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for _ in 0..400 {
-        told.extend(port.try_open(clock::now()));
+        reported.extend(port.try_open(clock::now()));
         if done(port) {
-            return told;
+            return reported;
         }
         thread::sleep(std::time::Duration::from_millis(5));
     }
-    panic!("{told:?}")
+    panic!("{reported:?}")
 }
 
 #[test]
@@ -102,8 +102,8 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
     assert!(lost.is_some(), "a read tells");
     port.lose(clock::now());
     let away_until = clock::now() + Duration::from_millis(100);
-    let told = try_until(&mut port, |_| clock::now() > away_until);
-    assert_eq!(told, [Err(format!("{}: No such file or directory", link.display()))], "once");
+    let reported = try_until(&mut port, |_| clock::now() > away_until);
+    assert_eq!(reported, [Err(format!("{}: No such file or directory", link.display()))], "once");
     let mut second = offer(&link);
     assert_eq!(try_until(&mut port, |port| port.state == PortState::Up), [Ok(())]);
     let words = [Word::address(0x20), Word::data(1)];
@@ -134,8 +134,8 @@ fn the_set_up_command_is_run_before_each_opening_and_its_failure_keeps_the_port_
     drop(port);
     let setup = vec!["/bin/sh".into(), "-c".into(), "echo no such register >&2; exit 3".into()];
     let mut port = Port::new("rs485.a".into(), PortConfig::Terminal(TerminalConfig { setup, ..config }));
-    let told = try_until(&mut port, |port| matches!(port.state, PortState::Down { told: true, .. }));
-    let [Err(why)] = &told[..] else { panic!("{told:?}") };
+    let reported = try_until(&mut port, |port| matches!(port.state, PortState::Down { reported: true, .. }));
+    let [Err(why)] = &reported[..] else { panic!("{reported:?}") };
     assert!(why.contains("exit status: 3: no such register"), "{why}");
     let _ = fs::remove_file(count);
     drop(side);

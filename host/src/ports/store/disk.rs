@@ -83,7 +83,7 @@ impl Disk {
             file.sync_data().map_err(|error| trouble(&name, &error))?;
         }
         let named = |error: io::Error| trouble(&name, &error);
-        make(&self.folder).map_err(|error| trouble(&self.folder.display().to_string(), &error))?;
+        create_folder(&self.folder).map_err(|error| trouble(&self.folder.display().to_string(), &error))?;
         let root = File::open(&self.folder).map_err(named)?;
         let (folder, last) = match name.split_once('/') {
             Some((run, last)) => {
@@ -100,7 +100,7 @@ impl Disk {
         let file =
             openat(&folder, last, flags, Mode::from_bits_truncate(0o666)).map_err(|errno| named(errno.into()))?;
         let file = File::from(file);
-        let lock = hold(&file);
+        let lock = lock_new(&file);
         if let Err(error) = folder.sync_all() {
             // Without fsync of the folder the file would be lost by a power failure.
             let _ = unlinkat(&folder, last, UnlinkatFlags::NoRemoveDir);
@@ -142,7 +142,7 @@ impl Disk {
                 root => OwnedFd::from(root?),
             };
             let mut names = BTreeSet::new();
-            each(&root, |name| {
+            for_each(&root, |name| {
                 if let Some(name) = name.to_str().ok().filter(|name| is_name(name)) {
                     names.insert(name.to_string());
                     if names.len() > ENTRIES {
@@ -152,7 +152,7 @@ impl Disk {
                 Ok(())
             })?;
             let entry = |name: String| {
-                let stat = look(&root, &CString::new(&*name).ok()?).ok()?;
+                let stat = stat(&root, &CString::new(&*name).ok()?).ok()?;
                 let bytes = match kind(&stat) {
                     SFlag::S_IFREG => stat.st_size as u64,
                     SFlag::S_IFDIR => open_folder(&root, &*name).map_or(0, |folder| size(folder, DEPTH)),
@@ -188,12 +188,12 @@ impl Open {
 }
 
 /// Creates a folder so that it survives a power failure.
-fn make(folder: &Path) -> io::Result<()> {
+fn create_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
     }
     let Some(above) = folder.parent() else { return Ok(()) };
-    make(above)?;
+    create_folder(above)?;
     match fs::create_dir(folder) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
         _ => {}
@@ -202,7 +202,7 @@ fn make(folder: &Path) -> io::Result<()> {
 }
 
 /// Locks a new file; `None` if its file system has no locks.
-fn hold(file: &File) -> Option<Flock<File>> {
+fn lock_new(file: &File) -> Option<Flock<File>> {
     let mut file = file.try_clone().ok()?;
     for _ in 0..LOCK_TRIES {
         match Flock::lock(file, FlockArg::LockExclusiveNonblock) {
@@ -220,7 +220,7 @@ fn open_folder<P: ?Sized + nix::NixPath>(above: impl AsFd, name: &P) -> io::Resu
     Ok(openat(above, name, flags, Mode::empty())?)
 }
 
-fn look(folder: impl AsFd, name: &CString) -> nix::Result<FileStat> {
+fn stat(folder: impl AsFd, name: &CString) -> nix::Result<FileStat> {
     fstatat(folder, name.as_c_str(), AtFlags::AT_SYMLINK_NOFOLLOW)
 }
 
@@ -228,14 +228,14 @@ fn kind(stat: &FileStat) -> SFlag {
     SFlag::from_bits_truncate(stat.st_mode) & SFlag::S_IFMT
 }
 
-/// Calls `tell` with each entry of a folder.
-fn each(folder: &OwnedFd, mut tell: impl FnMut(CString) -> io::Result<()>) -> io::Result<()> {
+/// Calls `visit` with each entry of a folder.
+fn for_each(folder: &OwnedFd, mut visit: impl FnMut(CString) -> io::Result<()>) -> io::Result<()> {
     for entry in
         Dir::openat(folder, ".", OFlag::O_RDONLY | OFlag::O_DIRECTORY | OFlag::O_CLOEXEC, Mode::empty())?.iter()
     {
         let entry = entry?;
         if !matches!(entry.file_name().to_bytes(), b"." | b"..") {
-            tell(entry.file_name().into())?;
+            visit(entry.file_name().into())?;
         }
     }
     Ok(())
@@ -244,8 +244,8 @@ fn each(folder: &OwnedFd, mut tell: impl FnMut(CString) -> io::Result<()>) -> io
 /// Total size of all files in a folder, bytes. Unreadable ones count 0, since this serves to make space.
 fn size(folder: OwnedFd, depth: u32) -> u64 {
     let mut bytes = 0;
-    let _ = each(&folder, |name| {
-        if let Ok(stat) = look(&folder, &name) {
+    let _ = for_each(&folder, |name| {
+        if let Ok(stat) = stat(&folder, &name) {
             bytes += match kind(&stat) {
                 SFlag::S_IFREG => stat.st_size as u64,
                 SFlag::S_IFDIR if depth > 0 => open_folder(&folder, &*name).map_or(0, |inner| size(inner, depth - 1)),
@@ -265,7 +265,7 @@ fn remove_all(folder: &OwnedFd, name: &CString, depth: u32) -> nix::Result<()> {
     }
     let inner = open_folder(folder, name.as_c_str()).map_err(errno)?;
     for _ in 0..REMOVE_TRIES {
-        each(&inner, |name| Ok(remove_all(&inner, &name, depth - 1)?)).map_err(errno)?;
+        for_each(&inner, |name| Ok(remove_all(&inner, &name, depth - 1)?)).map_err(errno)?;
         match unlinkat(folder, name.as_c_str(), UnlinkatFlags::RemoveDir) {
             Err(Errno::ENOTEMPTY) => {}
             result => return result,

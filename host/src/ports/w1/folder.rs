@@ -34,7 +34,7 @@ pub struct Folder {
 }
 
 /// The thread's side; dropping it removes the folder.
-struct Filler {
+struct FolderWriter {
     path: PathBuf,
     written: Bus,
 }
@@ -53,31 +53,31 @@ impl Folder {
 
     fn write(&mut self) {
         match &mut self.worker {
-            Some(worker) if !self.writes => (self.writes, self.stale) = (worker.give(self.bus.clone()), false),
+            Some(worker) if !self.writes => (self.writes, self.stale) = (worker.queue(self.bus.clone()), false),
             _ => self.stale = true,
         }
     }
 }
 
-impl Filler {
+impl FolderWriter {
     fn fill(&mut self, bus: Bus) -> io::Result<()> {
         fs::create_dir_all(&self.path)?;
         for rom in self.written.keys().filter(|rom| !bus.contains_key(rom)) {
             fs::remove_dir_all(self.path.join(rom.to_string()))?;
         }
-        for (rom, says) in &bus {
+        for (rom, value) in &bus {
             if !self.written.contains_key(rom) {
                 fs::create_dir_all(self.path.join(rom.to_string()))?;
             }
-            if let Some(says) = says.filter(|_| self.written.get(rom) != Some(says)) {
-                self.put(*rom, says)?;
+            if let Some(value) = value.filter(|_| self.written.get(rom) != Some(value)) {
+                self.put(*rom, value)?;
             }
         }
         self.written = bus;
         Ok(())
     }
 
-    fn put(&self, rom: Rom, says: Result<i32, Error>) -> io::Result<()> {
+    fn put(&self, rom: Rom, value: Result<i32, Error>) -> io::Result<()> {
         let device = self.path.join(rom.to_string());
         let put = |name: &str, text: String| {
             // Atomically, as the kernel does.
@@ -85,10 +85,10 @@ impl Filler {
             fs::write(&fresh, text)?;
             fs::rename(&fresh, device.join(name))
         };
-        let pad = scratchpad(says.unwrap_or(0));
+        let pad = scratchpad(value.unwrap_or(0));
         let bytes: Vec<String> = pad.iter().map(|byte| format!("{byte:02x}")).collect();
         let (bytes, crc) = (bytes.join(" "), pad[8]);
-        match says {
+        match value {
             Ok(value) => {
                 put("w1_slave", format!("{bytes} : crc={crc:02x} YES\n{bytes} t={value}\n"))?;
                 put("temperature", format!("{value}\n"))
@@ -100,7 +100,7 @@ impl Filler {
     }
 }
 
-impl Drop for Filler {
+impl Drop for FolderWriter {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.path);
     }
@@ -122,10 +122,10 @@ fn crc8(byte: u8) -> u8 {
 impl Device for Folder {
     fn open(&mut self) -> Result<(), Lost> {
         self.close();
-        if self.life.lasts() {
+        if self.life.is_alive() {
             return Err("what was there is still being removed".into());
         }
-        let mut filler = Filler { path: self.path.clone(), written: Bus::new() };
+        let mut filler = FolderWriter { path: self.path.clone(), written: Bus::new() };
         let mut fresh = true;
         let work = move |bus| {
             // Left by an earlier process.
@@ -169,9 +169,9 @@ impl Device for Folder {
                     self.bus.entry(*rom).or_default();
                 }
             }
-            Output::OneWireIs(Answer::Temperature(rom, says)) => {
+            Output::OneWireIs(Answer::Temperature(rom, value)) => {
                 if let Some(said) = self.bus.get_mut(rom) {
-                    *said = Some(*says);
+                    *said = Some(*value);
                 }
             }
             _ => return Ok(false),
@@ -185,7 +185,7 @@ impl Drop for Folder {
     fn drop(&mut self) {
         self.close();
         let tries = REMOVED_WITHIN.as_millis();
-        (0..tries).take_while(|_| self.life.lasts()).for_each(|_| thread::sleep(Duration::from_millis(1)));
+        (0..tries).take_while(|_| self.life.is_alive()).for_each(|_| thread::sleep(Duration::from_millis(1)));
     }
 }
 

@@ -2,7 +2,7 @@
 //! cgroup, which takes a grace period of the whole machine (10 to 30 ms, more under load). The watchdog's loop must not
 //! wait with it, so each start has its own short-lived thread.
 
-use super::Unborn;
+use super::PendingStart;
 use crate::limits::Refused;
 use nix::sys::eventfd::{EfdFlags, EventFd};
 use std::io;
@@ -16,22 +16,22 @@ use std::thread;
 const STACK: usize = 64 << 10;
 
 /// Starts in progress.
-pub struct Births {
+pub struct Starts {
     /// Counts completed starts.
     done: Arc<EventFd>,
-    send: Sender<(Unborn, Born)>,
-    receive: Receiver<(Unborn, Born)>,
+    send: Sender<(PendingStart, StartResult)>,
+    receive: Receiver<(PendingStart, StartResult)>,
 }
 
 /// Result of a start.
-pub struct Born {
+pub struct StartResult {
     /// Process id, and the child if it is ours; or one line with the reason why there is no process.
     pub process: Result<(u32, Option<Child>), String>,
     /// Warnings about the limits that the machine refused.
     pub refused: Vec<String>,
 }
 
-impl Births {
+impl Starts {
     /// Creates an empty set.
     ///
     /// # Errors
@@ -42,15 +42,15 @@ impl Births {
         Ok(Self { done: Arc::new(done), send, receive })
     }
 
-    /// Starts a process; `unborn` is returned together with the result.
+    /// Starts a process; `pending` is returned together with the result.
     ///
     /// # Errors
     /// No thread can be created.
-    pub fn begin(&self, command: Command, refused: Refused, unborn: Unborn) -> io::Result<()> {
+    pub fn begin(&self, command: Command, refused: Refused, pending: PendingStart) -> io::Result<()> {
         let (done, send) = (Arc::clone(&self.done), self.send.clone());
         let work = move || {
             // The receiver exists as long as this process.
-            let _ = send.send((unborn, start(command, refused)));
+            let _ = send.send((pending, start(command, refused)));
             let _ = done.write(1);
         };
         thread::Builder::new().name("birth".into()).stack_size(STACK).spawn(work)?;
@@ -58,7 +58,7 @@ impl Births {
     }
 
     /// Removes and returns a completed start.
-    pub fn poll(&mut self) -> Option<(Unborn, Born)> {
+    pub fn poll(&mut self) -> Option<(PendingStart, StartResult)> {
         // Reset first: a start that completes from now on sets it again.
         let _ = self.done.read();
         self.receive.try_recv().ok()
@@ -66,18 +66,18 @@ impl Births {
 }
 
 /// Readable if a start may be complete.
-impl AsFd for Births {
+impl AsFd for Starts {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.done.as_fd()
     }
 }
 
-fn start(mut command: Command, refused: Refused) -> Born {
+fn start(mut command: Command, refused: Refused) -> StartResult {
     let mut child = match command.spawn() {
         Ok(child) => child,
         Err(error) => {
             let reason = format!("{}: {error}", command.get_program().display());
-            return Born { process: Err(reason), refused: Vec::new() };
+            return StartResult { process: Err(reason), refused: Vec::new() };
         }
     };
     let (refused, other) = refused.read();
@@ -89,5 +89,5 @@ fn start(mut command: Command, refused: Refused) -> Born {
         }
         None => (child.id(), Some(child)),
     };
-    Born { process: Ok(process), refused }
+    StartResult { process: Ok(process), refused }
 }
