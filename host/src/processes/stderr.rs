@@ -74,7 +74,7 @@ impl Stderr {
         if let Ok(skipped) = self.fill()
             && skipped > 0
         {
-            take(Level::Warning, format!("{skipped} bytes of its standard error skipped: it writes too fast"));
+            take(Level::Warning, format!("{skipped} bytes of its standard error skipped, because it writes too fast"));
         }
         let mut rest = self.begun.as_slice();
         loop {

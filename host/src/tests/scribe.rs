@@ -34,7 +34,7 @@ impl Module for Scribe {
         &[Channel::LlDataOdo]
     }
 
-    fn overhears(&self) -> bool {
+    fn wants_raw_bus(&self) -> bool {
         true
     }
 
@@ -52,8 +52,10 @@ impl Module for Scribe {
                 assert!(matches!(answer, Answer::Done { .. }), "{answer:?}");
                 self.asked -= 1;
             }
-            Event::Heard { at, channel, data } if channel.starts_with("CM_") => assert!(at <= now && !data.is_empty()),
-            Event::Heard { channel, data, .. } => {
+            Event::RawMessage { at, channel, data } if channel.starts_with("CM_") => {
+                assert!(at <= now && !data.is_empty())
+            }
+            Event::RawMessage { channel, data, .. } => {
                 let line = format!("{channel} {}\n", data.len());
                 self.ask(Request::Append { bytes: Arc::new(line.into_bytes()), sync: true }, out);
                 if channel == "LAST" {

@@ -86,8 +86,8 @@ impl Rs485a {
     }
 
     fn drain(&mut self, now: Instant, out: &mut Actions) {
-        while let Some(heard) = self.line.hear(now, out) {
-            self.on_heard(now, &heard, out);
+        while let Some(event) = self.line.poll_event(now, out) {
+            self.on_bus_event(now, &event, out);
         }
         if let Some(turn) = self.line.turn(now) {
             if turn.instruction == sd1::GET_BOTH_DATA.code {
@@ -130,7 +130,7 @@ impl Module for Rs485a {
             }
             Event::Timer => self.line.on_timer(now, out),
             Event::Message { message: Message::CmCmdState(command), .. } => self.on_state_command(command),
-            Event::Port { .. } | Event::Message { .. } | Event::Heard { .. } | Event::Process(_) => {}
+            Event::Port { .. } | Event::Message { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.drain(now, out);
     }

@@ -72,10 +72,10 @@ fn feed(bench: &mut Bench, words: &[&str]) {
         }
         ["silent", pid, thread, ms] => {
             let last = bench.now() - Duration::from_millis(ms.parse().unwrap());
-            bench.event(Event::Process(ProcessEvent::Silent { pid: pid.parse().unwrap(), thread, last }));
+            bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: pid.parse().unwrap(), thread, last }));
         }
         ["bad-beats", pid] => {
-            bench.event(Event::Process(ProcessEvent::BadBeats { pid: pid.parse().unwrap(), why: "is torn" }));
+            bench.event(Event::Process(ProcessEvent::BadHeartbeat { pid: pid.parse().unwrap(), why: "is torn" }));
         }
         ["command", module, state, ref manual @ ..] => {
             let (module, source) = (module.into(), "test".into());
@@ -650,7 +650,7 @@ fn the_host_stores_wanted_states_and_gets_the_health() {
     assert_eq!(told(&mut bench), ["true: 0 of 2 modules RUN"]);
     bench.message(says(State::Run));
     assert_eq!(told(&mut bench), ["true: 1 of 2 modules RUN"]);
-    bench.event(Event::Process(ProcessEvent::Silent { pid: 7, thread: "main", last: Instant::ZERO }));
+    bench.event(Event::Process(ProcessEvent::HeartbeatLate { pid: 7, thread: "main", last: Instant::ZERO }));
     assert_eq!(told(&mut bench), [""; 0], "it beat just now");
     bench.message(command(State::Stop));
     bench.message(says(State::Stop));

@@ -75,7 +75,7 @@ fn a_file_is_played_at_its_pace() {
     let begin = clock::now();
     assert_eq!(told(&mut port, 30), "gone, found A pad, key 310 1, frame");
     assert!(clock::now().since(begin) < Duration::from_millis(100));
-    assert_eq!(told(&mut port, 80), "abs 1 0, frame, MessageMalformed no line of a gamepad: rubbish, gone");
+    assert_eq!(told(&mut port, 80), "abs 1 0, frame, MessageMalformed not a line of a gamepad: rubbish, gone");
     assert!(clock::now().since(begin) >= Duration::from_millis(100));
     assert_eq!(told(&mut port, 250), "", "once");
 }

@@ -17,7 +17,7 @@ fn read_register(register: u8) -> Transfer {
 
 fn asked(server: &mut Server) -> Option<Transfer> {
     match server.receive(Instant::ZERO).unwrap() {
-        Received::Input { input: Input::I2cAsked(transfer), .. } => Some(transfer.clone()),
+        Received::Input { input: Input::I2cRequested(transfer), .. } => Some(transfer.clone()),
         Received::Nothing => None,
         _ => panic!(),
     }

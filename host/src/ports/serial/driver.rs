@@ -75,7 +75,7 @@ impl Driver {
             ),
             Self::Named(name) if matches!(name.as_str(), "serial8250" | "serial" | "lab_uart9") => None,
             Self::Pseudo => None,
-            other => Some(format!("{other} was never tried with mark and space parity: advee rs485 scan tells")),
+            other => Some(format!("{other} was never tested with mark and space parity: try advee rs485 scan")),
         }
     }
 }

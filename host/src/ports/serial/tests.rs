@@ -62,7 +62,7 @@ fn unsupported_settings_are_reported_in_one_line() {
     let direction = Direction { rts_on_send: true, rts_after_send: false, delay_before_ms: 0, delay_after_ms: 0 };
     let config = TerminalConfig { direction: Some(direction), ..TerminalConfig::new(link.clone(), 115_200) };
     let refused = Serial::terminal(config).open().unwrap_err();
-    assert!(refused.contains("rs485_direction: the port does not switch directions (TIOCSRS485)"), "{refused}");
+    assert!(refused.contains("rs485_direction: the port does not support direction control (TIOCSRS485)"), "{refused}");
     let low_latency = TerminalConfig { low_latency: true, ..TerminalConfig::new(link, 115_200) };
     let mut device = Serial::terminal(low_latency);
     assert_eq!((device.open(), device.notes.len()), (Ok(()), 0), "a pseudo-terminal collects nothing");

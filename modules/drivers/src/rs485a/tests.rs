@@ -450,7 +450,7 @@ fn a_port_that_goes_down_is_an_error_until_it_is_up_and_a_board_answers() {
     assert_eq!(wire.bench.shell.state(), State::Init);
     wire.port(Input::Down("no such device"));
     assert_eq!(wire.bench.shell.state(), State::Error);
-    assert_eq!(wire.texts(), ["rs485.a is down: no such device; tried again"]);
+    assert_eq!(wire.texts(), ["rs485.a is down: no such device; retrying"]);
     wire.port(Input::Up);
     wire.run(ms(100));
     assert_eq!(wire.bench.shell.state(), State::Run);
@@ -574,7 +574,7 @@ fn repeated_counter_jumps_are_reported_every_ten_seconds_with_their_number() {
     let texts = wire.texts();
     assert_eq!(texts.len(), 2, "{texts:?}");
     assert_eq!(texts[0], "so1 (0x20 on rs485.a) was reset: its counters jumped by 9000 and 9000; odometry goes on");
-    assert!(texts[1].contains(", 200 times since it was told; ") && !texts[1].contains('\n'), "{texts:?}");
+    assert!(texts[1].contains(", 200 times since the last report; ") && !texts[1].contains('\n'), "{texts:?}");
 }
 
 #[test]

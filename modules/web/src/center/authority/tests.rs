@@ -30,13 +30,13 @@ impl Bench {
         let mut said = Vec::new();
         while let Some(say) = self.authority.poll() {
             said.push(match say {
-                Say::Motion { source, speed, .. } => format!("{source} {speed}"),
-                Say::Zero { source } => format!("{source} 0"),
-                Say::Pause { source } => format!("{source} pause"),
-                Say::Run { source } => format!("{source} run"),
-                Say::Planner { source } => format!("{source} planner"),
-                Say::Authority { to, why } => format!("{to}: {why}"),
-                Say::Ended { to, hold, why } => format!("{to}: hold {hold}: {why}"),
+                Output::Motion { source, speed, .. } => format!("{source} {speed}"),
+                Output::Zero { source } => format!("{source} 0"),
+                Output::Pause { source } => format!("{source} pause"),
+                Output::Run { source } => format!("{source} run"),
+                Output::Planner { source } => format!("{source} planner"),
+                Output::Authority { to, why } => format!("{to}: {why}"),
+                Output::Ended { to, hold, why } => format!("{to}: hold {hold}: {why}"),
             });
         }
         said
@@ -356,7 +356,7 @@ impl Judge {
         }
         while let Some(say) = authority.poll() {
             match say {
-                Say::Motion { source, speed, .. } => {
+                Output::Motion { source, speed, .. } => {
                     let (client, drive, at_ms) = said.expect("only a command moves the robot");
                     assert_eq!((speed, Some(client)), (drive.speed, holder), "of who holds it, and as it was said");
                     assert_eq!(&*source, ["", "a", "b"][client as usize]);
@@ -369,7 +369,7 @@ impl Judge {
                     self.moving = Some((client, drive.hold, at(at_ms) + Duration::from_millis(250)));
                     self.moved += 1;
                 }
-                Say::Zero { source } => {
+                Output::Zero { source } => {
                     if let Some((client, hold, _)) =
                         self.moving.filter(|(client, ..)| ["", "a", "b"][*client as usize] == &*source)
                         && !authority.holder(now).is_some_and(|holder| holder.driving && holder.id == client)
