@@ -40,7 +40,7 @@ use stderr::Stderr;
 /// Period of measuring the processes' load.
 const USAGE_PERIOD: Duration = Duration::from_secs(1);
 /// Period of checking their heartbeats.
-const HEARTBEAT_PERIOD: Duration = Duration::from_millis(20);
+const HEARTBEAT_CHECK_PERIOD: Duration = Duration::from_millis(20);
 /// Delay of a thread at which its heartbeat counts as missing.
 const LATE_AFTER: Duration = Duration::from_millis(2 * beats::PERIOD.as_millis() as u64);
 /// Period of reading the standard error of foreign modules.
@@ -201,7 +201,7 @@ impl Processes {
             ends,
             usage: Ticker::new(now + USAGE_PERIOD, USAGE_PERIOD),
             beats,
-            looks: Ticker::new(now + HEARTBEAT_PERIOD, HEARTBEAT_PERIOD),
+            looks: Ticker::new(now + HEARTBEAT_CHECK_PERIOD, HEARTBEAT_CHECK_PERIOD),
             looked: now,
             reads: Ticker::new(now + LINES_PERIOD, LINES_PERIOD),
             lines: VecDeque::new(),
@@ -451,7 +451,7 @@ impl Processes {
 
     /// Checks the heartbeats.
     fn check_heartbeats(&mut self, now: Instant) {
-        let held_up = now.since(self.looked + HEARTBEAT_PERIOD);
+        let held_up = now.since(self.looked + HEARTBEAT_CHECK_PERIOD);
         // A small delay of the check itself is no excuse for late threads.
         let held_up = if held_up < LATE_AFTER { Duration::ZERO } else { held_up };
         self.looked = now;
@@ -481,8 +481,8 @@ impl Processes {
 
     /// Aligns the checks with another periodic deadline, which saves wake-ups.
     pub fn align(&mut self, now: Instant, due: Instant) {
-        let ahead = due.since(now).as_nanos() % HEARTBEAT_PERIOD.as_nanos();
-        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), HEARTBEAT_PERIOD);
+        let ahead = due.since(now).as_nanos() % HEARTBEAT_CHECK_PERIOD.as_nanos();
+        self.looks = Ticker::new(now + Duration::from_nanos(ahead as u64), HEARTBEAT_CHECK_PERIOD);
     }
 
     /// Deadline of the next check or measurement.

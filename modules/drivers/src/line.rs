@@ -200,11 +200,11 @@ impl Line {
                 return Some(BusEvent::Failed { to, instruction });
             }
             Event::Silent { to, instruction } => {
-                self.last_failure(to, "does not answer");
+                self.set_failure(to, "does not answer");
                 return Some(BusEvent::Failed { to, instruction });
             }
             Event::Garbled { to, instruction, why } => {
-                self.last_failure(to, damage(why));
+                self.set_failure(to, damage(why));
                 return Some(BusEvent::Failed { to, instruction });
             }
             Event::Unsent { to, instruction } => {
@@ -330,7 +330,7 @@ impl Line {
         }
     }
 
-    fn last_failure(&mut self, address: u8, how: &'static str) {
+    fn set_failure(&mut self, address: u8, how: &'static str) {
         if let Some(board) = self.boards.iter_mut().find(|board| board.address == address) {
             board.last_failure = how;
         }

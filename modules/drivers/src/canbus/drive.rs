@@ -51,12 +51,12 @@ pub(super) enum Trouble {
 pub(super) enum Objection {
     Absent(Absence),
     /// The drive does not answer requests.
-    Deaf,
+    NotAnswering,
     Trouble(Trouble),
     /// The drive is in fault, with the error code of its emergency; 0 if none was received.
     Fault(u16),
     /// The drive's state was not received yet.
-    Unseen,
+    StateUnknown,
 }
 
 impl Objection {
@@ -144,7 +144,7 @@ base::deadlines! {
         Trouble,
         /// The drive is booted again because it does not answer, although its heartbeat continues. Set while that is
         /// so.
-        Deaf,
+        NotAnswering,
     }
 }
 
