@@ -379,7 +379,7 @@ mod tests {
         }
         assert_eq!(beat.reader(), 2);
         PageReader::open(&dir.0.join("module")).unwrap().show(at(5000));
-        assert_eq!(beat.reader(), 3, "the next watchdog goes on");
+        assert_eq!(beat.reader(), 3, "the next watchdog continues");
     }
 
     #[test]

@@ -277,7 +277,7 @@ mod tests {
         live(&mut shell, 200_000);
         let mut recording = Recording { shared: shared.clone(), thread: None, told: false };
         assert_eq!(recording.trouble().unwrap(), "the record of inputs is incomplete: the disk is too slow");
-        assert_eq!(recording.trouble(), None, "told once");
+        assert_eq!(recording.trouble(), None, "reported once");
         assert!(shared.waiting.lock().unwrap().len() <= BUFFER_MAX);
         // Now the writer runs.
         let path = run.0.join("file");

@@ -136,6 +136,6 @@ mod tests {
         let latched = ActiveHold { latched: true, ..drive };
         assert_eq!(told(&mut holds, 300, &[latched]), Some(vec![(218, "propulsion".into(), true, 150)]));
         told(&mut holds, 310, &[]);
-        assert_eq!(told(&mut holds, 320, &[drive]).unwrap()[0].3, 0, "it began anew");
+        assert_eq!(told(&mut holds, 320, &[drive]).unwrap()[0].3, 0, "a new begin");
     }
 }

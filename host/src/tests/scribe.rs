@@ -108,5 +108,5 @@ fn a_module_on_the_raw_bus_receives_all_bytes_and_its_file_is_complete() {
     let written = fs::read_to_string(folder.join("run/heard")).unwrap();
     fs::remove_dir_all(&folder).unwrap();
     assert_eq!(written, "LL_DATA_ODO 56\nFOREIGN 0\nLL_DATA_ODO 3\nLAST 200000\n");
-    assert_eq!(*notes.lock().unwrap(), ["LlDataOdo"], "what is no message is none");
+    assert_eq!(*notes.lock().unwrap(), ["LlDataOdo"], "malformed messages are not decoded");
 }

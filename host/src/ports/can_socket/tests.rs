@@ -93,7 +93,7 @@ fn error_frames_become_notices_at_a_limited_rate() {
     send(error(0x20, 0));
     assert_eq!(drain(&mut port, now + REPORT_INTERVAL), ["NoAcknowledge"]);
     send(encode(&Frame::standard(0x181, &[8])));
-    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), ["Errors(2)", "[8]"], "those that were not told");
+    assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), ["Errors(2)", "[8]"], "the unreported ones");
     send(error(0x204, 0x0001_0000_0000_0000));
     let ran_over = "the controller's receive buffer overflowed";
     assert_eq!(drain(&mut port, now + 2 * REPORT_INTERVAL), [ran_over, "Active 0 0", "Lost(1)"]);
@@ -195,7 +195,7 @@ fn a_socket_with_an_error_pending_is_not_up() {
     drop(peer);
     write(socket, b"to nobody").unwrap();
     assert_eq!(port.check(socket), Err(format!("lo: {}", Errno::ECONNREFUSED.desc())));
-    assert_eq!(port.check(socket), Ok(()), "told once");
+    assert_eq!(port.check(socket), Ok(()), "reported once");
 }
 
 #[test]

@@ -179,6 +179,6 @@ mod tests {
         assert_eq!(made(|got| got.c_cflag &= !CMSPAR), Err("mark and space parity (CMSPAR)".into()));
         assert_eq!(made(|got| got.c_cflag &= !libc::CSIZE), Err("8 data bits, 1 stop bit, no parity".into()));
         assert_eq!(made(|got| got.c_ospeed = 9600), Err("250000 Bd (it stays at 9600)".into()));
-        assert_eq!(made(|got| got.c_ospeed = 249_000), Ok(()), "what a divisor leaves");
+        assert_eq!(made(|got| got.c_ospeed = 249_000), Ok(()), "within the tolerance of a divisor");
     }
 }

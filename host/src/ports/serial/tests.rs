@@ -99,7 +99,7 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
         thread::sleep(std::time::Duration::from_millis(1));
         port.device.receive(clock::now()).err()
     });
-    assert!(lost.is_some(), "a read tells");
+    assert!(lost.is_some(), "detected by reading");
     port.lose(clock::now());
     let away_until = clock::now() + Duration::from_millis(100);
     let reported = try_until(&mut port, |_| clock::now() > away_until);
@@ -110,7 +110,7 @@ fn an_adapter_that_vanishes_is_lost_and_found_again_when_it_returns_elsewhere() 
     assert_eq!(second.send(clock::now(), &Output::Words(words.to_vec())), Ok(true));
     for _ in 0..200 {
         if let Received::Input { input: Input::Words(heard), .. } = port.device.receive(clock::now()).unwrap() {
-            assert_eq!(heard, words, "nothing of what was half read before");
+            assert_eq!(heard, words, "without the half word from before");
             return;
         }
         thread::sleep(std::time::Duration::from_millis(1));

@@ -317,7 +317,7 @@ fn nothing_is_read_in_stop_and_everything_in_pause() {
     assert_eq!(rig.run(5.0), "");
     assert_eq!(rig.transfers, 0);
     let duty = rig.chip.read_register(max6615::register::DUTY);
-    assert!(duty > 0, "the fans go on");
+    assert!(duty > 0, "the fans keep running");
     rig.command(State::Pause);
     assert_eq!(rig.run(3.0).lines().filter(|line| line.starts_with("box 40")).count(), 3);
 }
@@ -349,7 +349,7 @@ fn thermometers_are_asked_when_their_port_comes_up_after_the_chips() {
     rig.port(W1, Input::Down("not there yet"));
     rig.answers.clear();
     rig.port(I2C, Input::Up);
-    assert!(rig.answers.is_empty(), "what a port is asked that is not there has no answer");
+    assert!(rig.answers.is_empty(), "requests to a closed port are not answered");
     rig.port(W1, Input::Up);
     assert!(rig.run(3.0).contains("battery 21.5, "));
 }

@@ -275,7 +275,7 @@ impl Steering {
                 let message =
                     format!("steering drive does not take its target after {SETPOINT_TRIES} attempts: the robot stops");
                 out.report(Severity::Error, Fault::DriveFault, "steering", message);
-                self.drive.distrust(now, Trouble::NoTarget);
+                self.drive.block_until_stopped(now, Trouble::NoTarget);
             }
         }
         if self.reference == Reference::Centering && self.angle().abs() < STRAIGHT_MAX_RAD {

@@ -296,6 +296,6 @@ mod tests {
         );
         let swapped = Config { steering: StickConfig { axis: Some(ABS_Y), ..STICK }, ..config() };
         let mapping = Mapping::of(&swapped, &pad()).unwrap();
-        assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes what is left");
+        assert_eq!((mapping.speed.code, mapping.steering.code), (ABS_RY, ABS_Y), "the speed takes the remaining axis");
     }
 }

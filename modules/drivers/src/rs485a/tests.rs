@@ -332,7 +332,7 @@ fn boards_release_the_pause_line_when_a_person_commands_run() {
     assert_eq!(command("*", State::Run, true), [2, 2, 0]);
     let ranges =
         wire.log.iter().filter(|(_, action)| matches!(action, Action::Publish(Message::LlDataSrfs(_)))).count();
-    assert!(ranges >= 6, "the rounds of ranges go on: {ranges}");
+    assert!(ranges >= 6, "the rounds of ranges continue: {ranges}");
     assert!(!wire.log.iter().any(|(_, action)| matches!(action, Action::Report(_))));
 }
 
@@ -398,7 +398,7 @@ fn a_dead_board_is_degraded_then_lost_and_asked_once_a_second() {
     assert_eq!(wire.news(), "Warning BoardDegraded sd1_front\nError BoardLost sd1_front");
     wire.run(ms(5000));
     let srfs = wire.srfs();
-    assert_eq!(srfs.len(), 20, "the other board's data goes on");
+    assert_eq!(srfs.len(), 20, "the other board's data continues");
     assert_eq!(wire.bus().last().unwrap().1.nodes[1].state, 2);
     // Polled once a second, without retries.
     let timeouts = |wire: &mut Wire| {
@@ -486,11 +486,11 @@ fn nothing_is_polled_in_stop_and_everything_in_pause() {
     wire.boards.iter_mut().for_each(|board| board.asked.clear());
     wire.run(ms(5000));
     assert!(wire.boards.iter().all(|board| board.asked.is_empty()));
-    assert_eq!(wire.bus().len(), 7, "statistics go on");
+    assert_eq!(wire.bus().len(), 7, "statistics continue");
     wire.odo();
     wire.command(State::Run);
     wire.run(ms(15));
-    assert_eq!(wire.odo().len(), 0, "after 5 s the counters start anew");
+    assert_eq!(wire.odo().len(), 0, "after 5 s the counters restart");
     wire.run(ms(100));
     assert_eq!(wire.odo().len(), 2);
 }
@@ -681,7 +681,7 @@ fn the_wire_traffic_matches_the_documentation() {
             if !sent.is_empty() {
                 break;
             }
-            assert!(bench.step(bench.now() + ms(100)), "nothing is asked");
+            assert!(bench.step(bench.now() + ms(100)), "nothing is polled");
         }
         assert_eq!(sent, words(asked));
         bench.event(Event::Port { port: PORT, input: Input::Sent });

@@ -75,7 +75,7 @@ fn beacons_are_selected_and_sightings_published_once_a_second() {
     assert_eq!(last.timestamp, (at.as_nanos() / 1000) as i64);
     // 12 words of 95.487 us, rounded down to a microsecond twice.
     assert!((last.timestamp - last.beacons[0].timestamp - 401_146).abs() <= 1, "{last:?}");
-    assert_eq!(rig.board.sent.len(), 1, "told once");
+    assert_eq!(rig.board.sent.len(), 1, "reported once");
 }
 
 #[test]
@@ -104,10 +104,10 @@ fn a_board_that_was_reset_gets_its_beacons_again() {
     assert_eq!(rig.board.sent.len(), 1);
     rig.board.on = rig.bench.now();
     rig.run(ms(10_000));
-    assert_eq!(rig.board.sent, [[1, 2], [1, 2]], "its sweeps began anew");
+    assert_eq!(rig.board.sent, [[1, 2], [1, 2]], "its sweep counter restarted");
     rig.board.sees[0].id = 9;
     rig.run(ms(1000));
-    assert_eq!(rig.board.sent.len(), 3, "it sees what it was not to look for");
+    assert_eq!(rig.board.sent.len(), 3, "it reports an unselected beacon");
 }
 
 #[test]

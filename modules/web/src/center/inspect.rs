@@ -162,7 +162,7 @@ mod tests {
     fn a_watcher_gets_the_newest_message_at_once_at_a_limited_rate() {
         let mut inspector = Inspector::default();
         inspector.hear(T0, "LL_DATA_ODO", &odometry(1.0));
-        assert!(!inspector.turn(T0, 1), "nobody watches");
+        assert!(!inspector.turn(T0, 1), "no watcher");
         inspector.watch("LL_DATA_ODO");
         assert!(inspector.turn(T0, 2));
         let first = told(&inspector, "LL_DATA_ODO", 1).unwrap();

@@ -333,7 +333,7 @@ mod tests {
         let codes = session_store.access().codes().clone();
         let news = session_store.news();
         assert!(news.len() == 1 && news[0].contains(&format!("http://{AT}/#{}", codes.engineer)), "{news:?}");
-        assert!(session_store.news().is_empty(), "told once");
+        assert!(session_store.news().is_empty(), "reported once");
         let mut written = Written { codes: None, sessions: Vec::new() };
         assert!(session_store.write(&mut written).is_empty());
         assert_eq!(shown(&run)[0].operator, codes.operator);

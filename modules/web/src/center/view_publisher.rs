@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn a_new_viewer_gets_all_parts_and_then_each_when_due() {
         let show = ViewPublisher::new(Config::default());
-        assert_eq!(show.turn(T0, ExtraState::default()), Instant::NEVER, "nobody looks");
+        assert_eq!(show.turn(T0, ExtraState::default()), Instant::NEVER, "no viewer");
         let (turns, mut place) = show.join();
         assert_eq!(show.turn(T0, ExtraState::default()), at(100));
         assert!(turns.has_changed().unwrap());

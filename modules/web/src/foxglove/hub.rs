@@ -438,7 +438,7 @@ mod tests {
         let (id, _) = hub.join();
         taken(&mut hub, id);
         hub.subscribe(id, wanted(1, 0)).unwrap();
-        assert_eq!(taken(&mut hub, id), ["1: obstacles", "1: x"], "what is full is not old");
+        assert_eq!(taken(&mut hub, id), ["1: obstacles", "1: x"], "a full message is not outdated");
     }
 
     #[test]
@@ -492,7 +492,7 @@ mod tests {
         assert!(hub.subscribe(id, wanted(6, 7)).is_err(), "no such channel");
         hub.unsubscribe(id, 5).unwrap();
         assert!(hub.unsubscribe(id, 5).is_err());
-        assert!(taken(&mut hub, id).is_empty(), "what waited is gone with the subscription");
+        assert!(taken(&mut hub, id).is_empty(), "pending messages are dropped with the subscription");
         hub.subscribe(id, wanted(5, 1)).unwrap();
         assert_eq!(taken(&mut hub, id), ["5: b"]);
         hub.leave(id);
