@@ -1,8 +1,8 @@
 //! Standard error of foreign modules: lines that the watchdog prints and publishes on `CM_EVENT_TEXT`.
 //!
 //! A module outlives its watchdog. A pipe would break with the watchdog, or fill up while there is none; so each module
-//! writes to a file in the run folder, which is read while it grows and truncated when it gets long. A new watchdog reads
-//! on from its end.
+//! writes to a file in the run folder, which is read while it grows and truncated when it gets long. A new watchdog
+//! reads on from its end.
 
 use base::Level;
 use std::fs::{self, File, OpenOptions};

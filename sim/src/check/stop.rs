@@ -1,4 +1,5 @@
-//! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (docs/design.md, section 1.4).
+//! After the hang or death of a critical module, or of the watchdog, the stop has begun within 300 ms (docs/design.md,
+//! section 1.4).
 //!
 //! The stop has begun with an RPDO4 that is a quick stop or zero, or with the drive's own stop, reported by its
 //! statusword or, if that is not received, visible by decreasing speed of the body. The time counts from the last one

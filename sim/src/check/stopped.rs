@@ -1,5 +1,5 @@
-//! STOP is never left without a manual command (docs/design.md, section 4): not by an error, not by a crash, not by a command of a
-//! program.
+//! STOP is never left without a manual command (docs/design.md, section 4): not by an error, not by a crash, not by a
+//! command of a program.
 //!
 //! Evaluated by the order in which commands were sent: an operator's command out of STOP must be newer than the one
 //! into it.
