@@ -6,7 +6,7 @@
 //! Silence   after 16 failed transactions a board is lost: reported, polled once a second, its data invalid
 //! Data      `LL_DATA_RANGES` once a round, when all boards have answered or failed, and at least once a second: each
 //!           reading with the instant at which its transducer fired, and UNKNOWN if its board did not answer properly.
-//!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, the view of 2011; `LL_DATA_ODO` with each answer of the SO1;
+//!           `LL_DATA_SRFS` and `LL_DATA_IRS` once a round, as in 2011; `LL_DATA_ODO` with each answer of the SO1;
 //!           `LL_DATA_BUS` once a second. Timestamps of these are those of the answer's reception
 //! PAUSE     an SD1 that saw no floor holds the PAUSE line by itself until a person commands RUN
 //!
